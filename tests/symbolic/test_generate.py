@@ -1,0 +1,118 @@
+"""The generator: the checked-in package is what the derivations print, and `--check` sees any difference."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import sympy
+from uq_handeye.symbolic import generate
+from uq_handeye.symbolic.matrices import FORMS
+from uq_handeye.symbolic.printing import BANNER
+
+from uq_handeye import _closed_form
+
+PACKAGE = Path(_closed_form.__file__).parent
+same_sympy = pytest.mark.skipif(
+    f"SymPy {sympy.__version__};" not in (PACKAGE / "__init__.py").read_text(encoding="utf-8"),
+    reason="the checked-in files were printed with another SymPy",
+)
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch):
+    """A copy of the generated package in a checkout of its own, as the working directory."""
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "uq-handeye"\n')
+    shutil.copytree(PACKAGE, tmp_path / "uq_handeye" / "_closed_form", ignore=shutil.ignore_patterns("__*__"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@same_sympy
+def test_checked_in_files_are_current(checkout, capsys):
+    assert generate.main(["--check"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+@same_sympy
+def test_text_depends_on_nothing_else(checkout, tmp_path):
+    """Another process, another hash seed, a cold cache, a folder below the checkout: the same bytes."""
+    environment = os.environ | {"PYTHONHASHSEED": "12345", "UQ_HANDEYE_CACHE": str(tmp_path / "cold")}
+    command = [sys.executable, "-m", "uq_handeye.symbolic.generate", "--check"]
+    result = subprocess.run(
+        command, cwd=checkout / "uq_handeye", env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+
+
+@same_sympy
+@pytest.mark.parametrize(
+    ("name", "damage", "shown"),
+    [
+        ("problem2.py", lambda text: text.replace(b"4*e43**2", b"4*e43**3", 1), "+    x24 = 4*e43**2"),
+        ("so4.py", lambda text: text[:-1], "return out"),
+        ("limit.py", lambda text: text.replace(b"\n", b"\r\n"), "limit.py"),
+        ("octonion.py", lambda text: b"\xff" + text, "octonion.py"),
+    ],
+    ids=["entry", "last byte", "line ends", "not UTF-8"],
+)
+def test_check_sees_one_changed_byte(checkout, capsys, name, damage, shown):
+    path = checkout / "uq_handeye" / "_closed_form" / name
+    before = path.read_bytes()
+    path.write_bytes(damage(before))
+    assert path.read_bytes() != before
+    assert generate.main(["--check"]) == 1
+    out = capsys.readouterr().out
+    assert out.startswith(f"--- checked-in/{name}\n+++ derived/{name}\n@@ ")
+    assert shown in out
+    assert generate.main([]) == 0  # writing repairs
+    assert path.read_bytes() == before
+
+
+def test_check_sees_missing_and_extra_files(checkout, capsys):
+    folder = checkout / "uq_handeye" / "_closed_form"
+    assert generate.main([]) == 0
+    (folder / "so4.py").unlink()
+    (folder / "extra.py").touch()
+    assert generate.main(["--check"]) == 1
+    out = capsys.readouterr().out
+    assert "so4.py" in out
+    assert "extra.py" in out
+    assert generate.main([]) == 0
+    assert not (folder / "extra.py").exists()
+    assert generate.main(["--check"]) == 0
+
+
+def test_no_checkout(tmp_path, monkeypatch, capsys):
+    """One line, exit 2, nothing written: neither above the working directory nor above the module."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(generate, "__file__", str(tmp_path / "site-packages" / "generate.py"))
+    assert generate.main([]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "error: no checkout of uq-handeye above the working directory or this module\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_find_checkout(tmp_path):
+    inner = tmp_path / "a" / "b"
+    inner.mkdir(parents=True)
+    (inner / "pyproject.toml").write_text("not toml")
+    (tmp_path / "a" / "pyproject.toml").write_text('[project]\nname = "another"\n')
+    assert generate.find_checkout(inner) is None
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "uq-handeye"\n')
+    assert generate.find_checkout(inner) == tmp_path
+    assert generate.find_checkout(Path(tmp_path.anchor), inner) == tmp_path
+
+
+def test_banner_and_docstrings():
+    for name, text in generate.texts().items():
+        assert text.startswith(BANNER), name
+        assert text.endswith("\n")
+    assert "python -m uq_handeye.symbolic.generate" in BANNER
+    for name, form in FORMS.items():
+        doc = getattr(_closed_form, name).__doc__
+        assert doc.startswith(form.meaning)
+        assert f"Returns (..., {', '.join(map(str, form.shape))})" in doc

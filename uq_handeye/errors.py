@@ -1,0 +1,34 @@
+"""What can go wrong, in type: every error and warning that the toolkit raises on purpose."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class InputError(ValueError):
+    """Input that cannot be used. The message names what is wrong, what was expected and what came."""
+
+
+class DegenerateMotionError(InputError):
+    """The motions do not determine X.
+
+    Attributes
+    ----------
+    directions : (k, 6) array
+        Unit vectors in ``xi = (theta, tau)`` (left rotation, additive translation of X, in the frame in
+        which ``A`` is expressed: the gripper for eye-in-hand) along which the variance of X is infinite.
+    partial : object or None
+        What could be computed all the same, if anything.
+    """
+
+    def __init__(self, message: str, directions: NDArray[np.float64], partial: Any = None) -> None:
+        super().__init__(message)
+        self.directions = directions
+        self.partial = partial
+
+
+class InputWarning(UserWarning):
+    """Input that can be used but looks wrong; the message says why and what to try."""

@@ -1,0 +1,125 @@
+"""Motions: the relative motions A and B of AX = XB, and which poses each pair was made from.
+
+With ``G = base_T_gripper`` (inverted for eye-to-hand), ``C = camera_T_target`` and a pair ``(i, j)``
+
+    A_ij = inv(G_j) G_i,    B_ij = C_j inv(C_i),    A_ij X = X B_ij                      (paper, (6)-(9))
+
+holds exactly on poses without noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import InputError
+from .poses import PosePairs
+from .se3 import Array, as_transforms, inverse
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """N pairs of relative motions.
+
+    Parameters
+    ----------
+    A : (..., N, 4, 4)
+        Motions of the robot.
+    B : (..., N, 4, 4)
+        Motions of the camera.
+    pairs : (N, 2) integers or None
+        The poses ``(i, j)`` each pair was made from.
+    poses : PosePairs or None
+        Those poses. Both are None for motions that come without poses.
+    """
+
+    A: Array
+    B: Array
+    pairs: NDArray[np.intp] | None = field(default=None)
+    poses: PosePairs | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        if self.poses is None:  # what `relative_motions` makes of checked poses needs no second check
+            A, B = as_transforms(self.A, "A"), as_transforms(self.B, "B")
+            if A.shape != B.shape:
+                raise InputError(
+                    "Expected `A` and `B` to hold the same number of motions, "
+                    f"got shapes {A.shape} and {B.shape}."
+                )
+            object.__setattr__(self, "A", A)
+            object.__setattr__(self, "B", B)
+            if self.pairs is not None:
+                raise InputError("`pairs` means nothing without `poses`; use relative_motions(poses, pairs).")
+
+    @property
+    def N(self) -> int:
+        """Number of pairs."""
+        return int(self.A.shape[-3])
+
+    def __len__(self) -> int:
+        return self.N
+
+    def __repr__(self) -> str:
+        origin = "" if self.poses is None else f" of {self.poses.n} poses"
+        return f"Motions({self.N} pairs{origin})"
+
+
+def relative_motions(poses: PosePairs, pairs: str | ArrayLike = "consecutive") -> Motions:
+    """The motions between the poses of each pair.
+
+    Parameters
+    ----------
+    poses : PosePairs
+    pairs : "consecutive", "disjoint", "all" or an (N, 2) integer array
+        ``consecutive``: (0, 1), (1, 2), ...; ``disjoint``: (0, 1), (2, 3), ..., no pose used twice; ``all``:
+        every i < j; or any pairs of distinct pose numbers.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> poses = uq.simulate(n_poses=4, seed=0)
+    >>> uq.relative_motions(poses, "all").pairs.tolist()
+    [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
+    """
+    if not isinstance(poses, PosePairs):
+        raise InputError(f"Expected `poses` to be PosePairs, got {type(poses).__name__}.")
+    index = pair_indices(poses.n, pairs)
+    i, j = index[:, 0], index[:, 1]
+    G, C = poses.effective_robot, poses.camera
+    A = inverse(G)[..., j, :, :] @ G[..., i, :, :]
+    B = C[..., j, :, :] @ inverse(C)[..., i, :, :]
+    return Motions(A, B, index, poses)
+
+
+def pair_indices(n: int, pairs: Any = "consecutive") -> NDArray[np.intp]:
+    """Pose numbers (N, 2) of the pairs; see `relative_motions`."""
+    if isinstance(pairs, str):
+        if pairs == "consecutive":
+            first = np.arange(max(n - 1, 0))
+            index = np.stack([first, first + 1], axis=1)
+        elif pairs == "disjoint":
+            first = np.arange(0, n - 1, 2)
+            index = np.stack([first, first + 1], axis=1)
+        elif pairs == "all":
+            index = np.stack(np.triu_indices(n, 1), axis=1)
+        else:
+            raise InputError(
+                "Expected `pairs` to be 'consecutive', 'disjoint', 'all' or an (N, 2) integer array, "
+                f"got {pairs!r}."
+            )
+        return index.astype(np.intp)
+    index = np.asarray(pairs)
+    if index.ndim != 2 or index.shape[1] != 2 or not np.issubdtype(index.dtype, np.integer):
+        raise InputError(
+            f"Expected `pairs` to be an (N, 2) integer array, got shape {index.shape} of {index.dtype}."
+        )
+    if index.size and (index.min() < 0 or index.max() >= n):
+        bad = index[(index < 0) | (index >= n)][0]
+        raise InputError(f"Expected `pairs` to hold pose numbers 0 to {n - 1}, got {bad}.")
+    if (index[:, 0] == index[:, 1]).any():
+        row = int(np.argmax(index[:, 0] == index[:, 1]))
+        raise InputError(f"Expected two different poses in each pair, got {index[row].tolist()} in `pairs`[{row}].")
+    return index.astype(np.intp)

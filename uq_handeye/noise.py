@@ -1,0 +1,139 @@
+r"""Noise models: PairNoise on the motions, PoseNoise on the poses.
+
+Both say: the error ``xi = (theta, tau)`` (rotation first, left rotation, additive translation, rad and m)
+of each motion or pose is Gaussian with zero mean and the covariance given, 6x6, independent between robot and
+camera. The frames are those of the quantity itself: for ``base_T_gripper`` the base, for
+``camera_T_target`` the camera, for ``A`` the gripper, for ``B`` the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+from .se3 import Array
+from .units import parse_deviations
+
+Deviations = tuple[str | float, str | float]
+
+
+def checked_covariance(value: Any, name: str, joint: bool) -> Array:
+    """A covariance (6, 6), (n, 6, 6) or, if ``joint``, (6n, 6n): finite, symmetric, positive semidefinite.
+
+    Rounding is forgiven relative to the variances (asymmetry 1e-6 of ``sqrt(S_ii S_jj)``, eigenvalues of the
+    correlation matrix down to -1e-8), and removed from what is returned.
+    """
+    shapes = "(6, 6), (n, 6, 6) or (6n, 6n)" if joint else "(6, 6) or (N, 6, 6)"
+    try:
+        S = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"Expected the covariance `{name}` to be an array of numbers {shapes}.") from error
+    per_item = S.ndim in (2, 3) and S.shape[-2:] == (6, 6)
+    whole = joint and S.ndim == 2 and S.shape[0] == S.shape[1] and S.shape[0] % 6 == 0 and S.shape[0] > 0
+    if not (per_item or whole):
+        raise InputError(f"Expected the covariance `{name}` to have shape {shapes}, got {S.shape}.")
+    if not np.isfinite(S).all():
+        raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
+    variances = np.diagonal(S, axis1=-2, axis2=-1)
+    if (variances < 0).any():
+        raise InputError(f"Expected the variances of `{name}` to be >= 0, got {variances.min():.3g}.")
+    deviations = np.sqrt(variances)
+    unit = np.where(deviations > 0, deviations, 1.0)
+    correlation = S / (unit[..., :, None] * unit[..., None, :])
+    asymmetry = np.abs(correlation - correlation.mT).max()
+    if asymmetry > 1e-6:
+        raise InputError(
+            f"Expected the covariance `{name}` to be symmetric, got entries that differ from their mirror images "
+            f"by {asymmetry:.2g} of the standard deviations."
+        )
+    smallest = np.linalg.eigvalsh(0.5 * (correlation + correlation.mT)).min()
+    if smallest < -1e-8:
+        raise InputError(
+            f"Expected the covariance `{name}` to be positive semidefinite, got a correlation matrix with the "
+            f"eigenvalue {smallest:.3g}."
+        )
+    S = 0.5 * (S + S.mT)
+    S.flags.writeable = False
+    return S
+
+
+@dataclass(frozen=True, eq=False)
+class PairNoise:
+    """Independent noise on each motion: covariances of ``A`` and ``B``, 6x6 or (N, 6, 6); None is exact."""
+
+    A: Array | None = None
+    B: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("A", "B"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, checked_covariance(getattr(self, name), name, joint=False))
+        if self.A is None and self.B is None:
+            raise InputError("Expected PairNoise to be given at least one of `A` and `B`.")
+
+    @classmethod
+    def isotropic(cls, A: Deviations | None = None, B: Deviations | None = None) -> PairNoise:
+        """From standard deviations (rotation, translation) per axis, e.g. ``A=("0.02deg", "0.05mm")``."""
+        return cls(_isotropic(A, "A"), _isotropic(B, "B"))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseNoise:
+    """Noise on the absolute poses ``robot = base_T_gripper`` and ``camera = camera_T_target``.
+
+    Either is 6x6 (the same for every pose), (n, 6, 6) (per pose), or (6n, 6n): the joint covariance of all
+    poses, pose by pose, for errors that poses share. None means exact.
+    """
+
+    robot: Array | None = None
+    camera: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("robot", "camera"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, checked_covariance(getattr(self, name), name, joint=True))
+        if self.robot is None and self.camera is None:
+            raise InputError("Expected PoseNoise to be given at least one of `robot` and `camera`.")
+
+    @classmethod
+    def isotropic(cls, robot: Deviations | None = None, camera: Deviations | None = None) -> PoseNoise:
+        """From standard deviations (rotation, translation) per axis.
+
+        >>> noise = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "0.5mm"))
+        >>> bool(np.allclose(np.sqrt(np.diag(noise.camera)), [1e-3] * 3 + [0.5e-3] * 3))
+        True
+        """
+        return cls(_isotropic(robot, "robot"), _isotropic(camera, "camera"))
+
+
+Noise = PairNoise | PoseNoise
+
+
+def _isotropic(value: Deviations | None, name: str) -> Array | None:
+    if value is None:
+        return None
+    rotation, translation = parse_deviations(value, name)
+    return np.diag([rotation**2] * 3 + [translation**2] * 3)
+
+
+def is_joint(covariance: Array) -> bool:
+    """Whether a covariance is the joint one of several poses."""
+    return covariance.ndim == 2 and covariance.shape[0] > 6
+
+
+def require_count(covariance: Array | None, count: int, name: str, what: str) -> None:
+    """Raise unless ``covariance`` fits ``count`` poses or motions."""
+    if covariance is None or covariance.shape == (6, 6):
+        return
+    found = covariance.shape[0] // 6 if covariance.ndim == 2 else covariance.shape[0]
+    if found != count:
+        raise InputError(f"Expected the covariance `{name}` to cover {count} {what}, got {found}.")
+
+
+def factor(covariance: Array) -> Array:
+    """L with ``covariance = L L^T``, also for singular covariances; (..., k, k) -> (..., k, k)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :])

@@ -1,0 +1,107 @@
+"""PosePairs: robot and camera poses taken at the same moments.
+
+Frames: ``robot[k] = base_T_gripper(k)``, ``camera[k] = camera_T_target(k)``. Two setups:
+
+- ``eye-in-hand``: the camera sits on the gripper, the target stands still; ``X = gripper_T_camera`` and
+  ``base_T_gripper X camera_T_target = base_T_target`` is constant.
+- ``eye-to-hand``: the camera stands still, the target sits on the gripper; ``X = base_T_camera`` and
+  ``gripper_T_base X camera_T_target = gripper_T_target`` is constant. It is the same equation with the
+  robot poses inverted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .se3 import Array, as_transforms, inverse
+
+SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
+
+
+class Truth(NamedTuple):
+    """What a simulation knows."""
+
+    X: Array  # (4, 4)
+    W: Array  # (4, 4): base_T_target (eye-in-hand) or gripper_T_target (eye-to-hand)
+    robot: Array  # (n, 4, 4), without noise
+    camera: Array  # (n, 4, 4), without noise
+
+
+@dataclass(frozen=True, eq=False)
+class PosePairs:
+    """n pairs of poses, validated once and never changed.
+
+    Parameters
+    ----------
+    robot : (..., n, 4, 4) array or RigidTransform
+        ``base_T_gripper``.
+    camera : (..., n, 4, 4) array or RigidTransform
+        ``camera_T_target``.
+    setup : "eye-in-hand" or "eye-to-hand"
+    timestamps : (n,) array or None
+        Seconds; must increase strictly.
+    truth : Truth or None
+        Known for simulated poses.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, matrices that are not rigid motions, different numbers of poses, repeated timestamps.
+    """
+
+    robot: Array
+    camera: Array
+    setup: str = "eye-in-hand"
+    timestamps: NDArray[np.float64] | None = None
+    truth: Truth | None = None
+
+    def __post_init__(self) -> None:
+        if self.setup not in SETUPS:
+            raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {self.setup!r}.")
+        robot, camera = _frozen(self.robot, "robot"), _frozen(self.camera, "camera")
+        if robot.shape != camera.shape:
+            raise InputError(
+                "Expected `robot` and `camera` to hold the same number of poses, "
+                f"got shapes {robot.shape} and {camera.shape}."
+            )
+        object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "camera", camera)
+        if self.timestamps is not None:
+            times = np.array(self.timestamps, dtype=float)
+            if times.shape != (self.n,) or not np.isfinite(times).all():
+                raise InputError(f"Expected `timestamps` to be {self.n} finite numbers, got shape {times.shape}.")
+            if self.n > 1 and not (np.diff(times) > 0).all():
+                row = int(np.argmin(np.diff(times) > 0)) + 1
+                raise InputError(
+                    f"Expected `timestamps` to increase strictly, got {times[row - 1]} then {times[row]} "
+                    f"(pose {row})."
+                )
+            times.flags.writeable = False
+            object.__setattr__(self, "timestamps", times)
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return int(self.robot.shape[-3])
+
+    def __len__(self) -> int:
+        return self.n
+
+    def __repr__(self) -> str:
+        return f"PosePairs({self.n} poses, {self.setup})"
+
+    @property
+    def effective_robot(self) -> Array:
+        """The robot poses as they enter AX = XB: inverted for eye-to-hand."""
+        return self.robot if self.setup == "eye-in-hand" else inverse(self.robot)
+
+
+def _frozen(value: Any, name: str) -> Array:
+    T = np.array(as_transforms(value, name))
+    T.flags.writeable = False
+    return T

@@ -1,0 +1,416 @@
+r"""4D Procrustes analysis (4DPA): registration, orthonormalisation, and X from AX = XB.
+
+Equations (n) are those of J. Wu, Y. Sun, M. Wang, M. Liu, "Hand-eye Calibration: 4D Procrustes Analysis
+Approach", 2019. Model of `solve`: ``A_i X = X B_i`` with ``X = gripper_T_camera`` for eye-in-hand
+(``base_T_camera`` for eye-to-hand), ``A`` relative motions of the robot, ``B`` of the camera. (The paper's
+(6) calls ``A`` the camera and ``B`` the gripper; its X is the inverse of ours, its equation the same.)
+
+`solve` at a finite scaling factor d is the paper's route: SE(3) -> SO(4) by F1 (49) or F2 (51), Problem 2
+through the generated matrices F11, F22 (33)-(35). At ``scale=None`` it is the limit d -> infinity of that
+route in closed form (T2 in the theory page): with ``u = vee(R_A)/2 = sin(angle) axis``,
+``w = (t_A + R_A^T t_A)/2``, likewise ``v, z`` of B,
+
+    H = sum u v^T = U S V^T,       R_X = U diag(1, 1, det(U V^T)) V^T
+    M = tr(G) I - G,  G = H R_X^T,     t_X = -M^-1 sum (w x R_X v + u x R_X z)
+
+Only the moments ``H`` and ``K = sum (u z^T + w v^T)`` of the pairs enter, so time is linear in N and memory
+constant. The rotation does not depend on the translations, and a pair weighs sin^2(angle): motions near
+90 degrees count most, motions near 180 degrees count nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice, product
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _closed_form
+from .errors import DegenerateMotionError, InputError
+from .se3 import CHUNK, Array, as_transforms, entry_rows, surely_transforms
+
+# Below this ratio of the eigenvalues of M (squared spread of the rotation axes, rad^2) the smallest one is
+# rounding of the input: 1e-10 is a spread of 1e-5 rad.
+DEGENERATE = 1e-10
+# Total weight sum |u| |v| below which there is no rotation at all (rad^2 per pair).
+NO_ROTATION = 1e-14
+# Pairs from which on a second thread pays for itself.
+PARALLEL_PAIRS = 50_000
+
+_EYE4 = np.eye(4)
+# (M32 - M23, M13 - M31, M21 - M12) from the entries of M, row by row.
+AXIAL = np.zeros((3, 9))
+AXIAL[(0, 1, 2), (7, 2, 3)] = 1.0
+AXIAL[(0, 1, 2), (5, 6, 1)] = -1.0
+
+
+class Limit(NamedTuple):
+    """Solution of the limit T2 with the quantities that its covariance T3 needs again."""
+
+    X: Array  # (..., 4, 4)
+    M_inverse: Array  # (..., 3, 3), symmetric
+
+
+def orthonormalise(matrix: ArrayLike) -> Array:
+    """Sub-problem 1: the rotation in SO(n) nearest to ``matrix`` (..., n, n) in the Frobenius norm.
+
+    ``U diag(1, .., 1, det(U V^T)) V^T`` of the singular value decomposition ``U S V^T`` of the input.
+
+    >>> orthonormalise([[0.0, -2.0], [1.0, 0.0]])
+    array([[ 0., -1.],
+           [ 1.,  0.]])
+    """
+    matrix = np.asarray(matrix, dtype=float)
+    if matrix.ndim < 2 or matrix.shape[-1] != matrix.shape[-2]:
+        raise InputError(f"Expected `matrix` to have shape (..., n, n), got {matrix.shape}.")
+    if not np.isfinite(matrix).all():
+        raise InputError("Expected `matrix` to be finite, got NaN or infinity.")
+    U, _, Vt = np.linalg.svd(matrix)
+    U[..., -1] *= np.linalg.det(U @ Vt)[..., None]
+    return U @ Vt + 0.0
+
+
+def register(U: ArrayLike, V: ArrayLike) -> tuple[Array, Array]:
+    """Problem 1: the rotation and translation that carry the points U onto V.
+
+    Minimises ``sum |R u_i + t - v_i|^2`` (13) over R in SO(n) and t. By (14)-(15), with the correlation
+    ``sum (v_i - v_mean)(u_i - u_mean)^T``: its singular value decomposition, the transpose of the paper's H.
+
+    Parameters
+    ----------
+    U, V : (..., N, n)
+        Corresponding points; n = 4 in the paper, any n >= 2 here.
+
+    Returns
+    -------
+    R : (..., n, n)
+    t : (..., n)
+
+    Raises
+    ------
+    InputError
+        Shapes differ, values are not finite, or the points span fewer than n - 1 directions, so that more
+        than one rotation fits equally well.
+    """
+    U, V = np.asarray(U, dtype=float), np.asarray(V, dtype=float)
+    if U.ndim < 2 or U.shape != V.shape:
+        raise InputError(f"Expected `U` and `V` to have the same shape (..., N, n), got {U.shape} and {V.shape}.")
+    if not (np.isfinite(U).all() and np.isfinite(V).all()):
+        raise InputError("Expected `U` and `V` to be finite, got NaN or infinity.")
+    U_mean, V_mean = U.mean(axis=-2), V.mean(axis=-2)
+    correlation = np.swapaxes(V - V_mean[..., None, :], -1, -2) @ (U - U_mean[..., None, :])
+    s = np.linalg.svd(correlation, compute_uv=False)
+    if not (s[..., -2] > 1e-12 * s[..., 0]).all():
+        raise InputError(
+            f"Expected `U` and `V` to span at least {U.shape[-1] - 1} directions, so that one rotation fits "
+            "best; they span fewer."
+        )
+    R = orthonormalise(correlation)
+    return R, V_mean - (R @ U_mean[..., None])[..., 0]
+
+
+def solve(
+    A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None, mapping: str = "F2"
+) -> Array:
+    """X from ``A_i X = X B_i``, unweighted, in closed form.
+
+    Parameters
+    ----------
+    A, B : (..., N, 4, 4)
+        Relative motions of robot and camera (`relative_motions`), arrays or SciPy ``RigidTransform``;
+        leading axes are independent problems and broadcast.
+    method : "4dpa"
+    scale : float or None
+        Scaling factor d of the map to SO(4), in the length unit of the translations; None is the limit
+        d -> infinity in closed form. A finite d truncates X by the order of 1/d^2 and rounds it by d eps;
+        d of 1e4 to 1e5 lengths balances the two.
+    mapping : "F2" or "F1"
+        The map (51) or (49); used at finite ``scale`` only (both have the same limit).
+
+    Returns
+    -------
+    X : (..., 4, 4)
+        In SE(3). At finite d the upper left block of the rotation on SO(4) is orthonormalised
+        (Sub-problem 1), a change of the order of 1/d^2.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, values or fewer than two motions.
+    DegenerateMotionError
+        The motions do not determine X (parallel rotation axes, no rotation, all motions near 180 degrees).
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> poses = uq.simulate(n_poses=8, seed=1)
+    >>> motions = uq.relative_motions(poses)
+    >>> bool(np.allclose(uq.solve(motions.A, motions.B), poses.truth.X))
+    True
+    """
+    if method != "4dpa":
+        raise InputError(f"Unknown method {method!r}; expected '4dpa'.")
+    A, B = as_pairs(A, B)
+    if scale is None:
+        return solve_limit(A, B).X
+    return solve_scaled(A, B, scale, mapping).X
+
+
+def as_pairs(A: Any, B: Any) -> tuple[Array, Array]:
+    """Shapes made equal; the values are checked where they are read."""
+    A = np.asarray(A.as_matrix() if hasattr(A, "as_matrix") else A, dtype=float)
+    B = np.asarray(B.as_matrix() if hasattr(B, "as_matrix") else B, dtype=float)
+    for T, name in ((A, "A"), (B, "B")):
+        if T.ndim < 3 or T.shape[-2:] != (4, 4):
+            raise InputError(f"Expected `{name}` to have shape (..., N, 4, 4), got {T.shape}.")
+    if A.shape[-3] != B.shape[-3]:
+        raise InputError(
+            f"Expected `A` and `B` to hold the same number of motions, got {A.shape[-3]} and {B.shape[-3]}."
+        )
+    if A.shape[-3] < 2:
+        raise InputError(f"Expected at least 2 motions to determine X, got {A.shape[-3]}.")
+    if A.shape != B.shape:
+        try:
+            A, B = np.broadcast_arrays(A, B)
+        except ValueError as error:
+            raise InputError(
+                f"Expected the leading axes of `A` and `B` to broadcast, got {A.shape} and {B.shape}."
+            ) from error
+    return A, B
+
+
+# ---------------------------------------------------------------------------- the limit d -> infinity (T2)
+
+
+def solve_limit(A: Array, B: Array) -> Limit:
+    """T2 on arrays of equal shape ``(..., N, 4, 4)``; values are checked on the way."""
+    batch, N = A.shape[:-3], A.shape[-3]
+    moments = _moments(A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)).reshape(*batch, 6, 6)
+    return solve_moments(moments, N)
+
+
+def solve_moments(moments: Array, N: int) -> Limit:
+    """T2 from ``sum (u, w) (v, z)^T``, shape (..., 6, 6), of N pairs."""
+    H = moments[..., :3, :3]
+    K = moments[..., :3, 3:] + moments[..., 3:, :3]
+    U, s, Vt = np.linalg.svd(H)
+    sign = np.linalg.det(U @ Vt)
+    U[..., 2] *= sign[..., None]
+    s[..., 2] *= sign
+    # H R^T = U S U^T with the signed S, hence M = U diag(s2 + s3, s1 + s3, s1 + s2) U^T.
+    eigenvalues = np.add.reduce(s, axis=-1, keepdims=True) - s
+    largest = eigenvalues[..., 2]
+    if not ((largest > NO_ROTATION * N) & (eigenvalues[..., 0] > DEGENERATE * largest)).all():
+        _raise_undetermined(U, s, eigenvalues, N)
+    M_inverse = (U / eigenvalues[..., None, :]) @ U.mT
+    X = np.zeros((*H.shape[:-2], 4, 4))
+    R = X[..., :3, :3]
+    np.matmul(U, Vt, out=R)
+    X[..., 3, 3] = 1.0
+    # sum (w x R v + u x R z) is minus the axial vector of P = K R^T.
+    P = K @ R.mT
+    np.matmul(M_inverse, AXIAL @ P.reshape(*P.shape[:-2], 9, 1), out=X[..., :3, 3:])
+    return Limit(X, M_inverse)
+
+
+def _raise_undetermined(U: Array, s: Array, eigenvalues: Array, N: int) -> NoReturn:
+    """Say which directions of X the singular vectors and the eigenvalues of M leave open."""
+    smallest, largest = eigenvalues[..., 0], eigenvalues[..., 2]
+    determined = (largest > NO_ROTATION * N) & (smallest > DEGENERATE * largest)
+    where: tuple[int, ...] = tuple(int(i) for i in np.argwhere(~determined)[0])
+    at = f" (problem {where})" if where else ""
+    axis = U[where][:, 0]
+    if not largest[where] > NO_ROTATION * N:
+        directions = np.eye(6)
+        message = (
+            f"The motions do not determine X{at}: none of them rotates by an angle other than 0 or 180 degrees. "
+            "Neither the rotation nor the translation of X is observable. Move the robot so that it turns about "
+            "at least two different axes, by 30 to 150 degrees."
+        )
+    elif s[where][0] > 2 * s[where][1]:
+        directions = np.zeros((2, 6))
+        directions[0, :3] = directions[1, 3:] = axis
+        message = (
+            f"The motions do not determine X{at}: all rotation axes are parallel to {_direction(axis)} in the "
+            "frame of `A`. The rotation of X about this axis and its translation along it are not observable. "
+            "Add motions that turn about another axis."
+        )
+    else:
+        # s1 = s2 = -s3: A and B cannot be related by a proper rotation at all.
+        directions = np.eye(6)
+        message = (
+            f"The motions do not determine X{at}: the rotation axes of `A` are those of `B` mirrored, which no "
+            "rotation explains. One of the two is left-handed or inverted."
+        )
+    raise DegenerateMotionError(message, directions)
+
+
+def _direction(axis: Array) -> str:
+    sign = -1.0 if axis[np.argmax(np.abs(axis))] < 0 else 1.0
+    return "(" + ", ".join(f"{x + 0.0:.3f}" for x in sign * axis) + ")"
+
+
+def _moments(A: Array, B: Array) -> Array:
+    """``sum_i (u, w)_i (v, z)_i^T`` over the pairs of each problem: (T, N, 4, 4) -> (T, 6, 6)."""
+    T, N = A.shape[:2]
+    if T * N <= CHUNK:
+        return _chunk_moments(A, B)
+    total = np.zeros((T, 6, 6))
+    threads = min(4, _cores()) if T * N >= PARALLEL_PAIRS else 1
+
+    def work(share: int) -> None:
+        mine = np.zeros((T, 6, 6)) if N > CHUNK else total
+        for trials, pairs in islice(product(trial_blocks(T, N), pair_blocks(N)), share, None, threads):
+            mine[trials] += _chunk_moments(A[trials, pairs], B[trials, pairs])
+        if mine is not total:
+            partial[share] = mine
+
+    partial: dict[int, Array] = {}
+    if threads == 1:
+        work(0)
+    else:
+        with ThreadPoolExecutor(threads) as pool:  # NumPy releases the interpreter lock inside its loops
+            list(pool.map(work, range(threads)))
+    for share in sorted(partial):
+        total += partial[share]
+    return total
+
+
+def trial_blocks(T: int, N: int) -> Iterator[slice]:
+    """Trials that are worked on together: about CHUNK pairs."""
+    step = max(1, CHUNK // N)
+    return (slice(i, i + step) for i in range(0, T, step))
+
+
+def pair_blocks(N: int) -> Iterator[slice]:
+    """Pairs of one trial that are worked on together: CHUNK at most."""
+    return (slice(j, j + CHUNK) for j in range(0, N, CHUNK))
+
+
+def _chunk_moments(A: Array, B: Array) -> Array:
+    T, N = A.shape[:2]
+    rows = entry_rows(A.reshape(-1, 4, 4), B.reshape(-1, 4, 4))
+    if not surely_transforms(rows):
+        as_transforms(A, "A")  # the slow look: raises and says why, or lets it pass
+        as_transforms(B, "B")
+    R, t = rows[:3, :3], rows[:3, 3]
+    uw = np.empty((6, rows.shape[2]))  # twice u, w of A, then twice v, z of B
+    np.subtract(R[2, 1], R[1, 2], out=uw[0])
+    np.subtract(R[0, 2], R[2, 0], out=uw[1])
+    np.subtract(R[1, 0], R[0, 1], out=uw[2])
+    np.einsum("ijm,im->jm", R, t, out=uw[3:])
+    uw[3:] += t
+    uw = uw.reshape(6, 2, T, N)
+    moments: Array = 0.25 * (uw[:, 0].transpose(1, 0, 2) @ uw[:, 1].transpose(1, 2, 0))
+    if not math.isfinite(np.add.reduce(moments, axis=None)):
+        as_transforms(A, "A")
+        as_transforms(B, "B")
+        raise InputError("The translations are so large that their products overflow; use metres.")
+    return moments
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+# ------------------------------------------------------------------ the paper's route at finite d (Problem 2)
+
+
+class Scaled(NamedTuple):
+    """Solution of Problem 2 at finite d with what its covariance (39)-(48) needs again."""
+
+    X: Array  # (..., 4, 4)
+    sigma: Array  # (..., 8), the unit octonion (18)
+    pinv_L: Array  # (..., 4, 4): (F11 - lambda_min I)^+
+    pinv_R: Array  # (..., 4, 4): (F22 - lambda_min I)^+
+
+
+def check_scale(scale: float, mapping: str) -> None:
+    if not (np.ndim(scale) == 0 and np.isfinite(scale) and scale > 0):
+        raise InputError(f"Expected `scale` to be a positive number or None, got {scale!r}.")
+    if mapping not in ("F1", "F2"):
+        raise InputError(f"Expected `mapping` to be 'F1' or 'F2', got {mapping!r}.")
+
+
+def so4_from_se3(T: ArrayLike, scale: float, mapping: str = "F2") -> Array:
+    """The maps F1 (49) and F2 (51) at ``eps = 1/scale``: (..., 4, 4) in SE(3) to nearly SO(4).
+
+    ``F2 = [[R, t/d], [-t^T R/d, 1]]``; F1 has the opposite sign in its last row. F2 is orthogonal up to
+    |t|^2/d^2, F1 only up to 2 |t|/d.
+    """
+    check_scale(scale, mapping)
+    function = _closed_form.F2 if mapping == "F2" else _closed_form.F1
+    return function(as_transforms(T, "T", stack=False), scale)
+
+
+def se3_from_so4(R4: ArrayLike, scale: float) -> Array:
+    """Inverse of F1 and F2: rotation from the upper left block, ``t = d R4[:3, 3]``; (..., 4, 4).
+
+    The block is orthonormalised, which changes it by the order of |t|^2/d^2.
+    """
+    check_scale(scale, "F2")
+    R4 = np.asarray(R4, dtype=float)
+    if R4.ndim < 2 or R4.shape[-2:] != (4, 4):
+        raise InputError(f"Expected `R4` to have shape (..., 4, 4), got {R4.shape}.")
+    T = np.zeros(R4.shape)
+    T[..., :3, :3] = orthonormalise(R4[..., :3, :3])
+    T[..., :3, 3] = scale * R4[..., :3, 3]
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def octonion(X: ArrayLike, scale: float, mapping: str = "F2") -> Array:
+    """The unit octonion ``sigma = (q_L, q_R)/sqrt(2)`` (18) of X on SO(4); (..., 4, 4) -> (..., 8).
+
+    ``q_L q_R^T`` has the entries ``<R_L(e_j) R_R(e_k), R4>/4`` for R4 in SO(4); the two leading singular
+    vectors give the octonion of the nearest rotation for the image of X, which is in SO(4) to order 1/d only.
+    """
+    R4 = so4_from_se3(X, scale, mapping)
+    basis = _closed_form.R_L(_EYE4)[:, None] @ _closed_form.R_R(_EYE4)
+    U, _, Vt = np.linalg.svd(np.einsum("jkab,...ab->...jk", basis, R4))
+    return _signed_octonion(U[..., 0], Vt[..., 0, :])
+
+
+def _signed_octonion(q_L: Array, q_R: Array) -> Array:
+    """Signs fixed by ``R[3, 3] > 0``, which ``R`` owes to a pose, and by ``q_L[0] >= 0``."""
+    corner = (_closed_form.R_L(q_L) @ _closed_form.R_R(q_R))[..., 3, 3]
+    q_R = np.where(corner < 0, -1.0, 1.0)[..., None] * q_R
+    sign = np.where(q_L[..., 0] < 0, -1.0, 1.0)[..., None]
+    return np.asarray(np.concatenate([sign * q_L, sign * q_R], axis=-1) / math.sqrt(2.0))
+
+
+def solve_scaled(A: Array, B: Array, scale: float, mapping: str = "F2") -> Scaled:
+    """Problem 2 on ``F(A_i), F(B_i)`` through the generated F11 and F22 (33)-(35).
+
+    The eigenvectors of the smallest eigenvalues are q_L
+    and q_R (34); the signs are fixed by ``R[3, 3] > 0`` and ``q_L[0] >= 0``.
+    """
+    check_scale(scale, mapping)
+    A, B = as_transforms(A, "A"), as_transforms(B, "B")
+    F = _closed_form.F2 if mapping == "F2" else _closed_form.F1
+    batch, N = A.shape[:-3], A.shape[-3]
+    flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
+    sums = np.zeros((2, len(flat_A), 4, 4))
+    for trials, pairs in product(trial_blocks(len(flat_A), N), pair_blocks(N)):
+        E, Z = F(flat_A[trials, pairs], scale), F(flat_B[trials, pairs], scale)
+        sums[0, trials] += _closed_form.F11(E, Z).sum(axis=1)  # (35)
+        sums[1, trials] += _closed_form.F22(E, Z).sum(axis=1)
+    values, vectors = np.linalg.eigh(sums)  # (34), ascending
+    spread, gap = values[..., 3] - values[..., 0], values[..., 1] - values[..., 0]
+    # The eigenvalues differ by sums of the singular values of H as those of M do: the same test, at finite d.
+    if not np.all((spread > NO_ROTATION * N) & (gap > DEGENERATE * spread)):
+        solve_limit(A, B)
+        raise DegenerateMotionError("The motions do not determine X at this `scale`.", np.eye(6))
+    sigma = _signed_octonion(vectors[0, ..., 0], vectors[1, ..., 0])
+    X = se3_from_so4(_closed_form.sigma_to_R(sigma), scale)
+    # (F - lambda_min I)^+ from the decomposition at hand: the smallest eigenvalue is the one left out.
+    inverse_gaps = 1.0 / (values[..., 1:] - values[..., :1])
+    pinv = (vectors[..., 1:] * inverse_gaps[..., None, :]) @ vectors[..., 1:].mT
+    return Scaled(
+        X.reshape(*batch, 4, 4), sigma.reshape(*batch, 8), *(p.reshape(*batch, 4, 4) for p in pinv)
+    )
