@@ -133,7 +133,7 @@ def _decode(entry: Any, form: ClosedForm) -> Derived:
     expected = {"schema": SCHEMA, "key": source_key(), "name": form.name, "shape": list(form.shape)}
     if any(entry.get(field) != value for field, value in expected.items()):
         raise ForeignEntry("another key, name or shape")
-    lists = [entry.get(field) for field in ("entries", "temporaries", "reduced")]
+    lists: list[Any] = [entry.get(field) for field in ("entries", "temporaries", "reduced")]
     if not all(isinstance(value, list) for value in lists) or {len(lists[0]), len(lists[2])} != {form.size}:
         raise ForeignEntry("wrong number of entries")
 

@@ -65,8 +65,8 @@ def difference(folder: Path, wanted: dict[str, str]) -> str:
         old, new = found.get(name, b""), wanted.get(name, "").encode()
         if old == new and (name in found) == (name in wanted):
             continue
-        lines = (text.decode("utf-8", "backslashreplace").splitlines(keepends=True) for text in (old, new))
-        diff = "".join(difflib.unified_diff(*lines, f"checked-in/{name}", f"derived/{name}"))
+        before, after = (text.decode("utf-8", "backslashreplace").splitlines(True) for text in (old, new))
+        diff = "".join(difflib.unified_diff(before, after, f"checked-in/{name}", f"derived/{name}"))
         parts.append(diff or f"checked-in/{name}: extra, missing or different line endings\n")
     return "".join(parts)
 

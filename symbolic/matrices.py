@@ -235,6 +235,16 @@ def _pose_forms() -> list[ClosedForm]:
     ]
 
 
+def _image(embed: Callable[[Matrix, Matrix, Symbol], Matrix], R: Matrix, t: Matrix) -> Matrix:
+    """F1 or F2 of a pose, at the registered symbol of d."""
+    return embed(R, t, _d)
+
+
+def _reading(derive: Callable[[], Matrix], R: Matrix, t: Matrix) -> Matrix:
+    """u or w, derived in the general pose, of another pose."""
+    return limit.at_pose(derive(), R, t)
+
+
 def _derivative_forms() -> list[ClosedForm]:
     maps = (("F1", so4.F1, "(50)"), ("F2", so4.F2, "(51)"))
     vectors = (("u", limit.u), ("w", limit.w))
@@ -271,7 +281,7 @@ def _derivative_forms() -> list[ClosedForm]:
                 (16, 6),
                 equation,
                 f"d vec({name}(T', d))/d xi, vec column-major; {_XI}",
-                lambda embed=embed: derivatives.by_pose(lambda R, t: embed(R, t, _d)),
+                partial(derivatives.by_pose, partial(_image, embed)),
             )
             for name, embed, equation in maps
         ),
@@ -283,7 +293,7 @@ def _derivative_forms() -> list[ClosedForm]:
                 (3, 6),
                 "T2, T3",
                 f"d {name}(T')/d xi; {_XI}",
-                lambda derive=derive: derivatives.by_pose(lambda R, t: limit.at_pose(derive(), R, t)),
+                partial(derivatives.by_pose, partial(_reading, derive)),
             )
             for name, derive in vectors
         ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import sympy
 from sympy import Symbol
@@ -68,7 +68,7 @@ def numpy_module(docstring: str, functions: Iterable[str]) -> str:
     return "\n\n".join([head, *functions])
 
 
-def numpy_package(docstring: str, names: dict[str, Sequence[str]]) -> str:
+def numpy_package(docstring: str, names: Mapping[str, Sequence[str]]) -> str:
     """The generated `__init__`: banner, docstring, re-exports of {module: names}."""
     blocks = [
         f"from .{module} import (\n" + "".join(f"    {name},\n" for name in sorted(names[module])) + ")\n"

@@ -16,7 +16,7 @@ from .octonion import R_L, R_R, P, basis, coordinates, entries
 from .polynomials import over_ring
 
 Pair = tuple[int, int]
-INDICES: tuple[Pair, ...] = tuple(product(range(1, 5), repeat=2))
+INDICES: tuple[Pair, ...] = tuple(product(range(1, 5), range(1, 5)))
 
 
 @cache
@@ -117,7 +117,7 @@ def collapsed() -> tuple[Table, Table, int]:
         E += alpha[m, n] * L(m) * M(n)
         Z += beta[m, n] * L(m) * M(n)
     generators = [*alpha, *beta]
-    weights = set()
+    weights: set[Expr] = set()
     result = []
     for side, F in enumerate(sum_of_squares(E, Z, generators)):
         table: Table = [[{} for _ in range(4)] for _ in range(4)]

@@ -1,5 +1,53 @@
+"""Hand-eye calibration AX = XB with its uncertainty.
+
+>>> import uq_handeye as uq
+>>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+>>> poses = uq.simulate(n_poses=30, noise=noise, seed=1)
+>>> result = uq.calibrate(poses, noise=noise)
+>>> result.X.shape, result.covariance.shape
+((4, 4), (6, 6))
+>>> print(result.frame, (result.std[3:] * 1e3).round(2), "mm")
+gripper_T_camera [0.35 0.38 0.35] mm
+"""
+
+from .calibration import Calibration, calibrate
+from .conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
+from .errors import DegenerateMotionError, InputError, InputWarning
+from .io import read_noise_file, read_poses
 from .motions import Motions, relative_motions
 from .noise import PairNoise, PoseNoise
 from .poses import PosePairs
-from .procrustes import orthonormalise, register, solve
-from .propagation import propagate
+from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3, solve
+from .propagation import octonion_covariance, paper_covariances, propagate, so4_covariance
+from .simulation import simulate
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Calibration",
+    "DegenerateMotionError",
+    "InputError",
+    "InputWarning",
+    "Motions",
+    "PairNoise",
+    "PosePairs",
+    "PoseNoise",
+    "calibrate",
+    "from_convention",
+    "octonion_covariance",
+    "orthonormalise",
+    "paper_covariances",
+    "paper_from_theta",
+    "propagate",
+    "read_noise_file",
+    "read_poses",
+    "register",
+    "relative_motions",
+    "se3_from_so4",
+    "simulate",
+    "so4_covariance",
+    "so4_from_se3",
+    "solve",
+    "theta_from_paper",
+    "to_convention",
+]

@@ -135,5 +135,8 @@ def require_count(covariance: Array | None, count: int, name: str, what: str) ->
 
 def factor(covariance: Array) -> Array:
     """L with ``covariance = L L^T``, also for singular covariances; (..., k, k) -> (..., k, k)."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :])
+    try:
+        return np.asarray(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:  # only semidefinite
+        values, vectors = np.linalg.eigh(covariance)
+        return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :])

@@ -49,7 +49,7 @@ from .procrustes import (
     solve_scaled,
     trial_blocks,
 )
-from .se3 import Array, as_transforms, block, inverse, skew, vee
+from .se3 import Array, as_transforms, block, entry_rows, inverse, skew, vee
 
 # The scaling factor of the paper's experiments, used where a formula exists at finite d only.
 PAPER_SCALE = 1e4
@@ -158,48 +158,62 @@ def _checked_kind(kind: str | None, noise: Noise, motions: Motions | None, N: in
 
 # ---------------------------------------------------------------- derivatives of X by the data, block by block
 #
-# Each gives F (2, T, m, 6, 6): for robot and camera, trials, pairs, the derivatives of something by the error of
-# the motion, and in the end the matrix Q that turns a covariance of the sum of that something into Sigma_X.
+# Each gives F (2, 6, 6, T, m): for robot and camera the derivatives of something by the error of the motion, pairs
+# last, where NumPy is fastest, and in the end the matrix Q that turns a covariance of the sum of that something into Sigma_X.
 
 
 class _LimitDerivatives:
     """Raw derivatives of f and h (T2) for X (T, 4, 4)."""
 
     def __init__(self, X: Array) -> None:
-        self.R, self.t = X[:, None, :3, :3], X[:, None, :3, 3]
+        self.R, self.t = X[:, :3, :3], X[:, :3, 3]
         self.G = np.zeros((len(X), 3, 3))  # sum u p^T
         self.h_theta = np.zeros((len(X), 3, 3))
 
     def block(self, A: Array, B: Array) -> Array:
         T, m = A.shape[:2]
-        R = np.empty((2, T, m, 3, 3))
-        t = np.empty((2, T, m, 3))
-        R[0], t[0] = A[..., :3, :3], A[..., :3, 3]
-        np.matmul(self.R @ B[..., :3, :3], self.R.mT, out=R[1])  # B in the frame of A
-        np.matmul(B[..., :3, 3], self.R[:, 0].mT, out=t[1])
-        u = 0.5 * (R.reshape(2, T, m, 9) @ AXIAL.T)  # u and p
-        w = 0.5 * (t + (t[..., None, :] @ R)[..., 0, :])  # w and q
-        # f = u x p, h = u x (t x p) + w x p + u x q, differentiated by the axial vectors and by w, q.
-        by_w = skew(np.stack([-u[1], u[0]]))
-        by_u = np.empty_like(R)
-        by_u[0] = -skew(np.cross(self.t, u[1]) + w[1])
-        by_u[1] = by_w[1] @ skew(self.t) + skew(w[0])
-        # du = D theta; dw = E theta + S tau  (T3)
-        trace = np.trace(R, axis1=-2, axis2=-1)
-        D = 0.5 * (trace[..., None, None] * _EYE - R)
-        S = 0.5 * (_EYE + R.mT)
-        E = 0.5 * (R.mT @ skew(t))
-        F = np.zeros((2, T, m, 6, 6))
-        np.matmul(by_w, D, out=F[..., :3, :3])
-        np.matmul(by_w, S, out=F[..., 3:, 3:])
-        np.matmul(by_u, D, out=F[..., 3:, :3])
-        F[..., 3:, :3] += by_w @ E
-        self.G += u[0].mT @ u[1]
-        self.h_theta -= (by_u[1] @ -by_w[0] + by_w[1] @ skew(w[1])).sum(axis=1)
+        entries = entry_rows(A.reshape(-1, 4, 4), B.reshape(-1, 4, 4)).reshape(4, 4, 2, T, m)
+        R, t = entries[:3, :3], entries[:3, 3]
+        # B in the frame of A: R_B' = R_X R_B R_X^T, t_B' = R_X t_B
+        turned = np.einsum("tij,jktm->iktm", self.R, R[:, :, 1])
+        np.einsum("tkj,ijtm->iktm", self.R, turned, out=R[:, :, 1])
+        t[:, 1] = np.einsum("tij,jtm->itm", self.R, t[:, 1])
+        u = np.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+        w = np.einsum("ij...,i...->j...", R, t)
+        w += t
+        u *= 0.5  # u and p: axis 1 is robot, camera
+        w *= 0.5  # w and q
+        # [D S E] with du = D theta, dw = E theta + S tau (T3)
+        half = 0.5 * R
+        by_motion = np.empty((3, 9, 2, T, m))
+        D, S = by_motion[:, :3], by_motion[:, 3:6]
+        np.negative(half, out=D)
+        S[:] = half.swapaxes(0, 1)
+        half_trace = half[0, 0] + half[1, 1] + half[2, 2]
+        for i in range(3):
+            D[i, i] += half_trace
+            S[i, i] += 0.5
+        np.einsum("ij...,jk...->ik...", half.swapaxes(0, 1), _cross_rows(t), out=by_motion[:, 6:])
+        # f = u x p and h = u x (t x p) + w x p + u x q, differentiated by u and w, and by p and q
+        by_w = _cross_rows(np.stack([-u[:, 1], u[:, 0]], axis=1))
+        t_X = skew(self.t)
+        by_u = np.empty((3, 3, 2, T, m))
+        by_u[:, :, 0] = _cross_rows(-np.einsum("tij,jtm->itm", t_X, u[:, 1]) - w[:, 1])
+        np.einsum("ijtm,tjk->iktm", by_w[:, :, 1], t_X, out=by_u[:, :, 1])
+        by_u[:, :, 1] += _cross_rows(w[:, 0])
+        F = np.zeros((2, 6, 6, T, m))
+        F_rows = F.transpose(1, 2, 0, 3, 4)
+        product = np.einsum("ij...,jk...->ik...", by_w, by_motion)
+        F_rows[:3, :3], F_rows[3:, 3:] = product[:, :3], product[:, 3:6]
+        np.einsum("ij...,jk...->ik...", by_u, D, out=F_rows[3:, :3])
+        F_rows[3:, :3] += product[:, 6:]
         # From the frame of A back to that of B.
-        F[1] = (F[1].reshape(T, -1, 3) @ self.R[:, 0]).reshape(T, m, 6, 6)
+        F[1] = np.einsum("ajtm,tjk->aktm", F[1].reshape(12, 3, T, m), self.R).reshape(6, 6, T, m)
+        self.G += u[:, 0].swapaxes(0, 1) @ u[:, 1].transpose(1, 2, 0)
+        # h_theta = -sum( ([u][t] + [w]) [p] + [u] [q] ), and [p]^T = -[p]
+        self.h_theta -= _trials_first(by_u[:, :, 1]) @ _trials_first(by_w[:, :, 0]).mT
+        self.h_theta += _trials_first(by_w[:, :, 1]) @ _trials_first(_cross_rows(w[:, 1])).mT
         return F
-
     def weight(self, N: int) -> Array:
         trace = np.trace(self.G, axis1=-2, axis2=-1)[:, None, None]
         M = trace * _EYE - 0.5 * (self.G + self.G.mT)
@@ -223,6 +237,20 @@ def _inverse_or_raise(M: Array, N: int) -> Array:
             directions,
         )
     return np.asarray((vectors / values[:, None, :]) @ vectors.mT)
+
+
+def _cross_rows(v: Array) -> Array:
+    """``[v]x`` with the vectors along the first axis: (3, ...) -> (3, 3, ...)."""
+    result = np.zeros((3, *v.shape))
+    result[2, 1], result[0, 2], result[1, 0] = v
+    result[1, 2], result[2, 0], result[0, 1] = -v
+    return result
+
+
+def _trials_first(rows: Array) -> Array:
+    """(k, l, T, m) -> (T, k, l m), for sums over pairs as one product per trial."""
+    k, _, T, _ = rows.shape
+    return rows.transpose(2, 0, 1, 3).reshape(T, k, -1)
 
 
 class _ScaledDerivatives:
@@ -252,7 +280,7 @@ class _ScaledDerivatives:
         )
 
     def block(self, A: Array, B: Array) -> Array:
-        return np.asarray(self.to_X[:, None] @ self.of_octonion(A, B))
+        return np.moveaxis(self.to_X[:, None] @ self.of_octonion(A, B), (3, 4), (1, 2))
 
     def weight(self, N: int) -> Array:
         return np.broadcast_to(np.eye(6), (len(self.sigma), 6, 6))
@@ -298,15 +326,22 @@ class _Independent:
     def add(self, F: Array, pairs: slice) -> None:
         for side, L in zip(F, self.factors, strict=True):
             if L is not None:
-                self.sum = self.sum + _outer(side @ (L if L.ndim == 2 else L[pairs]))
+                self.sum = self.sum + _outer(_times(side, L if L.ndim == 2 else L[None, pairs]))
 
     def covariance(self) -> Array:
         return np.asarray(self.sum)
 
 
+def _times(F: Array, L: Array) -> Array:
+    """``F L`` with pairs last: F (6, 6, T, m) and L (6, 6) or (T, m, 6, 6)."""
+    if L.ndim == 2:
+        return np.asarray((L.T @ F.reshape(6, 6, -1)).reshape(F.shape))
+    return np.einsum("ijtm,tmjk->iktm", F, np.broadcast_to(L, (*F.shape[2:], 6, 6)))
+
+
 def _outer(FL: Array) -> Array:
-    """``sum_i FL_i FL_i^T`` as one product of (T, 6, 6 m) with its own transpose."""
-    stacked = FL.transpose(0, 2, 1, 3).reshape(len(FL), 6, -1)
+    """``sum over pairs of FL FL^T`` per trial: (6, 6, T, m) -> (T, 6, 6)."""
+    stacked = _trials_first(FL)
     return np.asarray(stacked @ stacked.mT)
 
 
@@ -331,12 +366,13 @@ class _OnPoses:
         self.sides = [(robot, by_robot, noise.robot), (inverse(camera), _minus_right_twist(camera), noise.camera)]
 
     def by_difference(self, F: Array, P: Array, pairs: slice) -> Array:
-        """``F d xi / d delta`` of one side: (T, m, 6, 6)."""
+        """``F d xi / d delta`` of one side, F (6, 6, T, m)."""
         i, j = self.pairs[pairs, 0], self.pairs[pairs, 1]
-        T, m = F.shape[:2]
-        R_j_T = P[:, j, :3, :3].mT
-        by_twist = (F.reshape(T, m, 12, 3) @ R_j_T).reshape(T, m, 6, 6)
-        by_twist[..., :3] -= by_twist[..., 3:] @ skew(P[:, i][..., :3, 3])
+        T, m = F.shape[2:]
+        R_j = P[:, j, :3, :3]
+        by_twist = np.einsum("ajtm,tmkj->aktm", F.reshape(12, 3, T, m), R_j).reshape(6, 6, T, m)
+        t_i = np.moveaxis(P[:, i][..., :3, 3], -1, 0)
+        by_twist[:, :3] -= np.einsum("ajtm,jktm->aktm", by_twist[:, 3:], _cross_rows(t_i))
         return by_twist
 
 
@@ -355,9 +391,9 @@ class _Shared(_OnPoses):
         for side, (P, _, covariance), total in zip(F, self.sides, self.sums, strict=True):
             if covariance is not None:
                 by_difference = self.by_difference(side, P, pairs)
-                T, m = by_difference.shape[:2]
-                spread = incidence @ by_difference.transpose(1, 0, 2, 3).reshape(m, -1)
-                total += spread.reshape(-1, T, 6, 6).transpose(1, 0, 2, 3)
+                T, m = by_difference.shape[2:]
+                spread = incidence @ by_difference.reshape(-1, m).T
+                total += spread.reshape(-1, 6, 6, T).transpose(3, 0, 1, 2)
 
     def covariance(self) -> Array:
         result: Array | float = 0.0
@@ -368,7 +404,8 @@ class _Shared(_OnPoses):
                     row = D.transpose(0, 2, 1, 3).reshape(len(D), 6, -1)
                     result = result + row @ covariance @ row.mT
                 else:
-                    result = result + _outer(D @ factor(covariance))
+                    row = (D @ factor(covariance)).transpose(0, 2, 1, 3).reshape(len(D), 6, -1)
+                    result = result + row @ row.mT
         return np.asarray(result)
 
 
@@ -398,7 +435,7 @@ class _Unshared(_OnPoses):
             if L is not None:
                 by_difference = self.by_difference(side, P, pairs)
                 for pose in (0, 1):
-                    self.sum = self.sum + _outer(by_difference @ L[:, self.pairs[pairs, pose]])
+                    self.sum = self.sum + _outer(_times(by_difference, L[:, self.pairs[pairs, pose]]))
 
     def covariance(self) -> Array:
         return np.asarray(self.sum)

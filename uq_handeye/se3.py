@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from .errors import InputError
 
@@ -171,3 +172,13 @@ def _explain(flat: Array, start: int, stop: int, shape: tuple[int, ...], name: s
                 f"Expected {at} to hold a rotation, got a matrix that is not orthogonal "
                 f"(max |R^T R - I| = {error:.2g}, determinant {determinant:.3g})."
             )
+
+
+def perturb(T: Array, xi: Array) -> Array:
+    """``(exp([theta]x) R, t + tau)`` for ``xi = (theta, tau)``; (..., 4, 4), (..., 6) broadcast."""
+    shape = np.broadcast_shapes(T.shape[:-2], xi.shape[:-1])
+    result = np.array(np.broadcast_to(T, (*shape, 4, 4)))
+    turn = Rotation.from_rotvec(xi[..., :3].reshape(-1, 3)).as_matrix().reshape(*xi.shape[:-1], 3, 3)
+    result[..., :3, :3] = turn @ T[..., :3, :3]
+    result[..., :3, 3] += xi[..., 3:]
+    return result

@@ -1,0 +1,339 @@
+"""calibrate(): from poses or motions and their noise to X with its uncertainty, in one documented object."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from . import conventions
+from .errors import DegenerateMotionError, InputError, InputWarning
+from .io.atomic import write_atomically
+from .motions import Motions, relative_motions
+from .noise import Noise, PairNoise, PoseNoise
+from .plausibility import Residuals, check_frames, check_poses, check_rotations, residuals, summarise
+from .poses import SETUPS, PosePairs
+from .procrustes import octonion, solve
+from .propagation import PAPER_SCALE, pose_from_octonion_jacobian, propagate
+from .se3 import Array, as_transforms, inverse, inverse_jacobian
+
+CONVENTION = (
+    "xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau; rotation first, left rotation, additive "
+    "translation; rad and m; in the parent frame of X"
+)
+# A first-order covariance of a rotation means nothing beyond this standard deviation.
+UNDETERMINED = np.radians(20.0)
+
+_FORMAT = "uq-handeye calibration 1"
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """X of AX = XB and what is known about it.
+
+    Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,
+    ``t = t_hat + tau``, in rad and m, in the parent frame of X (gripper for eye-in-hand, base for eye-to-hand);
+    ``covariance`` is that of xi, to first order.
+    """
+
+    X: Array  # (4, 4)
+    covariance: Array | None  # (6, 6); None: not determined, no noise was given
+    method: str
+    scale: float | None
+    kind: str | None  # how the covariance was propagated: "pairs", "poses" or "literal"
+    setup: str | None  # None for motions that came without poses
+    n_poses: int | None
+    n_pairs: int
+    noise: Noise | None
+    residuals: Residuals
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def frame(self) -> str:
+        """The frames of X, e.g. ``gripper_T_camera``."""
+        return "X" if self.setup is None else SETUPS[self.setup]
+
+    @property
+    def std(self) -> Array | None:
+        """Standard deviations (6,) of (theta, tau), rad and m."""
+        return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Array | None:
+        """Correlation matrix (6, 6) of (theta, tau); 0 beside a variance of 0."""
+        if self.covariance is None or self.std is None:
+            return None
+        unit = np.where(self.std > 0, self.std, 1.0)
+        correlation = self.covariance / np.outer(unit, unit)
+        np.fill_diagonal(correlation, 1.0)
+        return correlation
+
+    @property
+    def inverse(self) -> Array:
+        """``inv(X)`` (4, 4), e.g. ``camera_T_gripper``."""
+        return inverse(self.X)
+
+    @property
+    def covariance_inverse(self) -> Array | None:
+        """Covariance (6, 6) of ``inv(X)`` in the same convention, in its own parent frame."""
+        if self.covariance is None:
+            return None
+        J = inverse_jacobian(self.X)
+        return J @ self.covariance @ J.T
+
+    @property
+    def sigma_scale(self) -> float:
+        """The factor d at which `sigma` is given: that of the estimate, or 1e4 where it was the limit."""
+        return PAPER_SCALE if self.scale is None else self.scale
+
+    @property
+    def sigma(self) -> Array:
+        """The unit octonion (8,) of X on SO(4) (18), at `sigma_scale`."""
+        return octonion(self.X, self.sigma_scale)
+
+    @property
+    def covariance_sigma(self) -> Array | None:
+        """Covariance (8, 8) of `sigma` (48), of rank 6: the unit lengths of q_L and q_R are exact."""
+        if self.covariance is None:
+            return None
+        sigma = self.sigma
+        # sigma moves in the six directions orthogonal to (q_L, 0) and (0, q_R); there d xi / d sigma is regular.
+        normals = np.zeros((8, 2))
+        normals[:4, 0], normals[4:, 1] = sigma[:4], sigma[4:]
+        tangent = np.linalg.qr(normals, mode="complete")[0][:, 2:]
+        J = tangent @ np.linalg.inv(pose_from_octonion_jacobian(sigma, self.sigma_scale) @ tangent)
+        return np.asarray(J @ self.covariance @ J.T)
+
+    def covariance_in(self, convention: str) -> Array:
+        """The covariance in the convention of another library; see `uq_handeye.conventions`."""
+        if self.covariance is None:
+            raise InputError("The covariance is not determined: no noise was given to calibrate().")
+        return conventions.to_convention(self.covariance, self.X, convention)
+
+    @property
+    def quaternion(self) -> Array:
+        """Unit quaternion (x, y, z, w) of X, w >= 0."""
+        return np.asarray(Rotation.from_matrix(self.X[:3, :3]).as_quat(canonical=True))
+
+    @property
+    def weakest_rotation(self) -> tuple[Array, float] | None:
+        """Axis (3,) about which the rotation of X is least certain, and its standard deviation in rad."""
+        return None if self.covariance is None else _weakest(self.covariance[:3, :3])
+
+    @property
+    def weakest_translation(self) -> tuple[Array, float] | None:
+        """Direction (3,) along which the translation of X is least certain, and its standard deviation in m."""
+        return None if self.covariance is None else _weakest(self.covariance[3:, 3:])
+
+    def __repr__(self) -> str:
+        return f"Calibration({self.frame}, {self.method}, {self.n_pairs} pairs)"
+
+    def summary(self, threshold: float = 0.5) -> str:
+        """The result as text; correlations at or above ``threshold`` are listed."""
+        from .report.text import summary
+
+        return summary(self, threshold)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
+        std, correlation, J = self.std, self.correlation, self.covariance_inverse
+        return {
+            "format": _FORMAT,
+            "convention": CONVENTION,
+            "units": {"rotation": "rad", "translation": "m"},
+            "method": self.method,
+            "scale": self.scale,
+            "kind": self.kind,
+            "setup": self.setup,
+            "frame": self.frame,
+            "X": self.X.tolist(),
+            "covariance": _plain(self.covariance),
+            "std": _plain(std),
+            "correlation": _plain(correlation),
+            "quaternion_xyzw": self.quaternion.tolist(),
+            "inverse": self.inverse.tolist(),
+            "covariance_inverse": _plain(J),
+            "n_poses": self.n_poses,
+            "n_pairs": self.n_pairs,
+            "noise": _noise_to_dict(self.noise),
+            "residuals": self.residuals._asdict(),
+            "warnings": list(self.warnings),
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Calibration:
+        """The inverse of `to_dict`; raises `InputError` on anything else."""
+        if not isinstance(data, dict) or data.get("format") != _FORMAT:
+            raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
+        try:
+            covariance = data["covariance"]
+            result = cls(
+                X=as_transforms(data["X"], "X", stack=False),
+                covariance=None if covariance is None else np.asarray(covariance, dtype=float),
+                method=str(data["method"]),
+                scale=None if data["scale"] is None else float(data["scale"]),
+                kind=data["kind"],
+                setup=data["setup"],
+                n_poses=data["n_poses"],
+                n_pairs=int(data["n_pairs"]),
+                noise=_noise_from_dict(data["noise"]),
+                residuals=Residuals(**{name: float(value) for name, value in data["residuals"].items()}),
+                warnings=tuple(data["warnings"]),
+            )
+        except InputError:
+            raise
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"The calibration is damaged: {error}.") from error
+        if result.setup not in (None, *SETUPS) or (covariance is not None and result.covariance.shape != (6, 6)):  # type: ignore[union-attr]
+            raise InputError("The calibration is damaged: unknown setup or a covariance that is not 6x6.")
+        return result
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
+        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
+        if path is not None:
+            write_atomically(path, text)
+        return text
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> Calibration:
+        """Read what `to_json` wrote."""
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+            data = json.loads(text)
+        except OSError as error:
+            raise InputError(f"Cannot read {path}: {error.strerror}.") from error
+        except ValueError as error:
+            raise InputError(f"{path} is not JSON: {error}.") from error
+        return cls.from_dict(data)
+
+
+def _weakest(covariance: Array) -> tuple[Array, float]:
+    values, vectors = np.linalg.eigh(covariance)
+    axis = vectors[:, -1]
+    axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
+    return axis, float(np.sqrt(max(values[-1], 0.0)))
+
+
+def _plain(array: Array | None) -> Any:
+    return None if array is None else array.tolist()
+
+
+def _noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
+    if noise is None:
+        return None
+    return {"type": type(noise).__name__} | {name: _plain(value) for name, value in vars(noise).items()}
+
+
+def _noise_from_dict(data: dict[str, Any] | None) -> Noise | None:
+    if data is None:
+        return None
+    if data["type"] == "PairNoise":
+        return PairNoise(data["A"], data["B"])
+    return PoseNoise(data["robot"], data["camera"])
+
+
+def calibrate(
+    data: PosePairs | Motions,
+    *,
+    noise: Noise | None = None,
+    method: str = "4dpa",
+    pairs: str | ArrayLike = "all",
+    scale: float | None = None,
+    kind: str | None = None,
+) -> Calibration:
+    """X with its covariance, residuals and warnings.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+    noise : PoseNoise, PairNoise or None
+        Noise of the poses or of the motions. None gives X without covariance.
+    method : "4dpa"
+    pairs : "all", "consecutive", "disjoint" or (N, 2) integers
+        Pairs to make of the poses (`relative_motions`); Motions come with theirs.
+    scale : float or None
+        Scaling factor d of the paper; None is its limit (`solve`).
+    kind : str or None
+        How noise is propagated (`propagate`).
+
+    Raises
+    ------
+    InputError
+        Input that cannot be used.
+    DegenerateMotionError
+        The motions do not determine X, or with the noise given they leave its rotation open by more than
+        20 degrees, where a first-order covariance means nothing. ``partial`` then holds the `Calibration`.
+
+    Warns
+    -----
+    InputWarning
+        Input that looks wrong; the texts are also in ``warnings`` of the result.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> result = uq.calibrate(uq.simulate(n_poses=30, noise=noise, seed=1), noise=noise)
+    >>> (result.std[3:] * 1e3).round(2)  # mm
+    array([0.35, 0.38, 0.35])
+    """
+    if isinstance(data, PosePairs):
+        if data.n < 3:
+            raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
+        poses, motions = data, relative_motions(data, pairs)
+    elif isinstance(data, Motions):
+        poses, motions = data.poses, data
+    else:
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if motions.A.ndim != 3:
+        raise InputError("Expected one data set; for a batch call solve() and propagate().")
+    texts = [] if poses is None else check_poses(poses)
+    texts += check_rotations(motions)
+    try:
+        X = solve(motions.A, motions.B, method=method, scale=scale)
+    except InputError:
+        for text in texts:  # what looks wrong may well be the reason
+            warnings.warn(text, InputWarning, stacklevel=2)
+        raise
+    angle, distance = residuals(motions.A, motions.B, X)
+    texts += check_frames(motions, angle)
+    covariance = None
+    if noise is not None:
+        covariance = propagate(motions, noise=noise, X=X, scale=scale, kind=kind)
+        kind = kind or ("poses" if isinstance(noise, PoseNoise) else "pairs")
+    elif kind is not None:
+        raise InputError(f"kind={kind!r} means nothing without `noise`.")
+    result = Calibration(
+        X=X,
+        covariance=covariance,
+        method=method,
+        scale=scale,
+        kind=kind,
+        setup=None if poses is None else poses.setup,
+        n_poses=None if poses is None else poses.n,
+        n_pairs=motions.N,
+        noise=noise,
+        residuals=summarise(angle, distance),
+        warnings=tuple(texts),
+    )
+    for text in texts:
+        warnings.warn(text, InputWarning, stacklevel=2)
+    if (weakest := result.weakest_rotation) is not None and weakest[1] > UNDETERMINED:
+        axis, deviation = weakest
+        directions = np.zeros((1, 6))
+        directions[0, :3] = axis
+        raise DegenerateMotionError(
+            "With this noise the motions do not determine X: its rotation about "
+            f"({', '.join(f'{x:.3f}' for x in axis)}) in the frame of `A` has a first-order standard deviation of "
+            f"{np.degrees(deviation):.0f} degrees. Add motions that turn about other axes.",
+            directions,
+            partial=result,
+        )
+    return result

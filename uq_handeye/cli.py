@@ -1,0 +1,212 @@
+"""The command ``uq-handeye``: parses, calls, prints.
+
+Exit status: 0 success; 2 bad usage or bad input, with one line on stderr; 1 an internal error.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any
+
+import click
+import typer
+
+from . import __version__
+from .calibration import Calibration, calibrate
+from .errors import InputError, InputWarning
+from .io import read_noise_file, read_poses, write_atomically, write_files, write_pose_file
+from .noise import Noise, PoseNoise
+from .poses import SETUPS
+from .report import text
+from .simulation import simulate
+
+app = typer.Typer(
+    help="Hand-eye calibration AX = XB with its uncertainty.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+SetupOption = Annotated[str, typer.Option("--setup", help=f"{' or '.join(SETUPS)}.")]
+RobotNoise = Annotated[
+    str | None,
+    typer.Option("--robot-noise", metavar="ROT,TRANS", help="Standard deviations, e.g. 0.02deg,0.05mm."),
+]
+CameraNoise = Annotated[
+    str | None,
+    typer.Option("--camera-noise", metavar="ROT,TRANS", help="Standard deviations, e.g. 0.1deg,0.5mm."),
+]
+NoiseFile = Annotated[
+    Path | None, typer.Option("--noise", metavar="FILE.toml", help="Noise with full 6x6 covariances.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+OutputOption = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="DIR", help="Write result.json, ellipses.png and ellipses.svg here."),
+]
+
+
+def _deviations(value: str, name: str) -> tuple[str, str]:
+    parts = value.split(",")
+    if len(parts) != 2:
+        raise InputError(f"Expected {name} to be ROTATION,TRANSLATION such as 0.02deg,0.05mm, got {value!r}.")
+    return parts[0], parts[1]
+
+
+def _noise(robot: str | None, camera: str | None, file: Path | None) -> Noise | None:
+    if file is not None:
+        if robot is not None or camera is not None:
+            raise InputError("Give either --noise FILE or --robot-noise and --camera-noise, not both.")
+        return read_noise_file(file)
+    if robot is None and camera is None:
+        return None
+    return PoseNoise.isotropic(
+        robot=None if robot is None else _deviations(robot, "--robot-noise"),
+        camera=None if camera is None else _deviations(camera, "--camera-noise"),
+    )
+
+
+def _print_result(result: Calibration, as_json: bool, output: Path | None, threshold: float) -> None:
+    if output is not None:
+        _write_result(result, output)
+    if as_json:
+        print(result.to_json(), end="")
+    else:
+        print(text.summary(result, threshold), end="")
+
+
+def _write_result(result: Calibration, directory: Path) -> None:
+    files: dict[str, Any] = {"result.json": result.to_json()}
+    if result.covariance is not None:
+        from .report.ellipses import covariance_ellipses, render  # Matplotlib is slow to import
+
+        figure = covariance_ellipses(result.X, result.covariance, title=f"{result.frame}: {result.method}")
+        files |= {f"ellipses.{kind}": render(figure, kind) for kind in ("png", "svg")}
+    write_files(directory, files)
+
+
+@app.command("calibrate")
+def calibrate_command(
+    robot: Annotated[Path, typer.Argument(help="Robot poses base_T_gripper, CSV.")],
+    camera: Annotated[Path, typer.Argument(help="Camera poses camera_T_target, CSV.")],
+    setup: SetupOption = "eye-in-hand",
+    robot_noise: RobotNoise = None,
+    camera_noise: CameraNoise = None,
+    noise: NoiseFile = None,
+    pairs: Annotated[str, typer.Option(help="Which poses make a motion: all, consecutive or disjoint.")] = "all",
+    method: Annotated[str, typer.Option(help="Estimator.")] = "4dpa",
+    scale: Annotated[
+        float | None, typer.Option(help="Scaling factor d of the paper; left out, its limit in closed form.")
+    ] = None,
+    kind: Annotated[
+        str | None, typer.Option(help="Propagation: poses (default), pairs, or literal for noise on pairs.")
+    ] = None,
+    units: Annotated[str, typer.Option(help="Length unit of both files: m or mm.")] = "m",
+    threshold: Annotated[float, typer.Option(help="List correlations from here up.")] = 0.5,
+    as_json: JsonOption = False,
+    output: OutputOption = None,
+) -> None:
+    """X and its covariance from two pose files.
+
+    Example: uq-handeye calibrate robot.csv camera.csv --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
+
+    The files have the header timestamp,x,y,z,qx,qy,qz,qw (unit quaternion, scalar last) and are paired by row.
+    """
+    model = _noise(robot_noise, camera_noise, noise)
+    poses = read_poses(robot, camera, setup=setup, units=units)
+    result = calibrate(poses, noise=model, method=method, pairs=pairs, scale=scale, kind=kind)
+    _print_result(result, as_json, output, threshold)
+
+
+@app.command()
+def demo(as_json: JsonOption = False, output: OutputOption = None) -> None:
+    """The main job on an embedded data set whose truth is known.
+
+    Example: uq-handeye demo -o demo/
+    """
+    data = resources.files("uq_handeye") / "data"
+    facts = json.loads((data / "demo.json").read_text(encoding="utf-8"))
+    with resources.as_file(data) as folder:
+        poses = read_poses(folder / "demo_robot.csv", folder / "demo_camera.csv", setup=facts["setup"])
+    noise = PoseNoise.isotropic(robot=tuple(facts["robot_noise"]), camera=tuple(facts["camera_noise"]))
+    result = calibrate(poses, noise=noise)
+    _print_result(result, as_json, output, 0.5)
+    if not as_json:
+        print(text.against_truth(result, facts["X"]), end="")
+
+
+@app.command("simulate")
+def simulate_command(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write.")],
+    n_poses: Annotated[int, typer.Option("--poses", "-n", help="Number of poses.")] = 20,
+    setup: SetupOption = "eye-in-hand",
+    robot_noise: RobotNoise = None,
+    camera_noise: CameraNoise = None,
+    noise: NoiseFile = None,
+    distance: Annotated[str, typer.Option(help="Camera to target, NEAREST,FARTHEST.")] = "0.4m,0.8m",
+    tilt: Annotated[str, typer.Option(help="Largest angle between line of sight and target normal.")] = "35deg",
+    roll: Annotated[str, typer.Option(help="Largest roll about the line of sight, either way.")] = "60deg",
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+) -> None:
+    """Pose files of a simulated rig: robot.csv, camera.csv and truth.csv.
+
+    Example: uq-handeye simulate -o sim/ --poses 30 --camera-noise 0.1deg,0.5mm --seed 1
+    """
+    model = _noise(robot_noise, camera_noise, noise)
+    if model is not None and not isinstance(model, PoseNoise):
+        raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
+    near, _, far = distance.partition(",")
+    poses = simulate(
+        n_poses, noise=model, setup=setup, distance=(near, far or near), tilt=tilt, roll=roll, seed=seed
+    )
+    assert poses.truth is not None and poses.timestamps is not None  # simulate() gives both
+    write_files(
+        output,
+        {
+            "robot.csv": pose_text(poses.robot, poses.timestamps),
+            "camera.csv": pose_text(poses.camera, poses.timestamps),
+            "truth.csv": pose_text(poses.truth.X[None]),
+        },
+    )
+    print(f"Wrote robot.csv, camera.csv and truth.csv ({SETUPS[setup]}) to {output}")
+
+
+@app.callback(invoke_without_command=True)
+def _version(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        print(f"uq-handeye {__version__}")
+        raise typer.Exit
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command; every expected failure is one line on stderr and exit status 2."""
+    warnings.simplefilter("always", InputWarning)
+    warnings.showwarning = _show_warning
+    try:
+        status = app(arguments, standalone_mode=False)
+    except click.UsageError as error:
+        _fail(f"{error.format_message()} (see uq-handeye --help)")
+    except InputError as error:
+        _fail(str(error))
+    except (click.Abort, KeyboardInterrupt):
+        print("uq-handeye: interrupted", file=sys.stderr)
+        raise SystemExit(130) from None
+    raise SystemExit(status if isinstance(status, int) else 0)
+
+
+def _fail(message: str) -> None:
+    print(f"uq-handeye: error: {' '.join(message.split())}", file=sys.stderr)
+    raise SystemExit(2)
+
+
+def _show_warning(message: Any, category: Any, *_: Any) -> None:
+    label = "warning" if issubclass(category, InputWarning) else category.__name__
+    print(f"uq-handeye: {label}: {message}", file=sys.stderr)

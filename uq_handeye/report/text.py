@@ -1,0 +1,125 @@
+"""A calibration as plain text: X with standard deviations, units on every number."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..se3 import Array, left_jacobian, skew
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
+
+NAMES = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
+NOT_COVERED = (
+    "The standard deviations are 1 sigma, to first order, of the noise given. Systematic errors (wrong "
+    "intrinsics,\nwrong robot kinematics) are not covered."
+)
+
+
+def summary(result: Calibration, threshold: float) -> str:
+    """X, its inverse, standard deviations, correlations at or above ``threshold``, residuals, weakest direction."""
+    frame = result.frame
+    inverse_name = "_T_".join(reversed(frame.split("_T_"))) if "_T_" in frame else f"inv({frame})"
+    origin = "" if result.n_poses is None else f" of {result.n_poses} poses"
+    scale = "" if result.scale is None else f", d = {result.scale:g}"
+    setup = "" if result.setup is None else f", {result.setup}"
+    lines = [f"{frame} by {result.method}{scale} from {result.n_pairs} pairs{origin}{setup}", ""]
+    lines += [*_matrix(result.X), ""]
+
+    rotation = Rotation.from_matrix(result.X[:3, :3])
+    covariance = result.covariance
+    theta = None if covariance is None else covariance[:3, :3]
+    tau = None if covariance is None else covariance[3:, 3:]
+    rotvec = rotation.as_rotvec()
+    quaternion = result.quaternion
+    lines += [
+        _row("translation (mm)", "xyz", 1e3 * result.X[:3, 3], _std(tau, 1e3 * np.eye(3)), 4),
+        _row("rotation vector (deg)", "xyz", np.degrees(rotvec), _std(theta, _rotvec_jacobian(rotvec)), 5),
+        _row("quaternion", "xyzw", quaternion, _std(theta, _quaternion_jacobian(quaternion)), 7),
+    ]
+    if result.std is None:
+        lines += ["", "Standard deviations: not determined, no noise was given (--robot-noise, --camera-noise)."]
+    else:
+        lines += [
+            _row("rotation about (deg)", "xyz", None, np.degrees(result.std[:3]), 5),
+            "",
+            *_correlations(result, threshold),
+        ]
+        for what, unit, factor, weakest in (
+            ("rotation about", "deg", 180 / np.pi, result.weakest_rotation),
+            ("translation along", "mm", 1e3, result.weakest_translation),
+        ):
+            if weakest is not None:
+                axis, deviation = weakest
+                direction = ", ".join(f"{x:+.2f}" for x in axis)
+                lines.append(
+                    f"Weakest: {what} ({direction}) of the {frame.split('_T_')[0]} frame, "
+                    f"+- {_digits(factor * deviation)} {unit}"
+                )
+    r = result.residuals
+    lines += [
+        "",
+        f"Residuals of AX = XB over the pairs (how well X explains them, not how accurate it is):",
+        f"  rotation     RMS {_digits(np.degrees(r.rotation_rms))} deg, median {_digits(np.degrees(r.rotation_median))},"
+        f" max {_digits(np.degrees(r.rotation_max))}",
+        f"  translation  RMS {_digits(1e3 * r.translation_rms)} mm, median {_digits(1e3 * r.translation_median)},"
+        f" max {_digits(1e3 * r.translation_max)}",
+        "",
+        f"{inverse_name} (inverse of X)",
+        "",
+        *_matrix(result.inverse),
+    ]
+    if result.std is not None:
+        lines += ["", NOT_COVERED]
+    return "\n".join(lines) + "\n"
+
+
+def _matrix(T: Array) -> list[str]:
+    return ["  " + " ".join(f"{x + 0.0:13.9f}" for x in row) for row in np.where(np.abs(T) < 5e-10, 0.0, T)]
+
+
+def _row(label: str, names: str, values: Array | None, std: Array | None, decimals: int) -> str:
+    parts = []
+    for k, name in enumerate(names):
+        value = "" if values is None else f" {values[k] + 0.0:.{decimals}f}"
+        deviation = "" if std is None else f" +- {_digits(std[k])}"
+        parts.append(f"{name}{value}{deviation}")
+    return f"{label:22s} " + "   ".join(parts)
+
+
+def _digits(value: float) -> str:
+    """Three significant digits without an exponent where that is short."""
+    if value == 0 or 1e-4 <= abs(value) < 1e6:
+        return f"{value:.3g}" if value == 0 or abs(value) < 100 else f"{value:.0f}"
+    return f"{value:.2e}"
+
+
+def _std(covariance: Array | None, J: Array) -> Array | None:
+    return None if covariance is None else np.sqrt(np.clip(np.diag(J @ covariance @ J.T), 0.0, None))
+
+
+def _rotvec_jacobian(rotvec: Array) -> Array:
+    """Degrees of the rotation vector per rad of left rotation: ``J_l(rotvec)^-1``."""
+    return np.degrees(np.linalg.inv(left_jacobian(rotvec)))
+
+
+def _quaternion_jacobian(q: Array) -> Array:
+    """``dq = (theta, 0) q / 2``, quaternions as (x, y, z, w): 4x3."""
+    return 0.5 * np.vstack([q[3] * np.eye(3) - skew(q[:3]), -q[:3]])
+
+
+def _correlations(result: Calibration, threshold: float) -> list[str]:
+    correlation = result.correlation
+    assert correlation is not None  # the caller asked for standard deviations first
+    strong = [
+        (abs(correlation[i, j]), f"  {NAMES[i]} - {NAMES[j]}: {correlation[i, j]:+.2f}")
+        for i in range(6)
+        for j in range(i + 1, 6)
+        if abs(correlation[i, j]) >= threshold
+    ]
+    if not strong:
+        return [f"Correlations: none reaches {threshold:g}.", ""]
+    return [f"Correlations from {threshold:g} up:", *(text for _, text in sorted(strong, reverse=True)), ""]
