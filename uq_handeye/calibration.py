@@ -17,7 +17,7 @@ from .errors import DegenerateMotionError, InputError, InputWarning
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions
 from .noise import Noise, PairNoise, PoseNoise
-from .plausibility import Residuals, check_frames, check_poses, check_rotations, residuals, summarise
+from .plausibility import Residuals, check_frames, check_lengths, check_noise, check_poses, check_rotations, residuals, summarise
 from .poses import SETUPS, PosePairs
 from .procrustes import octonion, solve
 from .propagation import PAPER_SCALE, pose_from_octonion_jacobian, propagate
@@ -138,7 +138,7 @@ class Calibration:
         """The result as text; correlations at or above ``threshold`` are listed."""
         from .report.text import summary
 
-        return summary(self, threshold)
+        return summary(self, threshold) + "".join(f"\nWarning: {text}\n" for text in self.warnings)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
@@ -303,10 +303,14 @@ def calibrate(
             warnings.warn(text, InputWarning, stacklevel=2)
         raise
     angle, distance = residuals(motions.A, motions.B, X)
-    texts += check_frames(motions, angle)
+    misfit = check_frames(motions, angle)
+    texts += misfit
+    if poses is not None and not misfit:
+        texts += check_lengths(poses, X)
     covariance = None
     if noise is not None:
         covariance = propagate(motions, noise=noise, X=X, scale=scale, kind=kind)
+        texts += check_noise(motions, noise, angle)
         kind = kind or ("poses" if isinstance(noise, PoseNoise) else "pairs")
     elif kind is not None:
         raise InputError(f"kind={kind!r} means nothing without `noise`.")

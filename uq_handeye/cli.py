@@ -5,20 +5,18 @@ Exit status: 0 success; 2 bad usage or bad input, with one line on stderr; 1 an 
 
 from __future__ import annotations
 
-import json
 import sys
 import warnings
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
-import click
 import typer
 
 from . import __version__
 from .calibration import Calibration, calibrate
 from .errors import InputError, InputWarning
-from .io import read_noise_file, read_poses, write_atomically, write_files, write_pose_file
+from .io import pose_text, read_noise_file, read_pose_file, read_poses, write_files
 from .noise import Noise, PoseNoise
 from .poses import SETUPS
 from .report import text
@@ -26,11 +24,16 @@ from .simulation import simulate
 
 app = typer.Typer(
     help="Hand-eye calibration AX = XB with its uncertainty.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+# The noise that the embedded data set was simulated with; data/README.md has the command.
+DEMO_NOISE = {"robot": ("0.02deg", "0.05mm"), "camera": ("0.1deg", "0.5mm")}
+
+# Typer carries its own copy of Click or uses the installed one, depending on its version.
+ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 
 SetupOption = Annotated[str, typer.Option("--setup", help=f"{' or '.join(SETUPS)}.")]
 RobotNoise = Annotated[
@@ -92,8 +95,8 @@ def _write_result(result: Calibration, directory: Path) -> None:
 
 @app.command("calibrate")
 def calibrate_command(
-    robot: Annotated[Path, typer.Argument(help="Robot poses base_T_gripper, CSV.")],
-    camera: Annotated[Path, typer.Argument(help="Camera poses camera_T_target, CSV.")],
+    robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot poses base_T_gripper, CSV.")],
+    camera: Annotated[Path, typer.Argument(metavar="CAMERA", help="Camera poses camera_T_target, CSV.")],
     setup: SetupOption = "eye-in-hand",
     robot_noise: RobotNoise = None,
     camera_noise: CameraNoise = None,
@@ -129,15 +132,14 @@ def demo(as_json: JsonOption = False, output: OutputOption = None) -> None:
 
     Example: uq-handeye demo -o demo/
     """
-    data = resources.files("uq_handeye") / "data"
-    facts = json.loads((data / "demo.json").read_text(encoding="utf-8"))
-    with resources.as_file(data) as folder:
-        poses = read_poses(folder / "demo_robot.csv", folder / "demo_camera.csv", setup=facts["setup"])
-    noise = PoseNoise.isotropic(robot=tuple(facts["robot_noise"]), camera=tuple(facts["camera_noise"]))
-    result = calibrate(poses, noise=noise)
+    with resources.as_file(resources.files("uq_handeye") / "data") as data:
+        poses = read_poses(data / "robot.csv", data / "camera.csv")
+        _, truth = read_pose_file(data / "truth.csv")
+    result = calibrate(poses, noise=PoseNoise.isotropic(**DEMO_NOISE))
     _print_result(result, as_json, output, 0.5)
     if not as_json:
-        print(text.against_truth(result, facts["X"]), end="")
+        print()
+        print(text.against_truth(result, truth[0]), end="")
 
 
 @app.command("simulate")
@@ -177,13 +179,14 @@ def simulate_command(
 
 
 @app.callback(invoke_without_command=True)
-def _version(
+def _start(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
     if version:
         print(f"uq-handeye {__version__}")
-        raise typer.Exit
+    elif context.invoked_subcommand is None:
+        print(context.get_help())
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -192,11 +195,11 @@ def main(arguments: list[str] | None = None) -> None:
     warnings.showwarning = _show_warning
     try:
         status = app(arguments, standalone_mode=False)
-    except click.UsageError as error:
-        _fail(f"{error.format_message()} (see uq-handeye --help)")
+    except ClickException as error:
+        _fail(f"{error.format_message()} (see uq-handeye --help)")  # type: ignore[attr-defined]
     except InputError as error:
         _fail(str(error))
-    except (click.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt):
         print("uq-handeye: interrupted", file=sys.stderr)
         raise SystemExit(130) from None
     raise SystemExit(status if isinstance(status, int) else 0)

@@ -124,6 +124,14 @@ def is_joint(covariance: Array) -> bool:
     return covariance.ndim == 2 and covariance.shape[0] > 6
 
 
+def marginals(covariance: Array) -> Array:
+    """The covariance of each pose: the diagonal blocks of a joint one, else as it is."""
+    if not is_joint(covariance):
+        return covariance
+    n = len(covariance) // 6
+    return covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
+
+
 def require_count(covariance: Array | None, count: int, name: str, what: str) -> None:
     """Raise unless ``covariance`` fits ``count`` poses or motions."""
     if covariance is None or covariance.shape == (6, 6):

@@ -12,6 +12,7 @@ import numpy as np
 
 from .errors import DegenerateMotionError
 from .motions import Motions
+from .noise import Noise, PairNoise, marginals
 from .poses import PosePairs
 from .procrustes import solve_limit
 from .se3 import Array, inverse
@@ -26,6 +27,10 @@ SMALL_ANGLE = np.radians(5.0)
 NEAR_HALF_TURN = np.radians(150.0)
 # Farther from its base than any arm reaches, in metres.
 FAR = 20.0
+# What sits farther from the gripper than this, and than the fixed part from the base, is unusual (m).
+LONG_BRACKET = 0.4
+# Residuals beyond this multiple (or below this fraction) of what the noise explains are not chance.
+NOISE_RATIO = 3.0
 # Pairs that the search for another frame direction looks at.
 SEARCH_PAIRS = 2000
 
@@ -145,43 +150,94 @@ def check_rotations(motions: Motions) -> list[str]:
 
 
 def check_frames(motions: Motions, angle: Array) -> list[str]:
-    """Large rotation residuals ``angle`` (N,): which inversion of the poses would fit?"""
+    """Large rotation residuals ``angle`` (N,): would inverted poses fit?
+
+    If ``G X C = W`` is constant, so is ``inv(G) W inv(C) = X``: inverting one of the two lists breaks the fit,
+    inverting the other as well restores it with the roles of X and W exchanged. So there are two readings to
+    offer, which fit equally well and differ in what X is.
+    """
     rms = float(np.sqrt(np.mean(angle**2)))
     if rms < LARGE_RESIDUAL:
         return []
     start = f"X does not explain the rotations: residual {np.degrees(rms):.1f} degrees RMS. "
     poses = motions.poses
     if poses is None or poses.robot.ndim != 3 or motions.pairs is None:
-        return [start + "Check frames and directions of `A` and `B` and that they belong together."]
+        return [start + "Check the directions of `A` and `B` and that they belong together."]
     index = motions.pairs[:: max(1, len(motions.pairs) // SEARCH_PAIRS)]
-    G, C = poses.effective_robot, poses.camera
-    other = "eye-to-hand" if poses.setup == "eye-in-hand" else "eye-in-hand"
-    candidates = [
-        (
-            f"inverting the robot poses (or setup '{other}') does: the robot file may hold gripper_T_base",
-            inverse(G),
-            C,
-        ),
-        ("inverting the camera poses does: the camera file may hold target_T_camera", G, inverse(C)),
-        (
-            "inverting both does, which is the same as swapping the two files: they may be given in the wrong order",
-            inverse(G),
-            inverse(C),
-        ),
-    ]
-    best, best_rms = "", 0.4 * rms
-    for text, robot, camera in candidates:
+    readings = []
+    for G, C in (
+        (inverse(poses.effective_robot), poses.camera),
+        (poses.effective_robot, inverse(poses.camera)),
+    ):
         i, j = index[:, 0], index[:, 1]
-        A, B = inverse(robot)[j] @ robot[i], camera[j] @ inverse(camera)[i]
+        A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
         try:
-            fit = residuals(A, B, solve_limit(A, B).X)[0]
+            X = solve_limit(A, B)
         except DegenerateMotionError:
             continue
-        if (candidate := float(np.sqrt(np.mean(fit**2)))) < best_rms:
-            best, best_rms = text, candidate
-    if best:
-        return [f"{start}As given they do not fit, but {best} ({np.degrees(best_rms):.2g} degrees)."]
-    return [start + "No inversion of the poses fits either: the rows may not belong together."]
+        fit = residuals(A, B, X)[0]
+        readings.append((float(np.sqrt(np.mean(fit**2))), float(np.linalg.norm(X[:3, 3]))))
+    if len(readings) < 2 or readings[0][0] > 0.4 * rms:
+        return [start + "Inverted poses do not fit either: the rows may not belong together."]
+    other = "eye-to-hand" if poses.setup == "eye-in-hand" else "eye-in-hand"
+    return [
+        f"{start}Two other readings fit ({np.degrees(readings[0][0]):.2g} degrees): the setup is {other} or the robot "
+        f"file holds inverse poses, which makes X {readings[0][1]:.3g} m long; or the camera file holds inverse poses, "
+        f"target_T_camera, which makes X {readings[1][1]:.3g} m long."
+    ]
+
+
+def check_lengths(poses: PosePairs, X: Array) -> list[str]:
+    """Is the sensor bracket longer than the arm? Swapped files fit AX = XB exactly and give inv(W) for X."""
+    W = poses.effective_robot @ X @ poses.camera
+    long_X = float(np.linalg.norm(X[:3, 3]))
+    long_W = float(np.linalg.norm(np.mean(W[..., :3, 3], axis=-2)))
+    on_gripper, fixed = (long_X, long_W) if poses.setup == "eye-in-hand" else (long_W, long_X)
+    if on_gripper < LONG_BRACKET or on_gripper < 2.0 * fixed:
+        return []
+    what = "camera" if poses.setup == "eye-in-hand" else "target"
+    return [
+        f"The {what} would sit {on_gripper:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m from "
+        "the base. If that is not so, the two files are swapped or both hold inverse poses: such data fit equally "
+        "well, with another X."
+    ]
+
+
+def check_noise(motions: Motions, noise: Noise, angle: Array) -> list[str]:
+    """Rotation residuals ``angle`` (N,) against what the noise given explains.
+
+    To first order the rotation residual of a pair is ``theta_A - R_X theta_B``, and theta of a motion is the
+    difference of those of its two poses (up to rotations): its mean square is the sum of the traces.
+    """
+    if isinstance(noise, PairNoise):
+        variance = sum(
+            float(np.mean(np.trace(S[..., :3, :3], axis1=-2, axis2=-1)))
+            for S in (noise.A, noise.B)
+            if S is not None
+        )
+    else:
+        assert motions.pairs is not None and motions.poses is not None  # PoseNoise was accepted
+        traces = np.zeros(motions.poses.n)
+        for S in (noise.robot, noise.camera):
+            if S is not None:
+                traces += np.trace(marginals(S)[..., :3, :3], axis1=-2, axis2=-1)
+        variance = float(np.mean(traces[motions.pairs].sum(axis=1)))
+    rms, expected = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(variance))
+    if rms > NOISE_RATIO * expected and rms > np.radians(1e-4):
+        factor = f"{rms / expected:.3g} times as large as" if expected > 0 else "there, while"
+        return [
+            f"The rotation residuals ({np.degrees(rms):.3g} degrees RMS) are {factor} the noise given explains"
+            + (f" ({np.degrees(expected):.3g} degrees). " if expected > 0 else " none. ")
+            + "Either the noise is larger than given or the data are wrong; the standard deviations of X are too "
+            "small by about this factor."
+        ]
+    if rms < expected / NOISE_RATIO:
+        return [
+            f"The rotation residuals ({np.degrees(rms):.3g} degrees RMS) are {expected / rms if rms else np.inf:.3g} "
+            f"times smaller than the noise given explains ({np.degrees(expected):.3g} degrees): the noise seems "
+            "overstated, and with it the standard deviations of X. Check the units."
+        ]
+    return []
 
 
 def _pair(motions: Motions, k: int) -> str:

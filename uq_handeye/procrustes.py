@@ -37,23 +37,18 @@ from .se3 import CHUNK, Array, as_transforms, entry_rows, surely_transforms
 # Below this ratio of the eigenvalues of M (squared spread of the rotation axes, rad^2) the smallest one is
 # rounding of the input: 1e-10 is a spread of 1e-5 rad.
 DEGENERATE = 1e-10
-# Total weight sum |u| |v| below which there is no rotation at all (rad^2 per pair).
+# Total weight 4 sum |u| |v| below which there is no rotation at all (rad^2 per pair).
 NO_ROTATION = 1e-14
 # Pairs from which on a second thread pays for itself.
 PARALLEL_PAIRS = 50_000
 
 _EYE4 = np.eye(4)
 # (M32 - M23, M13 - M31, M21 - M12) from the entries of M, row by row.
+# The entries (M32, M13, M21) and (M23, M31, M12) of a 4x4 matrix stored as rows.
+_UPPER, _LOWER = np.array([9, 2, 4]), np.array([6, 8, 1])
 AXIAL = np.zeros((3, 9))
 AXIAL[(0, 1, 2), (7, 2, 3)] = 1.0
 AXIAL[(0, 1, 2), (5, 6, 1)] = -1.0
-
-
-class Limit(NamedTuple):
-    """Solution of the limit T2 with the quantities that its covariance T3 needs again."""
-
-    X: Array  # (..., 4, 4)
-    M_inverse: Array  # (..., 3, 3), symmetric
 
 
 def orthonormalise(matrix: ArrayLike) -> Array:
@@ -157,7 +152,7 @@ def solve(
         raise InputError(f"Unknown method {method!r}; expected '4dpa'.")
     A, B = as_pairs(A, B)
     if scale is None:
-        return solve_limit(A, B).X
+        return solve_limit(A, B)
     return solve_scaled(A, B, scale, mapping).X
 
 
@@ -187,15 +182,15 @@ def as_pairs(A: Any, B: Any) -> tuple[Array, Array]:
 # ---------------------------------------------------------------------------- the limit d -> infinity (T2)
 
 
-def solve_limit(A: Array, B: Array) -> Limit:
-    """T2 on arrays of equal shape ``(..., N, 4, 4)``; values are checked on the way."""
+def solve_limit(A: Array, B: Array) -> Array:
+    """X by T2 on arrays of equal shape ``(..., N, 4, 4)``; values are checked on the way."""
     batch, N = A.shape[:-3], A.shape[-3]
     moments = _moments(A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)).reshape(*batch, 6, 6)
     return solve_moments(moments, N)
 
 
-def solve_moments(moments: Array, N: int) -> Limit:
-    """T2 from ``sum (u, w) (v, z)^T``, shape (..., 6, 6), of N pairs."""
+def solve_moments(moments: Array, N: int) -> Array:
+    """X by T2 from ``4 sum (u, w) (v, z)^T``, shape (..., 6, 6), of N pairs."""
     H = moments[..., :3, :3]
     K = moments[..., :3, 3:] + moments[..., 3:, :3]
     U, s, Vt = np.linalg.svd(H)
@@ -215,7 +210,7 @@ def solve_moments(moments: Array, N: int) -> Limit:
     # sum (w x R v + u x R z) is minus the axial vector of P = K R^T.
     P = K @ R.mT
     np.matmul(M_inverse, AXIAL @ P.reshape(*P.shape[:-2], 9, 1), out=X[..., :3, 3:])
-    return Limit(X, M_inverse)
+    return X
 
 
 def _raise_undetermined(U: Array, s: Array, eigenvalues: Array, N: int) -> NoReturn:
@@ -256,17 +251,18 @@ def _direction(axis: Array) -> str:
 
 
 def _moments(A: Array, B: Array) -> Array:
-    """``sum_i (u, w)_i (v, z)_i^T`` over the pairs of each problem: (T, N, 4, 4) -> (T, 6, 6)."""
+    """``4 sum_i (u, w)_i (v, z)_i^T`` over the pairs of each problem: (T, N, 4, 4) -> (T, 6, 6)."""
     T, N = A.shape[:2]
     if T * N <= CHUNK:
-        return _chunk_moments(A, B)
+        return _chunk_moments(A, B, np.empty(44 * T * N))
     total = np.zeros((T, 6, 6))
     threads = min(4, _cores()) if T * N >= PARALLEL_PAIRS else 1
 
     def work(share: int) -> None:
         mine = np.zeros((T, 6, 6)) if N > CHUNK else total
+        scratch = np.empty(44 * CHUNK)  # allocated once: fresh pages cost as much as the work
         for trials, pairs in islice(product(trial_blocks(T, N), pair_blocks(N)), share, None, threads):
-            mine[trials] += _chunk_moments(A[trials, pairs], B[trials, pairs])
+            mine[trials] += _chunk_moments(A[trials, pairs], B[trials, pairs], scratch)
         if mine is not total:
             partial[share] = mine
 
@@ -292,21 +288,24 @@ def pair_blocks(N: int) -> Iterator[slice]:
     return (slice(j, j + CHUNK) for j in range(0, N, CHUNK))
 
 
-def _chunk_moments(A: Array, B: Array) -> Array:
+def _chunk_moments(A: Array, B: Array, scratch: Array) -> Array:
+    """Four times the same for one block; ``scratch`` holds 44 numbers per pair.
+
+    X does not depend on a common factor of the moments.
+    """
     T, N = A.shape[:2]
-    rows = entry_rows(A.reshape(-1, 4, 4), B.reshape(-1, 4, 4))
+    work = scratch[: 44 * T * N].reshape(22, 2 * T * N)
+    rows = entry_rows(A.reshape(-1, 4, 4), B.reshape(-1, 4, 4), out=work[:16])
     if not surely_transforms(rows):
         as_transforms(A, "A")  # the slow look: raises and says why, or lets it pass
         as_transforms(B, "B")
     R, t = rows[:3, :3], rows[:3, 3]
-    uw = np.empty((6, rows.shape[2]))  # twice u, w of A, then twice v, z of B
-    np.subtract(R[2, 1], R[1, 2], out=uw[0])
-    np.subtract(R[0, 2], R[2, 0], out=uw[1])
-    np.subtract(R[1, 0], R[0, 1], out=uw[2])
+    uw = work[16:]  # twice u, w of A, then twice v, z of B
+    np.subtract(work.take(_UPPER, 0), work.take(_LOWER, 0), out=uw[:3])
     np.einsum("ijm,im->jm", R, t, out=uw[3:])
     uw[3:] += t
     uw = uw.reshape(6, 2, T, N)
-    moments: Array = 0.25 * (uw[:, 0].transpose(1, 0, 2) @ uw[:, 1].transpose(1, 2, 0))
+    moments: Array = uw[:, 0].transpose(1, 0, 2) @ uw[:, 1].transpose(1, 2, 0)
     if not math.isfinite(np.add.reduce(moments, axis=None)):
         as_transforms(A, "A")
         as_transforms(B, "B")

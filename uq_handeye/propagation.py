@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from . import _closed_form
 from .errors import DegenerateMotionError, InputError
 from .motions import Motions
-from .noise import Noise, PairNoise, PoseNoise, factor, is_joint, require_count
+from .noise import Noise, PairNoise, PoseNoise, factor, is_joint, marginals, require_count
 from .procrustes import (
     AXIAL,
     DEGENERATE,
@@ -120,7 +120,7 @@ def propagate(
         return _literal(A, B, noise, X, scale or PAPER_SCALE).reshape(*batch, 6, 6)
     solution = None if scale is None else _linearised(solve_scaled(A, B, scale), X, scale)
     if solution is None and X is None:
-        X = solve_limit(A, B).X
+        X = solve_limit(A, B)
     covariance = np.empty((len(A), 6, 6))
     for trials in trial_blocks(len(A), N):
         derivatives: _LimitDerivatives | _ScaledDerivatives
@@ -426,7 +426,7 @@ class _Unshared(_OnPoses):
         super().__init__(motions, noise, trials)
         self.sum: Array | float = 0.0
         self.factors = [
-            None if covariance is None else by_pose @ factor(_marginals(covariance))
+            None if covariance is None else by_pose @ factor(marginals(covariance))
             for _, by_pose, covariance in self.sides
         ]
 
@@ -439,14 +439,6 @@ class _Unshared(_OnPoses):
 
     def covariance(self) -> Array:
         return np.asarray(self.sum)
-
-
-def _marginals(covariance: Array) -> Array:
-    """The covariance of each pose: the diagonal blocks of a joint one, else as it is."""
-    if not is_joint(covariance):
-        return covariance
-    n = len(covariance) // 6
-    return covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
 
 
 def _minus_right_twist(T: Array) -> Array:

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 ORTHOGONALITY_TOLERANCE = 2e-4
 
 # Pairs or poses that are looked at together: small enough for the cache, large enough for NumPy.
-CHUNK = 2048
+CHUNK = 8192
 
 
 def skew(v: ArrayLike) -> Array:
@@ -117,10 +117,10 @@ def as_transforms(value: Any, name: str, stack: bool = True) -> Array:
     return T
 
 
-def entry_rows(*stacks: Array) -> Array:
+def entry_rows(*stacks: Array, out: Array | None = None) -> Array:
     """Stacks (n, 4, 4), joined, as (4, 4, m): whole rows of equal entries, which NumPy handles fastest."""
     m = sum(len(T) for T in stacks)
-    rows = np.empty((16, m))
+    rows = np.empty((16, m)) if out is None else out
     end = 0
     for T in stacks:
         start, end = end, end + len(T)

@@ -1,0 +1,16 @@
+"""Readers and writers, one format per file."""
+
+from .atomic import write_atomically, write_files
+from .csv_poses import pose_text, read_pose_file, write_pose_file
+from .noise_toml import read_noise_file
+from .poses import read_poses
+
+__all__ = [
+    "pose_text",
+    "read_noise_file",
+    "read_pose_file",
+    "read_poses",
+    "write_atomically",
+    "write_files",
+    "write_pose_file",
+]

@@ -27,6 +27,8 @@ def summary(result: Calibration, threshold: float) -> str:
     scale = "" if result.scale is None else f", d = {result.scale:g}"
     setup = "" if result.setup is None else f", {result.setup}"
     lines = [f"{frame} by {result.method}{scale} from {result.n_pairs} pairs{origin}{setup}", ""]
+    if result.warnings:
+        lines.insert(1, f"CAUTION: {len(result.warnings)} warning(s) say that something looks wrong.")
     lines += [*_matrix(result.X), ""]
 
     rotation = Rotation.from_matrix(result.X[:3, :3])
@@ -62,7 +64,7 @@ def summary(result: Calibration, threshold: float) -> str:
     r = result.residuals
     lines += [
         "",
-        f"Residuals of AX = XB over the pairs (how well X explains them, not how accurate it is):",
+        "Residuals of AX = XB over the pairs (how well X explains them, not how accurate it is):",
         f"  rotation     RMS {_digits(np.degrees(r.rotation_rms))} deg, median {_digits(np.degrees(r.rotation_median))},"
         f" max {_digits(np.degrees(r.rotation_max))}",
         f"  translation  RMS {_digits(1e3 * r.translation_rms)} mm, median {_digits(1e3 * r.translation_median)},"
@@ -74,6 +76,26 @@ def summary(result: Calibration, threshold: float) -> str:
     ]
     if result.std is not None:
         lines += ["", NOT_COVERED]
+    return "\n".join(lines) + "\n"
+
+
+def against_truth(result: Calibration, truth: Array) -> str:
+    """The error of X against a known one (4, 4), and whether it lies inside the ellipsoid."""
+    from scipy.stats import chi2  # slow to import
+
+    turn = Rotation.from_matrix(result.X[:3, :3] @ truth[:3, :3].T).as_rotvec()
+    xi = np.concatenate([turn, result.X[:3, 3] - truth[:3, 3]])
+    lines = [
+        f"Truth: X is off by {_digits(np.degrees(float(np.linalg.norm(turn))))} deg and "
+        f"{_digits(1e3 * float(np.linalg.norm(xi[3:])))} mm."
+    ]
+    if result.covariance is not None:
+        distance = float(xi @ np.linalg.solve(result.covariance, xi))
+        limit = float(chi2.ppf(0.95, 6))
+        lines.append(
+            f"Against the covariance: d^2 = {distance:.1f} with 6 degrees of freedom "
+            f"({'inside' if distance <= limit else 'outside'} the 95 % ellipsoid, d^2 <= {limit:.1f})."
+        )
     return "\n".join(lines) + "\n"
 
 

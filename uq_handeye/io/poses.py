@@ -1,0 +1,53 @@
+"""Two pose files, paired by row."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError
+from ..poses import PosePairs
+from ._files import StrPath, as_path, shown
+from .csv_poses import read_pose_file
+
+# Rows are synchronous within this (s): rounding of printed times; an arm at 1 m/s moves a micrometre in it.
+SYNCHRONOUS = 1e-6
+
+
+def read_poses(robot: StrPath, camera: StrPath, *, setup: str = "eye-in-hand", units: str = "m") -> PosePairs:
+    """Robot and camera poses from two pose files whose rows belong together.
+
+    Parameters
+    ----------
+    robot : path
+        ``base_T_gripper``; format: `uq_handeye.io.read_pose_file`.
+    camera : path
+        ``camera_T_target``, row k taken at the same moment as row k of ``robot``.
+    setup : "eye-in-hand" or "eye-to-hand"
+    units : str
+        Length unit of both files: m, mm, ...; the poses returned are in metres.
+
+    Raises
+    ------
+    InputError
+        What `read_pose_file` refuses; different numbers of rows; timestamps that differ by more than 1e-6 s
+        in any row. Two row numberings are such timestamps too: if they differ, a row was lost in one file.
+    """
+    robot, camera = as_path(robot), as_path(camera)
+    robot_times, robot_poses = read_pose_file(robot, units)
+    camera_times, camera_poses = read_pose_file(camera, units)
+    if len(robot_times) != len(camera_times):
+        raise InputError(
+            f"{shown(robot)} has {len(robot_times)} poses and {shown(camera)} has {len(camera_times)}: "
+            "expected one row in each file per moment. Leave out poses that the other file lacks; for "
+            "streams with clocks of their own, resample one of them at the times of the other."
+        )
+    difference = np.abs(robot_times - camera_times)
+    row = int(np.argmax(difference))
+    if difference[row] > SYNCHRONOUS:
+        raise InputError(
+            f"The rows of {shown(robot)} and {shown(camera)} are not synchronous: their timestamps differ by "
+            f"up to {difference[row]:.6g} s, in pose {row} ({robot_times[row].item()!r} and "
+            f"{camera_times[row].item()!r}). Resample one stream at the times of the other; or, if the rows "
+            "do belong together, give both files the same timestamps (row numbers will do)."
+        )
+    return PosePairs(robot_poses, camera_poses, setup=setup, timestamps=robot_times)
