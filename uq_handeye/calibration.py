@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -228,7 +228,7 @@ def _plain(array: Array | None) -> Any:
 def _noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
     if noise is None:
         return None
-    return {"type": type(noise).__name__} | {name: _plain(value) for name, value in vars(noise).items()}
+    return {"type": type(noise).__name__} | {field.name: _plain(getattr(noise, field.name)) for field in fields(noise)}
 
 
 def _noise_from_dict(data: dict[str, Any] | None) -> Noise | None:

@@ -9,6 +9,7 @@ camera. The frames are those of the quantity itself: for ``base_T_gripper`` the 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,11 @@ class PairNoise:
                 object.__setattr__(self, name, checked_covariance(getattr(self, name), name, joint=False))
         if self.A is None and self.B is None:
             raise InputError("Expected PairNoise to be given at least one of `A` and `B`.")
+
+    @cached_property
+    def factors(self) -> tuple[Array | None, Array | None]:
+        """L with ``A = L L^T`` and the same for B."""
+        return (None if self.A is None else factor(self.A), None if self.B is None else factor(self.B))
 
     @classmethod
     def isotropic(cls, A: Deviations | None = None, B: Deviations | None = None) -> PairNoise:

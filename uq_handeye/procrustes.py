@@ -277,15 +277,15 @@ def _moments(A: Array, B: Array) -> Array:
     return total
 
 
-def trial_blocks(T: int, N: int) -> Iterator[slice]:
-    """Trials that are worked on together: about CHUNK pairs."""
-    step = max(1, CHUNK // N)
+def trial_blocks(T: int, N: int, size: int = CHUNK) -> Iterator[slice]:
+    """Trials that are worked on together: about ``size`` pairs."""
+    step = max(1, size // N)
     return (slice(i, i + step) for i in range(0, T, step))
 
 
-def pair_blocks(N: int) -> Iterator[slice]:
-    """Pairs of one trial that are worked on together: CHUNK at most."""
-    return (slice(j, j + CHUNK) for j in range(0, N, CHUNK))
+def pair_blocks(N: int, size: int = CHUNK) -> Iterator[slice]:
+    """Pairs of one trial that are worked on together: ``size`` at most."""
+    return (slice(j, j + size) for j in range(0, N, size))
 
 
 def _chunk_moments(A: Array, B: Array, scratch: Array) -> Array:

@@ -28,7 +28,7 @@ derivatives ``F_i = [f_i; h_i]``, 6x12,
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,8 @@ from .se3 import Array, as_transforms, block, entry_rows, inverse, skew, vee
 
 # The scaling factor of the paper's experiments, used where a formula exists at finite d only.
 PAPER_SCALE = 1e4
+# Pairs whose derivatives are held at once: about 2 kB each.
+BLOCK = 4096
 
 _EYE = np.eye(3)
 
@@ -122,7 +124,7 @@ def propagate(
     if solution is None and X is None:
         X = solve_limit(A, B)
     covariance = np.empty((len(A), 6, 6))
-    for trials in trial_blocks(len(A), N):
+    for trials in trial_blocks(len(A), N, BLOCK):
         derivatives: _LimitDerivatives | _ScaledDerivatives
         derivatives = _LimitDerivatives(X[trials]) if solution is None else _ScaledDerivatives(*(part[trials] for part in solution), scale)
         total: _Independent | _Shared | _Unshared
@@ -130,7 +132,7 @@ def propagate(
             total = _Independent(noise)
         else:
             total = (_Shared if kind == "poses" else _Unshared)(motions, noise, trials)
-        for pairs in pair_blocks(N):
+        for pairs in pair_blocks(N, BLOCK):
             total.add(derivatives.block(A[trials, pairs], B[trials, pairs]), pairs)
         Q = derivatives.weight(N)
         covariance[trials] = Q @ total.covariance() @ Q.mT
@@ -193,14 +195,19 @@ class _LimitDerivatives:
         for i in range(3):
             D[i, i] += half_trace
             S[i, i] += 0.5
-        np.einsum("ij...,jk...->ik...", half.swapaxes(0, 1), _cross_rows(t), out=by_motion[:, 6:])
-        # f = u x p and h = u x (t x p) + w x p + u x q, differentiated by u and w, and by p and q
-        by_w = _cross_rows(np.stack([-u[:, 1], u[:, 0]], axis=1))
+        # f = u x p and h = u x (t x p) + w x p + u x q, differentiated by w and q, and by u and p
         t_X = skew(self.t)
-        by_u = np.empty((3, 3, 2, T, m))
-        by_u[:, :, 0] = _cross_rows(-np.einsum("tij,jtm->itm", t_X, u[:, 1]) - w[:, 1])
-        np.einsum("ijtm,tjk->iktm", by_w[:, :, 1], t_X, out=by_u[:, :, 1])
-        by_u[:, :, 1] += _cross_rows(w[:, 0])
+        vectors = np.empty((3, 7, T, m))
+        vectors[:, :2] = t
+        np.negative(u[:, 1], out=vectors[:, 2])
+        vectors[:, 3] = u[:, 0]
+        np.einsum("tij,jtm->itm", t_X, vectors[:, 2], out=vectors[:, 4])
+        vectors[:, 4] -= w[:, 1]
+        vectors[:, 5:] = w
+        crosses = _cross_rows(vectors)
+        by_t, by_w, by_u, by_q = crosses[:, :, :2], crosses[:, :, 2:4], crosses[:, :, 4:6], crosses[:, :, 6]
+        by_u[:, :, 1] += np.einsum("ijtm,tjk->iktm", by_w[:, :, 1], t_X)
+        np.einsum("ij...,jk...->ik...", half.swapaxes(0, 1), by_t, out=by_motion[:, 6:])
         F = np.zeros((2, 6, 6, T, m))
         F_rows = F.transpose(1, 2, 0, 3, 4)
         product = np.einsum("ij...,jk...->ik...", by_w, by_motion)
@@ -212,31 +219,31 @@ class _LimitDerivatives:
         self.G += u[:, 0].swapaxes(0, 1) @ u[:, 1].transpose(1, 2, 0)
         # h_theta = -sum( ([u][t] + [w]) [p] + [u] [q] ), and [p]^T = -[p]
         self.h_theta -= _trials_first(by_u[:, :, 1]) @ _trials_first(by_w[:, :, 0]).mT
-        self.h_theta += _trials_first(by_w[:, :, 1]) @ _trials_first(_cross_rows(w[:, 1])).mT
+        self.h_theta += _trials_first(by_w[:, :, 1]) @ _trials_first(by_q).mT
         return F
+
     def weight(self, N: int) -> Array:
-        trace = np.trace(self.G, axis1=-2, axis2=-1)[:, None, None]
-        M = trace * _EYE - 0.5 * (self.G + self.G.mT)
-        M_inverse = _inverse_or_raise(M, N)
-        Q = np.zeros((len(M), 6, 6))
+        # M = tr(G) I - sym(G) has the eigenvectors of sym(G).
+        values, vectors = np.linalg.eigh(0.5 * (self.G + self.G.mT))
+        values = np.add.reduce(values, axis=-1, keepdims=True) - values  # descending
+        determined = (values[:, 0] > NO_ROTATION * N) & (values[:, 2] > DEGENERATE * values[:, 0])
+        if not determined.all():
+            _raise_infinite(vectors[np.argmin(determined), :, 2])
+        M_inverse = (vectors / values[:, None, :]) @ vectors.mT
+        Q = np.zeros((len(values), 6, 6))
+        np.matmul(M_inverse @ self.h_theta, M_inverse, out=Q[:, 3:, :3])
         Q[:, :3, :3] = Q[:, 3:, 3:] = -M_inverse
-        Q[:, 3:, :3] = M_inverse @ self.h_theta @ M_inverse
         return Q
 
 
-def _inverse_or_raise(M: Array, N: int) -> Array:
-    values, vectors = np.linalg.eigh(M)
-    lost = ~((values[:, 2] > NO_ROTATION * N) & (values[:, 0] > DEGENERATE * values[:, 2]))
-    if lost.any():
-        axis = vectors[np.argmax(lost), :, 0]
-        directions = np.zeros((2, 6))
-        directions[0, :3] = directions[1, 3:] = axis
-        raise DegenerateMotionError(
-            "The motions do not determine X: the variance of its rotation about, and of its translation along, "
-            f"{np.round(axis, 3).tolist()} in the frame of `A` is infinite.",
-            directions,
-        )
-    return np.asarray((vectors / values[:, None, :]) @ vectors.mT)
+def _raise_infinite(axis: Array) -> NoReturn:
+    directions = np.zeros((2, 6))
+    directions[0, :3] = directions[1, 3:] = axis
+    raise DegenerateMotionError(
+        "The motions do not determine X, or `X` does not belong to them: the variance of its rotation about, and of "
+        f"its translation along, {np.round(axis, 3).tolist()} in the frame of `A` is infinite.",
+        directions,
+    )
 
 
 def _cross_rows(v: Array) -> Array:
@@ -320,7 +327,7 @@ class _Independent:
     """``sum_i F_i Sigma_i F_i^T`` for noise of each pair's own (T3)."""
 
     def __init__(self, noise: PairNoise) -> None:
-        self.factors = [None if S is None else factor(S) for S in (noise.A, noise.B)]
+        self.factors = noise.factors
         self.sum: Array | float = 0.0
 
     def add(self, F: Array, pairs: slice) -> None:
@@ -363,16 +370,18 @@ class _OnPoses:
             robot, by_robot = robot, block(_EYE, 0.0, skew(robot[..., :3, 3]), _EYE)
         else:
             robot, by_robot = inverse(robot), _minus_right_twist(robot)
-        self.sides = [(robot, by_robot, noise.robot), (inverse(camera), _minus_right_twist(camera), noise.camera)]
+        self.by_pose = (by_robot, _minus_right_twist(camera))
+        self.noise = (noise.robot, noise.camera)
+        entries = [entry_rows(P.reshape(-1, 4, 4)).reshape(4, 4, *P.shape[:2]) for P in (robot, inverse(camera))]
+        self.R = [P[:3, :3] for P in entries]
+        self.t = [_cross_rows(P[:3, 3]) for P in entries]
 
-    def by_difference(self, F: Array, P: Array, pairs: slice) -> Array:
+    def by_difference(self, F: Array, side: int, pairs: slice) -> Array:
         """``F d xi / d delta`` of one side, F (6, 6, T, m)."""
-        i, j = self.pairs[pairs, 0], self.pairs[pairs, 1]
+        i, j = self.pairs[pairs].T
         T, m = F.shape[2:]
-        R_j = P[:, j, :3, :3]
-        by_twist = np.einsum("ajtm,tmkj->aktm", F.reshape(12, 3, T, m), R_j).reshape(6, 6, T, m)
-        t_i = np.moveaxis(P[:, i][..., :3, 3], -1, 0)
-        by_twist[:, :3] -= np.einsum("ajtm,jktm->aktm", by_twist[:, 3:], _cross_rows(t_i))
+        by_twist = np.einsum("ajtm,kjtm->aktm", F.reshape(12, 3, T, m), self.R[side][..., j]).reshape(6, 6, T, m)
+        by_twist[:, :3] -= np.einsum("ajtm,jktm->aktm", by_twist[:, 3:], self.t[side][..., i])
         return by_twist
 
 
@@ -384,39 +393,35 @@ class _Shared(_OnPoses):
 
     def __init__(self, motions: Motions, noise: PoseNoise, trials: slice) -> None:
         super().__init__(motions, noise, trials)
-        self.sums = [np.zeros_like(by_pose) for _, by_pose, _ in self.sides]
+        self.sums = [np.zeros_like(by_pose) for by_pose in self.by_pose]
 
     def add(self, F: Array, pairs: slice) -> None:
         incidence = _incidence(self.pairs[pairs], self.sums[0].shape[1])
-        for side, (P, _, covariance), total in zip(F, self.sides, self.sums, strict=True):
-            if covariance is not None:
-                by_difference = self.by_difference(side, P, pairs)
+        for side in (0, 1):
+            if self.noise[side] is not None:
+                by_difference = self.by_difference(F[side], side, pairs)
                 T, m = by_difference.shape[2:]
                 spread = incidence @ by_difference.reshape(-1, m).T
-                total += spread.reshape(-1, 6, 6, T).transpose(3, 0, 1, 2)
+                self.sums[side] += spread.reshape(-1, 6, 6, T).transpose(3, 0, 1, 2)
 
     def covariance(self) -> Array:
         result: Array | float = 0.0
-        for (_, by_pose, covariance), total in zip(self.sides, self.sums, strict=True):
+        for total, by_pose, covariance in zip(self.sums, self.by_pose, self.noise, strict=True):
             if covariance is not None:
                 D = total @ by_pose
-                if is_joint(covariance):
-                    row = D.transpose(0, 2, 1, 3).reshape(len(D), 6, -1)
-                    result = result + row @ covariance @ row.mT
-                else:
-                    row = (D @ factor(covariance)).transpose(0, 2, 1, 3).reshape(len(D), 6, -1)
-                    result = result + row @ row.mT
+                if not is_joint(covariance):
+                    D = D @ factor(covariance)
+                row = D.transpose(0, 2, 1, 3).reshape(len(D), 6, -1)
+                result = result + (row @ covariance @ row.mT if is_joint(covariance) else row @ row.mT)
         return np.asarray(result)
 
 
 def _incidence(pairs: NDArray[np.intp], n: int) -> Any:
     """The (n, m) matrix with +1 at pose i and -1 at pose j of each pair."""
-    from scipy.sparse import csr_array  # slow to import and needed here only
+    from scipy.sparse import csc_array  # slow to import and needed here only
 
     m = len(pairs)
-    data = np.repeat([1.0, -1.0], m)
-    column = np.arange(m)
-    return csr_array((data, (pairs.T.ravel(), np.concatenate([column, column]))), shape=(n, m))
+    return csc_array((np.tile([1.0, -1.0], m), pairs.ravel(), np.arange(0, 2 * m + 1, 2)), shape=(n, m))
 
 
 class _Unshared(_OnPoses):
@@ -427,15 +432,15 @@ class _Unshared(_OnPoses):
         self.sum: Array | float = 0.0
         self.factors = [
             None if covariance is None else by_pose @ factor(marginals(covariance))
-            for _, by_pose, covariance in self.sides
+            for by_pose, covariance in zip(self.by_pose, self.noise, strict=True)
         ]
 
     def add(self, F: Array, pairs: slice) -> None:
-        for side, (P, _, _), L in zip(F, self.sides, self.factors, strict=True):
+        for side, L in enumerate(self.factors):
             if L is not None:
-                by_difference = self.by_difference(side, P, pairs)
-                for pose in (0, 1):
-                    self.sum = self.sum + _outer(_times(by_difference, L[:, self.pairs[pairs, pose]]))
+                by_difference = self.by_difference(F[side], side, pairs)
+                for pose in self.pairs[pairs].T:
+                    self.sum = self.sum + _outer(_times(by_difference, L[:, pose]))
 
     def covariance(self) -> Array:
         return np.asarray(self.sum)
@@ -489,7 +494,7 @@ def octonion_covariance(
 
 def _octonion_sum(derivatives: _ScaledDerivatives, A: Array, B: Array, noise: PairNoise) -> Array:
     S = np.zeros((8, 8))
-    for pairs in pair_blocks(A.shape[1]):
+    for pairs in pair_blocks(A.shape[1], BLOCK):
         by_pair = derivatives.of_octonion(A[:, pairs], B[:, pairs])[:, 0]
         for D, covariance in zip(by_pair, (noise.A, noise.B), strict=True):
             if covariance is not None:
@@ -501,7 +506,7 @@ def _literal_sum(derivatives: _ScaledDerivatives, A: Array, B: Array, noise: Pai
     """(45): ``D Sigma_b D^T`` with the mean derivative by b and the mean covariance of b over the pairs."""
     N = A.shape[1]
     D, S_b = np.zeros((8, 32)), np.zeros((32, 32))
-    for pairs in pair_blocks(N):
+    for pairs in pair_blocks(N, BLOCK):
         D += derivatives.by_image(A[:, pairs], B[:, pairs])[0].sum(axis=0) / N
         for k, (T, covariance) in enumerate(((A, noise.A), (B, noise.B))):
             if covariance is not None:

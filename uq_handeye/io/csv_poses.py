@@ -163,7 +163,7 @@ def _column_names(line: bytes, where: str) -> list[str]:
     words = re.split(r"[,;\s]+", text)
     if len(words) > 1 and all(_is_number(word.encode()) for word in words):
         problem = "got numbers: the header line is missing, add it as the first line"
-    elif set(words) >= set(COLUMNS):
+    elif set(words) >= set(COLUMNS) and not set(names) >= set(COLUMNS):
         problem = f"got {_short(text)}: separate the fields by commas and end each line with a line feed"
     else:
         missing = [column for column in COLUMNS if column not in names]

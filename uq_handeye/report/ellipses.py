@@ -48,6 +48,14 @@ STYLES: tuple[tuple[str, Any], ...] = (
     ("#0072B2", "-."),
     ("#009E73", (0, (6, 1, 1, 1, 1, 1))),
 )
+# A black cross with a white rim: visible on any line or cloud, and unlike either in greyscale.
+TRUTH: dict[str, Any] = {
+    "marker": "X",
+    "linestyle": "",
+    "color": "black",
+    "markersize": 8,
+    "markeredgecolor": "white",
+}
 WIDTHS = (1.6, 1.2, 0.9)  # of the 1, 2 and 3 sigma ellipse
 
 MAX_SAMPLES = 5000  # drawn: more only blacken the panels
@@ -68,8 +76,8 @@ def covariance_ellipses(
 
     Three panels show the rotation, three the translation, nine the coupling of the two. Axes of the same
     quantity share one scale, so that sizes can be compared by eye, unless their ranges differ by more than a
-    factor of 10: then each has its own, and the heading says so. Each panel states the correlation coefficient
-    of ``covariance``. The origin is ``X``, whose value stands in the caption.
+    factor of 10: then each has its own, and the heading says so. Each panel states the correlation
+    coefficient of ``covariance``. The origin is ``X``, whose value stands in the caption.
 
     Parameters
     ----------
@@ -132,6 +140,8 @@ def covariance_ellipses(
         if not coupling or i == 0:
             axis.set_ylabel(axis_labels[j], fontsize=9)
     _legend(figure, covariances, len(points) > 0, offset is not None, pose)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # every further pass of the layout would shift the panels a little
     return figure
 
 
@@ -248,7 +258,7 @@ def _draw(
                 axis.plot(0, 0, "o", color=colour, markersize=3, zorder=3)
     if offset is not None:
         x, y = offset[[i, j]] / scale[[i, j]]
-        axis.plot(x, y, "x", color="#D55E00", markersize=7, markeredgewidth=1.8, zorder=9)
+        axis.plot(x, y, zorder=9, **TRUTH)
 
 
 def _correlation(S: Array, i: int, j: int) -> float | None:
@@ -277,16 +287,14 @@ def _legend(
     if samples:
         handles.append(Line2D([], [], marker=".", linestyle="", color="0.65", markersize=5, label="samples"))
     if truth:
-        handles.append(
-            Line2D([], [], marker="x", linestyle="", color="#D55E00", markeredgewidth=1.8, label="truth")
-        )
+        handles.append(Line2D([], [], label="truth", **TRUTH))
     probabilities = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.1f} %" for k in LEVELS)
     position = ", ".join(f"{1e3 * x:.3f}" for x in pose[:3, 3])
     turn = ", ".join(f"{x:.4f}" for x in Rotation.from_matrix(pose[:3, :3]).as_rotvec(degrees=True))
     figure.legend(
         handles=handles,
         loc="outside lower center",
-        ncols=min(len(handles), 4),
+        ncols=len(handles) if len(handles) <= 4 else (len(handles) + 1) // 2,
         frameon=False,
         fontsize=9,
         title=(

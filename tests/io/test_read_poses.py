@@ -1,0 +1,102 @@
+"""Two pose files become pairs only if their rows belong together."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uq_handeye.errors import InputError
+from uq_handeye.io import read_poses, write_pose_file
+
+needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
+
+
+@pytest.fixture
+def pair(tmp_path):
+    def make(robot_times, camera_times):
+        files = tmp_path / "robot.csv", tmp_path / "camera.csv"
+        for file, times in zip(files, (robot_times, camera_times), strict=True):
+            write_pose_file(file, np.tile(np.eye(4), (len(times), 1, 1)), times)
+        return files
+
+    return make
+
+
+def message(files, **options):
+    with pytest.raises(InputError) as caught:
+        read_poses(*files, **options)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert "robot.csv" in text
+    assert "camera.csv" in text
+    return text
+
+
+@pytest.mark.parametrize("start", [0.0, 1.0, 1487321563.68, 1487321563680000067.0])
+def test_equal_timestamps(pair, start):
+    times = start + np.arange(3) * max(1.0, np.spacing(start))
+    poses = read_poses(*pair(times, times), setup="eye-to-hand")
+    assert poses.setup == "eye-to-hand"
+    assert poses.n == 3
+    np.testing.assert_array_equal(poses.timestamps, times)
+
+
+def test_printed_times_may_be_rounded(pair):
+    times = 1487321563.714296341 + np.arange(3) / 30
+    poses = read_poses(*pair(times, np.round(times, 6)))
+    np.testing.assert_array_equal(poses.timestamps, times)
+
+
+def test_counts_differ(pair):
+    text = message(pair([0, 1, 2], [0, 1]))
+    assert "robot.csv has 3 poses" in text
+    assert "camera.csv has 2" in text
+
+
+@pytest.mark.parametrize(
+    ("camera", "parts"),
+    [
+        ([0.0, 1.013, 2.002], ["not synchronous", "0.013 s, in pose 1 (1.0 and 1.013)", "Resample"]),
+        ([0, 1, 3], ["1 s, in pose 2", "row numbers"]),  # one numbering lost a row
+        ([1, 2, 3], ["1 s, in pose 0"]),
+    ],
+)
+def test_rows_are_not_synchronous(pair, camera, parts):
+    text = message(pair([0, 1, 2], camera))
+    for part in parts:
+        assert part in text
+
+
+def test_other_arguments(pair):
+    files = pair([0], [0])
+    with pytest.raises(InputError, match="`setup`"):
+        read_poses(*files, setup="eye-on-stalk")
+    with pytest.raises(InputError, match="`units`"):
+        read_poses(*files, units="parsec")
+    with pytest.raises(InputError, match="Expected the path"):
+        read_poses(files[0], None)
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [
+        ("kuka_1", 30),
+        ("synthetic_camera_2", 19),
+        ("nguyen_pham", 500),
+        ("ethz_robot_arm_sync", 1687),
+        ("wu_2019_as_published", 224),
+    ],
+)
+def test_real_files(name, n):
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / name
+    assert read_poses(folder / "robot.csv", folder / "camera.csv").n == n
+
+
+@needs_data
+def test_real_asynchronous_files():
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "ethz_robot_arm_async"
+    text = message((folder / "robot.csv", folder / "camera.csv"))
+    assert "2817" in text
+    assert "1703" in text
