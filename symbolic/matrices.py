@@ -301,6 +301,5 @@ def _derivative_forms() -> list[ClosedForm]:
 
 
 FORMS: dict[str, ClosedForm] = {
-    form.name: form
-    for form in (*_octonion_forms(), *_procrustes_forms(), *_pose_forms(), *_derivative_forms())
+    form.name: form for form in (*_octonion_forms(), *_procrustes_forms(), *_pose_forms(), *_derivative_forms())
 }

@@ -32,9 +32,7 @@ def hamilton(x: Vector, y: Vector) -> Matrix:
     """
     scalar = x[0] * y[0] - sum(x[k] * y[k] for k in (1, 2, 3))
     vector = [
-        x[0] * y[k]
-        + y[0] * x[k]
-        + sum(LeviCivita(k, i, j) * x[i] * y[j] for i in (1, 2, 3) for j in (1, 2, 3))
+        x[0] * y[k] + y[0] * x[k] + sum(LeviCivita(k, i, j) * x[i] * y[j] for i in (1, 2, 3) for j in (1, 2, 3))
         for k in (1, 2, 3)
     ]
     return Matrix([scalar, *vector])

@@ -9,7 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from support import SEED  # noqa: E402
+from support import SEED
 
 
 @pytest.fixture

@@ -21,9 +21,7 @@ def holds_for(examples=60, **strategies):
     """A Hypothesis property with the seed of the tests, no example database and no deadline."""
 
     def decorate(function):
-        return settings(deadline=None, database=None, max_examples=examples)(
-            seed(SEED)(given(**strategies)(function))
-        )
+        return settings(deadline=None, database=None, max_examples=examples)(seed(SEED)(given(**strategies)(function)))
 
     return decorate
 
@@ -55,9 +53,7 @@ def transforms(R, t):
 
 
 def random_transforms(rng, shape=(), smallest=0.4, largest=2.6, length=0.5):
-    return transforms(
-        rotations(rotation_vectors(rng, shape, smallest, largest)), length * rng.normal(size=(*shape, 3))
-    )
+    return transforms(rotations(rotation_vectors(rng, shape, smallest, largest)), length * rng.normal(size=(*shape, 3)))
 
 
 def moved(T, xi):
@@ -154,9 +150,7 @@ def right_matrix(q):
 def whitened_eigenvalues(covariance, reference):
     """Eigenvalues of ``reference^-1 covariance``: all 1 if and only if the two are equal. Unit-free."""
     scale = 1.0 / np.sqrt(np.diag(reference))
-    return linalg.eigh(
-        covariance * scale[:, None] * scale, reference * scale[:, None] * scale, eigvals_only=True
-    )
+    return linalg.eigh(covariance * scale[:, None] * scale, reference * scale[:, None] * scale, eigvals_only=True)
 
 
 def assert_same_covariance(covariance, reference, tolerance):

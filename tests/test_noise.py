@@ -143,9 +143,7 @@ def test_noise_objects(rng, kind, sides):
 @pytest.mark.parametrize(("kind", "sides"), [(PairNoise, ("A", "B")), (PoseNoise, ("robot", "camera"))])
 def test_isotropic(kind, sides):
     noise = kind.isotropic(("0.5deg", "2mm"), (1e-3, 0.25))
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(getattr(noise, sides[0]))), [np.pi / 360] * 3 + [2e-3] * 3, rtol=1e-14
-    )
+    np.testing.assert_allclose(np.sqrt(np.diag(getattr(noise, sides[0]))), [np.pi / 360] * 3 + [2e-3] * 3, rtol=1e-14)
     np.testing.assert_allclose(np.sqrt(np.diag(getattr(noise, sides[1]))), [1e-3] * 3 + [0.25] * 3, rtol=1e-14)
     assert np.count_nonzero(getattr(noise, sides[0])) == 6
     assert getattr(kind.isotropic(("1mrad", "0m")), sides[1]) is None

@@ -53,9 +53,7 @@ def test_skew_and_vee(rng):
     np.testing.assert_array_equal(se3.vee(se3.skew(v)), 2 * v)
     M = rng.normal(size=(5, 3, 3))
     for k in range(5):  # twice the axial vector: the skew part of M is [vee(M)/2]x
-        np.testing.assert_allclose(
-            cross_matrix(se3.vee(M)[k]), M[k] - M[k].T, rtol=0, atol=4 * EPS
-        )
+        np.testing.assert_allclose(cross_matrix(se3.vee(M)[k]), M[k] - M[k].T, rtol=0, atol=4 * EPS)
     assert se3.skew([1, 2, 3]).dtype == float
 
 

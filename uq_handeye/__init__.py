@@ -16,9 +16,10 @@ from .errors import DegenerateMotionError, InputError, InputWarning
 from .io import read_noise_file, read_poses
 from .motions import Motions, relative_motions
 from .noise import PairNoise, PoseNoise
+from .octonion_covariance import octonion_covariance, paper_covariances, so4_covariance
 from .poses import PosePairs
 from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3, solve
-from .propagation import octonion_covariance, paper_covariances, propagate, so4_covariance
+from .propagation import propagate
 from .simulation import simulate
 
 __version__ = "0.1.0"
@@ -30,8 +31,8 @@ __all__ = [
     "InputWarning",
     "Motions",
     "PairNoise",
-    "PosePairs",
     "PoseNoise",
+    "PosePairs",
     "calibrate",
     "from_convention",
     "octonion_covariance",

@@ -16,12 +16,23 @@ from . import conventions
 from .errors import DegenerateMotionError, InputError, InputWarning
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions
-from .noise import Noise, PairNoise, PoseNoise
-from .plausibility import Residuals, check_frames, check_lengths, check_noise, check_poses, check_rotations, residuals, summarise
+from .noise import Noise, PairNoise, PoseNoise, checked_covariance
+from .octonion_covariance import PAPER_SCALE
+from .plausibility import (
+    Residuals,
+    check_frames,
+    check_lengths,
+    check_noise,
+    check_poses,
+    check_rotations,
+    residuals,
+    summarise,
+)
 from .poses import SETUPS, PosePairs
 from .procrustes import octonion, solve
-from .propagation import PAPER_SCALE, pose_from_octonion_jacobian, propagate
+from .propagation import propagate
 from .se3 import Array, as_transforms, inverse, inverse_jacobian
+from .sensitivity import pose_from_octonion_jacobian
 
 CONVENTION = (
     "xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau; rotation first, left rotation, additive "
@@ -62,7 +73,7 @@ class Calibration:
     @property
     def std(self) -> Array | None:
         """Standard deviations (6,) of (theta, tau), rad and m."""
-        return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
+        return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def correlation(self) -> Array | None:
@@ -70,7 +81,7 @@ class Calibration:
         if self.covariance is None or self.std is None:
             return None
         unit = np.where(self.std > 0, self.std, 1.0)
-        correlation = self.covariance / np.outer(unit, unit)
+        correlation: Array = self.covariance / np.outer(unit, unit)
         np.fill_diagonal(correlation, 1.0)
         return correlation
 
@@ -85,7 +96,7 @@ class Calibration:
         if self.covariance is None:
             return None
         J = inverse_jacobian(self.X)
-        return J @ self.covariance @ J.T
+        return np.asarray(J @ self.covariance @ J.T)
 
     @property
     def sigma_scale(self) -> float:
@@ -172,10 +183,16 @@ class Calibration:
         if not isinstance(data, dict) or data.get("format") != _FORMAT:
             raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
         try:
-            covariance = data["covariance"]
-            result = cls(
+            covariance = (
+                None if data["covariance"] is None else checked_covariance(data["covariance"], "covariance", False)
+            )
+            if covariance is not None and covariance.shape != (6, 6):
+                raise ValueError(f"covariance of shape {covariance.shape}")
+            if data["setup"] not in (None, *SETUPS):
+                raise ValueError(f"setup {data['setup']!r}")
+            return cls(
                 X=as_transforms(data["X"], "X", stack=False),
-                covariance=None if covariance is None else np.asarray(covariance, dtype=float),
+                covariance=covariance,
                 method=str(data["method"]),
                 scale=None if data["scale"] is None else float(data["scale"]),
                 kind=data["kind"],
@@ -186,13 +203,8 @@ class Calibration:
                 residuals=Residuals(**{name: float(value) for name, value in data["residuals"].items()}),
                 warnings=tuple(data["warnings"]),
             )
-        except InputError:
-            raise
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(f"The calibration is damaged: {error}.") from error
-        if result.setup not in (None, *SETUPS) or (covariance is not None and result.covariance.shape != (6, 6)):  # type: ignore[union-attr]
-            raise InputError("The calibration is damaged: unknown setup or a covariance that is not 6x6.")
-        return result
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
@@ -284,6 +296,7 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.35, 0.38, 0.35])
     """
+    poses: PosePairs | None
     if isinstance(data, PosePairs):
         if data.n < 3:
             raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")

@@ -163,9 +163,7 @@ def simulate_command(
     if model is not None and not isinstance(model, PoseNoise):
         raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     near, _, far = distance.partition(",")
-    poses = simulate(
-        n_poses, noise=model, setup=setup, distance=(near, far or near), tilt=tilt, roll=roll, seed=seed
-    )
+    poses = simulate(n_poses, noise=model, setup=setup, distance=(near, far or near), tilt=tilt, roll=roll, seed=seed)
     assert poses.truth is not None and poses.timestamps is not None  # simulate() gives both
     write_files(
         output,
@@ -210,6 +208,6 @@ def _fail(message: str) -> None:
     raise SystemExit(2)
 
 
-def _show_warning(message: Any, category: Any, *_: Any) -> None:
+def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     label = "warning" if issubclass(category, InputWarning) else category.__name__
     print(f"uq-handeye: {label}: {message}", file=sys.stderr)

@@ -18,8 +18,8 @@ class DegenerateMotionError(InputError):
     Attributes
     ----------
     directions : (k, 6) array
-        Unit vectors in ``xi = (theta, tau)`` (left rotation, additive translation of X, in the frame in
-        which ``A`` is expressed: the gripper for eye-in-hand) along which the variance of X is infinite.
+        Unit vectors ``a`` for which the variance of ``a^T xi`` is infinite, ``xi = (theta, tau)`` the error of X
+        (left rotation, additive translation, in the frame of ``A``: the gripper for eye-in-hand).
     partial : object or None
         What could be computed all the same, if anything.
     """

@@ -43,16 +43,15 @@ class Motions:
 
     def __post_init__(self) -> None:
         if self.poses is None:  # what `relative_motions` makes of checked poses needs no second check
-            A, B = as_transforms(self.A, "A"), as_transforms(self.B, "B")
-            if A.shape != B.shape:
-                raise InputError(
-                    "Expected `A` and `B` to hold the same number of motions, "
-                    f"got shapes {A.shape} and {B.shape}."
-                )
-            object.__setattr__(self, "A", A)
-            object.__setattr__(self, "B", B)
-            if self.pairs is not None:
-                raise InputError("`pairs` means nothing without `poses`; use relative_motions(poses, pairs).")
+            object.__setattr__(self, "A", as_transforms(self.A, "A"))
+            object.__setattr__(self, "B", as_transforms(self.B, "B"))
+        if self.A.shape != self.B.shape:
+            raise InputError(
+                f"Expected `A` and `B` to hold the same number of motions, got shapes {self.A.shape} and "
+                f"{self.B.shape}."
+            )
+        if (self.poses is None) != (self.pairs is None) or (self.pairs is not None and len(self.pairs) != self.N):
+            raise InputError("Expected `pairs` and `poses` together, one pair per motion; use relative_motions().")
 
     @property
     def N(self) -> int:
@@ -107,15 +106,12 @@ def pair_indices(n: int, pairs: Any = "consecutive") -> NDArray[np.intp]:
             index = np.stack(np.triu_indices(n, 1), axis=1)
         else:
             raise InputError(
-                "Expected `pairs` to be 'consecutive', 'disjoint', 'all' or an (N, 2) integer array, "
-                f"got {pairs!r}."
+                f"Expected `pairs` to be 'consecutive', 'disjoint', 'all' or an (N, 2) integer array, got {pairs!r}."
             )
         return index.astype(np.intp)
     index = np.asarray(pairs)
     if index.ndim != 2 or index.shape[1] != 2 or not np.issubdtype(index.dtype, np.integer):
-        raise InputError(
-            f"Expected `pairs` to be an (N, 2) integer array, got shape {index.shape} of {index.dtype}."
-        )
+        raise InputError(f"Expected `pairs` to be an (N, 2) integer array, got shape {index.shape} of {index.dtype}.")
     if index.size and (index.min() < 0 or index.max() >= n):
         bad = index[(index < 0) | (index >= n)][0]
         raise InputError(f"Expected `pairs` to hold pose numbers 0 to {n - 1}, got {bad}.")

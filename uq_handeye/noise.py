@@ -32,7 +32,7 @@ def checked_covariance(value: Any, name: str, joint: bool) -> Array:
         S = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise InputError(f"Expected the covariance `{name}` to be an array of numbers {shapes}.") from error
-    per_item = S.ndim in (2, 3) and S.shape[-2:] == (6, 6)
+    per_item = S.ndim in (2, 3) and S.shape[-2:] == (6, 6) and S.size > 0
     whole = joint and S.ndim == 2 and S.shape[0] == S.shape[1] and S.shape[0] % 6 == 0 and S.shape[0] > 0
     if not (per_item or whole):
         raise InputError(f"Expected the covariance `{name}` to have shape {shapes}, got {S.shape}.")
@@ -42,6 +42,11 @@ def checked_covariance(value: Any, name: str, joint: bool) -> Array:
     if (variances < 0).any():
         raise InputError(f"Expected the variances of `{name}` to be >= 0, got {variances.min():.3g}.")
     deviations = np.sqrt(variances)
+    if (np.abs(S).max(axis=-1)[deviations == 0] > 0).any():
+        raise InputError(
+            f"Expected the covariance `{name}` to be positive semidefinite, got a variance of 0 beside a covariance "
+            "that is not 0."
+        )
     unit = np.where(deviations > 0, deviations, 1.0)
     correlation = S / (unit[..., :, None] * unit[..., None, :])
     asymmetry = np.abs(correlation - correlation.mT).max()
@@ -56,7 +61,7 @@ def checked_covariance(value: Any, name: str, joint: bool) -> Array:
             f"Expected the covariance `{name}` to be positive semidefinite, got a correlation matrix with the "
             f"eigenvalue {smallest:.3g}."
         )
-    S = 0.5 * (S + S.mT)
+    S = np.asarray(0.5 * (S + S.mT))
     S.flags.writeable = False
     return S
 

@@ -101,9 +101,7 @@ def check_poses(poses: PosePairs) -> list[str]:
         rows = T.reshape(-1, 16)
         same = int((rows[1:] == rows[:-1]).all(axis=1).sum()) if len(rows) > 1 else 0
         if same:
-            found.append(
-                f"{same} of {len(rows)} {name} poses repeat the row before exactly: they add no information."
-            )
+            found.append(f"{same} of {len(rows)} {name} poses repeat the row before exactly: they add no information.")
     return found
 
 
@@ -197,8 +195,8 @@ def check_lengths(poses: PosePairs, X: Array) -> list[str]:
         return []
     what = "camera" if poses.setup == "eye-in-hand" else "target"
     return [
-        f"The {what} would sit {on_gripper:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m from "
-        "the base. If that is not so, the two files are swapped or both hold inverse poses: such data fit equally "
+        f"The {what} would sit {on_gripper:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m "
+        "from the base. If that is not so, the two files are swapped or both hold inverse poses: such data fit equally "
         "well, with another X."
     ]
 
@@ -211,9 +209,7 @@ def check_noise(motions: Motions, noise: Noise, angle: Array) -> list[str]:
     """
     if isinstance(noise, PairNoise):
         variance = sum(
-            float(np.mean(np.trace(S[..., :3, :3], axis1=-2, axis2=-1)))
-            for S in (noise.A, noise.B)
-            if S is not None
+            float(np.mean(np.trace(S[..., :3, :3], axis1=-2, axis2=-1))) for S in (noise.A, noise.B) if S is not None
         )
     else:
         assert motions.pairs is not None and motions.poses is not None  # PoseNoise was accepted

@@ -44,7 +44,7 @@ class PosePairs:
         ``camera_T_target``.
     setup : "eye-in-hand" or "eye-to-hand"
     timestamps : (n,) array or None
-        Seconds; must increase strictly.
+        Seconds; no two may be equal.
     truth : Truth or None
         Known for simulated poses.
 
@@ -75,11 +75,10 @@ class PosePairs:
             times = np.array(self.timestamps, dtype=float)
             if times.shape != (self.n,) or not np.isfinite(times).all():
                 raise InputError(f"Expected `timestamps` to be {self.n} finite numbers, got shape {times.shape}.")
-            if self.n > 1 and not (np.diff(times) > 0).all():
-                row = int(np.argmin(np.diff(times) > 0)) + 1
+            if (twins := first_duplicate(times)) is not None:
                 raise InputError(
-                    f"Expected `timestamps` to increase strictly, got {times[row - 1]} then {times[row]} "
-                    f"(pose {row})."
+                    f"Expected every pose to have a timestamp of its own, got {times[twins[0]]} for poses {twins[0]} and "
+                    f"{twins[1]}."
                 )
             times.flags.writeable = False
             object.__setattr__(self, "timestamps", times)
@@ -99,6 +98,16 @@ class PosePairs:
     def effective_robot(self) -> Array:
         """The robot poses as they enter AX = XB: inverted for eye-to-hand."""
         return self.robot if self.setup == "eye-in-hand" else inverse(self.robot)
+
+
+def first_duplicate(times: NDArray[np.float64]) -> tuple[int, int] | None:
+    """The first two rows with equal times, or None."""
+    order = np.argsort(times, kind="stable")
+    same = np.flatnonzero(times[order][1:] == times[order][:-1])
+    if not same.size:
+        return None
+    k = same[np.argmin(order[same + 1])]
+    return int(order[k]), int(order[k + 1])
 
 
 def _frozen(value: Any, name: str) -> Array:

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from . import _closed_form
 from .errors import DegenerateMotionError, InputError
-from .se3 import CHUNK, Array, as_transforms, entry_rows, surely_transforms
+from .se3 import CHUNK, Array, as_numbers, as_transforms, entry_rows, surely_transforms
 
 # Below this ratio of the eigenvalues of M (squared spread of the rotation axes, rad^2) the smallest one is
 # rounding of the input: 1e-10 is a spread of 1e-5 rad.
@@ -46,9 +46,9 @@ _EYE4 = np.eye(4)
 # (M32 - M23, M13 - M31, M21 - M12) from the entries of M, row by row.
 # The entries (M32, M13, M21) and (M23, M31, M12) of a 4x4 matrix stored as rows.
 _UPPER, _LOWER = np.array([9, 2, 4]), np.array([6, 8, 1])
-AXIAL = np.zeros((3, 9))
-AXIAL[(0, 1, 2), (7, 2, 3)] = 1.0
-AXIAL[(0, 1, 2), (5, 6, 1)] = -1.0
+_AXIAL = np.zeros((3, 9))
+_AXIAL[(0, 1, 2), (7, 2, 3)] = 1.0
+_AXIAL[(0, 1, 2), (5, 6, 1)] = -1.0
 
 
 def orthonormalise(matrix: ArrayLike) -> Array:
@@ -60,14 +60,21 @@ def orthonormalise(matrix: ArrayLike) -> Array:
     array([[ 0., -1.],
            [ 1.,  0.]])
     """
-    matrix = np.asarray(matrix, dtype=float)
-    if matrix.ndim < 2 or matrix.shape[-1] != matrix.shape[-2]:
+    matrix = as_numbers(matrix, "matrix")
+    if matrix.ndim < 2 or matrix.shape[-1] != matrix.shape[-2] or matrix.shape[-1] < 1:
         raise InputError(f"Expected `matrix` to have shape (..., n, n), got {matrix.shape}.")
     if not np.isfinite(matrix).all():
         raise InputError("Expected `matrix` to be finite, got NaN or infinity.")
-    U, _, Vt = np.linalg.svd(matrix)
-    U[..., -1] *= np.linalg.det(U @ Vt)[..., None]
-    return U @ Vt + 0.0
+    return _nearest_rotation(matrix)[0]
+
+
+def _nearest_rotation(matrix: Array) -> tuple[Array, Array]:
+    """The nearest rotation, and whether it is the only one: ``s_(n-1) +- s_n > 0``, the sign that of det U V^T."""
+    U, s, Vt = np.linalg.svd(matrix)
+    sign = np.linalg.det(U @ Vt)
+    U[..., -1] *= sign[..., None]
+    unique = s[..., -2] + sign * s[..., -1] > 1e-12 * s[..., 0] if s.shape[-1] > 1 else s[..., 0] > 0
+    return np.asarray(U @ Vt + 0.0), np.asarray(unique)
 
 
 def register(U: ArrayLike, V: ArrayLike) -> tuple[Array, Array]:
@@ -89,29 +96,28 @@ def register(U: ArrayLike, V: ArrayLike) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        Shapes differ, values are not finite, or the points span fewer than n - 1 directions, so that more
-        than one rotation fits equally well.
+        Shapes differ, values are not finite, or more than one rotation fits equally well: the points span
+        fewer than n - 1 directions, or are mirror images with equal smallest singular values.
     """
-    U, V = np.asarray(U, dtype=float), np.asarray(V, dtype=float)
-    if U.ndim < 2 or U.shape != V.shape:
-        raise InputError(f"Expected `U` and `V` to have the same shape (..., N, n), got {U.shape} and {V.shape}.")
+    U, V = as_numbers(U, "U"), as_numbers(V, "V")
+    if U.ndim < 2 or U.shape != V.shape or U.shape[-1] < 2 or U.shape[-2] < 1:
+        raise InputError(
+            f"Expected `U` and `V` to have the same shape (..., N, n) with n >= 2, got {U.shape} and {V.shape}."
+        )
     if not (np.isfinite(U).all() and np.isfinite(V).all()):
         raise InputError("Expected `U` and `V` to be finite, got NaN or infinity.")
     U_mean, V_mean = U.mean(axis=-2), V.mean(axis=-2)
     correlation = np.swapaxes(V - V_mean[..., None, :], -1, -2) @ (U - U_mean[..., None, :])
-    s = np.linalg.svd(correlation, compute_uv=False)
-    if not (s[..., -2] > 1e-12 * s[..., 0]).all():
+    R, unique = _nearest_rotation(correlation)
+    if not unique.all():
         raise InputError(
-            f"Expected `U` and `V` to span at least {U.shape[-1] - 1} directions, so that one rotation fits "
-            "best; they span fewer."
+            f"Expected `U` and `V` to span at least {U.shape[-1] - 1} directions and not to be mirror images, so that "
+            "one rotation fits best; more than one fits equally well."
         )
-    R = orthonormalise(correlation)
     return R, V_mean - (R @ U_mean[..., None])[..., 0]
 
 
-def solve(
-    A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None, mapping: str = "F2"
-) -> Array:
+def solve(A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None, mapping: str = "F2") -> Array:
     """X from ``A_i X = X B_i``, unweighted, in closed form.
 
     Parameters
@@ -158,8 +164,8 @@ def solve(
 
 def as_pairs(A: Any, B: Any) -> tuple[Array, Array]:
     """Shapes made equal; the values are checked where they are read."""
-    A = np.asarray(A.as_matrix() if hasattr(A, "as_matrix") else A, dtype=float)
-    B = np.asarray(B.as_matrix() if hasattr(B, "as_matrix") else B, dtype=float)
+    A = as_numbers(A.as_matrix() if hasattr(A, "as_matrix") else A, "A")
+    B = as_numbers(B.as_matrix() if hasattr(B, "as_matrix") else B, "B")
     for T, name in ((A, "A"), (B, "B")):
         if T.ndim < 3 or T.shape[-2:] != (4, 4):
             raise InputError(f"Expected `{name}` to have shape (..., N, 4, 4), got {T.shape}.")
@@ -185,8 +191,23 @@ def as_pairs(A: Any, B: Any) -> tuple[Array, Array]:
 def solve_limit(A: Array, B: Array) -> Array:
     """X by T2 on arrays of equal shape ``(..., N, 4, 4)``; values are checked on the way."""
     batch, N = A.shape[:-3], A.shape[-3]
-    moments = _moments(A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)).reshape(*batch, 6, 6)
-    return solve_moments(moments, N)
+    flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
+    try:
+        moments = _moments(flat_A, flat_B, checked=False)
+    except Suspicious:
+        require_transforms(A, B)
+        moments = _moments(flat_A, flat_B, checked=True)
+    return solve_moments(moments.reshape(*batch, 6, 6), N)
+
+
+class Suspicious(Exception):
+    """A block of motions that may not be rigid: the whole input needs the second look."""
+
+
+def require_transforms(A: Array, B: Array) -> None:
+    """The second look: raise the `InputError` that says what is wrong, if anything is."""
+    as_transforms(A, "A")
+    as_transforms(B, "B")
 
 
 def solve_moments(moments: Array, N: int) -> Array:
@@ -209,40 +230,43 @@ def solve_moments(moments: Array, N: int) -> Array:
     X[..., 3, 3] = 1.0
     # sum (w x R v + u x R z) is minus the axial vector of P = K R^T.
     P = K @ R.mT
-    np.matmul(M_inverse, AXIAL @ P.reshape(*P.shape[:-2], 9, 1), out=X[..., :3, 3:])
+    np.matmul(M_inverse, _AXIAL @ P.reshape(*P.shape[:-2], 9, 1), out=X[..., :3, 3:])
     return X
 
 
 def _raise_undetermined(U: Array, s: Array, eigenvalues: Array, N: int) -> NoReturn:
-    """Say which directions of X the singular vectors and the eigenvalues of M leave open."""
-    smallest, largest = eigenvalues[..., 0], eigenvalues[..., 2]
-    determined = (largest > NO_ROTATION * N) & (smallest > DEGENERATE * largest)
+    """Say which directions of X the eigenvalues of M, in the basis U, leave open."""
+    largest = eigenvalues[..., 2]
+    determined = (largest > NO_ROTATION * N) & (eigenvalues[..., 0] > DEGENERATE * largest)
     where: tuple[int, ...] = tuple(int(i) for i in np.argwhere(~determined)[0])
     at = f" (problem {where})" if where else ""
-    axis = U[where][:, 0]
     if not largest[where] > NO_ROTATION * N:
-        directions = np.eye(6)
-        message = (
+        raise DegenerateMotionError(
             f"The motions do not determine X{at}: none of them rotates by an angle other than 0 or 180 degrees. "
             "Neither the rotation nor the translation of X is observable. Move the robot so that it turns about "
-            "at least two different axes, by 30 to 150 degrees."
+            "at least two different axes, by 30 to 150 degrees.",
+            np.eye(6),
         )
-    elif s[where][0] > 2 * s[where][1]:
-        directions = np.zeros((2, 6))
-        directions[0, :3] = directions[1, 3:] = axis
+    lost = U[where].T[eigenvalues[where] <= DEGENERATE * largest[where]]
+    axes = " and ".join(_direction(axis) for axis in lost)
+    if s[where][1] <= DEGENERATE * s[where][0]:
         message = (
-            f"The motions do not determine X{at}: all rotation axes are parallel to {_direction(axis)} in the "
-            "frame of `A`. The rotation of X about this axis and its translation along it are not observable. "
-            "Add motions that turn about another axis."
+            f"The motions do not determine X{at}: all rotation axes are parallel to {axes} in the frame of `A`. "
+            "4DPA sees neither the rotation of X about this axis nor its translation along it, and the rest of the "
+            "translation follows that rotation. Add motions that turn about another axis."
         )
     else:
-        # s1 = s2 = -s3: A and B cannot be related by a proper rotation at all.
-        directions = np.eye(6)
         message = (
-            f"The motions do not determine X{at}: the rotation axes of `A` are those of `B` mirrored, which no "
-            "rotation explains. One of the two is left-handed or inverted."
+            f"The motions do not determine X{at}: the rotation axes of `A` are those of `B` mirrored, which fits no "
+            f"rotation better than another about {axes}. One of the two is left-handed or inverted."
         )
-    raise DegenerateMotionError(message, directions)
+    raise DegenerateMotionError(message, infinite_directions(lost))
+
+
+def infinite_directions(axes: Array) -> Array:
+    """Rotation about and translation along each axis (k, 3), as unit vectors (2k, 6) of (theta, tau)."""
+    zero = np.zeros_like(axes)
+    return np.vstack([np.hstack([axes, zero]), np.hstack([zero, axes])])
 
 
 def _direction(axis: Array) -> str:
@@ -250,11 +274,14 @@ def _direction(axis: Array) -> str:
     return "(" + ", ".join(f"{x + 0.0:.3f}" for x in sign * axis) + ")"
 
 
-def _moments(A: Array, B: Array) -> Array:
-    """``4 sum_i (u, w)_i (v, z)_i^T`` over the pairs of each problem: (T, N, 4, 4) -> (T, 6, 6)."""
+def _moments(A: Array, B: Array, checked: bool) -> Array:
+    """``4 sum_i (u, w)_i (v, z)_i^T`` over the pairs of each problem: (T, N, 4, 4) -> (T, 6, 6).
+
+    X does not depend on the common factor. Raises `Suspicious` unless the input was ``checked``.
+    """
     T, N = A.shape[:2]
     if T * N <= CHUNK:
-        return _chunk_moments(A, B, np.empty(44 * T * N))
+        return _chunk_moments(A, B, np.empty(44 * T * N), checked)
     total = np.zeros((T, 6, 6))
     threads = min(4, _cores()) if T * N >= PARALLEL_PAIRS else 1
 
@@ -262,7 +289,7 @@ def _moments(A: Array, B: Array) -> Array:
         mine = np.zeros((T, 6, 6)) if N > CHUNK else total
         scratch = np.empty(44 * CHUNK)  # allocated once: fresh pages cost as much as the work
         for trials, pairs in islice(product(trial_blocks(T, N), pair_blocks(N)), share, None, threads):
-            mine[trials] += _chunk_moments(A[trials, pairs], B[trials, pairs], scratch)
+            mine[trials] += _chunk_moments(A[trials, pairs], B[trials, pairs], scratch, checked)
         if mine is not total:
             partial[share] = mine
 
@@ -288,29 +315,20 @@ def pair_blocks(N: int, size: int = CHUNK) -> Iterator[slice]:
     return (slice(j, j + size) for j in range(0, N, size))
 
 
-def _chunk_moments(A: Array, B: Array, scratch: Array) -> Array:
-    """Four times the same for one block; ``scratch`` holds 44 numbers per pair.
-
-    X does not depend on a common factor of the moments.
-    """
+def _chunk_moments(A: Array, B: Array, scratch: Array, checked: bool) -> Array:
+    """The same for one block; ``scratch`` holds 44 numbers per pair."""
     T, N = A.shape[:2]
     work = scratch[: 44 * T * N].reshape(22, 2 * T * N)
     rows = entry_rows(A.reshape(-1, 4, 4), B.reshape(-1, 4, 4), out=work[:16])
-    if not surely_transforms(rows):
-        as_transforms(A, "A")  # the slow look: raises and says why, or lets it pass
-        as_transforms(B, "B")
-    R, t = rows[:3, :3], rows[:3, 3]
+    if not checked and not surely_transforms(rows):
+        raise Suspicious
     uw = work[16:]  # twice u, w of A, then twice v, z of B
     np.subtract(work.take(_UPPER, 0), work.take(_LOWER, 0), out=uw[:3])
-    np.einsum("ijm,im->jm", R, t, out=uw[3:])
+    t = rows[:3, 3]
+    np.einsum("ijm,im->jm", rows[:3, :3], t, out=uw[3:])
     uw[3:] += t
     uw = uw.reshape(6, 2, T, N)
-    moments: Array = uw[:, 0].transpose(1, 0, 2) @ uw[:, 1].transpose(1, 2, 0)
-    if not math.isfinite(np.add.reduce(moments, axis=None)):
-        as_transforms(A, "A")
-        as_transforms(B, "B")
-        raise InputError("The translations are so large that their products overflow; use metres.")
-    return moments
+    return np.asarray(uw[:, 0].transpose(1, 0, 2) @ uw[:, 1].transpose(1, 2, 0))
 
 
 def _cores() -> int:
@@ -330,7 +348,8 @@ class Scaled(NamedTuple):
 
 
 def check_scale(scale: float, mapping: str) -> None:
-    if not (np.ndim(scale) == 0 and np.isfinite(scale) and scale > 0):
+    number = isinstance(scale, int | float | np.number) and not isinstance(scale, bool)
+    if not (number and np.isfinite(scale) and scale > 0):
         raise InputError(f"Expected `scale` to be a positive number or None, got {scale!r}.")
     if mapping not in ("F1", "F2"):
         raise InputError(f"Expected `mapping` to be 'F1' or 'F2', got {mapping!r}.")
@@ -344,7 +363,7 @@ def so4_from_se3(T: ArrayLike, scale: float, mapping: str = "F2") -> Array:
     """
     check_scale(scale, mapping)
     function = _closed_form.F2 if mapping == "F2" else _closed_form.F1
-    return function(as_transforms(T, "T", stack=False), scale)
+    return np.asarray(function(as_transforms(T, "T", stack=False), scale), dtype=float)
 
 
 def se3_from_so4(R4: ArrayLike, scale: float) -> Array:
@@ -353,9 +372,11 @@ def se3_from_so4(R4: ArrayLike, scale: float) -> Array:
     The block is orthonormalised, which changes it by the order of |t|^2/d^2.
     """
     check_scale(scale, "F2")
-    R4 = np.asarray(R4, dtype=float)
+    R4 = as_numbers(R4, "R4")
     if R4.ndim < 2 or R4.shape[-2:] != (4, 4):
         raise InputError(f"Expected `R4` to have shape (..., 4, 4), got {R4.shape}.")
+    if not np.isfinite(R4).all():
+        raise InputError("Expected `R4` to be finite, got NaN or infinity.")
     T = np.zeros(R4.shape)
     T[..., :3, :3] = orthonormalise(R4[..., :3, :3])
     T[..., :3, 3] = scale * R4[..., :3, 3]
@@ -390,7 +411,9 @@ def solve_scaled(A: Array, B: Array, scale: float, mapping: str = "F2") -> Scale
     and q_R (34); the signs are fixed by ``R[3, 3] > 0`` and ``q_L[0] >= 0``.
     """
     check_scale(scale, mapping)
-    A, B = as_transforms(A, "A"), as_transforms(B, "B")
+    # The limit checks the input, and tells motions that do not determine X: at finite d the translations hide
+    # it by terms of the order of |t|^2/d^2.
+    solve_limit(A, B)
     F = _closed_form.F2 if mapping == "F2" else _closed_form.F1
     batch, N = A.shape[:-3], A.shape[-3]
     flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
@@ -400,16 +423,11 @@ def solve_scaled(A: Array, B: Array, scale: float, mapping: str = "F2") -> Scale
         sums[0, trials] += _closed_form.F11(E, Z).sum(axis=1)  # (35)
         sums[1, trials] += _closed_form.F22(E, Z).sum(axis=1)
     values, vectors = np.linalg.eigh(sums)  # (34), ascending
-    spread, gap = values[..., 3] - values[..., 0], values[..., 1] - values[..., 0]
-    # The eigenvalues differ by sums of the singular values of H as those of M do: the same test, at finite d.
-    if not np.all((spread > NO_ROTATION * N) & (gap > DEGENERATE * spread)):
-        solve_limit(A, B)
-        raise DegenerateMotionError("The motions do not determine X at this `scale`.", np.eye(6))
+    if not np.all(values[..., 1] - values[..., 0] > DEGENERATE * (values[..., 3] - values[..., 0])):
+        raise DegenerateMotionError("The motions do not determine X at this `scale`; make it larger.", np.eye(6))
     sigma = _signed_octonion(vectors[0, ..., 0], vectors[1, ..., 0])
     X = se3_from_so4(_closed_form.sigma_to_R(sigma), scale)
     # (F - lambda_min I)^+ from the decomposition at hand: the smallest eigenvalue is the one left out.
     inverse_gaps = 1.0 / (values[..., 1:] - values[..., :1])
     pinv = (vectors[..., 1:] * inverse_gaps[..., None, :]) @ vectors[..., 1:].mT
-    return Scaled(
-        X.reshape(*batch, 4, 4), sigma.reshape(*batch, 8), *(p.reshape(*batch, 4, 4) for p in pinv)
-    )
+    return Scaled(X.reshape(*batch, 4, 4), sigma.reshape(*batch, 8), *(p.reshape(*batch, 4, 4) for p in pinv))

@@ -12,7 +12,6 @@ above, and the validation of input matrices.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,9 @@ Array = NDArray[np.float64]
 # |R^T R - I| <= 2 sqrt(3) 5e-5) passes; accepted matrices are used as they are.
 ORTHOGONALITY_TOLERANCE = 2e-4
 
+# Translations beyond this overflow when multiplied.
+TOO_LONG = 1e75
+
 # Pairs or poses that are looked at together: small enough for the cache, large enough for NumPy.
 CHUNK = 8192
 
@@ -34,7 +36,7 @@ CHUNK = 8192
 def skew(v: ArrayLike) -> Array:
     """``[v]x`` with ``[v]x y = v x y`` (3); shapes ``(..., 3) -> (..., 3, 3)``."""
     v = np.asarray(v, dtype=float)
-    S = np.zeros((*v.shape, 3))
+    S: Array = np.zeros((*v.shape, 3))
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     S[..., 2, 1], S[..., 1, 2] = x, -x
     S[..., 0, 2], S[..., 2, 0] = y, -y
@@ -45,9 +47,7 @@ def skew(v: ArrayLike) -> Array:
 def vee(M: ArrayLike) -> Array:
     """``(M32 - M23, M13 - M31, M21 - M12)``: *twice* the axial vector of M; ``(..., 3, 3) -> (..., 3)``."""
     M = np.asarray(M, dtype=float)
-    return np.stack(
-        [M[..., 2, 1] - M[..., 1, 2], M[..., 0, 2] - M[..., 2, 0], M[..., 1, 0] - M[..., 0, 1]], axis=-1
-    )
+    return np.stack([M[..., 2, 1] - M[..., 1, 2], M[..., 0, 2] - M[..., 2, 0], M[..., 1, 0] - M[..., 0, 1]], axis=-1)
 
 
 def inverse(T: Array) -> Array:
@@ -75,7 +75,7 @@ def left_jacobian(theta: ArrayLike) -> Array:
     series = 1 / 6 - a2 / 120 * (1 - a2 / 42 * (1 - a2 / 72 * (1 - a2 / 110 * (1 - a2 / 156))))
     second = np.where(a > 0.5, (safe - np.sin(safe)) / safe**3, series)
     S = skew(theta)
-    return np.eye(3) + first[..., None, None] * S + second[..., None, None] * (S @ S)
+    return np.asarray(np.eye(3) + first[..., None, None] * S + second[..., None, None] * (S @ S))
 
 
 def block(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike) -> Array:
@@ -94,18 +94,23 @@ def inverse_jacobian(T: Array) -> Array:
     return -block(R_transposed, 0.0, R_transposed @ skew(T[..., :3, 3]), R_transposed)
 
 
+def as_numbers(value: Any, name: str) -> Array:
+    """``value`` as a float64 array, or an `InputError` that names it."""
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"Expected `{name}` to be an array of numbers of one shape, got {type(value).__name__}."
+        ) from error
+
+
 def as_transforms(value: Any, name: str, stack: bool = True) -> Array:
     """``value`` as checked float64 matrices ``(..., N, 4, 4)`` (or ``(..., 4, 4)`` if not ``stack``).
 
     Takes arrays or a SciPy ``RigidTransform``. Raises `InputError` naming ``name``, the shape or the first
     offending entry.
     """
-    if hasattr(value, "as_matrix"):
-        value = value.as_matrix()
-    try:
-        T = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"Expected `{name}` to be an array of numbers, got {type(value).__name__}.") from error
+    T = as_numbers(value.as_matrix() if hasattr(value, "as_matrix") else value, name)
     wanted = "(..., N, 4, 4)" if stack else "(..., 4, 4)"
     if T.ndim < (3 if stack else 2) or T.shape[-2:] != (4, 4):
         raise InputError(f"Expected `{name}` to have shape {wanted}, got {T.shape}.")
@@ -115,7 +120,7 @@ def as_transforms(value: Any, name: str, stack: bool = True) -> Array:
     for start in range(0, len(flat), CHUNK):
         chunk = flat[start : start + CHUNK]
         rows = entry_rows(chunk)
-        if not (surely_transforms(rows) and np.isfinite(rows.sum())):
+        if not surely_transforms(rows):
             _explain(flat, start, start + len(chunk), T.shape[:-2], name)
     return T
 
@@ -132,13 +137,13 @@ def entry_rows(*stacks: Array, out: Array | None = None) -> Array:
 
 
 def surely_transforms(rows: Array) -> bool:
-    """Whether every ``rows[:, :, k]`` of (4, 4, m) is in SE(3) to about 1e-5.
+    """Whether every ``rows[:, :, k]`` of (4, 4, m) is in SE(3) to about 1e-5, with finite translations.
 
     |R|^2 = 3 and det R = 1 hold together only for rotations: the squared singular values then have
     arithmetic and geometric mean 1, so all are 1. To second order |R|^2 - 2 det R - 1 = 2 |E|^2 - tr(E)^2
     for R = Q (I + E) with E symmetric. Sufficient, not necessary (`as_transforms` takes a second, entry by
-    entry look at what fails here), and false if R holds a NaN; infinite translations pass. Overwrites the
-    corner ``rows[3, 3]`` by its deviation from 1.
+    entry look at what fails here), and false if there is a NaN. Overwrites the corner ``rows[3, 3]`` by its
+    deviation from 1.
     """
     R = rows[:3, :3]
     squares = np.einsum("ijm,ijm->m", R, R)
@@ -149,8 +154,10 @@ def surely_transforms(rows: Array) -> bool:
     squares -= 3.0
     determinant -= 1.0
     rows[3, 3] -= 1.0
-    last = rows[3].ravel()
-    return bool(squares.dot(squares) + determinant.dot(determinant) < 1e-18 and last.dot(last) < 1e-9)
+    last, t = rows[3].ravel(), rows[:3, 3].ravel()
+    return bool(
+        squares.dot(squares) + determinant.dot(determinant) < 1e-18 and last.dot(last) < 1e-9 and t.dot(t) < TOO_LONG**2
+    )
 
 
 def _surely_transform(rows: list[list[float]]) -> bool:
@@ -159,7 +166,9 @@ def _surely_transform(rows: list[list[float]]) -> bool:
     squares = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i
     determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
     last = j * j + k * k + m * m + (n - 1.0) ** 2
-    return (squares - 3.0) ** 2 + (determinant - 1.0) ** 2 < 1e-18 and last < 1e-9 and math.isfinite(x + y + z)
+    return (
+        (squares - 3.0) ** 2 + (determinant - 1.0) ** 2 < 1e-18 and last < 1e-9 and abs(x) + abs(y) + abs(z) < TOO_LONG
+    )
 
 
 def _explain(flat: Array, start: int, stop: int, shape: tuple[int, ...], name: str) -> None:
@@ -169,6 +178,8 @@ def _explain(flat: Array, start: int, stop: int, shape: tuple[int, ...], name: s
         at = f"`{name}`[{', '.join(str(i) for i in np.unravel_index(k, shape))}]" if shape else f"`{name}`"
         if not np.isfinite(T).all():
             raise InputError(f"Expected {at} to be finite, got NaN or infinity.")
+        if np.abs(T[:3, 3]).max() > TOO_LONG:
+            raise InputError(f"Expected the translation of {at} to be below {TOO_LONG:g}, got {T[:3, 3].tolist()}.")
         if np.abs(T[3] - [0, 0, 0, 1]).max() >= ORTHOGONALITY_TOLERANCE:
             raise InputError(f"Expected the last row of {at} to be [0, 0, 0, 1], got {T[3].tolist()}.")
         R = T[:3, :3]

@@ -136,7 +136,14 @@ def main() -> None:
     )
     A, B = random_motions(1_000_000, rng)
     one_pass = median_ms(lambda: (A.sum(), B.sum()))
-    rows.append(("solve, 1,000,000 pairs", median_ms(lambda: uq.solve(A, B)), 3 * one_pass, "three passes A.sum(), B.sum()"))
+    rows.append(
+        (
+            "solve, 1,000,000 pairs",
+            median_ms(lambda: uq.solve(A, B)),
+            3 * one_pass,
+            "three passes A.sum(), B.sum()",
+        )
+    )
     memory = peak_extra_mb(lambda: uq.solve(A, B))
     trials = (A[:600_000].reshape(10_000, 60, 4, 4), B[:600_000].reshape(10_000, 60, 4, 4))
     rows.append(("solve, 10,000 trials of N = 60", median_ms(lambda: uq.solve(*trials)), 150 * machine, ""))

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+
 from uq_handeye.symbolic import cache
 from uq_handeye.symbolic.elimination import derive
 from uq_handeye.symbolic.matrices import FORMS

@@ -4,9 +4,9 @@ import inspect
 
 import numpy as np
 import pytest
-from uq_handeye.symbolic.matrices import FORMS
 
 from uq_handeye import _closed_form as cf
+from uq_handeye.symbolic.matrices import FORMS
 
 D = 50.0  # small enough that the terms in 1/d count in the comparisons
 EPS = np.finfo(np.float64).eps

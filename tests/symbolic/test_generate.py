@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 import sympy
+
+from uq_handeye import _closed_form
 from uq_handeye.symbolic import generate
 from uq_handeye.symbolic.matrices import FORMS
 from uq_handeye.symbolic.printing import BANNER
-
-from uq_handeye import _closed_form
 
 PACKAGE = Path(_closed_form.__file__).parent
 same_sympy = pytest.mark.skipif(

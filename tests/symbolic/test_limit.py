@@ -20,6 +20,7 @@ right problem at -epsilon) and is measured in `test_closed_form.py`.
 
 import pytest
 from sympy import Matrix, Rational, Symbol, eye, trace, zeros
+
 from uq_handeye.symbolic.limit import at_pose, isoclinic_part
 from uq_handeye.symbolic.octonion import R_L, R_R, coordinates, entries, hamilton
 from uq_handeye.symbolic.polynomials import identical
@@ -37,9 +38,7 @@ def quaternion_rotation(q):
 
 def up_to_first_order(matrix):
     """Drop the terms in epsilon^2 and above."""
-    return (matrix.subs(EPSILON, 0) + EPSILON * matrix.diff(EPSILON).subs(EPSILON, 0)).applyfunc(
-        lambda x: x.expand()
-    )
+    return (matrix.subs(EPSILON, 0) + EPSILON * matrix.diff(EPSILON).subs(EPSILON, 0)).applyfunc(lambda x: x.expand())
 
 
 @SIDES

@@ -2,6 +2,7 @@
 
 import pytest
 from sympy import Matrix, Rational, Symbol, eye, zeros
+
 from uq_handeye.symbolic.octonion import R_L, R_R, P, Q, basis, coordinates, hamilton, rotation
 from uq_handeye.symbolic.polynomials import identical, over_ring, symbols_of
 

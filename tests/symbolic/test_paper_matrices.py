@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from sympy import Matrix, Symbol, sqrt
+
 from uq_handeye.symbolic.matrices import FORMS
 
 PRINTED = runpy.run_path(str(Path(__file__).with_name("paper_matrices.py")))["PRINTED"]

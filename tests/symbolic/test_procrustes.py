@@ -5,6 +5,7 @@ from itertools import product
 
 import pytest
 from sympy import Matrix, Symbol, eye, kronecker_product, randMatrix, trace, zeros
+
 from uq_handeye.symbolic import derivatives
 from uq_handeye.symbolic.octonion import R_L, R_R, P, coordinates, entries, rotation
 from uq_handeye.symbolic.polynomials import identical, over_ring, symbols_of

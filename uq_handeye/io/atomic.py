@@ -77,9 +77,7 @@ def _prepare(target: Path, content: Content, cleaning: ExitStack) -> tuple[Path 
         if mode is not None and stat.S_ISDIR(mode):
             raise InputError(f"Cannot write {shown(target)}: it is a folder, expected a file.")
         if not target.parent.is_dir():
-            raise InputError(
-                f"Cannot write {shown(target)}: there is no folder {shown(target.parent)}; make it first."
-            )
+            raise InputError(f"Cannot write {shown(target)}: there is no folder {shown(target.parent)}; make it first.")
         if mode is not None and not os.access(target, os.W_OK):
             raise InputError(f"Cannot write {shown(target)}: the file is read-only.")
         if mode is not None and not stat.S_ISREG(mode):  # nothing to keep whole, and never to be replaced

@@ -9,6 +9,7 @@ names the file, the line as an editor numbers it, and the column.
 from __future__ import annotations
 
 import re
+import warnings
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from ..errors import InputError
+from ..errors import InputError, InputWarning
+from ..poses import first_duplicate
 from ..se3 import Array, as_transforms
 from ..units import LENGTH_UNITS
 from ._files import StrPath, as_path, opened, require_size, shown
@@ -51,7 +53,7 @@ def read_pose_file(path: StrPath, units: str = "m") -> tuple[NDArray[np.float64]
     InputError
         One line that names the file, the line and the column: a file that cannot be read or is not such a
         table, numbers that are not finite, quaternions whose norm is not 1 within 1e-3 (the others are
-        normalised), timestamps that do not increase strictly, no rows.
+        normalised), repeated timestamps, no rows.
     """
     if units not in LENGTH_UNITS:
         raise InputError(f"Expected `units` to be one of {', '.join(LENGTH_UNITS)}, got {units!r}.")
@@ -70,7 +72,7 @@ def write_pose_file(path: StrPath, poses: Any, timestamps: ArrayLike | None = No
 
     Numbers carry full precision: reading the file back loses at most rounding (1e-15 in the rotation). A
     rotation that is orthogonal only within the tolerance of the toolkit becomes the nearest rotation.
-    ``timestamps`` (n,) must increase strictly; left out, they are row numbers 0, 1, 2, ...
+    ``timestamps`` (n,) must differ; left out, they are row numbers 0, 1, 2, ...
 
     Raises `InputError` for poses or timestamps that `read_pose_file` would refuse, and for a file that cannot
     be written.
@@ -94,11 +96,8 @@ def pose_text(poses: Any, timestamps: ArrayLike | None = None) -> str:
         raise InputError(f"Expected `timestamps` to be numbers, got {type(timestamps).__name__}.") from error
     if times.shape != (len(T),) or not np.isfinite(times).all():
         raise InputError(f"Expected `timestamps` to be {len(T)} finite numbers, got shape {times.shape}.")
-    increases = times[1:] > times[:-1]
-    if not increases.all():
-        row = int(np.argmin(increases)) + 1
-        got = f"{times[row - 1]} then {times[row]} (pose {row})"
-        raise InputError(f"Expected `timestamps` to increase strictly, got {got}.")
+    if (twins := first_duplicate(times)) is not None:
+        raise InputError(f"Expected `timestamps` to differ, got {times[twins[0]]} for poses {twins[0]} and {twins[1]}.")
     quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)
     table = np.column_stack([times, T[:, :3, 3], quaternions]) + 0.0  # + 0.0 turns -0.0 into 0.0
     rows = (",".join(map(repr, row.tolist())) for row in table)
@@ -212,7 +211,7 @@ def _short(text: str) -> str:
 
 
 def _check_table(table: Array, lines: NDArray[np.int64], name: str) -> None:
-    """Raise `InputError` for numbers that are not finite, timestamps that do not increase, bad norms."""
+    """Raise `InputError` for numbers that are not finite, repeated timestamps, bad norms."""
     finite = np.isfinite(table)
     if not finite.all():
         row, column = divmod(int(np.argmin(finite)), len(COLUMNS))
@@ -221,14 +220,18 @@ def _check_table(table: Array, lines: NDArray[np.int64], name: str) -> None:
             f"got {table[row, column]}; leave out poses that were not measured, in both files."
         )
     times = table[:, 0]
-    increases = times[1:] > times[:-1]
-    if not increases.all():
-        row = int(np.argmin(increases)) + 1
-        before, now = times[row - 1].item(), times[row].item()
-        what = "repeats the one" if before == now else f"is before the {before!r}"
+    if (twins := first_duplicate(times)) is not None:
         raise InputError(
-            f"{name}, line {lines[row]}, column timestamp: {now!r} {what} of line {lines[row - 1]}; "
-            "timestamps must increase strictly (without times, number the rows 0, 1, 2, ...)."
+            f"{name}, line {lines[twins[1]]}, column timestamp: {times[twins[1]].item()!r} repeats the one of line "
+            f"{lines[twins[0]]}; every pose needs its own (without times, number the rows 0, 1, 2, ...)."
+        )
+    back = np.flatnonzero(times[1:] < times[:-1])
+    if back.size:
+        warnings.warn(
+            f"{name}: the timestamps go back in {back.size} of {len(times)} rows, first in line {lines[back[0] + 1]}. "
+            "Rows are paired by their order in the file, so this matters only if it is not what you expect.",
+            InputWarning,
+            stacklevel=4,
         )
     quaternions = table[:, 4:]
     with np.errstate(over="ignore"):  # an infinite norm is as wrong as a large one

@@ -92,9 +92,7 @@ def _covariance(table: str, content: Any, name: str) -> Array:
             if key not in content:
                 raise InputError(f"The key {key} is missing; {EXPECTED}.")
             if not isinstance(content[key], str) and not _is_number(content[key]):
-                raise InputError(
-                    f"Expected {key} to be text with a unit, or a number, got {_short(content[key])}."
-                )
+                raise InputError(f"Expected {key} to be text with a unit, or a number, got {_short(content[key])}.")
         rotation, translation = parse_deviations((content["rotation"], content["translation"]), f"[{table}]")
     except InputError as error:
         raise InputError(f"{where}: {' '.join(str(error).split())}") from error

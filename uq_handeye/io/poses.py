@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..poses import PosePairs
 from ._files import StrPath, as_path, shown
 from .csv_poses import read_pose_file
@@ -29,8 +31,14 @@ def read_poses(robot: StrPath, camera: StrPath, *, setup: str = "eye-in-hand", u
     Raises
     ------
     InputError
-        What `read_pose_file` refuses; different numbers of rows; timestamps that differ by more than 1e-6 s
-        in any row. Two row numberings are such timestamps too: if they differ, a row was lost in one file.
+        What `read_pose_file` refuses; different numbers of rows; timestamps of a row that differ by half the
+        interval between rows or more. Two row numberings are such timestamps too: if they differ, a row was
+        lost in one file.
+
+    Warns
+    -----
+    InputWarning
+        Timestamps of a row that differ by more than 1e-6 s but less than that.
     """
     robot, camera = as_path(robot), as_path(camera)
     robot_times, robot_poses = read_pose_file(robot, units)
@@ -44,10 +52,19 @@ def read_poses(robot: StrPath, camera: StrPath, *, setup: str = "eye-in-hand", u
     difference = np.abs(robot_times - camera_times)
     row = int(np.argmax(difference))
     if difference[row] > SYNCHRONOUS:
-        raise InputError(
-            f"The rows of {shown(robot)} and {shown(camera)} are not synchronous: their timestamps differ by "
-            f"up to {difference[row]:.6g} s, in pose {row} ({robot_times[row].item()!r} and "
-            f"{camera_times[row].item()!r}). Resample one stream at the times of the other; or, if the rows "
-            "do belong together, give both files the same timestamps (row numbers will do)."
+        where = (
+            f"the timestamps of {shown(robot)} and {shown(camera)} differ by up to {difference[row]:.6g} s, in pose {row} "
+            f"({robot_times[row].item()!r} and {camera_times[row].item()!r})"
+        )
+        interval = float(np.median(np.abs(np.diff(robot_times)))) if len(robot_times) > 1 else 0.0
+        if difference[row] >= 0.5 * interval:
+            raise InputError(
+                f"The rows do not belong to the same moments: {where}. Resample one stream at the times of the other; "
+                "or, if the rows do belong together, give both files the same timestamps (row numbers will do)."
+            )
+        warnings.warn(
+            f"Rows are paired by their order although {where}. That is right if the robot stood still.",
+            InputWarning,
+            stacklevel=2,
         )
     return PosePairs(robot_poses, camera_poses, setup=setup, timestamps=robot_times)

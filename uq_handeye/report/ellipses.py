@@ -250,9 +250,7 @@ def _draw(
         for level, width in zip(LEVELS, WIDTHS, strict=True):
             axis.plot(level * x, level * y, color=colour, linestyle=style, linewidth=width, zorder=3 + number)
         if number == 0:
-            value = (
-                "undefined" if rho is None else f"= {round(rho, 3) + 0.0:+.3f}".replace("-", "\N{MINUS SIGN}")
-            )
+            value = "undefined" if rho is None else f"= {round(rho, 3) + 0.0:+.3f}".replace("-", "\N{MINUS SIGN}")
             axis.set_title(rf"$\rho$ {value}", fontsize=8, loc="right", pad=3)
             if not s.any():
                 axis.plot(0, 0, "o", color=colour, markersize=3, zorder=3)
@@ -277,9 +275,7 @@ def _frame(axis: Axes, reach: tuple[float, float]) -> None:
     axis.tick_params(labelsize=8, direction="in", top=True, right=True)
 
 
-def _legend(
-    figure: Figure, covariances: Mapping[str, Array], samples: bool, truth: bool, pose: Array
-) -> None:
+def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, truth: bool, pose: Array) -> None:
     """What the lines mean, what the ellipses hold, and where the origin is."""
     handles: list[Any] = []
     for name, (colour, style) in zip(covariances, STYLES, strict=False):

@@ -43,7 +43,10 @@ def summary(result: Calibration, threshold: float) -> str:
         _row("quaternion", "xyzw", quaternion, _std(theta, _quaternion_jacobian(quaternion)), 7),
     ]
     if result.std is None:
-        lines += ["", "Standard deviations: not determined, no noise was given (--robot-noise, --camera-noise)."]
+        lines += [
+            "",
+            "Standard deviations: not determined, no noise was given (--robot-noise, --camera-noise).",
+        ]
     else:
         lines += [
             _row("rotation about (deg)", "xyz", None, np.degrees(result.std[:3]), 5),
@@ -65,10 +68,8 @@ def summary(result: Calibration, threshold: float) -> str:
     lines += [
         "",
         "Residuals of AX = XB over the pairs (how well X explains them, not how accurate it is):",
-        f"  rotation     RMS {_digits(np.degrees(r.rotation_rms))} deg, median {_digits(np.degrees(r.rotation_median))},"
-        f" max {_digits(np.degrees(r.rotation_max))}",
-        f"  translation  RMS {_digits(1e3 * r.translation_rms)} mm, median {_digits(1e3 * r.translation_median)},"
-        f" max {_digits(1e3 * r.translation_max)}",
+        _residuals("rotation", "deg", 180 / np.pi, r.rotation_rms, r.rotation_median, r.rotation_max),
+        _residuals("translation", "mm", 1e3, r.translation_rms, r.translation_median, r.translation_max),
         "",
         f"{inverse_name} (inverse of X)",
         "",
@@ -112,6 +113,11 @@ def _row(label: str, names: str, values: Array | None, std: Array | None, decima
     return f"{label:22s} " + "   ".join(parts)
 
 
+def _residuals(name: str, unit: str, factor: float, *values: float) -> str:
+    rms, median, largest = (_digits(factor * value) for value in values)
+    return f"  {name:12s} RMS {rms} {unit}, median {median}, max {largest}"
+
+
 def _digits(value: float) -> str:
     """Three significant digits without an exponent where that is short."""
     if value == 0 or 1e-4 <= abs(value) < 1e6:
@@ -125,7 +131,7 @@ def _std(covariance: Array | None, J: Array) -> Array | None:
 
 def _rotvec_jacobian(rotvec: Array) -> Array:
     """Degrees of the rotation vector per rad of left rotation: ``J_l(rotvec)^-1``."""
-    return np.degrees(np.linalg.inv(left_jacobian(rotvec)))
+    return np.asarray(np.degrees(np.linalg.inv(left_jacobian(rotvec))))
 
 
 def _quaternion_jacobian(q: Array) -> Array:
