@@ -7,7 +7,7 @@
 >>> result.X.shape, result.covariance.shape
 ((4, 4), (6, 6))
 >>> print(result.frame, (result.std[3:] * 1e3).round(2), "mm")
-gripper_T_camera [0.35 0.38 0.35] mm
+gripper_T_camera [0.44 0.43 0.32] mm
 """
 
 from .calibration import Calibration, calibrate

@@ -77,8 +77,8 @@ class PosePairs:
                 raise InputError(f"Expected `timestamps` to be {self.n} finite numbers, got shape {times.shape}.")
             if (twins := first_duplicate(times)) is not None:
                 raise InputError(
-                    f"Expected every pose to have a timestamp of its own, got {times[twins[0]]} for poses {twins[0]} and "
-                    f"{twins[1]}."
+                    f"Expected a timestamp of its own for every pose, got {times[twins[0]]} for poses {twins[0]} "
+                    f"and {twins[1]}."
                 )
             times.flags.writeable = False
             object.__setattr__(self, "timestamps", times)

@@ -5,9 +5,9 @@ Approach", 2019. Model of `solve`: ``A_i X = X B_i`` with ``X = gripper_T_camera
 (``base_T_camera`` for eye-to-hand), ``A`` relative motions of the robot, ``B`` of the camera. (The paper's
 (6) calls ``A`` the camera and ``B`` the gripper; its X is the inverse of ours, its equation the same.)
 
-`solve` at a finite scaling factor d is the paper's route: SE(3) -> SO(4) by F1 (49) or F2 (51), Problem 2
-through the generated matrices F11, F22 (33)-(35). At ``scale=None`` it is the limit d -> infinity of that
-route in closed form (T2 in the theory page): with ``u = vee(R_A)/2 = sin(angle) axis``,
+`solve` at a finite scaling factor d is the paper's route: SE(3) -> SO(4) by F2 (51), then Problem 2 through the
+generated matrices F11, F22 (33)-(35). At ``scale=None`` it is the limit d -> infinity of that route in closed form
+(T2 in the theory page): with ``u = vee(R_A)/2 = sin(angle) axis``,
 ``w = (t_A + R_A^T t_A)/2``, likewise ``v, z`` of B,
 
     H = sum u v^T = U S V^T,       R_X = U diag(1, 1, det(U V^T)) V^T
@@ -117,7 +117,7 @@ def register(U: ArrayLike, V: ArrayLike) -> tuple[Array, Array]:
     return R, V_mean - (R @ U_mean[..., None])[..., 0]
 
 
-def solve(A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None, mapping: str = "F2") -> Array:
+def solve(A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None) -> Array:
     """X from ``A_i X = X B_i``, unweighted, in closed form.
 
     Parameters
@@ -130,8 +130,6 @@ def solve(A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None, m
         Scaling factor d of the map to SO(4), in the length unit of the translations; None is the limit
         d -> infinity in closed form. A finite d truncates X by the order of 1/d^2 and rounds it by d eps;
         d of 1e4 to 1e5 lengths balances the two.
-    mapping : "F2" or "F1"
-        The map (51) or (49); used at finite ``scale`` only (both have the same limit).
 
     Returns
     -------
@@ -159,7 +157,7 @@ def solve(A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None, m
     A, B = as_pairs(A, B)
     if scale is None:
         return solve_limit(A, B)
-    return solve_scaled(A, B, scale, mapping).X
+    return solve_scaled(A, B, scale).X
 
 
 def as_pairs(A: Any, B: Any) -> tuple[Array, Array]:
@@ -347,21 +345,22 @@ class Scaled(NamedTuple):
     pinv_R: Array  # (..., 4, 4): (F22 - lambda_min I)^+
 
 
-def check_scale(scale: float, mapping: str) -> None:
+def check_scale(scale: float) -> None:
     number = isinstance(scale, int | float | np.number) and not isinstance(scale, bool)
     if not (number and np.isfinite(scale) and scale > 0):
         raise InputError(f"Expected `scale` to be a positive number or None, got {scale!r}.")
-    if mapping not in ("F1", "F2"):
-        raise InputError(f"Expected `mapping` to be 'F1' or 'F2', got {mapping!r}.")
 
 
 def so4_from_se3(T: ArrayLike, scale: float, mapping: str = "F2") -> Array:
     """The maps F1 (49) and F2 (51) at ``eps = 1/scale``: (..., 4, 4) in SE(3) to nearly SO(4).
 
     ``F2 = [[R, t/d], [-t^T R/d, 1]]``; F1 has the opposite sign in its last row. F2 is orthogonal up to
-    |t|^2/d^2, F1 only up to 2 |t|/d.
+    |t|^2/d^2, F1 only up to 2 |t|/d: the rotation nearest to F1(T) is diag(R, 1), so that F1 carries no
+    translation through Problem 2, which therefore takes F2.
     """
-    check_scale(scale, mapping)
+    check_scale(scale)
+    if mapping not in ("F1", "F2"):
+        raise InputError(f"Expected `mapping` to be 'F1' or 'F2', got {mapping!r}.")
     function = _closed_form.F2 if mapping == "F2" else _closed_form.F1
     return np.asarray(function(as_transforms(T, "T", stack=False), scale), dtype=float)
 
@@ -371,7 +370,7 @@ def se3_from_so4(R4: ArrayLike, scale: float) -> Array:
 
     The block is orthonormalised, which changes it by the order of |t|^2/d^2.
     """
-    check_scale(scale, "F2")
+    check_scale(scale)
     R4 = as_numbers(R4, "R4")
     if R4.ndim < 2 or R4.shape[-2:] != (4, 4):
         raise InputError(f"Expected `R4` to have shape (..., 4, 4), got {R4.shape}.")
@@ -384,13 +383,13 @@ def se3_from_so4(R4: ArrayLike, scale: float) -> Array:
     return T
 
 
-def octonion(X: ArrayLike, scale: float, mapping: str = "F2") -> Array:
+def octonion(X: ArrayLike, scale: float) -> Array:
     """The unit octonion ``sigma = (q_L, q_R)/sqrt(2)`` (18) of X on SO(4); (..., 4, 4) -> (..., 8).
 
     ``q_L q_R^T`` has the entries ``<R_L(e_j) R_R(e_k), R4>/4`` for R4 in SO(4); the two leading singular
     vectors give the octonion of the nearest rotation for the image of X, which is in SO(4) to order 1/d only.
     """
-    R4 = so4_from_se3(X, scale, mapping)
+    R4 = so4_from_se3(X, scale)
     basis = _closed_form.R_L(_EYE4)[:, None] @ _closed_form.R_R(_EYE4)
     U, _, Vt = np.linalg.svd(np.einsum("jkab,...ab->...jk", basis, R4))
     return _signed_octonion(U[..., 0], Vt[..., 0, :])
@@ -404,22 +403,22 @@ def _signed_octonion(q_L: Array, q_R: Array) -> Array:
     return np.asarray(np.concatenate([sign * q_L, sign * q_R], axis=-1) / math.sqrt(2.0))
 
 
-def solve_scaled(A: Array, B: Array, scale: float, mapping: str = "F2") -> Scaled:
-    """Problem 2 on ``F(A_i), F(B_i)`` through the generated F11 and F22 (33)-(35).
+def solve_scaled(A: Array, B: Array, scale: float) -> Scaled:
+    """Problem 2 on ``F2(A_i), F2(B_i)`` through the generated F11 and F22 (33)-(35).
 
     The eigenvectors of the smallest eigenvalues are q_L
     and q_R (34); the signs are fixed by ``R[3, 3] > 0`` and ``q_L[0] >= 0``.
     """
-    check_scale(scale, mapping)
+    check_scale(scale)
     # The limit checks the input, and tells motions that do not determine X: at finite d the translations hide
     # it by terms of the order of |t|^2/d^2.
     solve_limit(A, B)
-    F = _closed_form.F2 if mapping == "F2" else _closed_form.F1
     batch, N = A.shape[:-3], A.shape[-3]
     flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
     sums = np.zeros((2, len(flat_A), 4, 4))
     for trials, pairs in product(trial_blocks(len(flat_A), N), pair_blocks(N)):
-        E, Z = F(flat_A[trials, pairs], scale), F(flat_B[trials, pairs], scale)
+        E = _closed_form.F2(flat_A[trials, pairs], scale)
+        Z = _closed_form.F2(flat_B[trials, pairs], scale)
         sums[0, trials] += _closed_form.F11(E, Z).sum(axis=1)  # (35)
         sums[1, trials] += _closed_form.F22(E, Z).sum(axis=1)
     values, vectors = np.linalg.eigh(sums)  # (34), ascending

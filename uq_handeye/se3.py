@@ -154,9 +154,11 @@ def surely_transforms(rows: Array) -> bool:
     squares -= 3.0
     determinant -= 1.0
     rows[3, 3] -= 1.0
-    last, t = rows[3].ravel(), rows[:3, 3].ravel()
+    last = rows[3].ravel()
     return bool(
-        squares.dot(squares) + determinant.dot(determinant) < 1e-18 and last.dot(last) < 1e-9 and t.dot(t) < TOO_LONG**2
+        squares.dot(squares) + determinant.dot(determinant) < 1e-18
+        and last.dot(last) < 1e-9
+        and np.abs(rows[:3, 3]).max(initial=0.0) < TOO_LONG
     )
 
 

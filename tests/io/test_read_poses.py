@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uq_handeye.errors import InputError
+from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.io import read_poses, write_pose_file
 
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
@@ -57,7 +57,7 @@ def test_counts_differ(pair):
 @pytest.mark.parametrize(
     ("camera", "parts"),
     [
-        ([0.0, 1.013, 2.002], ["not synchronous", "0.013 s, in pose 1 (1.0 and 1.013)", "Resample"]),
+        ([0.0, 1.6, 2.002], ["same moments", "0.6 s, in pose 1 (1.0 and 1.6)", "Resample"]),
         ([0, 1, 3], ["1 s, in pose 2", "row numbers"]),  # one numbering lost a row
         ([1, 2, 3], ["1 s, in pose 0"]),
     ],
@@ -66,6 +66,21 @@ def test_rows_are_not_synchronous(pair, camera, parts):
     text = message(pair([0, 1, 2], camera))
     for part in parts:
         assert part in text
+
+
+def test_small_differences_are_said(pair):
+    with pytest.warns(InputWarning, match=r"0.013 s, in pose 1 \(1.0 and 1.013\)"):
+        assert read_poses(*pair([0, 1, 2], [0.0, 1.013, 2.002])).n == 3
+
+
+def test_order_of_timestamps_is_said(pair):
+    files = pair([0, 2, 1], [0, 2, 1])
+    with pytest.warns(InputWarning) as caught:
+        assert read_poses(*files).n == 3
+    texts = [str(warning.message) for warning in caught]
+    assert len(texts) == 2  # one for each file
+    assert "robot.csv: the timestamps go back in 1 of 3 rows, first in line 4" in texts[0]
+    assert "camera.csv" in texts[1]
 
 
 def test_other_arguments(pair):

@@ -53,8 +53,8 @@ def read_poses(robot: StrPath, camera: StrPath, *, setup: str = "eye-in-hand", u
     row = int(np.argmax(difference))
     if difference[row] > SYNCHRONOUS:
         where = (
-            f"the timestamps of {shown(robot)} and {shown(camera)} differ by up to {difference[row]:.6g} s, in pose {row} "
-            f"({robot_times[row].item()!r} and {camera_times[row].item()!r})"
+            f"the timestamps of {shown(robot)} and {shown(camera)} differ by up to {difference[row]:.6g} s, in pose "
+            f"{row} ({robot_times[row].item()!r} and {camera_times[row].item()!r})"
         )
         interval = float(np.median(np.abs(np.diff(robot_times)))) if len(robot_times) > 1 else 0.0
         if difference[row] >= 0.5 * interval:
