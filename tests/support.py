@@ -153,11 +153,11 @@ def whitened_eigenvalues(covariance, reference):
     return linalg.eigh(covariance * scale[:, None] * scale, reference * scale[:, None] * scale, eigvals_only=True)
 
 
-def assert_same_covariance(covariance, reference, tolerance):
+def assert_same_covariance(covariance, reference, tolerance, symmetry=1e-9):
     """Relative agreement: |eigenvalues of reference^-1 covariance - 1| < tolerance, and symmetry."""
     assert covariance.shape == reference.shape
     sd = np.sqrt(np.diag(covariance))
-    assert np.abs((covariance - covariance.T) / sd / sd[:, None]).max() < 1e-9
+    assert np.abs((covariance - covariance.T) / sd / sd[:, None]).max() < symmetry
     eigenvalues = whitened_eigenvalues(covariance, reference)
     assert np.abs(eigenvalues - 1.0).max() < tolerance, eigenvalues
 

@@ -124,8 +124,19 @@ def test_motions_are_checked(rng):
     A, B = random_transforms(rng, (5,)), random_transforms(rng, (5,))
     with pytest.raises(InputError, match=r"same number of motions, got shapes \(5, 4, 4\) and \(4, 4, 4\)"):
         Motions(A, B[:4])
-    with pytest.raises(InputError, match="`pairs` means nothing without `poses`"):
+    with pytest.raises(InputError, match="`pairs` and `poses` together"):
         Motions(A, B, np.array([[0, 1]] * 5))
     B[2, :3, :3] *= 1.1
     with pytest.raises(InputError, match=r"`B`\[2\] to hold a rotation"):
         Motions(A, B)
+
+
+def test_motions_with_poses_are_checked(rng):
+    """The public constructor takes `poses` too: what it cannot use it must refuse."""
+    A, B = random_transforms(rng, (4,)), random_transforms(rng, (4,))
+    poses = PosePairs(random_transforms(rng, (5,)), random_transforms(rng, (5,)))
+    pairs = pair_indices(5)
+    with pytest.raises(InputError):
+        Motions(A, B, poses=poses)
+    with pytest.raises(InputError):
+        Motions(A, B[:3], pairs, poses)

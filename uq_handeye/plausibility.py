@@ -155,7 +155,11 @@ def check_frames(motions: Motions, angle: Array) -> list[str]:
     offer, which fit equally well and differ in what X is.
     """
     rms = float(np.sqrt(np.mean(angle**2)))
-    if rms < LARGE_RESIDUAL:
+    # Noise turns about all three axes and so makes the residual sqrt(3) times the difference of the angles, which
+    # a wrong frame leaves as it is.
+    A, B = motions.A[..., :3, :3], motions.B[..., :3, :3]
+    difference = rotation_angles(A) - rotation_angles(B)
+    if rms < max(LARGE_RESIDUAL, 4.0 * float(np.sqrt(np.mean(difference**2)))):
         return []
     start = f"X does not explain the rotations: residual {np.degrees(rms):.1f} degrees RMS. "
     poses = motions.poses

@@ -110,7 +110,9 @@ class LimitDerivatives:
         values = np.add.reduce(values, axis=-1, keepdims=True) - values  # descending
         determined = (values[:, 0] > NO_ROTATION * N) & (values[:, 2] > DEGENERATE * values[:, 0])
         if not determined.all():
-            _raise_infinite(vectors[np.argmin(determined), :, 2])
+            trial = int(np.argmin(determined))
+            lost = values[trial] <= max(DEGENERATE * values[trial, 0], NO_ROTATION * N)
+            _raise_infinite(vectors[trial].T[lost])
         M_inverse = (vectors / values[:, None, :]) @ vectors.mT
         Q = np.zeros((len(values), 6, 6))
         np.matmul(M_inverse @ self.h_theta, M_inverse, out=Q[:, 3:, :3])
@@ -118,11 +120,12 @@ class LimitDerivatives:
         return Q
 
 
-def _raise_infinite(axis: Array) -> NoReturn:
+def _raise_infinite(axes: Array) -> NoReturn:
+    named = " and ".join(str(np.round(axis, 3).tolist()) for axis in axes)
     raise DegenerateMotionError(
         "The motions do not determine X, or `X` does not belong to them: the variance of its rotation about, and of "
-        f"its translation along, {np.round(axis, 3).tolist()} in the frame of `A` is infinite.",
-        infinite_directions(axis[None]),
+        f"its translation along, {named} in the frame of `A` is infinite.",
+        infinite_directions(axes),
     )
 
 

@@ -1,0 +1,201 @@
+"""calibrate() and its result: numbers that belong together, lossless JSON, honest failures."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support import difference, jacobian, moved
+
+import uq_handeye as uq
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+
+
+@pytest.fixture(scope="module")
+def result():
+    return uq.calibrate(uq.simulate(20, noise=NOISE, seed=1), noise=NOISE)
+
+
+def test_is_solve_and_propagate():
+    poses = uq.simulate(20, noise=NOISE, seed=1)
+    for pairs in ("all", "consecutive", [[0, 5], [3, 7], [2, 9]]):
+        result = uq.calibrate(poses, noise=NOISE, pairs=pairs)
+        motions = uq.relative_motions(poses, pairs)
+        np.testing.assert_array_equal(result.X, uq.solve(motions.A, motions.B))
+        np.testing.assert_allclose(result.covariance, uq.propagate(motions, NOISE), rtol=1e-10)
+        assert (result.n_poses, result.n_pairs) == (20, motions.N)
+    assert result.kind == "poses"
+    assert uq.calibrate(poses, noise=NOISE, kind="pairs").kind == "pairs"
+
+
+def test_motions_without_poses():
+    motions = uq.relative_motions(uq.simulate(20, seed=1))
+    noise = uq.PairNoise.isotropic(B=("1mrad", "1mm"))
+    with pytest.warns(uq.InputWarning, match="noise seems overstated"):  # the data have none
+        result = uq.calibrate(uq.Motions(motions.A, motions.B), noise=noise)
+    assert (result.n_poses, result.n_pairs, result.frame) == (None, 19, "X")
+    assert result.kind == "pairs"
+
+
+def test_without_noise_the_covariance_is_not_determined():
+    result = uq.calibrate(uq.simulate(10, seed=1))
+    assert result.covariance is result.std is result.correlation is result.covariance_inverse is None
+    assert result.covariance_sigma is result.weakest_rotation is None
+    assert "not determined" in result.summary()
+    with pytest.raises(uq.InputError, match="not determined"):
+        result.covariance_in("ros")
+    with pytest.raises(uq.InputError, match="means nothing without `noise`"):
+        uq.calibrate(uq.simulate(10, seed=1), kind="pairs")
+
+
+def test_derived_quantities(result):
+    D = np.diag(result.std)
+    np.testing.assert_allclose(D @ result.correlation @ D, result.covariance, rtol=1e-12)
+    np.testing.assert_allclose(result.inverse @ result.X, np.eye(4), atol=1e-14)
+    np.testing.assert_allclose(Rotation.from_quat(result.quaternion).as_matrix(), result.X[:3, :3], atol=1e-14)
+    axis, deviation = result.weakest_translation
+    assert deviation**2 == pytest.approx(axis @ result.covariance[3:, 3:] @ axis)
+    assert deviation >= result.std[3:].max()
+    # the covariance of the inverse, by a numerical derivative
+    J = jacobian(lambda xi: difference(np.linalg.inv(moved(result.X, xi)), np.tile(result.inverse, (len(xi), 1, 1))), 6)
+    np.testing.assert_allclose(result.covariance_inverse, J @ result.covariance @ J.T, rtol=1e-7, atol=1e-14)
+
+
+@pytest.mark.parametrize("scale", [None, 1e3, 1e5])
+def test_octonion(scale):
+    poses = uq.simulate(20, noise=NOISE, seed=1)
+    result = uq.calibrate(poses, noise=NOISE, scale=scale)
+    d = result.sigma_scale
+    assert d == (scale or 1e4)
+    assert np.linalg.norm(result.sigma) == pytest.approx(1)
+    assert np.linalg.norm(result.sigma[:4]) == pytest.approx(np.sqrt(0.5))
+
+    def sigma(xi):
+        return uq.procrustes.octonion(moved(result.X, xi), d)
+
+    same_on_the_octonions(result.covariance_sigma, jacobian(sigma, 6), result)
+
+
+def same_on_the_octonions(covariance_sigma, J, result):
+    """``covariance_sigma = J Sigma_X J^T`` for J = d sigma / d xi (8x6), judged in whitened coordinates of X."""
+    back = np.linalg.pinv(J, rcond=1e-15) @ covariance_sigma @ np.linalg.pinv(J, rcond=1e-15).T
+    L = np.linalg.cholesky(result.covariance)
+    np.testing.assert_allclose(np.linalg.solve(L, np.linalg.solve(L, back).T), np.eye(6), atol=1e-3)
+    normals = np.zeros((8, 2))
+    normals[:4, 0], normals[4:, 1] = result.sigma[:4], result.sigma[4:]  # the lengths of q_L and q_R are exact
+    assert np.abs(covariance_sigma @ normals).max() < 1e-7 * np.abs(covariance_sigma).max()
+
+
+def test_octonion_is_that_of_the_paper_route():
+    motions = uq.relative_motions(uq.simulate(30, noise=NOISE, seed=1))
+    noise = uq.PairNoise.isotropic(A=("0.2deg", "1mm"), B=("0.1deg", "0.5mm"))
+    result = uq.calibrate(uq.Motions(motions.A, motions.B), noise=noise, scale=1e4)
+    sigma, covariance = uq.octonion_covariance(motions.A, motions.B, noise, scale=1e4)
+    np.testing.assert_allclose(result.sigma, sigma, atol=1e-8)
+    same_on_the_octonions(covariance, jacobian(lambda xi: uq.procrustes.octonion(moved(result.X, xi), 1e4), 6), result)
+
+
+@pytest.mark.parametrize("noise", [None, NOISE, uq.PoseNoise(camera=np.eye(120) * 1e-6)])
+@pytest.mark.parametrize("scale", [None, 1e4])
+def test_json_round_trip_without_loss(noise, scale, tmp_path):
+    poses = uq.simulate(20, noise=NOISE, seed=1)
+    result = uq.calibrate(poses, noise=noise, scale=scale, pairs="consecutive")
+    text = result.to_json(tmp_path / "result.json")
+    assert (tmp_path / "result.json").read_text() == text
+    again = uq.Calibration.from_json(tmp_path / "result.json")
+    assert again.to_json() == text
+    np.testing.assert_array_equal(again.X, result.X)
+    if noise is not None:
+        np.testing.assert_array_equal(again.covariance, result.covariance)
+        np.testing.assert_array_equal(again.noise.camera, noise.camera)
+    data = json.loads(text)
+    assert {"X", "covariance", "method", "convention", "units"} <= set(data)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        ("[1, 2]", "Expected a calibration written by to_json"),
+        ('{"format": "other"}', "Expected a calibration"),
+        ("{", "is not JSON"),
+        ("", "is not JSON"),
+    ],
+)
+def test_damaged_json(damage, message, tmp_path):
+    file = tmp_path / "result.json"
+    file.write_text(damage)
+    with pytest.raises(uq.InputError, match=message):
+        uq.Calibration.from_json(file)
+
+
+def test_json_with_changed_parts(result):
+    data = result.to_dict()
+    for key, value in (
+        ("X", [[1, 2]]),
+        ("covariance", [[1.0]]),
+        ("covariance", (-np.eye(6)).tolist()),
+        ("setup", "eye"),
+        ("residuals", {}),
+        ("noise", {"type": "PoseNoise"}),
+    ):
+        with pytest.raises(uq.InputError):
+            uq.Calibration.from_dict(data | {key: value})
+    del data["method"]
+    with pytest.raises(uq.InputError, match="damaged"):
+        uq.Calibration.from_dict(data)
+
+
+def test_summary_states_units_and_numbers(result):
+    text = result.summary(threshold=0.3)
+    for part in ("gripper_T_camera", "(mm)", "(deg)", "quaternion", "Weakest: rotation", "camera_T_gripper"):
+        assert part in text
+    assert f"{1e3 * result.X[0, 3]:.4f} +- " in text
+    assert "not covered" in text
+    assert "rotation y - translation x" in text
+    assert "rotation y - translation x" not in result.summary(threshold=0.99)
+
+
+def test_too_few_poses():
+    with pytest.raises(uq.InputError, match="at least 3 poses, which make 2 motions, got 2"):
+        uq.calibrate(uq.simulate(2, seed=0))
+    with pytest.raises(uq.InputError, match="PosePairs or Motions, got ndarray"):
+        uq.calibrate(np.eye(4))
+    with pytest.raises(uq.InputError, match="one data set"):
+        uq.calibrate(uq.simulate(5, noise=NOISE, trials=2, seed=0))
+
+
+def planar(n, noise, seed=0):
+    """A 4-axis robot: translations in space, rotations about z only."""
+    rng = np.random.default_rng(seed)
+    truth = uq.simulate(3, seed=0).truth
+    robot = np.zeros((n, 4, 4))
+    robot[:, :3, :3] = Rotation.from_rotvec(rng.uniform(-2, 2, (n, 1)) * [0, 0, 1]).as_matrix()
+    robot[:, :3, 3] = rng.uniform(-0.5, 0.5, (n, 3))
+    robot[:, 3, 3] = 1
+    camera = np.linalg.inv(robot @ truth.X) @ truth.W
+    if noise is not None:
+        camera = moved(camera, rng.normal(size=(n, 6)) * np.sqrt(np.diag(noise.camera)))
+    return uq.PosePairs(robot, camera)
+
+
+def test_parallel_axes_without_noise_name_the_axis():
+    with (
+        pytest.raises(uq.DegenerateMotionError, match=r"parallel to \(0.000, 0.000, 1.000\)") as caught,
+        pytest.warns(uq.InputWarning, match="nearly parallel"),
+    ):
+        uq.calibrate(planar(20, None))
+    np.testing.assert_allclose(np.abs(caught.value.directions), [[0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 0, 1]], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_parallel_axes_with_noise_are_no_answer(seed):
+    noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    with (
+        pytest.raises(uq.DegenerateMotionError, match="do not determine X") as caught,
+        pytest.warns(uq.InputWarning, match="nearly parallel"),
+    ):
+        uq.calibrate(planar(20, noise, seed), noise=noise)
+    assert abs(caught.value.directions[0, 2]) > 0.99
+    if caught.value.partial is not None:
+        assert caught.value.partial.X.shape == (4, 4)

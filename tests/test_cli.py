@@ -1,0 +1,211 @@
+"""The command as a user meets it: in a process of its own, with exit status, stdout and stderr."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import uq_handeye as uq
+
+REPOSITORY = Path(__file__).parent.parent
+NOISE = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
+
+
+def run(*arguments, cwd=None):
+    program = "from uq_handeye.cli import main; main()"
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("session")
+    done = run("simulate", "-o", folder, "--poses", 12, *NOISE, "--seed", 3)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_simulate_writes_what_simulate_makes(session):
+    poses = uq.read_poses(session / "robot.csv", session / "camera.csv")
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    expected = uq.simulate(12, noise=noise, seed=3)
+    np.testing.assert_allclose(poses.robot, expected.robot, atol=1e-14)
+    np.testing.assert_allclose(poses.camera, expected.camera, atol=1e-14)
+
+
+def test_calibrate_prints_and_writes(session, tmp_path):
+    done = run("calibrate", session / "robot.csv", session / "camera.csv", *NOISE, "-o", tmp_path / "out")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["ellipses.png", "ellipses.svg", "result.json"]
+    result = uq.Calibration.from_json(tmp_path / "out" / "result.json")
+    assert done.stdout == result.summary()
+    assert (tmp_path / "out" / "ellipses.png").read_bytes()[:4] == b"\x89PNG"
+    assert "</svg>" in (tmp_path / "out" / "ellipses.svg").read_text()
+
+
+def test_json(session):
+    done = run("calibrate", session / "robot.csv", session / "camera.csv", *NOISE, "--json", "--pairs", "consecutive")
+    data = json.loads(done.stdout)
+    assert np.shape(data["X"]) == (4, 4)
+    assert np.shape(data["covariance"]) == (6, 6)
+    assert data["method"] == "4dpa"
+    assert data["n_pairs"] == 11
+    assert "rotation first" in data["convention"]
+
+
+def test_noise_file_equals_flags(session, tmp_path):
+    file = tmp_path / "noise.toml"
+    file.write_text(
+        "[robot]\nrotation = '0.02deg'\ntranslation = '0.05mm'\n[camera]\nrotation = '0.1deg'\ntranslation = '0.5mm'\n"
+    )
+    files = session / "robot.csv", session / "camera.csv"
+    assert run("calibrate", *files, "--noise", file).stdout == run("calibrate", *files, *NOISE).stdout
+    mixed = run("calibrate", *files, "--noise", file, *NOISE)
+    assert mixed.returncode == 2
+    assert "not both" in mixed.stderr
+
+
+def test_scale_and_units(session, tmp_path):
+    files = session / "robot.csv", session / "camera.csv"
+    limit, scaled = (
+        json.loads(run("calibrate", *files, *NOISE, "--json", *extra).stdout) for extra in ((), ("--scale", "1e4"))
+    )
+    np.testing.assert_allclose(scaled["X"], limit["X"], atol=1e-7)
+    assert scaled["scale"] == 1e4
+    for file in files:
+        text = file.read_text().splitlines()
+        rows = [text[0]]
+        for line in text[1:]:
+            fields = line.split(",")
+            rows.append(",".join([fields[0], *(repr(1000 * float(x)) for x in fields[1:4]), *fields[4:]]))
+        (tmp_path / file.name).write_text("\n".join(rows))
+    millimetres = tmp_path / "robot.csv", tmp_path / "camera.csv"
+    assert "look like millimetres" in run("calibrate", *millimetres, *NOISE).stderr
+    data = json.loads(run("calibrate", *millimetres, *NOISE, "--units", "mm", "--json").stdout)
+    np.testing.assert_allclose(data["X"], limit["X"], atol=1e-12)
+
+
+def broken(session, tmp_path, edit):
+    """A copy of the robot file with its lines edited."""
+    lines = (session / "robot.csv").read_text().splitlines()
+    file = tmp_path / "robot.csv"
+    file.write_text("\n".join(edit(lines)) + "\n")
+    return file
+
+
+BAD_FILES = {
+    "empty": (lambda lines: [], ["robot.csv", "empty"]),
+    "header": (lambda lines: ["a,b,c", *lines[1:]], ["robot.csv, line 1", "timestamp,x,y,z,qx,qy,qz,qw"]),
+    "text": (lambda lines: [*lines[:3], lines[3].replace(",", ",zero,", 1).rsplit(",", 1)[0]], ["line 4", "column x"]),
+    "nan": (lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",nan", lines[3])], ["line 4", "column qw", "nan"]),
+    "inf": (lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",inf", lines[3])], ["line 4", "column qw", "inf"]),
+    "norm": (lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",2", lines[3])], ["line 4", "norm"]),
+    "rows": (lambda lines: lines[:-1], ["robot.csv", "camera.csv", "11 poses", "12"]),
+    "twice": (lambda lines: [*lines[:4], lines[3], *lines[5:]], ["line 5", "timestamp", "repeats"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_bad_files(session, tmp_path, name):
+    edit, parts = BAD_FILES[name]
+    out = tmp_path / "out"
+    done = run("calibrate", broken(session, tmp_path, edit), session / "camera.csv", *NOISE, "-o", out)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("uq-handeye: error: ")
+    for part in parts:
+        assert part in done.stderr
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["missing.csv", "camera.csv"], ["missing.csv", "no such file"]),
+        (["robot.csv", "."], ["folder"]),
+        (["robot.csv"], ["CAMERA"]),
+        (["robot.csv", "camera.csv", "more"], ["more"]),
+        (["robot.csv", "camera.csv", "--robot-noise", "1,2"], ["unit", "rad"]),
+        (["robot.csv", "camera.csv", "--robot-noise", "1deg"], ["--robot-noise", "0.02deg,0.05mm"]),
+        (["robot.csv", "camera.csv", "--robot-noise", "1deg,2parsec"], ["Unknown unit 'parsec'"]),
+        (["robot.csv", "camera.csv", "--robot-noise", "1mm,2deg"], ["Unknown unit 'mm'", "rotation"]),
+        (["robot.csv", "camera.csv", "--camera-noise=-1deg,2mm"], [">= 0", "-1deg"]),
+        (["robot.csv", "camera.csv", "--setup", "eye"], ["eye-in-hand"]),
+        (["robot.csv", "camera.csv", "--pairs", "some"], ["consecutive"]),
+        (["robot.csv", "camera.csv", "--method", "magic"], ["magic"]),
+        (["robot.csv", "camera.csv", "--scale", "-1"], ["scale"]),
+        (["robot.csv", "camera.csv", "--scale", "x"], ["scale"]),
+        (["robot.csv", "camera.csv", "--kind", "pairs"], ["noise"]),
+        (["robot.csv", "camera.csv", "--units", "mile"], ["mile"]),
+        (["robot.csv", "camera.csv", "--frobnicate"], ["--frobnicate"]),
+        (["robot.csv", "camera.csv", "--noise", "no.toml"], ["no.toml"]),
+        (["robot.csv", "camera.csv", "-o", "robot.csv"], ["robot.csv"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_bad_usage(session, arguments, parts):
+    done = run("calibrate", *arguments, cwd=session)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    for part in parts:
+        assert part in done.stderr
+
+
+def test_two_poses(session, tmp_path):
+    for name in ("robot.csv", "camera.csv"):
+        (tmp_path / name).write_text("\n".join((session / name).read_text().splitlines()[:3]) + "\n")
+    done = run("calibrate", tmp_path / "robot.csv", tmp_path / "camera.csv")
+    assert done.returncode == 2
+    assert "at least 3 poses" in done.stderr
+
+
+def test_warnings_go_to_stderr_and_leave_json_alone(session):
+    done = run("calibrate", session / "camera.csv", session / "robot.csv", *NOISE, "--json")
+    assert done.returncode == 0
+    assert "uq-handeye: warning: The camera would sit" in done.stderr
+    assert len(json.loads(done.stdout)["warnings"]) == done.stderr.count("\n")
+
+
+def test_help_has_examples():
+    assert run().stdout == run("--help").stdout
+    for command in ("calibrate", "demo", "simulate"):
+        done = run(command, "--help")
+        assert done.returncode == 0
+        assert f"Example: uq-handeye {command}" in done.stdout
+    assert run("--version").stdout == f"uq-handeye {uq.__version__}\n"
+
+
+def test_readme_shows_the_demo():
+    """Every line of the README's demo output, "..." aside, is printed by the demo."""
+    block = re.search(r"```text\n(gripper_T_camera.*?)```", (REPOSITORY / "README.md").read_text(), re.DOTALL)
+    done = run("demo")
+    assert done.returncode == 0
+    printed = done.stdout.splitlines()
+    for line in block[1].splitlines():
+        assert line == "..." or line in printed
+
+
+def test_demo_data_are_those_of_the_command_in_their_readme(tmp_path):
+    data = REPOSITORY / "uq_handeye" / "data"
+    command = re.search(r"uq-handeye simulate -o \S+ (.*)", (data / "README.md").read_text())
+    run("simulate", "-o", tmp_path, *command[1].split())
+    for name in ("robot", "camera", "truth"):
+        made, kept = (np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1) for folder in (tmp_path, data))
+        np.testing.assert_allclose(made, kept, atol=1e-12)
+
+
+@pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
+@pytest.mark.parametrize("name", ["kuka_1", "nguyen_pham", "synthetic_camera_2"])
+def test_real_data(name):
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / name
+    done = run("calibrate", folder / "robot.csv", folder / "camera.csv", "--camera-noise", "0.5deg,2mm", "--json")
+    assert done.returncode == 0
+    data = json.loads(done.stdout)
+    if name == "synthetic_camera_2":
+        truth = uq.io.read_pose_file(folder / "truth.csv")[1][0]
+        assert np.abs(np.array(data["X"]) - truth).max() < 0.01

@@ -1,0 +1,183 @@
+"""Warnings about input that looks wrong: each is given where it should be, and only there."""
+
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import uq_handeye as uq
+from uq_handeye.plausibility import residuals, rotation_angles, summarise
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
+
+
+def said(poses, noise=NOISE, **options):
+    """All warnings of a calibration, which need not succeed."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            result = uq.calibrate(poses, noise=noise, **options)
+            assert result.warnings == tuple(str(item.message) for item in caught)
+        except uq.DegenerateMotionError:
+            pass
+    assert all(item.category is uq.InputWarning for item in caught)
+    return " | ".join(str(item.message) for item in caught)
+
+
+def changed(poses, robot=None, camera=None, setup=None):
+    return uq.PosePairs(
+        poses.robot if robot is None else robot, poses.camera if camera is None else camera, setup or poses.setup
+    )
+
+
+@pytest.fixture(scope="module", params=["eye-in-hand", "eye-to-hand"])
+def good(request):
+    return uq.simulate(25, noise=NOISE, setup=request.param, seed=2)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("noise", [NOISE, uq.PoseNoise.isotropic(camera=("1deg", "5mm"))])
+def test_nothing_is_said_about_good_data(setup, noise):
+    for seed in range(20):
+        assert said(uq.simulate(25, noise=noise, setup=setup, seed=seed), noise) == ""
+
+
+def test_wrong_setup_and_inverted_files(good):
+    other = "eye-to-hand" if good.setup == "eye-in-hand" else "eye-in-hand"
+    for wrong in (
+        changed(good, setup=other),
+        changed(good, robot=np.linalg.inv(good.robot)),
+        changed(good, camera=np.linalg.inv(good.camera)),
+    ):
+        text = said(wrong)
+        assert "does not explain the rotations" in text
+        assert "Two other readings fit" in text
+        assert "target_T_camera" in text
+    length = np.linalg.norm(good.truth.X[:3, 3])
+    assert f"setup is {good.setup} or the robot file holds inverse poses, which makes X {length:.2g}"[:-1] in said(
+        changed(good, setup=other)
+    )
+
+
+def test_swapped_files(good):
+    if good.setup == "eye-in-hand":
+        assert "files are swapped" in said(changed(good, robot=good.camera, camera=good.robot))
+    assert "both hold inverse poses" in said(
+        changed(good, robot=np.linalg.inv(good.robot), camera=np.linalg.inv(good.camera))
+    )
+
+
+def test_wrong_pairing(good):
+    for shift in (1, 5):
+        text = said(changed(good, camera=np.roll(good.camera, shift, axis=0)))
+        assert "disagree on how far they turned" in text
+        assert "do not belong together" in text
+
+
+def test_one_wrong_detection():
+    good = uq.simulate(40, noise=NOISE, seed=2)
+    camera = good.camera.copy()
+    camera[7, :3, :3] = camera[7, :3, :3] @ Rotation.from_rotvec([0, 0, np.pi]).as_matrix()  # the board's half-turn
+    text = said(changed(good, camera=camera))
+    assert "Few pairs differ: look for wrong detections" in text
+    assert "of poses 7 and" in text or "and 7)" in text
+
+
+def test_millimetres(good):
+    robot = good.robot.copy()
+    robot[:, :3, 3] *= 1000
+    text = said(changed(good, robot=robot))
+    assert "robot translations reach" in text
+    assert "look like millimetres" in text
+    assert "camera translations" not in text
+
+
+def test_columns(good):
+    robot = good.robot.copy()
+    robot[:, 2, 3] = robot[:, 1, 3]
+    assert "Columns y and z of the robot poses are identical in all 25 rows" in said(changed(good, robot=robot))
+    robot[:, 2, 3] = 0.3
+    assert "Column z of the robot poses is constant (0.3)" in said(changed(good, robot=robot))
+    camera = good.camera.copy()
+    camera[4] = camera[3]
+    assert "1 of 25 camera poses repeat the row before" in said(changed(good, camera=camera))
+
+
+def turning(vectors, noise=NOISE):
+    """Poses that turn by the rotation vectors given, camera and target of the simulator."""
+    truth = uq.simulate(3, seed=0).truth
+    robot = np.tile(np.eye(4), (len(vectors), 1, 1))
+    robot[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
+    robot[:, :3, 3] = np.random.default_rng(0).uniform(-0.3, 0.3, (len(vectors), 3))
+    camera = np.linalg.inv(robot @ truth.X) @ truth.W
+    return uq.PosePairs(robot, camera)
+
+
+def test_half_turns():
+    rng = np.random.default_rng(1)
+    axes = rng.normal(size=(12, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    vectors = np.zeros((24, 3))
+    vectors[1::2] = axes * np.radians(rng.uniform(165, 178, (12, 1)))  # disjoint pairs turn by almost 180 degrees
+    text = said(turning(vectors), noise=None, pairs="disjoint")
+    assert "100 % of the motions turn by more than 150 degrees" in text
+    assert "sin^2(angle)" in text
+
+
+def test_small_angles_and_parallel_axes():
+    rng = np.random.default_rng(1)
+    assert "degrees at most: noise is amplified" in said(turning(rng.uniform(-0.02, 0.02, (20, 3))), noise=None)
+    vectors = rng.uniform(-1, 1, (20, 3)) * [0.01, 0.01, 1.5]
+    assert "nearly parallel" in said(turning(vectors), noise=None)
+
+
+def test_residuals_that_the_noise_does_not_explain():
+    noise = uq.PoseNoise.isotropic(camera=("0.5deg", "1mm"))
+    poses = uq.simulate(25, noise=noise, seed=3)
+    small = uq.PoseNoise.isotropic(camera=("0.05deg", "0.1mm"))
+    assert "times as large as the noise given explains" in said(poses, small)
+    assert "noise seems overstated" in said(poses, uq.PoseNoise.isotropic(camera=("5deg", "10mm")))
+    assert "the noise given explains none" in said(poses, uq.PoseNoise(camera=np.diag([0, 0, 0, 1, 1, 1]) * 1e-6))
+    each = uq.PoseNoise(robot=np.tile(small.camera, (25, 1, 1)), camera=np.kron(np.eye(25), small.camera))
+    assert "times as large as the noise given explains" in said(poses, each)
+
+
+def test_residuals_are_those_of_the_definition(rng):
+    poses = uq.simulate(10, noise=NOISE, seed=4)
+    motions = uq.relative_motions(poses, "all")
+    X = poses.truth.X
+    angle, distance = residuals(motions.A, motions.B, X)
+    left, right = motions.A @ X, X @ motions.B
+    expected = np.linalg.norm(
+        Rotation.from_matrix(left[:, :3, :3] @ right[:, :3, :3].transpose(0, 2, 1)).as_rotvec(), axis=1
+    )
+    np.testing.assert_allclose(angle, expected, rtol=1e-9)
+    np.testing.assert_allclose(distance, np.linalg.norm(left[:, :3, 3] - right[:, :3, 3], axis=1), rtol=1e-12)
+    summary = summarise(angle, distance)
+    assert summary.error == pytest.approx(np.sqrt(((left - right) ** 2).sum()) / 45)  # (62)
+
+
+@pytest.mark.parametrize("angle", [0.0, *np.logspace(-12, 0, 13), 3.0, *(np.pi - np.logspace(-1, -8, 8)), np.pi])
+def test_rotation_angles(angle):
+    R = Rotation.from_rotvec(angle * np.array([0.6, 0.0, -0.8])).as_matrix()
+    assert rotation_angles(R) == pytest.approx(angle, rel=1e-12, abs=1e-15)
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["kuka_1", "synthetic_camera_2"])
+def test_good_real_data(name):
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / name
+    assert said(uq.read_poses(folder / "robot.csv", folder / "camera.csv"), noise=None) == ""
+
+
+@needs_data
+def test_the_data_set_of_the_paper_does_not_pass_silently():
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "wu_2019_as_published"
+    text = said(uq.read_poses(folder / "robot.csv", folder / "camera.csv"))
+    assert "Columns y and z of the robot poses are identical in all 224 rows" in text
+    assert "do not belong together" in text
+    assert "times as large as the noise given explains" in text
