@@ -32,8 +32,7 @@ def test_is_solve_and_propagate():
 def test_motions_without_poses():
     motions = uq.relative_motions(uq.simulate(20, seed=1))
     noise = uq.PairNoise.isotropic(B=("1mrad", "1mm"))
-    with pytest.warns(uq.InputWarning, match="noise seems overstated"):  # the data have none
-        result = uq.calibrate(uq.Motions(motions.A, motions.B), noise=noise)
+    result = uq.calibrate(uq.Motions(motions.A, motions.B), noise=noise)
     assert (result.n_poses, result.n_pairs, result.frame) == (None, 19, "X")
     assert result.kind == "pairs"
 

@@ -264,9 +264,9 @@ def test_poses(rng, setup, pairs, kind):
         return S if S.shape == (6 * n, 6 * n) else block_diagonal(S, n)
 
     by_robot, by_camera = D_G @ whole(S_G) @ D_G.T, D_C @ whole(S_C) @ D_C.T
-    assert_same_covariance(uq.propagate(motions, uq.PoseNoise(S_G, S_C)), by_robot + by_camera, 1e-8)
-    assert_same_covariance(uq.propagate(motions, uq.PoseNoise(robot=S_G)), by_robot, 1e-8)
-    assert_same_covariance(uq.propagate(motions, noise=uq.PoseNoise(camera=S_C), kind="poses"), by_camera, 1e-8)
+    assert_same_covariance(uq.propagate(motions, uq.PoseNoise(S_G, S_C)), by_robot + by_camera, 1e-7)
+    assert_same_covariance(uq.propagate(motions, uq.PoseNoise(robot=S_G)), by_robot, 1e-7)
+    assert_same_covariance(uq.propagate(motions, noise=uq.PoseNoise(camera=S_C), kind="poses"), by_camera, 1e-7)
 
 
 @SETUPS

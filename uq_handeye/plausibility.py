@@ -31,6 +31,8 @@ FAR = 20.0
 LONG_BRACKET = 0.4
 # Residuals beyond this multiple (or below this fraction) of what the noise explains are not chance.
 NOISE_RATIO = 3.0
+# Data without noise, from a simulation, are not a sign of overstated noise (rad).
+EXACT = 1e-7
 # Pairs that the search for another frame direction looks at.
 SEARCH_PAIRS = 2000
 
@@ -231,9 +233,9 @@ def check_noise(motions: Motions, noise: Noise, angle: Array) -> list[str]:
             + "Either the noise is larger than given or the data are wrong; the standard deviations of X are too "
             "small by about this factor."
         ]
-    if rms < expected / NOISE_RATIO:
+    if EXACT < rms < expected / NOISE_RATIO:
         return [
-            f"The rotation residuals ({np.degrees(rms):.3g} degrees RMS) are {expected / rms if rms else np.inf:.3g} "
+            f"The rotation residuals ({np.degrees(rms):.3g} degrees RMS) are {expected / rms:.3g} "
             f"times smaller than the noise given explains ({np.degrees(expected):.3g} degrees): the noise seems "
             "overstated, and with it the standard deviations of X. Check the units."
         ]
