@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from . import conventions
+from .all_pairs import AllPairs
 from .errors import DegenerateMotionError, InputError, InputWarning
 from .io.atomic import write_atomically
-from .motions import Motions, relative_motions
+from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise, PoseNoise, checked_covariance
 from .octonion_covariance import PAPER_SCALE
 from .plausibility import (
@@ -40,6 +41,9 @@ CONVENTION = (
 )
 # A first-order covariance of a rotation means nothing beyond this standard deviation.
 UNDETERMINED = np.radians(20.0)
+
+# All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
+DIAGNOSED_PAIRS = 200_000
 
 _FORMAT = "uq-handeye calibration 1"
 
@@ -200,7 +204,7 @@ class Calibration:
                 n_poses=data["n_poses"],
                 n_pairs=int(data["n_pairs"]),
                 noise=_noise_from_dict(data["noise"]),
-                residuals=Residuals(**{name: float(value) for name, value in data["residuals"].items()}),
+                residuals=Residuals(**data["residuals"]),
                 warnings=tuple(data["warnings"]),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -296,21 +300,27 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.44, 0.43, 0.32])
     """
-    poses: PosePairs | None
+    poses = data if isinstance(data, PosePairs) else None
+    everything: AllPairs | None = None
     if isinstance(data, PosePairs):
         if data.n < 3:
             raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
-        poses, motions = data, relative_motions(data, pairs)
+        if data.robot.ndim != 3:
+            raise InputError("Expected one data set; for a batch call solve() and propagate().")
+        direct = scale is None and kind in (None, "poses") and not isinstance(noise, PairNoise) and method == "4dpa"
+        if direct and isinstance(pairs, str) and pairs == "all" and (of_all := AllPairs(data)).precise:
+            everything, pairs = of_all, spread_pairs(data.n, DIAGNOSED_PAIRS)
+        motions = relative_motions(data, pairs)
     elif isinstance(data, Motions):
-        poses, motions = data.poses, data
+        motions, poses = data, data.poses
+        if motions.A.ndim != 3:
+            raise InputError("Expected one data set; for a batch call solve() and propagate().")
     else:
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
-    if motions.A.ndim != 3:
-        raise InputError("Expected one data set; for a batch call solve() and propagate().")
     texts = [] if poses is None else check_poses(poses)
     texts += check_rotations(motions)
     try:
-        X = solve(motions.A, motions.B, method=method, scale=scale)
+        X = everything.solve() if everything else solve(motions.A, motions.B, method=method, scale=scale)
     except InputError:
         for text in texts:  # what looks wrong may well be the reason
             warnings.warn(text, InputWarning, stacklevel=2)
@@ -322,7 +332,10 @@ def calibrate(
         texts += check_lengths(poses, X)
     covariance = None
     if noise is not None:
-        covariance = propagate(motions, noise=noise, X=X, scale=scale, kind=kind)
+        if everything and isinstance(noise, PoseNoise):
+            covariance = everything.propagate(noise, X)
+        else:
+            covariance = propagate(motions, noise=noise, X=X, scale=scale, kind=kind)
         texts += check_noise(motions, noise, angle)
         kind = kind or ("poses" if isinstance(noise, PoseNoise) else "pairs")
     elif kind is not None:
@@ -335,7 +348,7 @@ def calibrate(
         kind=kind,
         setup=None if poses is None else poses.setup,
         n_poses=None if poses is None else poses.n,
-        n_pairs=motions.N,
+        n_pairs=everything.n_pairs if everything else motions.N,
         noise=noise,
         residuals=summarise(angle, distance),
         warnings=tuple(texts),

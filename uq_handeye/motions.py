@@ -119,3 +119,11 @@ def pair_indices(n: int, pairs: Any = "consecutive") -> NDArray[np.intp]:
         row = int(np.argmax(index[:, 0] == index[:, 1]))
         raise InputError(f"Expected two different poses in each pair, got {index[row].tolist()} in `pairs`[{row}].")
     return index.astype(np.intp)
+
+
+def spread_pairs(n: int, limit: int) -> NDArray[np.intp]:
+    """All pairs ``i < j`` of n poses, or about ``limit`` of them: every pair whose numbers differ by certain lags."""
+    if n * (n - 1) // 2 <= limit:
+        return pair_indices(n, "all")
+    lags = np.unique(np.linspace(1, n - 1, max(2, 2 * limit // n)).astype(np.intp))
+    return np.concatenate([np.stack([np.arange(n - lag), np.arange(lag, n)], axis=1) for lag in lags])

@@ -121,6 +121,7 @@ def paper_covariances(sigma: Array, covariance_sigma: Array, scale: float) -> Pa
     R4 = 4.0 * (P @ S @ P.mT).sum(axis=-3)  # (56)
     cross = 4.0 * (P[..., :3, :, :] @ S @ P[..., 3:, :, :].mT)  # (55) with i = 1, 2, 3 and j = 4
     Sigma_t = 4.0 * scale**2 * (P[..., 3, :, :] @ np.asarray(covariance_sigma) @ P[..., 3, :, :].mT)
+    Sigma_t = 0.5 * (Sigma_t + Sigma_t.mT)  # symmetric to rounding, which d^2 enlarges
     return PaperCovariances(R4, R4[..., :3, :3], Sigma_t[..., :3, :3], scale * cross[..., :3, :3])
 
 

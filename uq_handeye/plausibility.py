@@ -47,6 +47,7 @@ class Residuals(NamedTuple):
     translation_median: float
     translation_max: float
     error: float  # (62): sqrt(sum |A X - X B|^2) / N
+    pairs: int  # how many pairs were looked at
 
 
 def rotation_angles(R: Array) -> Array:
@@ -76,6 +77,7 @@ def summarise(angle: Array, distance: Array) -> Residuals:
         float(np.median(distance)),
         float(distance.max()),
         float(np.sqrt(frobenius.sum()) / len(angle)),
+        len(angle),
     )
 
 

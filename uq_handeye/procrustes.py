@@ -269,7 +269,7 @@ def infinite_directions(axes: Array) -> Array:
 
 def _direction(axis: Array) -> str:
     sign = -1.0 if axis[np.argmax(np.abs(axis))] < 0 else 1.0
-    return "(" + ", ".join(f"{x + 0.0:.3f}" for x in sign * axis) + ")"
+    return "(" + ", ".join(f"{x:.3f}" for x in np.round(sign * axis, 3) + 0.0) + ")"
 
 
 def _moments(A: Array, B: Array, checked: bool) -> Array:

@@ -17,7 +17,7 @@ so that this can be shown.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 import numpy as np
@@ -221,17 +221,9 @@ class _OnPoses:
 
     def __init__(self, poses: PosePairs, index: NDArray[np.intp], noise: PoseNoise, trials: slice) -> None:
         self.pairs = index
-        robot = poses.robot.reshape(-1, poses.n, 4, 4)[trials]
-        camera = poses.camera.reshape(-1, poses.n, 4, 4)[trials]
-        # d zeta / d xi: the left twist of T is (theta, tau + [t]x theta); that of inv(T) is minus the right twist
-        # of T, -(R^T theta, R^T tau).
-        if poses.setup == "eye-in-hand":
-            robot, by_robot = robot, block(_EYE, 0.0, skew(robot[..., :3, 3]), _EYE)
-        else:
-            robot, by_robot = inverse(robot), _minus_right_twist(robot)
-        self.by_pose = (by_robot, _minus_right_twist(camera))
         self.noise = (noise.robot, noise.camera)
-        entries = [entry_rows(P.reshape(-1, 4, 4)).reshape(4, 4, *P.shape[:2]) for P in (robot, inverse(camera))]
+        frames, self.by_pose = pose_twists(poses, trials)
+        entries = [entry_rows(P.reshape(-1, 4, 4)).reshape(4, 4, *P.shape[:2]) for P in frames]
         self.R = [P[:3, :3] for P in entries]
         self.t = [cross_rows(P[:3, 3]) for P in entries]
 
@@ -266,15 +258,37 @@ class _Shared(_OnPoses):
                 self.sums[side] += spread.reshape(-1, 6, 6, T).transpose(3, 0, 1, 2)
 
     def covariance(self) -> Array:
-        result: Array | float = 0.0
-        for total, by_pose, covariance in zip(self.sums, self.by_pose, self.noise, strict=True):
-            if covariance is not None:
-                D = total @ by_pose
-                if not is_joint(covariance):
-                    D = D @ factor(covariance)
-                row = D.transpose(0, 2, 1, 3).reshape(len(D), 6, -1)
-                result = result + (row @ covariance @ row.mT if is_joint(covariance) else row @ row.mT)
-        return np.asarray(result)
+        return covariance_of_poses(self.sums, self.by_pose, self.noise)
+
+
+def pose_twists(poses: PosePairs, trials: slice) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """The frames P = G and P = inv(C), each (T, n, 4, 4), and d zeta / d xi of their left twists, (T, n, 6, 6).
+
+    The left twist of T is ``(theta, tau + [t]x theta)``; that of inv(T) is minus the right twist of T,
+    ``-(R^T theta, R^T tau)``.
+    """
+    robot = poses.robot.reshape(-1, poses.n, 4, 4)[trials]
+    camera = poses.camera.reshape(-1, poses.n, 4, 4)[trials]
+    by_camera = _minus_right_twist(camera)
+    if poses.setup == "eye-in-hand":
+        return (robot, inverse(camera)), (block(_EYE, 0.0, skew(robot[..., :3, 3]), _EYE), by_camera)
+    return (inverse(robot), inverse(camera)), (_minus_right_twist(robot), by_camera)
+
+
+def covariance_of_poses(by_twist: Iterable[Array], by_pose: Iterable[Array], noise: Iterable[Array | None]) -> Array:
+    """``sum_k D_k Sigma_k D_k^T`` (T, 6, 6) over the poses of robot and camera, or ``D Sigma D^T`` if they are joint.
+
+    ``D_k`` is the product of the derivative by the left twist and that of the twist by the error of the pose.
+    """
+    result: Array | float = 0.0
+    for twist, pose, covariance in zip(by_twist, by_pose, noise, strict=True):
+        if covariance is not None:
+            D = twist @ pose
+            if not is_joint(covariance):
+                D = D @ factor(covariance)
+            row = D.transpose(0, 2, 1, 3).reshape(len(D), 6, -1)
+            result = result + (row @ covariance @ row.mT if is_joint(covariance) else row @ row.mT)
+    return np.asarray(result)
 
 
 def _incidence(pairs: NDArray[np.intp], n: int) -> Any:

@@ -105,19 +105,24 @@ class LimitDerivatives:
         return F
 
     def weight(self, N: int) -> Array:
-        # M = tr(G) I - sym(G) has the eigenvectors of sym(G).
-        values, vectors = np.linalg.eigh(0.5 * (self.G + self.G.mT))
-        values = np.add.reduce(values, axis=-1, keepdims=True) - values  # descending
-        determined = (values[:, 0] > NO_ROTATION * N) & (values[:, 2] > DEGENERATE * values[:, 0])
-        if not determined.all():
-            trial = int(np.argmin(determined))
-            lost = values[trial] <= max(DEGENERATE * values[trial, 0], NO_ROTATION * N)
-            _raise_infinite(vectors[trial].T[lost])
-        M_inverse = (vectors / values[:, None, :]) @ vectors.mT
-        Q = np.zeros((len(values), 6, 6))
-        np.matmul(M_inverse @ self.h_theta, M_inverse, out=Q[:, 3:, :3])
-        Q[:, :3, :3] = Q[:, 3:, 3:] = -M_inverse
-        return Q
+        return weight_of_sums(self.G, self.h_theta, N)
+
+
+def weight_of_sums(G: Array, h_theta: Array, N: int) -> Array:
+    """Q (T, 6, 6) from ``G = sum u p^T`` and h_theta (T, 3, 3) of N pairs; raises where M is singular."""
+    # M = tr(G) I - sym(G) has the eigenvectors of sym(G).
+    values, vectors = np.linalg.eigh(0.5 * (G + G.mT))
+    values = np.add.reduce(values, axis=-1, keepdims=True) - values  # descending
+    determined = (values[:, 0] > NO_ROTATION * N) & (values[:, 2] > DEGENERATE * values[:, 0])
+    if not determined.all():
+        trial = int(np.argmin(determined))
+        lost = values[trial] <= max(DEGENERATE * values[trial, 0], NO_ROTATION * N)
+        _raise_infinite(vectors[trial].T[lost])
+    M_inverse = (vectors / values[:, None, :]) @ vectors.mT
+    Q = np.zeros((len(values), 6, 6))
+    np.matmul(M_inverse @ h_theta, M_inverse, out=Q[:, 3:, :3])
+    Q[:, :3, :3] = Q[:, 3:, 3:] = -M_inverse
+    return Q
 
 
 def _raise_infinite(axes: Array) -> NoReturn:

@@ -24,6 +24,7 @@ import numpy as np  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
 import uq_handeye as uq  # noqa: E402
+from uq_handeye.all_pairs import AllPairs  # noqa: E402
 
 OPENCV_AT_30 = 1.6  # ms, on the machine of the goals
 
@@ -121,6 +122,18 @@ def main() -> None:
             "calibrate, 61 poses, consecutive pairs",
             median_ms(lambda: uq.calibrate(poses, noise=poses_noise, pairs="consecutive")),
             machine,
+            "",
+        )
+    )
+    many = uq.simulate(n_poses=500, noise=poses_noise, seed=0)
+    rows.append(
+        ("calibrate, 500 poses, all pairs", median_ms(lambda: uq.calibrate(many, noise=poses_noise)), float("nan"), "")
+    )
+    rows.append(
+        (
+            "X and covariance of all 124,750 pairs, O(n)",
+            median_ms(lambda: AllPairs(many).propagate(poses_noise, AllPairs(many).solve())),
+            1000 * machine,
             "",
         )
     )

@@ -65,9 +65,10 @@ def summary(result: Calibration, threshold: float) -> str:
                     f"+- {_digits(factor * deviation)} {unit}"
                 )
     r = result.residuals
+    looked_at = "the" if r.pairs == result.n_pairs else f"{r.pairs} of the {result.n_pairs}"
     lines += [
         "",
-        "Residuals of AX = XB over the pairs (how well X explains them, not how accurate it is):",
+        f"Residuals of AX = XB over {looked_at} pairs (how well X explains them, not how accurate it is):",
         _residuals("rotation", "deg", 180 / np.pi, r.rotation_rms, r.rotation_median, r.rotation_max),
         _residuals("translation", "mm", 1e3, r.translation_rms, r.translation_median, r.translation_max),
         "",
