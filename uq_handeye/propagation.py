@@ -40,8 +40,8 @@ from .procrustes import (
 from .se3 import Array, as_transforms, block, entry_rows, inverse, skew
 from .sensitivity import LimitDerivatives, ScaledDerivatives, cross_rows, linearised, trials_first
 
-# Pairs whose derivatives are held at once: about 2 kB each.
-BLOCK = 4096
+# Pairs whose derivatives are held at once, about 2 kB each: larger blocks cost more in fresh pages than they save.
+BLOCK = 1024
 
 _EYE = np.eye(3)
 
