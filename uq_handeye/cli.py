@@ -193,10 +193,14 @@ def main(arguments: list[str] | None = None) -> None:
     warnings.showwarning = _show_warning
     try:
         status = app(arguments, standalone_mode=False)
+        sys.stdout.flush()
     except ClickException as error:
         _fail(f"{error.format_message()} (see uq-handeye --help)")  # type: ignore[attr-defined]
     except InputError as error:
         _fail(str(error))
+    except OSError as error:  # files have their own messages, so this is the standard output
+        sys.stdout = None  # or Python would try, and fail, to flush it once more
+        _fail(f"Cannot write the output: {error.strerror or error}.")
     except (typer.Abort, KeyboardInterrupt):
         print("uq-handeye: interrupted", file=sys.stderr)
         raise SystemExit(130) from None
