@@ -280,26 +280,21 @@ def _moments(A: Array, B: Array, checked: bool) -> Array:
     T, N = A.shape[:2]
     if T * N <= CHUNK:
         return _chunk_moments(A, B, np.empty(44 * T * N), checked)
-    total = np.zeros((T, 6, 6))
     threads = min(4, _cores()) if T * N >= PARALLEL_PAIRS else 1
+    parts = np.empty((len(range(0, N, CHUNK)), T, 6, 6))  # summed in one order, whatever the number of threads
 
     def work(share: int) -> None:
-        mine = np.zeros((T, 6, 6)) if N > CHUNK else total
         scratch = np.empty(44 * CHUNK)  # allocated once: fresh pages cost as much as the work
-        for trials, pairs in islice(product(trial_blocks(T, N), pair_blocks(N)), share, None, threads):
-            mine[trials] += _chunk_moments(A[trials, pairs], B[trials, pairs], scratch, checked)
-        if mine is not total:
-            partial[share] = mine
+        blocks = product(trial_blocks(T, N), enumerate(pair_blocks(N)))
+        for trials, (k, pairs) in islice(blocks, share, None, threads):
+            parts[k, trials] = _chunk_moments(A[trials, pairs], B[trials, pairs], scratch, checked)
 
-    partial: dict[int, Array] = {}
     if threads == 1:
         work(0)
     else:
         with ThreadPoolExecutor(threads) as pool:  # NumPy releases the interpreter lock inside its loops
             list(pool.map(work, range(threads)))
-    for share in sorted(partial):
-        total += partial[share]
-    return total
+    return np.asarray(parts.sum(axis=0))
 
 
 def trial_blocks(T: int, N: int, size: int = CHUNK) -> Iterator[slice]:
