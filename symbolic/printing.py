@@ -67,14 +67,42 @@ def numpy_module(docstring: str, functions: Iterable[str]) -> str:
 
 
 def numpy_package(docstring: str, names: Mapping[str, Sequence[str]]) -> str:
-    """The generated `__init__`: banner, docstring, re-exports of {module: names}."""
-    blocks = [
-        f"from .{module} import (\n" + "".join(f"    {name},\n" for name in sorted(names[module])) + ")\n"
-        for module in sorted(names)
-    ]
-    every = sorted(name for group in names.values() for name in group)
-    exported = "__all__ = [\n" + "".join(f'    "{name}",\n' for name in every) + "]\n"
-    return f'{BANNER}"""{docstring}"""\n\n' + "".join(blocks) + "\n" + exported
+    """The generated `__init__`: banner, docstring, re-exports of {module: names}, loaded when first asked for.
+
+    The limit, which most calls take, needs none of the functions; compiled, they are most of the package.
+    """
+    modules = sorted(names)
+    imports = "".join(
+        f"    from .{module} import (\n"
+        + "".join(f"        {name} as {name},\n" for name in sorted(names[module]))
+        + "    )\n"
+        for module in modules
+    )
+    every = sorted((name, module) for module in modules for name in names[module])
+    exported = "__all__ = [\n" + "".join(f'    "{name}",\n' for name, _ in every) + "]\n"
+    table = "_MODULES = {\n" + "".join(f'    "{name}": "{module}",\n' for name, module in every) + "}\n"
+    return f'{BANNER}"""{docstring}"""\n\n' + PACKAGE_HEAD + imports + "\n" + exported + table + PACKAGE_TAIL
+
+
+PACKAGE_HEAD = """from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+"""
+
+PACKAGE_TAIL = """
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f".{_MODULES[name]}", __name__), name)
+    globals()[name] = value  # found at once the next time
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(_MODULES)
+"""
 
 
 def numpy_function(form: ClosedForm, derived: Derived) -> str:

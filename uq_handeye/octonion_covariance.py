@@ -16,7 +16,7 @@ from .errors import InputError
 from .noise import PairNoise, require_count
 from .procrustes import as_pairs, pair_blocks, solve_scaled
 from .se3 import Array, as_numbers, as_transforms, vee
-from .sensitivity import COLUMNS, Linearised, ScaledDerivatives, linearised
+from .sensitivity import Linearised, ScaledDerivatives, columns_by_octonion, linearised
 
 # The scaling factor of the paper's experiments, used where a formula exists at finite d only.
 PAPER_SCALE = 1e4
@@ -116,7 +116,7 @@ class PaperCovariances(NamedTuple):
 
 def paper_covariances(sigma: Array, covariance_sigma: Array, scale: float) -> PaperCovariances:
     """Sigma_R, Sigma_t and the rotation-translation cross terms from Sigma_sigma (55)-(59)."""
-    P = np.stack([P(sigma) for P in COLUMNS], axis=-3)  # (..., 4, 4, 8)
+    P = columns_by_octonion(sigma)
     S = np.asarray(covariance_sigma)[..., None, :, :]
     R4 = 4.0 * (P @ S @ P.mT).sum(axis=-3)  # (56)
     cross = 4.0 * (P[..., :3, :, :] @ S @ P[..., 3:, :, :].mT)  # (55) with i = 1, 2, 3 and j = 4

@@ -203,8 +203,10 @@ class ScaledDerivatives:
         return np.broadcast_to(np.eye(6), (len(self.sigma), 6, 6))
 
 
-# c_i = P_i(sigma) sigma and delta c_i = 2 P_i(sigma) delta sigma (20), (54)-(55)
-COLUMNS = (_closed_form.P_1, _closed_form.P_2, _closed_form.P_3, _closed_form.P_4)
+def columns_by_octonion(sigma: Array) -> Array:
+    """P_1 .. P_4, (..., 8) -> (..., 4, 4, 8): c_i = P_i sigma (20), delta c_i = 2 P_i delta sigma (55)."""
+    factors = (_closed_form.P_1, _closed_form.P_2, _closed_form.P_3, _closed_form.P_4)
+    return np.stack([P(sigma) for P in factors], axis=-3)
 
 
 def pose_from_octonion_jacobian(sigma: Array, scale: float) -> Array:
@@ -214,11 +216,12 @@ def pose_from_octonion_jacobian(sigma: Array, scale: float) -> Array:
     ``tau = d delta c_4`` (59).
     """
     R = _closed_form.sigma_to_R(sigma)[..., :3, :3]
-    dR = 2.0 * np.stack([P(sigma)[..., :3, :] for P in COLUMNS[:3]], axis=-2)  # (..., row, column, 8)
+    by_octonion = 2.0 * columns_by_octonion(sigma)[..., :3, :]  # (..., column, row, 8)
+    dR = by_octonion[..., :3, :, :].swapaxes(-3, -2)
     dR_Rt = np.einsum("...ija,...kj->...ika", dR, R)
     J = np.empty((*sigma.shape[:-1], 6, 8))
     J[..., 0, :] = 0.5 * (dR_Rt[..., 2, 1, :] - dR_Rt[..., 1, 2, :])
     J[..., 1, :] = 0.5 * (dR_Rt[..., 0, 2, :] - dR_Rt[..., 2, 0, :])
     J[..., 2, :] = 0.5 * (dR_Rt[..., 1, 0, :] - dR_Rt[..., 0, 1, :])
-    J[..., 3:, :] = 2.0 * scale * COLUMNS[3](sigma)[..., :3, :]
+    J[..., 3:, :] = scale * by_octonion[..., 3, :, :]
     return J

@@ -6,63 +6,67 @@ precision. Equation numbers (n) are those of Wu, Sun, Wang, Liu, "Hand-eye Calib
 Approach", 2019; T1 to T3 are sections of the theory page.
 """
 
-from .derivatives import (
-    dF11_db,
-    dF11q_db,
-    dF1_dxi,
-    dF22_db,
-    dF22q_db,
-    dF2_dxi,
-    du_dxi,
-    dw_dxi,
-)
-from .limit import (
-    u,
-    w,
-)
-from .octonion import (
-    P_1,
-    P_2,
-    P_3,
-    P_4,
-    Q_1,
-    Q_2,
-    Q_3,
-    Q_4,
-    R_L,
-    R_R,
-    sigma_to_R,
-)
-from .problem1 import (
-    K,
-    W,
-)
-from .problem2 import (
-    F11,
-    F22,
-    J_11,
-    J_12,
-    J_13,
-    J_14,
-    J_21,
-    J_22,
-    J_23,
-    J_24,
-    J_31,
-    J_32,
-    J_33,
-    J_34,
-    J_41,
-    J_42,
-    J_43,
-    J_44,
-    a_left,
-    c_right,
-)
-from .so4 import (
-    F1,
-    F2,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .derivatives import (
+        dF11_db as dF11_db,
+        dF11q_db as dF11q_db,
+        dF1_dxi as dF1_dxi,
+        dF22_db as dF22_db,
+        dF22q_db as dF22q_db,
+        dF2_dxi as dF2_dxi,
+        du_dxi as du_dxi,
+        dw_dxi as dw_dxi,
+    )
+    from .limit import (
+        u as u,
+        w as w,
+    )
+    from .octonion import (
+        P_1 as P_1,
+        P_2 as P_2,
+        P_3 as P_3,
+        P_4 as P_4,
+        Q_1 as Q_1,
+        Q_2 as Q_2,
+        Q_3 as Q_3,
+        Q_4 as Q_4,
+        R_L as R_L,
+        R_R as R_R,
+        sigma_to_R as sigma_to_R,
+    )
+    from .problem1 import (
+        K as K,
+        W as W,
+    )
+    from .problem2 import (
+        F11 as F11,
+        F22 as F22,
+        J_11 as J_11,
+        J_12 as J_12,
+        J_13 as J_13,
+        J_14 as J_14,
+        J_21 as J_21,
+        J_22 as J_22,
+        J_23 as J_23,
+        J_24 as J_24,
+        J_31 as J_31,
+        J_32 as J_32,
+        J_33 as J_33,
+        J_34 as J_34,
+        J_41 as J_41,
+        J_42 as J_42,
+        J_43 as J_43,
+        J_44 as J_44,
+        a_left as a_left,
+        c_right as c_right,
+    )
+    from .so4 import (
+        F1 as F1,
+        F2 as F2,
+    )
 
 __all__ = [
     "F1",
@@ -111,3 +115,62 @@ __all__ = [
     "u",
     "w",
 ]
+_MODULES = {
+    "F1": "so4",
+    "F11": "problem2",
+    "F2": "so4",
+    "F22": "problem2",
+    "J_11": "problem2",
+    "J_12": "problem2",
+    "J_13": "problem2",
+    "J_14": "problem2",
+    "J_21": "problem2",
+    "J_22": "problem2",
+    "J_23": "problem2",
+    "J_24": "problem2",
+    "J_31": "problem2",
+    "J_32": "problem2",
+    "J_33": "problem2",
+    "J_34": "problem2",
+    "J_41": "problem2",
+    "J_42": "problem2",
+    "J_43": "problem2",
+    "J_44": "problem2",
+    "K": "problem1",
+    "P_1": "octonion",
+    "P_2": "octonion",
+    "P_3": "octonion",
+    "P_4": "octonion",
+    "Q_1": "octonion",
+    "Q_2": "octonion",
+    "Q_3": "octonion",
+    "Q_4": "octonion",
+    "R_L": "octonion",
+    "R_R": "octonion",
+    "W": "problem1",
+    "a_left": "problem2",
+    "c_right": "problem2",
+    "dF11_db": "derivatives",
+    "dF11q_db": "derivatives",
+    "dF1_dxi": "derivatives",
+    "dF22_db": "derivatives",
+    "dF22q_db": "derivatives",
+    "dF2_dxi": "derivatives",
+    "du_dxi": "derivatives",
+    "dw_dxi": "derivatives",
+    "sigma_to_R": "octonion",
+    "u": "limit",
+    "w": "limit",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f".{_MODULES[name]}", __name__), name)
+    globals()[name] = value  # found at once the next time
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(_MODULES)
