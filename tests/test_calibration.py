@@ -119,6 +119,7 @@ def test_json_round_trip_without_loss(noise, scale, tmp_path):
         ('{"format": "other"}', "Expected a calibration"),
         ("{", "is not JSON"),
         ("", "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
     ],
 )
 def test_damaged_json(damage, message, tmp_path):
@@ -137,12 +138,18 @@ def test_json_with_changed_parts(result):
         ("setup", "eye"),
         ("residuals", {}),
         ("noise", {"type": "PoseNoise"}),
+        ("X", np.tile(np.eye(4), (2, 1, 1)).tolist()),
+        ("n_poses", "abc"),
+        ("warnings", "abc"),
+        ("scale", "1e4"),
     ):
         with pytest.raises(uq.InputError):
             uq.Calibration.from_dict(data | {key: value})
     del data["method"]
-    with pytest.raises(uq.InputError, match="damaged"):
+    with pytest.raises(uq.InputError, match="damaged: 'method' is missing"):
         uq.Calibration.from_dict(data)
+    with pytest.raises(uq.InputError, match="Cannot read None"):
+        uq.Calibration.from_json(None)
 
 
 def test_summary_states_units_and_numbers(result):
@@ -151,8 +158,8 @@ def test_summary_states_units_and_numbers(result):
         assert part in text
     assert f"{1e3 * result.X[0, 3]:.4f} +- " in text
     assert "not covered" in text
-    assert "rotation y - translation x" in text
-    assert "rotation y - translation x" not in result.summary(threshold=0.99)
+    assert "rotation y with translation x" in text
+    assert "rotation y with translation x" not in result.summary(threshold=0.99)
 
 
 def test_too_few_poses():

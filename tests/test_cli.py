@@ -133,7 +133,7 @@ def test_bad_files(session, tmp_path, name):
         (["robot.csv", "camera.csv", "--robot-noise", "1,2"], ["unit", "rad"]),
         (["robot.csv", "camera.csv", "--robot-noise", "1deg"], ["--robot-noise", "0.02deg,0.05mm"]),
         (["robot.csv", "camera.csv", "--robot-noise", "1deg,2parsec"], ["Unknown unit 'parsec'"]),
-        (["robot.csv", "camera.csv", "--robot-noise", "1mm,2deg"], ["Unknown unit 'mm'", "rotation"]),
+        (["robot.csv", "camera.csv", "--robot-noise", "1mm,2deg"], ["--robot-noise", "look swapped", "2deg,1mm"]),
         (["robot.csv", "camera.csv", "--camera-noise=-1deg,2mm"], [">= 0", "-1deg"]),
         (["robot.csv", "camera.csv", "--setup", "eye"], ["eye-in-hand"]),
         (["robot.csv", "camera.csv", "--pairs", "some"], ["consecutive"]),
@@ -169,6 +169,46 @@ def test_warnings_go_to_stderr_and_leave_json_alone(session):
     assert done.returncode == 0
     assert "uq-handeye: warning: The camera would sit" in done.stderr
     assert len(json.loads(done.stdout)["warnings"]) == done.stderr.count("\n")
+
+
+def test_pipe_that_closes_early():
+    program = "from uq_handeye.cli import main; main()"
+    with subprocess.Popen(
+        [sys.executable, "-c", program, "demo"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ""
+    assert process.returncode == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_full_disk_behind_stdout():
+    program = "from uq_handeye.cli import main; main()"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", program, "demo", "--json"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr == "uq-handeye: error: Cannot write the output: No space left on device.\n"
+
+
+def test_old_ellipses_do_not_stay_beside_a_new_result(session, tmp_path):
+    files = session / "robot.csv", session / "camera.csv"
+    assert run("calibrate", *files, *NOISE, "-o", tmp_path).returncode == 0
+    assert run("calibrate", *files, "-o", tmp_path).returncode == 0
+    assert [file.name for file in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_overflow_and_seed(session):
+    files = session / "robot.csv", session / "camera.csv"
+    for arguments in (["--robot-noise", "1e200deg,1mm"], ["--camera-noise", "0.1deg,1e160m"], ["-o", ""]):
+        done = run("calibrate", *files, *arguments)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "--seed" in run("simulate", "-o", session / "never", "--seed", "-1").stderr
 
 
 def test_help_has_examples():

@@ -24,7 +24,16 @@ ANGLES = {
     "-2e-3rad": -2e-3,
     "+1E2mrad": 0.1,
 }
-LENGTHS = {"1m": 1.0, "1cm": 0.01, "0.5mm": 5e-4, "1 um": 1e-6, "1µm": 1e-6, "1in": 0.0254, "1e3mm": 1.0}
+LENGTHS = {
+    "1m": 1.0,
+    "1cm": 0.01,
+    "0.5mm": 5e-4,
+    "1 um": 1e-6,
+    "1\u00b5m": 1e-6,
+    "1\u03bcm": 1e-6,
+    "1in": 0.0254,
+    "1e3mm": 1.0,
+}
 
 
 @pytest.mark.parametrize(("text", "value"), ANGLES.items())

@@ -17,15 +17,15 @@ from .all_pairs import AllPairs
 from .errors import DegenerateMotionError, InputError, InputWarning
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
-from .noise import Noise, PairNoise, PoseNoise, checked_covariance
+from .noise import Noise, PairNoise, PoseNoise, checked_covariance, require_count
 from .octonion_covariance import PAPER_SCALE
 from .plausibility import (
     Residuals,
-    check_frames,
-    check_lengths,
-    check_noise,
+    check_fit,
+    check_motions,
     check_poses,
     check_rotations,
+    require_signal,
     residuals,
     summarise,
 )
@@ -187,28 +187,30 @@ class Calibration:
         if not isinstance(data, dict) or data.get("format") != _FORMAT:
             raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
         try:
-            covariance = (
-                None if data["covariance"] is None else checked_covariance(data["covariance"], "covariance", False)
-            )
-            if covariance is not None and covariance.shape != (6, 6):
-                raise ValueError(f"covariance of shape {covariance.shape}")
-            if data["setup"] not in (None, *SETUPS):
-                raise ValueError(f"setup {data['setup']!r}")
-            return cls(
+            covariance = data["covariance"]
+            result = cls(
                 X=as_transforms(data["X"], "X", stack=False),
-                covariance=covariance,
-                method=str(data["method"]),
-                scale=None if data["scale"] is None else float(data["scale"]),
-                kind=data["kind"],
-                setup=data["setup"],
-                n_poses=data["n_poses"],
-                n_pairs=int(data["n_pairs"]),
+                covariance=None if covariance is None else checked_covariance(covariance, "covariance", joint=False),
+                method=_expected(data["method"], str),
+                scale=_expected(data["scale"], float, None),
+                kind=_expected(data["kind"], str, None),
+                setup=_expected(data["setup"], str, None),
+                n_poses=_expected(data["n_poses"], int, None),
+                n_pairs=_expected(data["n_pairs"], int),
                 noise=_noise_from_dict(data["noise"]),
                 residuals=Residuals(**data["residuals"]),
-                warnings=tuple(data["warnings"]),
+                warnings=tuple(_expected(text, str) for text in _expected(data["warnings"], list)),
             )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"The calibration is damaged: {error}.") from error
+            shapes = (result.X.shape, None if result.covariance is None else result.covariance.shape)
+            if shapes not in (((4, 4), None), ((4, 4), (6, 6))):
+                raise ValueError(f"X and covariance have the shapes {shapes}")
+            if result.setup not in (None, *SETUPS):
+                raise ValueError(f"unknown setup {result.setup!r}")
+        except KeyError as error:
+            raise InputError(f"The calibration is damaged: {error} is missing.") from error
+        except (TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
+        return result
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
@@ -221,13 +223,36 @@ class Calibration:
     def from_json(cls, path: str | Path) -> Calibration:
         """Read what `to_json` wrote."""
         try:
-            text = Path(path).read_text(encoding="utf-8")
-            data = json.loads(text)
-        except OSError as error:
-            raise InputError(f"Cannot read {path}: {error.strerror}.") from error
-        except ValueError as error:
+            data = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, TypeError) as error:
+            raise InputError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{path} is not JSON: {error}.") from error
-        return cls.from_dict(data)
+        try:
+            return cls.from_dict(data)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+
+def _expected(value: Any, *types: type | None) -> Any:
+    """``value`` if it is of one of the types; None stands for None."""
+    known = tuple(kind for kind in types if kind is not None)
+    if (value is None and None in types) or (isinstance(value, known) and not isinstance(value, bool)):
+        return value
+    raise TypeError(f"got {value!r:.40}")
+
+
+def _require_noise_fits(noise: Noise | None, motions: Motions) -> None:
+    if isinstance(noise, PairNoise):
+        require_count(noise.A, motions.N, "A", "motions")
+        require_count(noise.B, motions.N, "B", "motions")
+    elif isinstance(noise, PoseNoise):
+        if motions.poses is None:
+            raise InputError("PoseNoise needs poses; for motions that come without poses use PairNoise.")
+        require_count(noise.robot, motions.poses.n, "robot", "poses")
+        require_count(noise.camera, motions.poses.n, "camera", "poses")
+    elif noise is not None:
+        raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
 
 
 def _weakest(covariance: Array) -> tuple[Array, float]:
@@ -317,26 +342,27 @@ def calibrate(
             raise InputError("Expected one data set; for a batch call solve() and propagate().")
     else:
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    _require_noise_fits(noise, motions)
     texts = [] if poses is None else check_poses(poses)
-    texts += check_rotations(motions)
+    texts += check_rotations(motions, noise)
     try:
         X = everything.solve() if everything else solve(motions.A, motions.B, method=method, scale=scale)
+        angle, distance = residuals(motions.A, motions.B, X)
+        if poses is None:
+            texts += check_motions(motions, noise, angle, distance, X)
+        else:
+            texts += check_fit(poses, X, noise if isinstance(noise, PoseNoise) else None)
+        require_signal(motions, noise, angle)
+        covariance = None
+        if everything and isinstance(noise, PoseNoise):
+            covariance = everything.propagate(noise, X)
+        elif noise is not None:
+            covariance = propagate(motions, noise=noise, X=X, scale=scale, kind=kind)
     except InputError:
         for text in texts:  # what looks wrong may well be the reason
             warnings.warn(text, InputWarning, stacklevel=2)
         raise
-    angle, distance = residuals(motions.A, motions.B, X)
-    misfit = check_frames(motions, angle)
-    texts += misfit
-    if poses is not None and not misfit:
-        texts += check_lengths(poses, X)
-    covariance = None
     if noise is not None:
-        if everything and isinstance(noise, PoseNoise):
-            covariance = everything.propagate(noise, X)
-        else:
-            covariance = propagate(motions, noise=noise, X=X, scale=scale, kind=kind)
-        texts += check_noise(motions, noise, angle)
         kind = kind or ("poses" if isinstance(noise, PoseNoise) else "pairs")
     elif kind is not None:
         raise InputError(f"kind={kind!r} means nothing without `noise`.")

@@ -5,6 +5,7 @@ Exit status: 0 success; 2 bad usage or bad input, with one line on stderr; 1 an 
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from importlib import resources
@@ -21,6 +22,7 @@ from .noise import Noise, PoseNoise
 from .poses import SETUPS
 from .report import text
 from .simulation import simulate
+from .units import parse_deviations
 
 app = typer.Typer(
     help="Hand-eye calibration AX = XB with its uncertainty.",
@@ -34,6 +36,14 @@ DEMO_NOISE = {"robot": ("0.02deg", "0.05mm"), "camera": ("0.1deg", "0.5mm")}
 
 # Typer carries its own copy of Click or uses the installed one, depending on its version.
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
+
+
+def _named(directory: Path | None) -> Path | None:
+    """An empty name would mean the current folder."""
+    if directory is not None and str(directory) == ".":
+        raise InputError("Expected -o to name a folder, got an empty name or '.'; write for example -o result.")
+    return directory
+
 
 SetupOption = Annotated[str, typer.Option("--setup", help=f"{' or '.join(SETUPS)}.")]
 RobotNoise = Annotated[
@@ -50,15 +60,26 @@ NoiseFile = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 OutputOption = Annotated[
     Path | None,
-    typer.Option("-o", "--output", metavar="DIR", help="Write result.json, ellipses.png and ellipses.svg here."),
+    typer.Option(
+        "-o", "--output", metavar="DIR", callback=_named, help="Write result.json, ellipses.png and ellipses.svg here."
+    ),
 ]
 
 
-def _deviations(value: str, name: str) -> tuple[str, str]:
-    parts = value.split(",")
-    if len(parts) != 2:
+def _deviations(value: str, name: str) -> tuple[float, float]:
+    rotation, comma, translation = value.partition(",")
+    if not comma or "," in translation:
         raise InputError(f"Expected {name} to be ROTATION,TRANSLATION such as 0.02deg,0.05mm, got {value!r}.")
-    return parts[0], parts[1]
+    try:
+        return parse_deviations((rotation, translation), name)
+    except InputError as error:
+        try:
+            parse_deviations((translation, rotation), name)
+        except InputError:
+            raise error from None
+        raise InputError(
+            f"{name} {value}: rotation and translation look swapped; write {translation},{rotation}."
+        ) from None
 
 
 def _noise(robot: str | None, camera: str | None, file: Path | None) -> Noise | None:
@@ -78,9 +99,19 @@ def _print_result(result: Calibration, as_json: bool, output: Path | None, thres
     if output is not None:
         _write_result(result, output)
     if as_json:
-        print(result.to_json(), end="")
+        _emit(result.to_json())
     else:
-        print(text.summary(result, threshold), end="")
+        # On a terminal the warnings stand above already; a file should keep them.
+        _emit(text.summary(result, threshold) if sys.stdout.isatty() else result.summary(threshold))
+
+
+def _emit(output: str) -> None:
+    """Print; a reader that closes the pipe early (`| head`) has seen enough, which is no failure."""
+    try:
+        sys.stdout.write(output)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _write_result(result: Calibration, directory: Path) -> None:
@@ -88,9 +119,13 @@ def _write_result(result: Calibration, directory: Path) -> None:
     if result.covariance is not None:
         from .report.ellipses import covariance_ellipses, render  # Matplotlib is slow to import
 
-        figure = covariance_ellipses(result.X, result.covariance, title=f"{result.frame}: {result.method}")
+        parent = result.frame.split("_T_")[0]
+        title = f"{result.frame} by {result.method}: errors in the {parent} frame"
+        figure = covariance_ellipses(result.X, result.covariance, title=title)
         files |= {f"ellipses.{kind}": render(figure, kind) for kind in ("png", "svg")}
     write_files(directory, files)
+    for name in {"ellipses.png", "ellipses.svg"} - set(files):  # those of an earlier run are not of this result
+        (directory / name).unlink(missing_ok=True)
 
 
 @app.command("calibrate")
@@ -109,8 +144,10 @@ def calibrate_command(
     kind: Annotated[
         str | None, typer.Option(help="Propagation: poses (default), pairs, or literal for noise on pairs.")
     ] = None,
-    units: Annotated[str, typer.Option(help="Length unit of both files: m or mm.")] = "m",
-    threshold: Annotated[float, typer.Option(help="List correlations from here up.")] = 0.5,
+    units: Annotated[str, typer.Option(help="Length unit of both files: m, mm, cm, ...")] = "m",
+    robot_units: Annotated[str | None, typer.Option(help="Length unit of the robot file alone.")] = None,
+    camera_units: Annotated[str | None, typer.Option(help="Length unit of the camera file alone.")] = None,
+    threshold: Annotated[float, typer.Option(min=0.0, max=1.0, help="List correlations from here up.")] = 0.5,
     as_json: JsonOption = False,
     output: OutputOption = None,
 ) -> None:
@@ -121,7 +158,11 @@ def calibrate_command(
     The files have the header timestamp,x,y,z,qx,qy,qz,qw (unit quaternion, scalar last) and are paired by row.
     """
     model = _noise(robot_noise, camera_noise, noise)
-    poses = read_poses(robot, camera, setup=setup, units=units)
+    poses = read_poses(robot, camera, setup=setup, units=(robot_units or units, camera_units or units))
+    if poses.n < 3:
+        raise InputError(
+            f"{robot} and {camera} hold {poses.n} poses; at least 3 poses are needed, which make 2 motions."
+        )
     result = calibrate(poses, noise=model, method=method, pairs=pairs, scale=scale, kind=kind)
     _print_result(result, as_json, output, threshold)
 
@@ -138,8 +179,7 @@ def demo(as_json: JsonOption = False, output: OutputOption = None) -> None:
     result = calibrate(poses, noise=PoseNoise.isotropic(**DEMO_NOISE))
     _print_result(result, as_json, output, 0.5)
     if not as_json:
-        print()
-        print(text.against_truth(result, truth[0]), end="")
+        _emit("\n" + text.against_truth(result, truth[0]))
 
 
 @app.command("simulate")
@@ -162,6 +202,10 @@ def simulate_command(
     model = _noise(robot_noise, camera_noise, noise)
     if model is not None and not isinstance(model, PoseNoise):
         raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
+    if seed < 0:
+        raise InputError(f"Expected --seed to be 0 or more, got {seed}.")
+    if n_poses < 1:
+        raise InputError(f"Expected --poses to be at least 1, got {n_poses}.")
     near, _, far = distance.partition(",")
     poses = simulate(n_poses, noise=model, setup=setup, distance=(near, far or near), tilt=tilt, roll=roll, seed=seed)
     assert poses.truth is not None and poses.timestamps is not None  # simulate() gives both

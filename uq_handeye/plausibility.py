@@ -2,6 +2,9 @@
 
 Nothing here changes a result. Each check returns sentences for a person; `calibrate` raises them as
 `InputWarning` and keeps them in the result.
+
+The residuals of poses are those of ``W_k = G_k X C_k``, which is the same for every k without noise (robot-world
+constancy; G inverted for eye-to-hand): a rotation and a translation per pose, so that a bad row has a name.
 """
 
 from __future__ import annotations
@@ -9,31 +12,42 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from .errors import DegenerateMotionError
 from .motions import Motions
-from .noise import Noise, PairNoise, marginals
+from .noise import Noise, PairNoise, PoseNoise, marginals
 from .poses import PosePairs
-from .procrustes import solve_limit
-from .se3 import Array, inverse
+from .procrustes import DEGENERATE, orthonormalise, solve_limit
+from .se3 import Array, block, inverse, inverse_jacobian, skew
 
-# Robot and camera see the same rotation angle; beyond this RMS difference the rows are not the same moments.
+# Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
+# unless the noise explains it.
 ANGLE_DISAGREEMENT = np.radians(2.5)
-# Rotation residual beyond which another frame direction is looked for.
-LARGE_RESIDUAL = np.radians(2.0)
+# Rotation residual (rad), and translation residual as a share of the robot's travel, beyond which another reading
+# of the files is looked for.
+LARGE_ROTATION = np.radians(2.0)
+LARGE_TRANSLATION = 0.1
+# Translation residual, as a share of the robot's travel, from which on a wrong scale of one file would show.
+SCALE_SHOWS = 0.01
 # Below this spread of the rotation axes, rotation about and translation along them are hardly determined.
 AXIS_SPREAD = np.radians(5.0)
 SMALL_ANGLE = np.radians(5.0)
 NEAR_HALF_TURN = np.radians(150.0)
+# The rotations must stand out of their noise by this factor (in squares), or X is an accident of the noise.
+SIGNAL_TO_NOISE = 4.0
+# Rotations whose sum of squared sines across the main axis stays below this are suspected of being noise.
+POOR = 0.03
 # Farther from its base than any arm reaches, in metres.
 FAR = 20.0
 # What sits farther from the gripper than this, and than the fixed part from the base, is unusual (m).
 LONG_BRACKET = 0.4
-# Residuals beyond this multiple (or below this fraction) of what the noise explains are not chance.
-NOISE_RATIO = 3.0
-# Data without noise, from a simulation, are not a sign of overstated noise (rad).
+# A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
+OUTLIER = 6.0
+# Data without noise, from a simulation, say nothing about noise (rad, or share of the travel).
 EXACT = 1e-7
-# Pairs that the search for another frame direction looks at.
+# Pairs that the search for another reading looks at.
 SEARCH_PAIRS = 2000
 
 
@@ -81,46 +95,67 @@ def summarise(angle: Array, distance: Array) -> Residuals:
     )
 
 
+def pose_residuals(G: Array, C: Array, X: Array) -> tuple[Array, Array]:
+    """Rotation angle and distance (n,) of each ``W_k = G_k X C_k`` from their mean over the better half."""
+    W = G @ X @ C
+    keep: NDArray[np.bool_] = np.ones(len(W), dtype=bool)
+    for _ in range(2):
+        R = orthonormalise(W[keep, :3, :3].sum(axis=0))
+        angle = rotation_angles(W[:, :3, :3] @ R.T)
+        distance = np.linalg.norm(W[:, :3, 3] - np.median(W[keep, :3, 3], axis=0), axis=1)
+        keep = (angle <= np.median(angle)) | (distance <= np.median(distance))
+    return angle, distance
+
+
+# ------------------------------------------------------------------------------------ what the columns look like
+
+
 def check_poses(poses: PosePairs) -> list[str]:
-    """Units, constant, equal and repeated columns of the pose lists."""
+    """Units, constant, equal and repeated columns of the pose lists; a target behind the camera."""
     found = []
     for name, T in (("robot", poses.robot), ("camera", poses.camera)):
-        t = T[..., :3, 3].reshape(-1, 3)
-        far = float(np.abs(t).max(initial=0.0))
+        t = T[:, :3, 3]
+        far = float(np.abs(t).max())
         if far > FAR:
             found.append(
-                f"The {name} translations reach {far:.4g} m: they look like millimetres. "
-                "Convert them to metres (--units mm)."
+                f"The {name} translations reach {far:.4g} m: they look like millimetres or centimetres. Convert "
+                f"them to metres (--{name}-units mm)."
             )
-        span = np.ptp(t, axis=0) if len(t) else np.zeros(3)
+        span = np.ptp(t, axis=0)
         for axis in range(3):
             if len(t) > 1 and span[axis] <= 1e-9 * max(far, 1e-3):
                 found.append(f"Column {'xyz'[axis]} of the {name} poses is constant ({t[0, axis]:.6g}).")
         for a, b in ((0, 1), (0, 2), (1, 2)):
             if len(t) > 2 and span[a] > 1e-9 * max(far, 1e-3) and np.array_equal(t[:, a], t[:, b]):
                 found.append(
-                    f"Columns {'xyz'[a]} and {'xyz'[b]} of the {name} poses are identical in all {len(t)} rows: "
-                    "one of them was lost when the file was written."
+                    f"Columns {'xyz'[a]} and {'xyz'[b]} of the {name} poses are identical in all {len(t)} rows: one of "
+                    "them was lost when the file was written."
                 )
-        rows = T.reshape(-1, 16)
-        same = int((rows[1:] == rows[:-1]).all(axis=1).sum()) if len(rows) > 1 else 0
+        same = int((T[1:] == T[:-1]).all(axis=(1, 2)).sum())
         if same:
-            found.append(f"{same} of {len(rows)} {name} poses repeat the row before exactly: they add no information.")
+            found.append(f"{same} of {len(T)} {name} poses repeat the row before exactly: they add no information.")
+    if np.array_equal(poses.robot, poses.camera):
+        found.append("Robot and camera poses are the same numbers: the same file was given twice.")
     return found
 
 
-def check_rotations(motions: Motions) -> list[str]:
+# --------------------------------------------------------------------------------- what the rotations look like
+
+
+def check_rotations(motions: Motions, noise: Noise | None) -> list[str]:
     """Angles of robot against camera, half turns, small angles, spread of the rotation axes."""
     found = []
-    R_A, R_B = motions.A[..., :3, :3].reshape(-1, 3, 3), motions.B[..., :3, :3].reshape(-1, 3, 3)
+    R_A, R_B = motions.A[..., :3, :3], motions.B[..., :3, :3]
     angle, angle_B = rotation_angles(R_A), rotation_angles(R_B)
     difference = np.abs(angle - angle_B)
     rms = float(np.sqrt(np.mean(difference**2)))
-    if rms > ANGLE_DISAGREEMENT:
+    # one of the three axes of the noise changes the angle
+    explained = 0.0 if noise is None else np.sqrt(_rotation_variance(motions, noise) / 3.0)
+    if rms > max(ANGLE_DISAGREEMENT, 2.0 * explained):
         worst = int(np.argmax(difference))
         found.append(
             f"Robot and camera disagree on how far they turned: rotation angles differ by {np.degrees(rms):.1f} "
-            f"degrees RMS, {np.degrees(difference[worst]):.1f} at most (pair {_pair(motions, worst)}). "
+            f"degrees RMS, {np.degrees(difference[worst]):.1f} at most ({_pair(motions, worst)}). "
             + (
                 "Few pairs differ: look for wrong detections."
                 if np.median(difference) < 0.25 * ANGLE_DISAGREEMENT
@@ -136,68 +171,270 @@ def check_rotations(motions: Motions) -> list[str]:
     largest = float(angle.max(initial=0.0))
     if largest < SMALL_ANGLE:
         found.append(
-            f"The robot turns by {np.degrees(largest):.2g} degrees at most: noise is amplified. Turn it by 30 "
-            "degrees and more, about different axes."
+            f"The robot turns by {np.degrees(largest):.2g} degrees at most: noise is amplified. Turn it by 30 degrees "
+            "and more, about different axes."
         )
-    u = np.stack([R_A[:, 2, 1] - R_A[:, 1, 2], R_A[:, 0, 2] - R_A[:, 2, 0], R_A[:, 1, 0] - R_A[:, 0, 1]])
-    spread = np.linalg.eigvalsh(u @ u.T)
-    # The ratio of M's eigenvalues is the squared sine of the typical angle between the axes.
-    if spread[2] > 0 and spread[1] + spread[0] < np.sin(AXIS_SPREAD) ** 2 * spread[2]:
+    spread, axis = _axis_spread(R_A)
+    if spread[2] > 0 and spread[0] + spread[1] < np.sin(AXIS_SPREAD) ** 2 * spread[2]:
+        within = np.degrees(np.sqrt(max(spread[0] + spread[1], 0.0) / spread[2]))
         found.append(
-            "The rotation axes of the robot are nearly parallel (within "
-            f"{np.degrees(np.sqrt((spread[1] + spread[0]) / spread[2])):.2g} degrees): rotation about this axis and "
-            "translation along it are hardly determined. Add motions that turn about another axis."
+            f"The rotation axes of the robot are nearly parallel to ({', '.join(f'{x:.2f}' for x in axis)}) (within "
+            f"{max(within, 0.01):.2g} degrees): rotation about this axis and translation along it are hardly "
+            "determined. Add motions that turn about another axis."
         )
     return found
 
 
-def check_frames(motions: Motions, angle: Array) -> list[str]:
-    """Large rotation residuals ``angle`` (N,): would inverted poses fit?
+def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
+    """Raise unless the rotations stand out of their noise in two directions.
 
-    If ``G X C = W`` is constant, so is ``inv(G) W inv(C) = X``: inverting one of the two lists breaks the fit,
-    inverting the other as well restores it with the roles of X and W exchanged. So there are two readings to
-    offer, which fit equally well and differ in what X is.
+    4DPA determines R_X by ``u = sin(angle) axis``. Noise of variance s^2 per axis adds s^2 to each eigenvalue of
+    ``sum u u^T / N``; two of them must exceed that by far, or the axes found are those of the noise (parallel axes,
+    half turns, no rotation). s^2 is that of the noise given. Where the rotations are that poor, it is at least what
+    the median rotation residual ``angle`` shows.
     """
-    rms = float(np.sqrt(np.mean(angle**2)))
-    # Noise turns about all three axes and so makes the residual sqrt(3) times the difference of the angles, which
-    # a wrong frame leaves as it is.
-    A, B = motions.A[..., :3, :3], motions.B[..., :3, :3]
-    difference = rotation_angles(A) - rotation_angles(B)
-    if rms < max(LARGE_RESIDUAL, 4.0 * float(np.sqrt(np.mean(difference**2)))):
-        return []
-    start = f"X does not explain the rotations: residual {np.degrees(rms):.1f} degrees RMS. "
-    poses = motions.poses
-    if poses is None or poses.robot.ndim != 3 or motions.pairs is None:
-        return [start + "Check the directions of `A` and `B` and that they belong together."]
-    index = motions.pairs[:: max(1, len(motions.pairs) // SEARCH_PAIRS)]
-    readings = []
-    for G, C in (
-        (inverse(poses.effective_robot), poses.camera),
-        (poses.effective_robot, inverse(poses.camera)),
+    spread, axis = _axis_spread(motions.A[..., :3, :3])
+    across = float(spread[0] + spread[1])
+    variance = 0.0 if noise is None else _rotation_variance(motions, noise) / 3.0
+    if across < POOR:
+        # the median length of a Gaussian vector with three components is 1.54 of their standard deviation
+        variance = max(variance, float(np.median(angle) / 1.54) ** 2)
+    if across > 2.0 * SIGNAL_TO_NOISE * variance:
+        return
+    lost = np.zeros((2, 6))
+    lost[0, :3] = lost[1, 3:] = axis
+    raise DegenerateMotionError(
+        f"The motions do not determine X: across their main rotation axis, ({', '.join(f'{x:.3f}' for x in axis)}) "
+        f"in the frame of `A`, sin(angle) is {np.sqrt(0.5 * across):.2g} RMS, and the noise is {np.sqrt(variance):.2g}. "
+        "The rotation of X about this axis and its translation along it would be accidents of the noise. Turn about "
+        "other axes, by 30 to 150 degrees, and check that the rows of the two files belong together.",
+        lost,
+    )
+
+
+def _axis_spread(R: Array) -> tuple[Array, Array]:
+    """Eigenvalues of ``sum u u^T / N``, ascending, and the main axis; below rounding they are 0."""
+    u = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]])
+    values, vectors = np.linalg.eigh(u @ u.T / max(1, u.shape[1]))
+    axis = vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] > 0 else -vectors[:, 2]
+    return np.where(values > DEGENERATE * values[2], values, 0.0), np.round(axis, 12) + 0.0
+
+
+def _rotation_variance(motions: Motions, noise: Noise) -> float:
+    """Mean square of the rotation residual of a pair that the noise explains (rad^2).
+
+    To first order it is ``theta_A - R_X theta_B``, and theta of a motion is the difference of those of its two
+    poses (up to rotations): the traces add.
+    """
+    if isinstance(noise, PairNoise):
+        return sum(
+            float(np.mean(np.trace(S[..., :3, :3], axis1=-2, axis2=-1))) for S in (noise.A, noise.B) if S is not None
+        )
+    if motions.pairs is None or motions.poses is None:
+        return 0.0  # PoseNoise without poses: propagate() refuses it
+    traces = np.zeros(motions.poses.n)
+    for S in (noise.robot, noise.camera):
+        if S is not None:
+            traces += np.trace(marginals(S)[..., :3, :3], axis1=-2, axis2=-1)
+    return float(np.mean(traces[motions.pairs].sum(axis=1)))
+
+
+# ------------------------------------------------------------------------------------------ how well X fits them
+
+
+def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None) -> list[str]:
+    """Residuals of the poses against their noise and each other; if they are large, which other reading would fit."""
+    G, C = poses.effective_robot, poses.camera
+    angle, distance = pose_residuals(G, C, X)
+    travel = float(np.sqrt(np.mean(np.sum((G[:, :3, 3] - G[:, :3, 3].mean(axis=0)) ** 2, axis=1))))
+    found = []
+    if noise is not None:
+        found = _against_noise("poses", poses.n - 1, (angle, distance), _explained(poses, X, noise))
+    turn, shift = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2)))
+    # Noise turns about all three axes and so makes the residual sqrt(3) times the difference of the angles, which a
+    # wrong frame leaves as it is; but where the rows do not belong together, no other reading helps.
+    disagreement = float(np.sqrt(np.mean((_turns(G) - _turns(C)) ** 2)))
+    misfit = turn > max(LARGE_ROTATION, 4.0 * disagreement) or (
+        shift > LARGE_TRANSLATION * travel and disagreement < 2 * ANGLE_DISAGREEMENT
+    )
+    # Outliers are few, so the median pose is good; a wrong reading of the files spoils all of them.
+    most_fit = np.median(angle) < LARGE_ROTATION and np.median(distance) < LARGE_TRANSLATION * travel
+    if most_fit and (outliers := _outliers("pose", angle, distance, travel)):
+        return found + outliers
+    if misfit:
+        start = f"the target seems to move by {np.degrees(turn):.2g} degrees and {1e3 * shift:.3g} mm RMS"
+        return [*found, f"X does not explain the poses: {start}. {_other_readings(poses, turn, shift)}"]
+    if shift > SCALE_SHOWS * travel and (scaled := _scaled_reading(G, C, shift)):
+        found.append(f"The translations of robot and camera do not go together: it would fit if {scaled}.")
+    return found + _check_lengths(poses, X)
+
+
+def _turns(T: Array) -> Array:
+    """Rotation angles from each pose to the next."""
+    return rotation_angles(T[:-1, :3, :3].mT @ T[1:, :3, :3])
+
+
+def _against_noise(what: str, n: int, rows: tuple[Array, Array], explained: tuple[Array, Array]) -> list[str]:
+    """RMS rotation and translation residuals of n things against the mean squares that the noise explains."""
+    low, high = _chance(3 * n - 3)
+    found = []
+    for name, unit, factor, residual, square in zip(
+        ("rotation", "translation"), ("degrees", "mm"), (180 / np.pi, 1e3), rows, explained, strict=True
     ):
-        i, j = index[:, 0], index[:, 1]
-        A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
-        try:
-            X = solve_limit(A, B)
-        except DegenerateMotionError:
-            continue
-        fit = residuals(A, B, X)[0]
-        readings.append((float(np.sqrt(np.mean(fit**2))), float(np.linalg.norm(X[:3, 3]))))
-    if len(readings) < 2 or readings[0][0] > 0.4 * rms:
-        return [start + "Inverted poses do not fit either: the rows may not belong together."]
-    other = "eye-to-hand" if poses.setup == "eye-in-hand" else "eye-in-hand"
+        rms, expected = float(np.sqrt(np.mean(residual**2))), float(np.sqrt(np.mean(square)))
+        start = f"The {name} residuals of the {what} ({factor * rms:.3g} {unit} RMS) are "
+        end = f"the noise given explains ({factor * expected:.3g} {unit})"
+        if rms > 1.3 * high * expected and rms > EXACT:
+            ratio = f"{rms / expected:.3g} times what" if expected > 0 else "more than"
+            found.append(
+                f"{start}{ratio} {end}. Either the noise is larger than given or the data are wrong; the standard "
+                "deviations of X are too small."
+            )
+        elif EXACT < rms < min(low, 1 / 3) * expected:
+            found.append(
+                f"{start}{expected / rms:.3g} times smaller than {end}: the noise seems overstated, and with it the "
+                "standard deviations of X. Check the units."
+            )
+    return found
+
+
+def _explained(poses: PosePairs, X: Array, noise: PoseNoise) -> tuple[Array, Array]:
+    """Mean squares (n,) of the rotation and translation of W_k that the noise explains (T5, J_G and J_C)."""
+    G, C = poses.effective_robot, poses.camera
+    point = np.einsum("nij,nj->ni", G[:, :3, :3] @ X[:3, :3], C[:, :3, 3]) + G[:, :3, :3] @ X[:3, 3]
+    eye, turn = np.eye(3), G[:, :3, :3] @ X[:3, :3]
+    J_robot, J_camera = block(eye, 0.0, -skew(point), eye), block(turn, 0.0, 0.0, turn)
+    if poses.setup == "eye-to-hand":
+        J_robot = J_robot @ inverse_jacobian(poses.robot)
+    squares = np.zeros((2, poses.n))
+    for J, S in ((J_robot, noise.robot), (J_camera, noise.camera)):
+        if S is not None:
+            variances = np.diagonal(J @ marginals(S) @ J.mT, axis1=-2, axis2=-1)
+            squares += variances.reshape(poses.n, 2, 3).sum(axis=2).T
+    return squares[0], squares[1]
+
+
+def _chance(degrees_of_freedom: int) -> tuple[float, float]:
+    """Between what ratios a RMS of so many numbers lies but once in 10,000 times (Wilson and Hilferty 1931)."""
+    f = 2.0 / (9.0 * max(1, degrees_of_freedom))
+    low, high = ((max(1.0 - f + z * np.sqrt(f), 0.0)) ** 1.5 for z in (-3.72, 3.72))
+    return float(low), float(high)
+
+
+def _outliers(what: str, angle: Array, distance: Array, travel: float) -> list[str]:
+    """Poses or motions whose residual stands out of the others."""
+    far = np.zeros(len(angle))
+    for residual, least in ((angle, EXACT), (distance, EXACT * travel)):
+        median = max(float(np.median(residual)), least)
+        if median > 0:
+            far = np.maximum(far, np.where(residual > least, residual / median, 0.0))
+    rows = np.flatnonzero(far > OUTLIER)
+    if not rows.size:
+        return []
+    rows = rows[np.argsort(-far[rows])]
+    named = ", ".join(f"{what} {k} ({np.degrees(angle[k]):.2g} degrees, {1e3 * distance[k]:.3g} mm)" for k in rows[:5])
+    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
     return [
-        f"{start}Two other readings fit ({np.degrees(readings[0][0]):.2g} degrees): the setup is {other} or the robot "
-        f"file holds inverse poses, which makes X {readings[0][1]:.3g} m long; or the camera file holds inverse poses, "
-        f"target_T_camera, which makes X {readings[1][1]:.3g} m long."
+        f"{len(rows)} of {len(angle)} {what}s fit much worse than the others (median "
+        f"{np.degrees(np.median(angle)):.2g} degrees, {1e3 * np.median(distance):.3g} mm): {named}{more}, counted from "
+        "0. Look for a wrong detection or a row that belongs to another moment, and leave it out of both files."
     ]
 
 
-def check_lengths(poses: PosePairs, X: Array) -> list[str]:
+def _other_readings(poses: PosePairs, turn: float, shift: float) -> str:
+    """Which inversion, quaternion order or unit would make W constant in rotation *and* translation.
+
+    If ``G X C = W`` is constant, so is ``inv(G) W inv(C) = X``: inverting one of the two lists breaks the fit,
+    inverting the other as well restores it with the roles of X and W exchanged. So inversions come in twos.
+    """
+    G, C = poses.effective_robot, poses.camera
+    other = "eye-to-hand" if poses.setup == "eye-in-hand" else "eye-in-hand"
+    candidates = [
+        (f"the setup is {other}, or the robot file holds inverse poses", inverse(G), C),
+        ("the camera file holds inverse poses, target_T_camera", G, inverse(C)),
+        ("the robot file has the scalar of the quaternion first", _scalar_first(poses, robot=True), C),
+        ("the camera file has the scalar of the quaternion first", G, _reordered(C)),
+        ("both files have the scalar of the quaternion first", _scalar_first(poses, robot=True), _reordered(C)),
+    ]
+    fitting = []
+    for text, robot, camera in candidates:
+        fit = _fit(robot, camera)
+        # Two files in the same wrong order agree in rotation; only their translations tell.
+        turns = fit is not None and (fit[0] < max(0.4 * turn, EXACT) or fit[0] < 1.5 * turn < 1.5 * LARGE_ROTATION)
+        if fit is not None and turns and fit[1] < 0.4 * shift:
+            fitting.append((fit[1], f"{text} (X would be {fit[2]:.3g} m long)"))
+    if scaled := _scaled_reading(G, C, shift):
+        fitting.append((0.0, scaled))
+    if not fitting:
+        return "No inversion, quaternion order or unit that was tried fits: the rows may not belong together."
+    texts = [text for _, text in sorted(fitting)[:2]]
+    return f"It would fit if {'; or if '.join(texts)}."
+
+
+def _scaled_reading(G: Array, C: Array, shift: float) -> str:
+    """What to say if a factor on the camera's translations makes them fit; empty if none does."""
+    scale = _scaled_camera(G, C)
+    if scale is None or abs(scale - 1.0) <= 0.02:
+        return ""
+    camera = C.copy()
+    camera[:, :3, 3] *= scale
+    fit = _fit(G, camera)
+    if fit is None or fit[1] >= 0.4 * shift:
+        return ""
+    return (
+        f"the camera translations are multiplied by {scale:.4g}: one file is in another unit (--robot-units, "
+        "--camera-units), or the size of the target is wrong"
+    )
+
+
+def _fit(G: Array, C: Array) -> tuple[float, float, float] | None:
+    """RMS rotation and translation of W about its mean, and |t_X|, of X fitted to some of the pairs."""
+    n = len(G)
+    lag = np.unique(np.linspace(1, n - 1, max(1, SEARCH_PAIRS // n)).astype(int))
+    i = np.concatenate([np.arange(n - k) for k in lag])
+    j = np.concatenate([np.arange(k, n) for k in lag])
+    A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
+    try:
+        X = solve_limit(A, B)
+    except DegenerateMotionError:
+        return None
+    angle, distance = pose_residuals(G, C, X)
+    return float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2))), float(np.linalg.norm(X[:3, 3]))
+
+
+def _scaled_camera(G: Array, C: Array) -> float | None:
+    """The factor s on the camera's translations that fits best: ``(R_A - I) t_X - s R_X t_B = -t_A``."""
+    n = len(G)
+    i, j = np.arange(n - 1), np.arange(1, n)
+    i, j = np.concatenate([i, np.arange(n // 2)]), np.concatenate([j, np.arange(n // 2) + n - n // 2])
+    A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
+    try:
+        R = solve_limit(A, B)[:3, :3]
+    except DegenerateMotionError:
+        return None
+    M = np.concatenate([A[:, :3, :3] - np.eye(3), -(R @ B[:, :3, 3:])], axis=2).reshape(-1, 4)
+    solution, _, rank, _ = np.linalg.lstsq(M, -A[:, :3, 3].reshape(-1), rcond=None)
+    return float(solution[3]) if rank == 4 and solution[3] > 0 else None
+
+
+def _reordered(T: Array) -> Array:
+    """Poses whose quaternion columns, read as x, y, z, w, were w, x, y, z."""
+    result = T.copy()
+    columns = Rotation.from_matrix(T[:, :3, :3]).as_quat()
+    result[:, :3, :3] = Rotation.from_quat(np.roll(columns, -1, axis=1)).as_matrix()
+    return result
+
+
+def _scalar_first(poses: PosePairs, robot: bool) -> Array:
+    T = _reordered(poses.robot)
+    return T if poses.setup == "eye-in-hand" else inverse(T)
+
+
+def _check_lengths(poses: PosePairs, X: Array) -> list[str]:
     """Is the sensor bracket longer than the arm? Swapped files fit AX = XB exactly and give inv(W) for X."""
     W = poses.effective_robot @ X @ poses.camera
     long_X = float(np.linalg.norm(X[:3, 3]))
-    long_W = float(np.linalg.norm(np.mean(W[..., :3, 3], axis=-2)))
+    long_W = float(np.linalg.norm(np.mean(W[:, :3, 3], axis=0)))
     on_gripper, fixed = (long_X, long_W) if poses.setup == "eye-in-hand" else (long_W, long_X)
     if on_gripper < LONG_BRACKET or on_gripper < 2.0 * fixed:
         return []
@@ -209,43 +446,30 @@ def check_lengths(poses: PosePairs, X: Array) -> list[str]:
     ]
 
 
-def check_noise(motions: Motions, noise: Noise, angle: Array) -> list[str]:
-    """Rotation residuals ``angle`` (N,) against what the noise given explains.
-
-    To first order the rotation residual of a pair is ``theta_A - R_X theta_B``, and theta of a motion is the
-    difference of those of its two poses (up to rotations): its mean square is the sum of the traces.
-    """
+def check_motions(motions: Motions, noise: Noise | None, angle: Array, distance: Array, X: Array) -> list[str]:
+    """Residuals (N,) of motions that come without poses: against the noise, their size and each other."""
+    found = []
+    A = motions.A
     if isinstance(noise, PairNoise):
-        variance = sum(
-            float(np.mean(np.trace(S[..., :3, :3], axis1=-2, axis2=-1))) for S in (noise.A, noise.B) if S is not None
-        )
-    else:
-        assert motions.pairs is not None and motions.poses is not None  # PoseNoise was accepted
-        traces = np.zeros(motions.poses.n)
-        for S in (noise.robot, noise.camera):
+        # the translation residual is tau_A - [R_A t_X]x theta_A - R_X tau_B
+        J_A = block(np.eye(3), 0.0, -skew(A[:, :3, :3] @ X[:3, 3]), np.eye(3))
+        squares = np.zeros((2, motions.N))
+        for S, J in ((noise.A, J_A), (noise.B, np.eye(6))):
             if S is not None:
-                traces += np.trace(marginals(S)[..., :3, :3], axis1=-2, axis2=-1)
-        variance = float(np.mean(traces[motions.pairs].sum(axis=1)))
-    rms, expected = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(variance))
-    if rms > NOISE_RATIO * expected and rms > np.radians(1e-4):
-        factor = f"{rms / expected:.3g} times as large as" if expected > 0 else "there, while"
-        return [
-            f"The rotation residuals ({np.degrees(rms):.3g} degrees RMS) are {factor} the noise given explains"
-            + (f" ({np.degrees(expected):.3g} degrees). " if expected > 0 else " none. ")
-            + "Either the noise is larger than given or the data are wrong; the standard deviations of X are too "
-            "small by about this factor."
-        ]
-    if EXACT < rms < expected / NOISE_RATIO:
-        return [
-            f"The rotation residuals ({np.degrees(rms):.3g} degrees RMS) are {expected / rms:.3g} "
-            f"times smaller than the noise given explains ({np.degrees(expected):.3g} degrees): the noise seems "
-            "overstated, and with it the standard deviations of X. Check the units."
-        ]
-    return []
+                squares += np.diagonal(J @ S @ J.mT, axis1=-2, axis2=-1).reshape(-1, 2, 3).sum(axis=2).T
+        found = _against_noise("motions", motions.N, (angle, distance), (squares[0], squares[1]))
+    travel = float(np.sqrt(3.0 * np.mean(A[:, :3, 3] ** 2)))
+    turn, shift = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2)))
+    if turn > LARGE_ROTATION or shift > LARGE_TRANSLATION * travel:
+        found.append(
+            f"X does not explain the motions: residuals {np.degrees(turn):.2g} degrees and {1e3 * shift:.3g} mm RMS. "
+            "Check the directions and units of `A` and `B` and that they belong together."
+        )
+    return found + _outliers("motion", angle, distance, travel)
 
 
 def _pair(motions: Motions, k: int) -> str:
     if motions.pairs is None:
-        return str(k)
-    i, j = motions.pairs[k % motions.N]
-    return f"of poses {i} and {j}"
+        return f"motion {k}"
+    i, j = motions.pairs[k]
+    return f"poses {i} and {j}"

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .se3 import Array, as_transforms, inverse
+from .se3 import Array, as_numbers, as_transforms, inverse
 
 SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
 
@@ -61,7 +61,7 @@ class PosePairs:
     truth: Truth | None = None
 
     def __post_init__(self) -> None:
-        if self.setup not in SETUPS:
+        if not isinstance(self.setup, str) or self.setup not in SETUPS:
             raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {self.setup!r}.")
         robot, camera = _frozen(self.robot, "robot"), _frozen(self.camera, "camera")
         if robot.shape != camera.shape:
@@ -72,7 +72,7 @@ class PosePairs:
         object.__setattr__(self, "robot", robot)
         object.__setattr__(self, "camera", camera)
         if self.timestamps is not None:
-            times = np.array(self.timestamps, dtype=float)
+            times = np.array(as_numbers(self.timestamps, "timestamps"))
             if times.shape != (self.n,) or not np.isfinite(times).all():
                 raise InputError(f"Expected `timestamps` to be {self.n} finite numbers, got shape {times.shape}.")
             if (twins := first_duplicate(times)) is not None:

@@ -408,6 +408,12 @@ def solve_scaled(A: Array, B: Array, scale: float) -> Scaled:
     # The limit checks the input, and tells motions that do not determine X: at finite d the translations hide
     # it by terms of the order of |t|^2/d^2.
     solve_limit(A, B)
+    longest = max(float(np.abs(T[..., :3, 3]).max()) for T in (A, B))
+    if longest > 0 and not 0.01 * longest < scale < 1e12 * longest:
+        raise InputError(
+            f"Expected `scale` well above the longest translation, {longest:.3g}, and below 1e12 times it, got {scale:g}: a "
+            "small one leaves SO(4), a large one rounds the translations away."
+        )
     batch, N = A.shape[:-3], A.shape[-3]
     flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
     sums = np.zeros((2, len(flat_A), 4, 4))

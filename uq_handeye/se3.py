@@ -96,6 +96,8 @@ def inverse_jacobian(T: Array) -> Array:
 
 def as_numbers(value: Any, name: str) -> Array:
     """``value`` as a float64 array, or an `InputError` that names it."""
+    if isinstance(value, np.ndarray) and np.iscomplexobj(value):
+        raise InputError(f"Expected `{name}` to hold real numbers, got complex ones.")
     try:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:

@@ -87,7 +87,7 @@ def _covariance(table: str, content: Any, name: str) -> Array:
             if len(content) > 1:
                 raise InputError("Expected either covariance, or rotation and translation, got both.")
             _require_numbers(content["covariance"])
-            return checked_covariance(content["covariance"], "covariance", joint=table in POSES)
+            return checked_covariance(content["covariance"], table, joint=table in POSES)
         for key in ("rotation", "translation"):
             if key not in content:
                 raise InputError(f"The key {key} is missing; {EXPECTED}.")

@@ -15,7 +15,9 @@ from .csv_poses import read_pose_file
 SYNCHRONOUS = 1e-6
 
 
-def read_poses(robot: StrPath, camera: StrPath, *, setup: str = "eye-in-hand", units: str = "m") -> PosePairs:
+def read_poses(
+    robot: StrPath, camera: StrPath, *, setup: str = "eye-in-hand", units: str | tuple[str, str] = "m"
+) -> PosePairs:
     """Robot and camera poses from two pose files whose rows belong together.
 
     Parameters
@@ -25,8 +27,8 @@ def read_poses(robot: StrPath, camera: StrPath, *, setup: str = "eye-in-hand", u
     camera : path
         ``camera_T_target``, row k taken at the same moment as row k of ``robot``.
     setup : "eye-in-hand" or "eye-to-hand"
-    units : str
-        Length unit of both files: m, mm, ...; the poses returned are in metres.
+    units : str or (str, str)
+        Length unit of both files, or of the robot's and the camera's: m, mm, ...; the poses returned are in metres.
 
     Raises
     ------
@@ -41,8 +43,9 @@ def read_poses(robot: StrPath, camera: StrPath, *, setup: str = "eye-in-hand", u
         Timestamps of a row that differ by more than 1e-6 s but less than that.
     """
     robot, camera = as_path(robot), as_path(camera)
-    robot_times, robot_poses = read_pose_file(robot, units)
-    camera_times, camera_poses = read_pose_file(camera, units)
+    robot_units, camera_units = (units, units) if isinstance(units, str) else units
+    robot_times, robot_poses = read_pose_file(robot, robot_units)
+    camera_times, camera_poses = read_pose_file(camera, camera_units)
     if len(robot_times) != len(camera_times):
         raise InputError(
             f"{shown(robot)} has {len(robot_times)} poses and {shown(camera)} has {len(camera_times)}: "

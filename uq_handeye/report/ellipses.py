@@ -128,17 +128,14 @@ def covariance_ellipses(
         axes = part.subplots(1, 3)
         panels += [(axis, first + i, first + j) for axis, (i, j) in zip(axes, PAIRS_WITHIN, strict=True)]
     parts[2].suptitle("Coupling of rotation and translation", fontsize=10)
-    grid = parts[2].subplots(3, 3, sharex="col", sharey="row")
+    grid = parts[2].subplots(3, 3)
     panels += [(grid[row, column], column, 3 + row) for row in range(3) for column in range(3)]
 
     for axis, i, j in panels:
-        coupling = i < 3 <= j
         _draw(axis, i, j, covariances, points, offset, scale)
         _frame(axis, (reach[i] / scale[i], reach[j] / scale[j]))
-        if not coupling or j == 5:  # the grid of the couplings is labelled on its outside
-            axis.set_xlabel(axis_labels[i], fontsize=9)
-        if not coupling or i == 0:
-            axis.set_ylabel(axis_labels[j], fontsize=9)
+        axis.set_xlabel(axis_labels[i], fontsize=9)
+        axis.set_ylabel(axis_labels[j], fontsize=9)
     _legend(figure, covariances, len(points) > 0, offset is not None, pose)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # every further pass of the layout would shift the panels a little

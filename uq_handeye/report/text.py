@@ -49,7 +49,7 @@ def summary(result: Calibration, threshold: float) -> str:
         ]
     else:
         lines += [
-            _row("rotation about (deg)", "xyz", None, np.degrees(result.std[:3]), 5),
+            _row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5),
             "",
             *_correlations(result, threshold),
         ]
@@ -144,7 +144,7 @@ def _correlations(result: Calibration, threshold: float) -> list[str]:
     correlation = result.correlation
     assert correlation is not None  # the caller asked for standard deviations first
     strong = [
-        (abs(correlation[i, j]), f"  {NAMES[i]} - {NAMES[j]}: {correlation[i, j]:+.2f}")
+        (abs(correlation[i, j]), f"  {NAMES[i]} with {NAMES[j]}: {correlation[i, j]:+.2f}")
         for i in range(6)
         for j in range(i + 1, 6)
         if abs(correlation[i, j]) >= threshold
