@@ -80,15 +80,24 @@ def residuals(A: Array, B: Array, X: Array) -> tuple[Array, Array]:
     return angle, np.sqrt(np.einsum("...i,...i->...", offset, offset))
 
 
+def _median(values: Array) -> float:
+    """``np.median`` of a vector at a fifth of its time, which counts on small data."""
+    k = values.size // 2
+    if values.size % 2:
+        return float(np.partition(values, k)[k])
+    low, high = np.partition(values, (k - 1, k))[k - 1 : k + 1]
+    return 0.5 * (float(low) + float(high))
+
+
 def summarise(angle: Array, distance: Array) -> Residuals:
     """`Residuals` from those of each pair."""
     frobenius = 8.0 * np.sin(0.5 * angle) ** 2 + distance**2
     return Residuals(
         float(np.sqrt(np.mean(angle**2))),
-        float(np.median(angle)),
+        _median(angle),
         float(angle.max()),
         float(np.sqrt(np.mean(distance**2))),
-        float(np.median(distance)),
+        _median(distance),
         float(distance.max()),
         float(np.sqrt(frobenius.sum()) / len(angle)),
         len(angle),
@@ -102,8 +111,11 @@ def pose_residuals(G: Array, C: Array, X: Array) -> tuple[Array, Array]:
     for _ in range(2):
         R = orthonormalise(W[keep, :3, :3].sum(axis=0))
         angle = rotation_angles(W[:, :3, :3] @ R.T)
-        distance = np.linalg.norm(W[:, :3, 3] - np.median(W[keep, :3, 3], axis=0), axis=1)
-        keep = (angle <= np.median(angle)) | (distance <= np.median(distance))
+        shift = W[:, :3, 3] - W[keep, :3, 3].mean(axis=0)
+        distance = np.sqrt(np.einsum("ni,ni->n", shift, shift))
+        keep = (angle <= _median(angle)) & (distance <= _median(distance))
+        if keep.sum() < 3:
+            keep = distance <= _median(distance)
     return angle, distance
 
 
@@ -158,7 +170,7 @@ def check_rotations(motions: Motions, noise: Noise | None) -> list[str]:
             f"degrees RMS, {np.degrees(difference[worst]):.1f} at most ({_pair(motions, worst)}). "
             + (
                 "Few pairs differ: look for wrong detections."
-                if np.median(difference) < 0.25 * ANGLE_DISAGREEMENT
+                if _median(difference) < 0.25 * ANGLE_DISAGREEMENT
                 else "The rows of the two files do not belong together (wrong pairing, a shift, a time offset)."
             )
         )
@@ -198,15 +210,15 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     variance = 0.0 if noise is None else _rotation_variance(motions, noise) / 3.0
     if across < POOR:
         # the median length of a Gaussian vector with three components is 1.54 of their standard deviation
-        variance = max(variance, float(np.median(angle) / 1.54) ** 2)
+        variance = max(variance, (_median(angle) / 1.54) ** 2)
     if across > 2.0 * SIGNAL_TO_NOISE * variance:
         return
     lost = np.zeros((2, 6))
     lost[0, :3] = lost[1, 3:] = axis
     raise DegenerateMotionError(
         f"The motions do not determine X: across their main rotation axis, ({', '.join(f'{x:.3f}' for x in axis)}) "
-        f"in the frame of `A`, sin(angle) is {np.sqrt(0.5 * across):.2g} RMS, and the noise is {np.sqrt(variance):.2g}. "
-        "The rotation of X about this axis and its translation along it would be accidents of the noise. Turn about "
+        f"in the frame of `A`, sin(angle) is {np.sqrt(0.5 * across):.2g} RMS, and the noise is "
+        f"{np.sqrt(variance):.2g}. The rotation of X about this axis and its translation along it would be accidents of the noise. Turn about "
         "other axes, by 30 to 150 degrees, and check that the rows of the two files belong together.",
         lost,
     )
@@ -258,7 +270,7 @@ def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None) -> list[str]:
         shift > LARGE_TRANSLATION * travel and disagreement < 2 * ANGLE_DISAGREEMENT
     )
     # Outliers are few, so the median pose is good; a wrong reading of the files spoils all of them.
-    most_fit = np.median(angle) < LARGE_ROTATION and np.median(distance) < LARGE_TRANSLATION * travel
+    most_fit = _median(angle) < LARGE_ROTATION and _median(distance) < LARGE_TRANSLATION * travel
     if most_fit and (outliers := _outliers("pose", angle, distance, travel)):
         return found + outliers
     if misfit:
@@ -325,7 +337,7 @@ def _outliers(what: str, angle: Array, distance: Array, travel: float) -> list[s
     """Poses or motions whose residual stands out of the others."""
     far = np.zeros(len(angle))
     for residual, least in ((angle, EXACT), (distance, EXACT * travel)):
-        median = max(float(np.median(residual)), least)
+        median = max(_median(residual), least)
         if median > 0:
             far = np.maximum(far, np.where(residual > least, residual / median, 0.0))
     rows = np.flatnonzero(far > OUTLIER)
@@ -336,7 +348,7 @@ def _outliers(what: str, angle: Array, distance: Array, travel: float) -> list[s
     more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
     return [
         f"{len(rows)} of {len(angle)} {what}s fit much worse than the others (median "
-        f"{np.degrees(np.median(angle)):.2g} degrees, {1e3 * np.median(distance):.3g} mm): {named}{more}, counted from "
+        f"{np.degrees(_median(angle)):.2g} degrees, {1e3 * _median(distance):.3g} mm): {named}{more}, counted from "
         "0. Look for a wrong detection or a row that belongs to another moment, and leave it out of both files."
     ]
 

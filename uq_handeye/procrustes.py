@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike
 
 from . import _closed_form
 from .errors import DegenerateMotionError, InputError
+from .scratch import scratch
 from .se3 import CHUNK, Array, as_numbers, as_transforms, entry_rows, surely_transforms
 
 # Below this ratio of the eigenvalues of M (squared spread of the rotation axes, rad^2) the smallest one is
@@ -279,15 +280,15 @@ def _moments(A: Array, B: Array, checked: bool) -> Array:
     """
     T, N = A.shape[:2]
     if T * N <= CHUNK:
-        return _chunk_moments(A, B, np.empty(44 * T * N), checked)
+        return _chunk_moments(A, B, scratch("moments", 44 * T * N), checked)
     threads = min(4, _cores()) if T * N >= PARALLEL_PAIRS else 1
     parts = np.empty((len(range(0, N, CHUNK)), T, 6, 6))  # summed in one order, whatever the number of threads
 
     def work(share: int) -> None:
-        scratch = np.empty(44 * CHUNK)  # allocated once: fresh pages cost as much as the work
+        buffer = np.empty(44 * CHUNK)  # allocated once: fresh pages cost as much as the work
         blocks = product(trial_blocks(T, N), enumerate(pair_blocks(N)))
         for trials, (k, pairs) in islice(blocks, share, None, threads):
-            parts[k, trials] = _chunk_moments(A[trials, pairs], B[trials, pairs], scratch, checked)
+            parts[k, trials] = _chunk_moments(A[trials, pairs], B[trials, pairs], buffer, checked)
 
     if threads == 1:
         work(0)
@@ -308,10 +309,10 @@ def pair_blocks(N: int, size: int = CHUNK) -> Iterator[slice]:
     return (slice(j, j + size) for j in range(0, N, size))
 
 
-def _chunk_moments(A: Array, B: Array, scratch: Array, checked: bool) -> Array:
-    """The same for one block; ``scratch`` holds 44 numbers per pair."""
+def _chunk_moments(A: Array, B: Array, work: Array, checked: bool) -> Array:
+    """The same for one block; ``work`` holds 44 numbers per pair."""
     T, N = A.shape[:2]
-    work = scratch[: 44 * T * N].reshape(22, 2 * T * N)
+    work = work[: 44 * T * N].reshape(22, 2 * T * N)
     rows = entry_rows(A.reshape(-1, 4, 4), B.reshape(-1, 4, 4), out=work[:16])
     if not checked and not surely_transforms(rows):
         raise Suspicious
@@ -411,8 +412,8 @@ def solve_scaled(A: Array, B: Array, scale: float) -> Scaled:
     longest = max(float(np.abs(T[..., :3, 3]).max()) for T in (A, B))
     if longest > 0 and not 0.01 * longest < scale < 1e12 * longest:
         raise InputError(
-            f"Expected `scale` well above the longest translation, {longest:.3g}, and below 1e12 times it, got {scale:g}: a "
-            "small one leaves SO(4), a large one rounds the translations away."
+            f"Expected `scale` well above the longest translation, {longest:.3g}, and below 1e12 times it, got "
+            f"{scale:g}: a small one leaves SO(4), a large one rounds the translations away."
         )
     batch, N = A.shape[:-3], A.shape[-3]
     flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)

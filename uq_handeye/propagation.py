@@ -37,6 +37,7 @@ from .procrustes import (
     solve_scaled,
     trial_blocks,
 )
+from .scratch import scratch
 from .se3 import Array, as_transforms, block, entry_rows, inverse, skew
 from .sensitivity import LimitDerivatives, ScaledDerivatives, cross_rows, linearised, trials_first
 
@@ -200,9 +201,12 @@ class _Independent:
 
 def _times(F: Array, L: Array) -> Array:
     """``F L`` with pairs last: F (6, 6, T, m) and L (6, 6) or (T, m, 6, 6)."""
+    out = scratch("times", *F.shape)
     if L.ndim == 2:
-        return np.asarray((L.T @ F.reshape(6, 6, -1)).reshape(F.shape))
-    return np.asarray(np.einsum("ijtm,tmjk->iktm", F, np.broadcast_to(L, (*F.shape[2:], 6, 6))))
+        np.matmul(L.T, F.reshape(6, 6, -1), out=out.reshape(6, 6, -1))
+    else:
+        np.einsum("ijtm,tmjk->iktm", F, np.broadcast_to(L, (*F.shape[2:], 6, 6)), out=out)
+    return out
 
 
 def _outer(FL: Array) -> Array:

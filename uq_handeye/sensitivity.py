@@ -37,6 +37,7 @@ from .procrustes import (
     infinite_directions,
     octonion,
 )
+from .scratch import scratch
 from .se3 import Array, entry_rows, skew, surely_transforms
 
 _EYE = np.eye(3)
@@ -53,7 +54,7 @@ class LimitDerivatives:
 
     def block(self, A: Array, B: Array) -> Array:
         T, m = A.shape[:2]
-        rows = entry_rows(A.reshape(-1, 4, 4), B.reshape(-1, 4, 4))
+        rows = entry_rows(A.reshape(-1, 4, 4), B.reshape(-1, 4, 4), out=scratch("rows", 16, 2 * T * m))
         if not self.checked and not surely_transforms(rows):
             raise Suspicious
         entries = rows.reshape(4, 4, 2, T, m)
@@ -68,8 +69,8 @@ class LimitDerivatives:
         u *= 0.5  # u and p: axis 1 is robot, camera
         w *= 0.5  # w and q
         # [D S E] with du = D theta, dw = E theta + S tau (T3)
-        half = 0.5 * R
-        by_motion = np.empty((3, 9, 2, T, m))
+        half = np.multiply(R, 0.5, out=scratch("half", 3, 3, 2, T, m))
+        by_motion = scratch("by_motion", 3, 9, 2, T, m)
         D, S = by_motion[:, :3], by_motion[:, 3:6]
         np.negative(half, out=D)
         S[:] = half.swapaxes(0, 1)
@@ -79,20 +80,22 @@ class LimitDerivatives:
             S[i, i] += 0.5
         # f = u x p and h = u x (t x p) + w x p + u x q, differentiated by w and q, and by u and p
         t_X = skew(self.t)
-        vectors = np.empty((3, 7, T, m))
+        vectors = scratch("vectors", 3, 7, T, m)
         vectors[:, :2] = t
         np.negative(u[:, 1], out=vectors[:, 2])
         vectors[:, 3] = u[:, 0]
         np.einsum("tij,jtm->itm", t_X, vectors[:, 2], out=vectors[:, 4])
         vectors[:, 4] -= w[:, 1]
         vectors[:, 5:] = w
-        crosses = cross_rows(vectors)
+        crosses = cross_rows(vectors, out=scratch("crosses", 3, *vectors.shape))
         by_t, by_w, by_u, by_q = crosses[:, :, :2], crosses[:, :, 2:4], crosses[:, :, 4:6], crosses[:, :, 6]
         by_u[:, :, 1] += np.einsum("ijtm,tjk->iktm", by_w[:, :, 1], t_X)
         np.einsum("ij...,jk...->ik...", half.swapaxes(0, 1), by_t, out=by_motion[:, 6:])
-        F = np.zeros((2, 6, 6, T, m))
+        F = scratch("F", 2, 6, 6, T, m)
         F_rows = F.transpose(1, 2, 0, 3, 4)
-        product = np.einsum("ij...,jk...->ik...", by_w, by_motion)
+        F_rows[:3, 3:] = 0.0
+        product = scratch("product", *by_motion.shape)
+        np.einsum("ij...,jk...->ik...", by_w, by_motion, out=product)
         F_rows[:3, :3], F_rows[3:, 3:] = product[:, :3], product[:, 3:6]
         np.einsum("ij...,jk...->ik...", by_u, D, out=F_rows[3:, :3])
         F_rows[3:, :3] += product[:, 6:]
@@ -134,9 +137,10 @@ def _raise_infinite(axes: Array) -> NoReturn:
     )
 
 
-def cross_rows(v: Array) -> Array:
+def cross_rows(v: Array, out: Array | None = None) -> Array:
     """``[v]x`` with the vectors along the first axis: (3, ...) -> (3, 3, ...)."""
-    result = np.zeros((3, *v.shape))
+    result = np.empty((3, *v.shape)) if out is None else out
+    result[0, 0] = result[1, 1] = result[2, 2] = 0.0
     result[2, 1], result[0, 2], result[1, 0] = v
     result[1, 2], result[2, 0], result[0, 1] = -v
     return result
