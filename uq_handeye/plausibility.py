@@ -218,8 +218,9 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     raise DegenerateMotionError(
         f"The motions do not determine X: across their main rotation axis, ({', '.join(f'{x:.3f}' for x in axis)}) "
         f"in the frame of `A`, sin(angle) is {np.sqrt(0.5 * across):.2g} RMS, and the noise is "
-        f"{np.sqrt(variance):.2g}. The rotation of X about this axis and its translation along it would be accidents of "
-        "the noise. Turn about other axes, by 30 to 150 degrees, and check that the rows of the two files belong together.",
+        f"{np.sqrt(variance):.2g}. The rotation of X about this axis and its translation along it would be accidents "
+        "of the noise. Turn about other axes, by 30 to 150 degrees, and check that the rows of the two files belong "
+        "together.",
         lost,
     )
 
