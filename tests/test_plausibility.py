@@ -298,6 +298,45 @@ def test_rotations_lost_in_the_noise_are_no_answer(kind, given):
         assert unanswered(poses, noise if given else None)
 
 
+QUIET = {
+    "camera turns": (uq.PoseNoise.isotropic(camera=("0.3deg", "0.05mm")), {}),
+    "rotation only": (uq.PoseNoise(camera=np.diag([1e-6] * 3 + [0] * 3)), {}),
+    "robot turns": (
+        uq.PoseNoise.isotropic(robot=("0.1deg", "0.02mm")),
+        {"setup": "eye-to-hand", "distance": (1.7, 2.6)},
+    ),
+    "narrow": (uq.PoseNoise.isotropic(camera=("0.5deg", "1mm")), {"n_poses": 200, "tilt": "3deg", "roll": "3deg"}),
+    "many": (uq.PoseNoise.isotropic(camera=("2deg", "1mm")), {"n_poses": 1000, "tilt": "5deg", "roll": "5deg"}),
+    "three": (uq.PoseNoise.isotropic(camera=("0.1deg", "0.5mm")), {"n_poses": 3}),
+    "common": (uq.PoseNoise(camera=np.kron(25 * np.ones((20, 20)) + np.eye(20), np.diag([1e-6] * 3 + [1e-7] * 3))), {}),
+    "unequal": (uq.PoseNoise(camera=np.eye(6) * np.logspace(-8, -5, 20)[:, None, None]), {}),
+}
+
+
+@pytest.mark.parametrize("case", QUIET)
+def test_nothing_is_said_about_noise_that_was_declared(case):
+    noise, options = QUIET[case]
+    for seed in range(15):
+        text = said(uq.simulate(**({"n_poses": 20} | options), noise=noise, seed=seed), noise)
+        assert "residuals" not in text
+        assert "fit much worse" not in text
+        assert "does not explain" not in text
+
+
+def test_a_head_that_only_turns():
+    """No travel of the gripper at all: turning about the tool centre point, a pan-tilt head."""
+    noise = uq.PoseNoise.isotropic(camera=("0.1deg", "1mm"))
+    rng = np.random.default_rng(0)
+    poses = turning(rng.uniform(-0.6, 0.6, (20, 3)))
+    robot = rescaled(poses.robot, 0.0)
+    truth = uq.simulate(3, seed=0).truth
+    camera = moved(np.linalg.inv(robot @ truth.X) @ truth.W, rng.normal(size=(20, 6)) * np.sqrt(np.diag(noise.camera)))
+    for given in (noise, None):
+        text = said(uq.PosePairs(robot, camera), given)
+        assert "does not explain" not in text
+        assert "residuals" not in text
+
+
 def test_same_file_twice(good):
     assert "the same file was given twice" in said(changed(good, camera=good.robot))
 

@@ -344,14 +344,11 @@ def calibrate(
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
     _require_noise_fits(noise, motions)
     texts = [] if poses is None else check_poses(poses)
-    texts += check_rotations(motions, noise)
+    if motions.N >= 2:
+        texts += check_rotations(motions, noise)
     try:
         X = everything.solve() if everything else solve(motions.A, motions.B, method=method, scale=scale)
         angle, distance = residuals(motions.A, motions.B, X)
-        if poses is None:
-            texts += check_motions(motions, noise, angle, distance, X)
-        else:
-            texts += check_fit(poses, X, noise if isinstance(noise, PoseNoise) else None)
         require_signal(motions, noise, angle)
         covariance = None
         if everything and isinstance(noise, PoseNoise):
@@ -362,6 +359,10 @@ def calibrate(
         for text in texts:  # what looks wrong may well be the reason
             warnings.warn(text, InputWarning, stacklevel=2)
         raise
+    if poses is None:
+        texts += check_motions(motions, noise, covariance, angle, distance, X)
+    else:
+        texts += check_fit(poses, X, noise if isinstance(noise, PoseNoise) else None, covariance)
     if noise is not None:
         kind = kind or ("poses" if isinstance(noise, PoseNoise) else "pairs")
     elif kind is not None:

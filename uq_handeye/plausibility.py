@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from .errors import DegenerateMotionError
 from .motions import Motions
-from .noise import Noise, PairNoise, PoseNoise, marginals
+from .noise import Noise, PairNoise, PoseNoise, is_joint, marginals
 from .poses import PosePairs
-from .procrustes import DEGENERATE, orthonormalise, solve_limit
+from .procrustes import DEGENERATE, infinite_directions, orthonormalise, solve_limit
 from .se3 import Array, block, inverse, inverse_jacobian, skew
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
@@ -35,7 +35,7 @@ SCALE_SHOWS = 0.01
 AXIS_SPREAD = np.radians(5.0)
 SMALL_ANGLE = np.radians(5.0)
 NEAR_HALF_TURN = np.radians(150.0)
-# The rotations must stand out of their noise by this factor (in squares), or X is an accident of the noise.
+# The rotations must stand out of their noise by this factor, or X is an accident of the noise.
 SIGNAL_TO_NOISE = 4.0
 # Rotations whose sum of squared sines across the main axis stays below this are suspected of being noise.
 POOR = 0.03
@@ -136,7 +136,7 @@ def check_poses(poses: PosePairs) -> list[str]:
         span = np.ptp(t, axis=0)
         for axis in range(3):
             if len(t) > 1 and span[axis] <= 1e-9 * max(far, 1e-3):
-                found.append(f"Column {'xyz'[axis]} of the {name} poses is constant ({t[0, axis]:.6g}).")
+                found.append(f"Column {'xyz'[axis]} of the {name} poses is constant ({t[0, axis] + 0.0:.6g}).")
         for a, b in ((0, 1), (0, 2), (1, 2)):
             if len(t) > 2 and span[a] > 1e-9 * max(far, 1e-3) and np.array_equal(t[:, a], t[:, b]):
                 found.append(
@@ -200,34 +200,42 @@ def check_rotations(motions: Motions, noise: Noise | None) -> list[str]:
 def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     """Raise unless the rotations stand out of their noise in two directions.
 
-    4DPA determines R_X by ``u = sin(angle) axis``. Noise of variance s^2 per axis adds s^2 to each eigenvalue of
-    ``sum u u^T / N``; two of them must exceed that by far, or the axes found are those of the noise (parallel axes,
-    half turns, no rotation). s^2 is that of the noise given. Where the rotations are that poor, it is at least what
-    the median rotation residual ``angle`` shows.
+    4DPA finds R_X from the cross moment ``H / N = sum u v^T / N``, ``u, v = sin(angle) axis`` of robot and camera.
+    Noise of variances s_A^2, s_B^2 per axis leaves about ``s_A s_B / sqrt(n)`` in it, n the number of independent
+    motions; if the smallest eigenvalue of M / N is not well above that, the axes found are those of the noise
+    (parallel axes, half turns, no rotation) and no covariance can tell. The variances are those of the noise given;
+    without noise, and where the rotations are that poor, those that the median rotation residual ``angle`` shows.
     """
     spread, axis = _axis_spread(motions.A[..., :3, :3])
-    across = float(spread[0] + spread[1])
     variance = 0.0 if noise is None else _rotation_variance(motions, noise) / 3.0
-    if across < POOR:
+    if noise is None and spread[0] + spread[1] < POOR:
         # the median length of a Gaussian vector with three components is 1.54 of their standard deviation
-        variance = max(variance, (_median(angle) / 1.54) ** 2)
-    if across > 2.0 * SIGNAL_TO_NOISE * variance:
+        variance = (_median(angle) / 1.54) ** 2
+    independent = motions.N if motions.poses is None else min(motions.N, motions.poses.n - 1)
+    u, v = _axes(motions.A[..., :3, :3]), _axes(motions.B[..., :3, :3])
+    H = u @ v.T / motions.N
+    s = np.linalg.svd(H, compute_uv=False)
+    across = float(s[1] + np.sign(np.linalg.det(H)) * s[2])
+    level = variance / np.sqrt(independent)
+    if across > SIGNAL_TO_NOISE * level:
         return
-    lost = np.zeros((2, 6))
-    lost[0, :3] = lost[1, 3:] = axis
     raise DegenerateMotionError(
-        f"The motions do not determine X: across their main rotation axis, ({', '.join(f'{x:.3f}' for x in axis)}) "
-        f"in the frame of `A`, sin(angle) is {np.sqrt(0.5 * across):.2g} RMS, and the noise is "
-        f"{np.sqrt(variance):.2g}. The rotation of X about this axis and its translation along it would be accidents "
-        "of the noise. Turn about other axes, by 30 to 150 degrees, and check that the rows of the two files belong "
-        "together.",
-        lost,
+        f"The motions do not determine X: across their main rotation axis, ({', '.join(f'{x:.3f}' for x in axis)}) in "
+        f"the frame of `A`, the mean of sin(angle)^2 is {across:.2g}, and noise alone makes {level:.2g}. The rotation "
+        "of X about this axis and its translation along it would be accidents of the noise. Turn about other axes, by "
+        "30 to 150 degrees, and check that the rows of the two files belong together.",
+        infinite_directions(axis[None]),
     )
+
+
+def _axes(R: Array) -> Array:
+    """``sin(angle) axis`` of rotations (N, 3, 3), as columns (3, N)."""
+    return 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]])
 
 
 def _axis_spread(R: Array) -> tuple[Array, Array]:
     """Eigenvalues of ``sum u u^T / N``, ascending, and the main axis; below rounding they are 0."""
-    u = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]])
+    u = _axes(R)
     values, vectors = np.linalg.eigh(u @ u.T / max(1, u.shape[1]))
     axis = vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] > 0 else -vectors[:, 2]
     return np.where(values > DEGENERATE * values[2], values, 0.0), np.round(axis, 12) + 0.0
@@ -255,31 +263,40 @@ def _rotation_variance(motions: Motions, noise: Noise) -> float:
 # ------------------------------------------------------------------------------------------ how well X fits them
 
 
-def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None) -> list[str]:
+def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: Array | None) -> list[str]:
     """Residuals of the poses against their noise and each other; if they are large, which other reading would fit."""
     G, C = poses.effective_robot, poses.camera
     angle, distance = pose_residuals(G, C, X)
     travel = float(np.sqrt(np.mean(np.sum((G[:, :3, 3] - G[:, :3, 3].mean(axis=0)) ** 2, axis=1))))
-    found = []
-    if noise is not None:
-        found = _against_noise("poses", poses.n - 1, (angle, distance), _explained(poses, X, noise))
+    reach = float(np.sqrt(np.mean(np.sum(C[:, :3, 3] ** 2, axis=1))))
     turn, shift = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2)))
+    found: list[str] = []
+    most = None
+    if noise is not None and covariance is not None:
+        least, most = _explained(poses, X, noise, covariance)
+        joint = any(S is not None and is_joint(S) for S in (noise.robot, noise.camera))
+        found = _against_noise("poses", poses.n - 1, (angle, distance), None if joint else least, most)
     # Noise turns about all three axes and so makes the residual sqrt(3) times the difference of the angles, which a
     # wrong frame leaves as it is; but where the rows do not belong together, no other reading helps.
     disagreement = float(np.sqrt(np.mean((_turns(G) - _turns(C)) ** 2)))
-    misfit = turn > max(LARGE_ROTATION, 4.0 * disagreement) or (
-        shift > LARGE_TRANSLATION * travel and disagreement < 2 * ANGLE_DISAGREEMENT
-    )
+    turned = turn > max(LARGE_ROTATION, 4.0 * disagreement, 3.0 * _rms(most, 0))
+    shifted = shift > max(LARGE_TRANSLATION * travel, 0.02 * reach, 3.0 * _rms(most, 1), 1e-9)
+    misfit = turned or (shifted and disagreement < 2 * ANGLE_DISAGREEMENT)
     # Outliers are few, so the median pose is good; a wrong reading of the files spoils all of them.
-    most_fit = _median(angle) < LARGE_ROTATION and _median(distance) < LARGE_TRANSLATION * travel
-    if most_fit and (outliers := _outliers("pose", angle, distance, travel)):
+    most_fit = _median(angle) < LARGE_ROTATION and _median(distance) < max(LARGE_TRANSLATION * travel, 0.02 * reach)
+    if most_fit and (outliers := _outliers("pose", angle, distance, travel + reach, most)):
         return found + outliers
     if misfit:
         start = f"the target seems to move by {np.degrees(turn):.2g} degrees and {1e3 * shift:.3g} mm RMS"
         return [*found, f"X does not explain the poses: {start}. {_other_readings(poses, turn, shift)}"]
-    if shift > SCALE_SHOWS * travel and (scaled := _scaled_reading(G, C, shift)):
+    shows = max(SCALE_SHOWS * travel, 0.005 * reach, 3.0 * _rms(most, 1), 1e-9)
+    if shift > shows and (scaled := _scaled_reading(G, C, shift)):
         found.append(f"The translations of robot and camera do not go together: it would fit if {scaled}.")
     return found + _check_lengths(poses, X)
+
+
+def _rms(squares: tuple[Array, Array] | None, k: int) -> float:
+    return 0.0 if squares is None else float(np.sqrt(np.mean(squares[k])))
 
 
 def _turns(T: Array) -> Array:
@@ -287,44 +304,56 @@ def _turns(T: Array) -> Array:
     return rotation_angles(T[:-1, :3, :3].mT @ T[1:, :3, :3])
 
 
-def _against_noise(what: str, n: int, rows: tuple[Array, Array], explained: tuple[Array, Array]) -> list[str]:
-    """RMS rotation and translation residuals of n things against the mean squares that the noise explains."""
+def _against_noise(
+    what: str, n: int, rows: tuple[Array, Array], least: tuple[Array, Array] | None, most: tuple[Array, Array]
+) -> list[str]:
+    """RMS rotation and translation residuals of n things against the mean squares that the noise explains.
+
+    ``most`` counts what the error of X adds in full, though the residuals share part of it; ``least`` leaves it
+    out, and is None where errors are common to all and leave no trace in the residuals.
+    """
     low, high = _chance(3 * n - 3)
     found = []
-    for name, unit, factor, residual, square in zip(
-        ("rotation", "translation"), ("degrees", "mm"), (180 / np.pi, 1e3), rows, explained, strict=True
-    ):
-        rms, expected = float(np.sqrt(np.mean(residual**2))), float(np.sqrt(np.mean(square)))
+    for k, (name, unit, factor) in enumerate((("rotation", "degrees", 180 / np.pi), ("translation", "mm", 1e3))):
+        rms, expected = float(np.sqrt(np.mean(rows[k] ** 2))), float(np.sqrt(np.mean(most[k])))
         start = f"The {name} residuals of the {what} ({factor * rms:.3g} {unit} RMS) are "
-        end = f"the noise given explains ({factor * expected:.3g} {unit})"
         if rms > 1.3 * high * expected and rms > EXACT:
             ratio = f"{rms / expected:.3g} times what" if expected > 0 else "more than"
             found.append(
-                f"{start}{ratio} {end}. Either the noise is larger than given or the data are wrong; the standard "
-                "deviations of X are too small."
+                f"{start}{ratio} the noise given explains ({factor * expected:.3g} {unit}). Either the noise is larger "
+                "than given or the data are wrong; the standard deviations of X are too small."
             )
-        elif EXACT < rms < min(low, 1 / 3) * expected:
+        elif least is not None and EXACT < rms < min(low, 1 / 3) * (floor := float(np.sqrt(np.mean(least[k])))):
             found.append(
-                f"{start}{expected / rms:.3g} times smaller than {end}: the noise seems overstated, and with it the "
-                "standard deviations of X. Check the units."
+                f"{start}{floor / rms:.3g} times smaller than the noise given explains ({factor * floor:.3g} {unit}): "
+                "the noise seems overstated, and with it the standard deviations of X. Check the units."
             )
     return found
 
 
-def _explained(poses: PosePairs, X: Array, noise: PoseNoise) -> tuple[Array, Array]:
-    """Mean squares (n,) of the rotation and translation of W_k that the noise explains (T5, J_G and J_C)."""
+def _explained(
+    poses: PosePairs, X: Array, noise: PoseNoise, covariance: Array
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Mean squares (n,) of the rotation and translation of W_k: from the noise, and with the error of X added (T5)."""
     G, C = poses.effective_robot, poses.camera
-    point = np.einsum("nij,nj->ni", G[:, :3, :3] @ X[:3, :3], C[:, :3, 3]) + G[:, :3, :3] @ X[:3, 3]
-    eye, turn = np.eye(3), G[:, :3, :3] @ X[:3, :3]
+    R_G, lever = G[:, :3, :3], C[:, :3, 3] @ X[:3, :3].T
+    point = np.einsum("nij,nj->ni", R_G, lever + X[:3, 3])
+    eye, turn = np.eye(3), R_G @ X[:3, :3]
     J_robot, J_camera = block(eye, 0.0, -skew(point), eye), block(turn, 0.0, 0.0, turn)
     if poses.setup == "eye-to-hand":
         J_robot = J_robot @ inverse_jacobian(poses.robot)
     squares = np.zeros((2, poses.n))
     for J, S in ((J_robot, noise.robot), (J_camera, noise.camera)):
         if S is not None:
-            variances = np.diagonal(J @ marginals(S) @ J.mT, axis1=-2, axis2=-1)
-            squares += variances.reshape(poses.n, 2, 3).sum(axis=2).T
-    return squares[0], squares[1]
+            squares += _traces(J @ marginals(S) @ J.mT)
+    J_X = block(R_G, 0.0, -R_G @ skew(lever), R_G)
+    with_X = squares + _traces(J_X @ covariance @ J_X.mT)
+    return (squares[0], squares[1]), (with_X[0], with_X[1])
+
+
+def _traces(S: Array) -> Array:
+    """Traces of the rotation and translation blocks of covariances (n, 6, 6): (2, n)."""
+    return np.asarray(np.diagonal(S, axis1=-2, axis2=-1).reshape(-1, 2, 3).sum(axis=2).T)
 
 
 def _chance(degrees_of_freedom: int) -> tuple[float, float]:
@@ -334,23 +363,30 @@ def _chance(degrees_of_freedom: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _outliers(what: str, angle: Array, distance: Array, travel: float) -> list[str]:
-    """Poses or motions whose residual stands out of the others."""
-    far = np.zeros(len(angle))
-    for residual, least in ((angle, EXACT), (distance, EXACT * travel)):
-        median = max(_median(residual), least)
+def _outliers(
+    what: str, angle: Array, distance: Array, size: float, explained: tuple[Array, Array] | None
+) -> list[str]:
+    """Poses or motions whose residual, in units of what its noise explains, stands out of the others."""
+    n = len(angle)
+    if n < 6:
+        return []  # their mean is not sharp enough to tell
+    far = np.zeros(n)
+    for k, (residual, least) in enumerate(((angle, EXACT), (distance, EXACT * size))):
+        unit = np.ones(n) if explained is None else np.sqrt(np.maximum(explained[k], least**2))
+        relative = np.where(residual > least, residual, 0.0) / unit
+        median = max(_median(relative), least / float(unit.max()))
         if median > 0:
-            far = np.maximum(far, np.where(residual > least, residual / median, 0.0))
-    rows = np.flatnonzero(far > OUTLIER)
+            far = np.maximum(far, relative / median)
+    rows = np.flatnonzero(far > OUTLIER * (1.0 + 4.0 / n))
     if not rows.size:
         return []
     rows = rows[np.argsort(-far[rows])]
     named = ", ".join(f"{what} {k} ({np.degrees(angle[k]):.2g} degrees, {1e3 * distance[k]:.3g} mm)" for k in rows[:5])
     more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
     return [
-        f"{len(rows)} of {len(angle)} {what}s fit much worse than the others (median "
-        f"{np.degrees(_median(angle)):.2g} degrees, {1e3 * _median(distance):.3g} mm): {named}{more}, counted from "
-        "0. Look for a wrong detection or a row that belongs to another moment, and leave it out of both files."
+        f"{len(rows)} of {n} {what}s fit much worse than the others (median {np.degrees(_median(angle)):.2g} degrees, "
+        f"{1e3 * _median(distance):.3g} mm): {named}{more}, counted from 0. Look for a wrong detection or a row that "
+        "belongs to another moment, and leave it out of both files."
     ]
 
 
@@ -379,14 +415,17 @@ def _other_readings(poses: PosePairs, turn: float, shift: float) -> str:
     if scaled := _scaled_reading(G, C, shift):
         fitting.append((0.0, scaled))
     if not fitting:
-        return "No inversion, quaternion order or unit that was tried fits: the rows may not belong together."
+        return (
+            "No inversion, quaternion order or unit that was tried fits: either the rows do not belong together, or "
+            "the poses carry errors of this size."
+        )
     texts = [text for _, text in sorted(fitting)[:2]]
     return f"It would fit if {'; or if '.join(texts)}."
 
 
 def _scaled_reading(G: Array, C: Array, shift: float) -> str:
     """What to say if a factor on the camera's translations makes them fit; empty if none does."""
-    scale = _scaled_camera(G, C)
+    scale = _scaled_camera(G, C) if len(G) >= 6 else None  # four numbers fitted to fewer poses fit anything
     if scale is None or abs(scale - 1.0) <= 0.02:
         return ""
     camera = C.copy()
@@ -459,26 +498,32 @@ def _check_lengths(poses: PosePairs, X: Array) -> list[str]:
     ]
 
 
-def check_motions(motions: Motions, noise: Noise | None, angle: Array, distance: Array, X: Array) -> list[str]:
+def check_motions(
+    motions: Motions, noise: Noise | None, covariance: Array | None, angle: Array, distance: Array, X: Array
+) -> list[str]:
     """Residuals (N,) of motions that come without poses: against the noise, their size and each other."""
     found = []
-    A = motions.A
-    if isinstance(noise, PairNoise):
+    A, B = motions.A, motions.B
+    most = None
+    if isinstance(noise, PairNoise) and covariance is not None:
         # the translation residual is tau_A - [R_A t_X]x theta_A - R_X tau_B
         J_A = block(np.eye(3), 0.0, -skew(A[:, :3, :3] @ X[:3, 3]), np.eye(3))
-        squares = np.zeros((2, motions.N))
+        least = np.zeros((2, motions.N))
         for S, J in ((noise.A, J_A), (noise.B, np.eye(6))):
             if S is not None:
-                squares += np.diagonal(J @ S @ J.mT, axis1=-2, axis2=-1).reshape(-1, 2, 3).sum(axis=2).T
-        found = _against_noise("motions", motions.N, (angle, distance), (squares[0], squares[1]))
+                least += _traces(np.broadcast_to(J @ S @ J.mT, (motions.N, 6, 6)))
+        J_X = block(A[:, :3, :3] - np.eye(3), 0.0, skew(B[:, :3, 3] @ X[:3, :3].T), A[:, :3, :3] - np.eye(3))
+        with_X = least + _traces(J_X @ covariance @ J_X.mT)
+        most = (with_X[0], with_X[1])
+        found = _against_noise("motions", motions.N, (angle, distance), (least[0], least[1]), most)
     travel = float(np.sqrt(3.0 * np.mean(A[:, :3, 3] ** 2)))
     turn, shift = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2)))
-    if turn > LARGE_ROTATION or shift > LARGE_TRANSLATION * travel:
+    if turn > max(LARGE_ROTATION, 3.0 * _rms(most, 0)) or shift > max(LARGE_TRANSLATION * travel, 3.0 * _rms(most, 1)):
         found.append(
             f"X does not explain the motions: residuals {np.degrees(turn):.2g} degrees and {1e3 * shift:.3g} mm RMS. "
             "Check the directions and units of `A` and `B` and that they belong together."
         )
-    return found + _outliers("motion", angle, distance, travel)
+    return found + _outliers("motion", angle, distance, travel, most)
 
 
 def _pair(motions: Motions, k: int) -> str:
