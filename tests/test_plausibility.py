@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from support import moved
 
 import uq_handeye as uq
-from uq_handeye.plausibility import residuals, rotation_angles, summarise
+from uq_handeye.residuals import residuals, rotation_angles, summarise
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")

@@ -19,19 +19,11 @@ from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise, PoseNoise, checked_covariance, require_count
 from .octonion_covariance import PAPER_SCALE
-from .plausibility import (
-    Residuals,
-    check_fit,
-    check_motions,
-    check_poses,
-    check_rotations,
-    require_signal,
-    residuals,
-    summarise,
-)
+from .plausibility import check_fit, check_motions, check_poses, check_rotations, require_signal
 from .poses import SETUPS, PosePairs
 from .procrustes import octonion, solve
 from .propagation import propagate
+from .residuals import Residuals, residuals, summarise
 from .se3 import Array, as_transforms, inverse, inverse_jacobian
 from .sensitivity import pose_from_octonion_jacobian
 

@@ -1,4 +1,4 @@
-"""Does the input look like a hand-eye data set? Residuals of AX = XB and warnings that say why and what to try.
+"""Does the input look like a hand-eye data set? Warnings that say why not and what to try.
 
 Nothing here changes a result. Each check returns sentences for a person; `calibrate` raises them as
 `InputWarning` and keeps them in the result.
@@ -9,17 +9,15 @@ constancy; G inverted for eye-to-hand): a rotation and a translation per pose, s
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from .errors import DegenerateMotionError
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise, is_joint, marginals
 from .poses import PosePairs
-from .procrustes import DEGENERATE, infinite_directions, orthonormalise, solve_limit
+from .procrustes import DEGENERATE, infinite_directions, solve_limit
+from .residuals import median, pose_residuals, rotation_angles
 from .se3 import Array, block, inverse, inverse_jacobian, skew
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
@@ -49,74 +47,6 @@ OUTLIER = 6.0
 EXACT = 1e-7
 # Pairs that the search for another reading looks at.
 SEARCH_PAIRS = 2000
-
-
-class Residuals(NamedTuple):
-    """How well X explains the motions: rotation in rad, translation in the unit of the input, over pairs."""
-
-    rotation_rms: float
-    rotation_median: float
-    rotation_max: float
-    translation_rms: float
-    translation_median: float
-    translation_max: float
-    error: float  # (62): sqrt(sum |A X - X B|^2) / N
-    pairs: int  # how many pairs were looked at
-
-
-def rotation_angles(R: Array) -> Array:
-    """Rotation angle in [0, pi] of R (..., 3, 3), exact also at 0 and pi: ``atan2(|vee R|, tr R - 1)``."""
-    x, y, z = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
-    return np.asarray(np.arctan2(np.sqrt(x * x + y * y + z * z), np.trace(R, axis1=-2, axis2=-1) - 1.0))
-
-
-def residuals(A: Array, B: Array, X: Array) -> tuple[Array, Array]:
-    """Rotation angle of ``(A X)(X B)^-1`` and length of ``t(A X) - t(X B)`` per pair: two arrays (N,)."""
-    difference = A[..., :3, :] @ X - X[..., :3, :] @ B
-    squares = np.einsum("...ij,...ij->...", difference[..., :3], difference[..., :3])
-    # |R_1 - R_2| = 2 sqrt(2) sin(angle / 2) in the Frobenius norm
-    angle = 2.0 * np.arcsin(np.minimum(np.sqrt(squares / 8.0), 1.0))
-    offset = difference[..., 3]
-    return angle, np.sqrt(np.einsum("...i,...i->...", offset, offset))
-
-
-def _median(values: Array) -> float:
-    """``np.median`` of a vector at a fifth of its time, which counts on small data."""
-    k = values.size // 2
-    if values.size % 2:
-        return float(np.partition(values, k)[k])
-    low, high = np.partition(values, (k - 1, k))[k - 1 : k + 1]
-    return 0.5 * (float(low) + float(high))
-
-
-def summarise(angle: Array, distance: Array) -> Residuals:
-    """`Residuals` from those of each pair."""
-    frobenius = 8.0 * np.sin(0.5 * angle) ** 2 + distance**2
-    return Residuals(
-        float(np.sqrt(np.mean(angle**2))),
-        _median(angle),
-        float(angle.max()),
-        float(np.sqrt(np.mean(distance**2))),
-        _median(distance),
-        float(distance.max()),
-        float(np.sqrt(frobenius.sum()) / len(angle)),
-        len(angle),
-    )
-
-
-def pose_residuals(G: Array, C: Array, X: Array) -> tuple[Array, Array]:
-    """Rotation angle and distance (n,) of each ``W_k = G_k X C_k`` from their mean over the better half."""
-    W = G @ X @ C
-    keep: NDArray[np.bool_] = np.ones(len(W), dtype=bool)
-    for _ in range(2):
-        R = orthonormalise(W[keep, :3, :3].sum(axis=0))
-        angle = rotation_angles(W[:, :3, :3] @ R.T)
-        shift = W[:, :3, 3] - W[keep, :3, 3].mean(axis=0)
-        distance = np.sqrt(np.einsum("ni,ni->n", shift, shift))
-        keep = (angle <= _median(angle)) & (distance <= _median(distance))
-        if keep.sum() < 3:
-            keep = distance <= _median(distance)
-    return angle, distance
 
 
 # ------------------------------------------------------------------------------------ what the columns look like
@@ -170,7 +100,7 @@ def check_rotations(motions: Motions, noise: Noise | None) -> list[str]:
             f"degrees RMS, {np.degrees(difference[worst]):.1f} at most ({_pair(motions, worst)}). "
             + (
                 "Few pairs differ: look for wrong detections."
-                if _median(difference) < 0.25 * ANGLE_DISAGREEMENT
+                if median(difference) < 0.25 * ANGLE_DISAGREEMENT
                 else "The rows of the two files do not belong together (wrong pairing, a shift, a time offset)."
             )
         )
@@ -210,7 +140,7 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     variance = 0.0 if noise is None else _rotation_variance(motions, noise) / 3.0
     if noise is None and spread[0] + spread[1] < POOR:
         # the median length of a Gaussian vector with three components is 1.54 of their standard deviation
-        variance = (_median(angle) / 1.54) ** 2
+        variance = (median(angle) / 1.54) ** 2
     independent = motions.N if motions.poses is None else min(motions.N, motions.poses.n - 1)
     u, v = _axes(motions.A[..., :3, :3]), _axes(motions.B[..., :3, :3])
     H = u @ v.T / motions.N
@@ -283,7 +213,7 @@ def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: A
     shifted = shift > max(LARGE_TRANSLATION * travel, 0.02 * reach, 3.0 * _rms(most, 1), 1e-9)
     misfit = turned or (shifted and disagreement < 2 * ANGLE_DISAGREEMENT)
     # Outliers are few, so the median pose is good; a wrong reading of the files spoils all of them.
-    most_fit = _median(angle) < LARGE_ROTATION and _median(distance) < max(LARGE_TRANSLATION * travel, 0.02 * reach)
+    most_fit = median(angle) < LARGE_ROTATION and median(distance) < max(LARGE_TRANSLATION * travel, 0.02 * reach)
     if most_fit and (outliers := _outliers("pose", angle, distance, travel + reach, most)):
         return found + outliers
     if misfit:
@@ -374,9 +304,9 @@ def _outliers(
     for k, (residual, least) in enumerate(((angle, EXACT), (distance, EXACT * size))):
         unit = np.ones(n) if explained is None else np.sqrt(np.maximum(explained[k], least**2))
         relative = np.where(residual > least, residual, 0.0) / unit
-        median = max(_median(relative), least / float(unit.max()))
-        if median > 0:
-            far = np.maximum(far, relative / median)
+        typical = max(median(relative), least / float(unit.max()))
+        if typical > 0:
+            far = np.maximum(far, relative / typical)
     rows = np.flatnonzero(far > OUTLIER * (1.0 + 4.0 / n))
     if not rows.size:
         return []
@@ -384,8 +314,8 @@ def _outliers(
     named = ", ".join(f"{what} {k} ({np.degrees(angle[k]):.2g} degrees, {1e3 * distance[k]:.3g} mm)" for k in rows[:5])
     more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
     return [
-        f"{len(rows)} of {n} {what}s fit much worse than the others (median {np.degrees(_median(angle)):.2g} degrees, "
-        f"{1e3 * _median(distance):.3g} mm): {named}{more}, counted from 0. Look for a wrong detection or a row that "
+        f"{len(rows)} of {n} {what}s fit much worse than the others (median {np.degrees(median(angle)):.2g} degrees, "
+        f"{1e3 * median(distance):.3g} mm): {named}{more}, counted from 0. Look for a wrong detection or a row that "
         "belongs to another moment, and leave it out of both files."
     ]
 
