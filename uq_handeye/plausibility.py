@@ -133,14 +133,17 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     4DPA finds R_X from the cross moment ``H / N = sum u v^T / N``, ``u, v = sin(angle) axis`` of robot and camera.
     Noise of variances s_A^2, s_B^2 per axis leaves about ``s_A s_B / sqrt(n)`` in it, n the number of independent
     motions; if the smallest eigenvalue of M / N is not well above that, the axes found are those of the noise
-    (parallel axes, half turns, no rotation) and no covariance can tell. The variances are those of the noise given;
-    without noise, and where the rotations are that poor, those that the median rotation residual ``angle`` shows.
+    (parallel axes, half turns, no rotation) and no covariance can tell. The variances are those of the noise given.
+    Where the rotations are that poor, and the noise is not given or far below what the median rotation residual
+    ``angle`` shows, they are those that it shows.
     """
     spread, axis = _axis_spread(motions.A[..., :3, :3])
     variance = 0.0 if noise is None else _rotation_variance(motions, noise) / 3.0
-    if noise is None and spread[0] + spread[1] < POOR:
+    if spread[0] + spread[1] < POOR:
         # the median length of a Gaussian vector with three components is 1.54 of their standard deviation
-        variance = (median(angle) / 1.54) ** 2
+        shown = (median(angle) / 1.54) ** 2
+        if noise is None or shown > 9.0 * variance:
+            variance = shown
     independent = motions.N if motions.poses is None else min(motions.N, motions.poses.n - 1)
     u, v = _axes(motions.A[..., :3, :3]), _axes(motions.B[..., :3, :3])
     H = u @ v.T / motions.N
