@@ -301,8 +301,9 @@ def calibrate(
     InputError
         Input that cannot be used.
     DegenerateMotionError
-        The motions do not determine X, or with the noise given they leave its rotation open by more than
-        20 degrees, where a first-order covariance means nothing. ``partial`` then holds the `Calibration`.
+        The motions do not determine X; or their rotations do not stand out of their noise (`require_signal` in
+        `plausibility`); or with the noise given they leave its rotation open by more than 20 degrees, where a
+        first-order covariance means nothing: only then ``partial`` holds the `Calibration`.
 
     Warns
     -----

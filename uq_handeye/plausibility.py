@@ -1,7 +1,7 @@
 """Does the input look like a hand-eye data set? Warnings that say why not and what to try.
 
-Nothing here changes a result. Each check returns sentences for a person; `calibrate` raises them as
-`InputWarning` and keeps them in the result.
+Nothing here changes a result. Each ``check_`` returns sentences for a person, which `calibrate` raises as
+`InputWarning` and keeps in the result; `require_signal` refuses data whose X would be an accident of the noise.
 
 The residuals of poses are those of ``W_k = G_k X C_k``, which is the same for every k without noise (robot-world
 constancy; G inverted for eye-to-hand): a rotation and a translation per pose, so that a bad row has a name.
@@ -53,7 +53,7 @@ SEARCH_PAIRS = 2000
 
 
 def check_poses(poses: PosePairs) -> list[str]:
-    """Units, constant, equal and repeated columns of the pose lists; a target behind the camera."""
+    """Units, constant and equal columns and repeated rows of the pose lists; the same list given twice."""
     found = []
     for name, T in (("robot", poses.robot), ("camera", poses.camera)):
         t = T[:, :3, 3]
