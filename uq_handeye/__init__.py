@@ -12,13 +12,14 @@ gripper_T_camera [0.44 0.43 0.32] mm
 
 from .calibration import Calibration, calibrate
 from .conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
-from .errors import DegenerateMotionError, InputError, InputWarning
+from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
+from .estimators import METHODS, Method, solve
 from .io import read_noise_file, read_poses
 from .motions import Motions, relative_motions
 from .noise import PairNoise, PoseNoise
 from .octonion_covariance import octonion_covariance, paper_covariances, so4_covariance
 from .poses import PosePairs
-from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3, solve
+from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3
 from .propagation import propagate
 from .simulation import simulate
 
@@ -29,7 +30,11 @@ __all__ = [
     "DegenerateMotionError",
     "InputError",
     "InputWarning",
+    "METHODS",
+    "Method",
+    "MissingExtraError",
     "Motions",
+    "NotConvergedError",
     "PairNoise",
     "PoseNoise",
     "PosePairs",

@@ -55,7 +55,7 @@ class AllPairs:
         self.frames, self.by_pose = [], []
         for P, by_xi in zip((P[0] for P in frames), by_pose, strict=True):
             shift = P[:, :3, 3].mean(axis=0)
-            P, by_xi = P.copy(), by_xi.copy()
+            P, by_xi = P.copy(), by_xi[0].copy()
             P[:, :3, 3] -= shift
             by_xi[..., 3:, :] -= skew(shift) @ by_xi[..., :3, :]  # rho about the new origin
             self.frames.append(P)
@@ -75,21 +75,27 @@ class AllPairs:
         """X (4, 4) in the limit (T2)."""
         return solve_moments(self.moments, self.n_pairs)
 
+    def sensitivities(self, X: Array) -> list[Array]:
+        """``d xi_X / d xi_k`` (n, 6, 6) by the error of every pose k, robot and camera (T4)."""
+        R, t = X[:3, :3], X[:3, 3]
+        by_moments = _constraints(_BASIS, R, t).T.reshape(6, 6, 6)
+        C = np.einsum("akl,klpr->apr", by_moments, self.C)
+        by_y = (self.y[1] @ C.mT, self.y[0] @ C)  # (6, n, 16): derivatives of f, h by y_i and by y'_i
+        G = self.moments[:3, :3] @ R.T
+        h_theta = _constraints(self.moments, _TURNS @ R, t)[:, 3:].T
+        Q = weight_of_sums(G[None], h_theta[None], self.n_pairs)[0]
+        return [
+            Q @ (D.swapaxes(0, 1) @ _coordinate_jacobian(P)) @ by_xi
+            for D, P, by_xi in zip(by_y, self.frames, self.by_pose, strict=True)
+        ]
+
     def propagate(self, noise: PoseNoise, X: Array) -> Array:
         """The pose-aware covariance (6, 6) of X (T4)."""
         n = len(self.y[0])
         require_count(noise.robot, n, "robot", "poses")
         require_count(noise.camera, n, "camera", "poses")
-        R, t = X[:3, :3], X[:3, 3]
-        by_moments = _constraints(_BASIS, R, t).T.reshape(6, 6, 6)
-        C = np.einsum("akl,klpr->apr", by_moments, self.C)
-        by_y = (self.y[1] @ C.mT, self.y[0] @ C)  # (6, n, 16): derivatives of f, h by y_i and by y'_i
-        by_twist = [(D.swapaxes(0, 1) @ _coordinate_jacobian(P))[None] for D, P in zip(by_y, self.frames, strict=True)]
-        S = covariance_of_poses(by_twist, self.by_pose, (noise.robot, noise.camera))
-        G = self.moments[:3, :3] @ R.T
-        h_theta = _constraints(self.moments, _TURNS @ R, t)[:, 3:].T
-        Q = weight_of_sums(G[None], h_theta[None], self.n_pairs)
-        covariance = (Q @ S @ Q.mT)[0]
+        by_error = [D[None] for D in self.sensitivities(X)]
+        covariance = covariance_of_poses(by_error, (noise.robot, noise.camera))[0]
         return np.asarray(0.5 * (covariance + covariance.T))
 
 

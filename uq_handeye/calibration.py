@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -15,15 +16,19 @@ from scipy.spatial.transform import Rotation
 from . import conventions
 from .all_pairs import AllPairs
 from .errors import DegenerateMotionError, InputError, InputWarning
+from .estimators import solve
+from .estimators.method import require_converged
+from .estimators.registry import find
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise, PoseNoise, checked_covariance, require_count
 from .octonion_covariance import PAPER_SCALE
 from .plausibility import check_fit, check_motions, check_poses, check_rotations, require_signal
-from .poses import SETUPS, PosePairs
-from .procrustes import octonion, solve
-from .propagation import propagate
+from .poses import SETUPS, TARGETS, PosePairs
+from .procrustes import octonion
+from .propagation import covariance_of_poses, noise_of_pairs, pose_sensitivities, propagate
 from .residuals import Residuals, residuals, summarise
+from .robot_world import mean_target, target_covariance
 from .se3 import Array, as_transforms, inverse, inverse_jacobian
 from .sensitivity import pose_from_octonion_jacobian
 
@@ -60,6 +65,9 @@ class Calibration:
     noise: Noise | None
     residuals: Residuals
     warnings: tuple[str, ...] = ()
+    W: Array | None = None  # (4, 4), the mean of G X C: base_T_target (gripper_T_target for eye-to-hand)
+    covariance_W: Array | None = None  # (6, 6), as `covariance`, in the parent frame of W; needs noise on the poses
+    iterations: int = 0  # 0: closed form
 
     @property
     def frame(self) -> str:
@@ -67,9 +75,19 @@ class Calibration:
         return "X" if self.setup is None else SETUPS[self.setup]
 
     @property
+    def frame_W(self) -> str:
+        """The frames of W, e.g. ``base_T_target``."""
+        return "W" if self.setup is None else TARGETS[self.setup]
+
+    @property
     def std(self) -> Array | None:
         """Standard deviations (6,) of (theta, tau), rad and m."""
         return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def std_W(self) -> Array | None:
+        """Standard deviations (6,) of (theta, tau) of W, rad and m."""
+        return None if self.covariance_W is None else np.asarray(np.sqrt(np.diag(self.covariance_W)))
 
     @property
     def correlation(self) -> Array | None:
@@ -169,6 +187,11 @@ class Calibration:
             "n_poses": self.n_poses,
             "n_pairs": self.n_pairs,
             "noise": _noise_to_dict(self.noise),
+            "frame_W": self.frame_W,
+            "W": _plain(self.W),
+            "covariance_W": _plain(self.covariance_W),
+            "std_W": _plain(self.std_W),
+            "iterations": self.iterations,
             "residuals": self.residuals._asdict(),
             "warnings": list(self.warnings),
         }
@@ -179,10 +202,13 @@ class Calibration:
         if not isinstance(data, dict) or data.get("format") != _FORMAT:
             raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
         try:
-            covariance = data["covariance"]
+            W = data["W"]
             result = cls(
                 X=as_transforms(data["X"], "X", stack=False),
-                covariance=None if covariance is None else checked_covariance(covariance, "covariance", joint=False),
+                covariance=_covariance_from(data, "covariance"),
+                W=None if W is None else as_transforms(W, "W", stack=False),
+                covariance_W=_covariance_from(data, "covariance_W"),
+                iterations=_expected(data["iterations"], int),
                 method=_expected(data["method"], str),
                 scale=_expected(data["scale"], float, None),
                 kind=_expected(data["kind"], str, None),
@@ -193,9 +219,9 @@ class Calibration:
                 residuals=Residuals(**data["residuals"]),
                 warnings=tuple(_expected(text, str) for text in _expected(data["warnings"], list)),
             )
-            shapes = (result.X.shape, None if result.covariance is None else result.covariance.shape)
-            if shapes not in (((4, 4), None), ((4, 4), (6, 6))):
-                raise ValueError(f"X and covariance have the shapes {shapes}")
+            for name, shape in (("X", (4, 4)), ("W", (4, 4)), ("covariance", (6, 6)), ("covariance_W", (6, 6))):
+                if (value := getattr(result, name)) is not None and value.shape != shape:
+                    raise ValueError(f"{name} has the shape {value.shape}")
             if result.setup not in (None, *SETUPS):
                 raise ValueError(f"unknown setup {result.setup!r}")
         except KeyError as error:
@@ -224,6 +250,10 @@ class Calibration:
             return cls.from_dict(data)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
+
+
+def _covariance_from(data: dict[str, Any], name: str) -> Array | None:
+    return None if data[name] is None else checked_covariance(data[name], name, joint=False)
 
 
 def _expected(value: Any, *types: type | None) -> Any:
@@ -288,13 +318,17 @@ def calibrate(
     data : PosePairs or Motions
     noise : PoseNoise, PairNoise or None
         Noise of the poses or of the motions. None gives X without covariance.
-    method : "4dpa"
+    method : str
+        A name in `METHODS`.
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
         Pairs to make of the poses (`relative_motions`); Motions come with theirs.
     scale : float or None
-        Scaling factor d of the paper; None is its limit (`solve`).
+        Scaling factor d of 4DPA; None is its limit (`solve`).
     kind : str or None
         How noise is propagated (`propagate`).
+
+    Where poses are given, W is the mean of ``G X C`` (`robot_world`), with its covariance if the noise is on the poses.
+    A method that weights by the noise (``nguyen``) takes the covariance of each pair that PoseNoise makes.
 
     Raises
     ------
@@ -304,6 +338,8 @@ def calibrate(
         The motions do not determine X; or their rotations do not stand out of their noise (`require_signal` in
         `plausibility`); or with the noise given they leave its rotation open by more than 20 degrees, where a
         first-order covariance means nothing: only then ``partial`` holds the `Calibration`.
+    NotConvergedError
+        An iterative method did not converge.
 
     Warns
     -----
@@ -339,15 +375,29 @@ def calibrate(
     texts = [] if poses is None else check_poses(poses)
     if motions.N >= 2:
         texts += check_rotations(motions, noise)
+    pose_noise = noise if isinstance(noise, PoseNoise) and kind in (None, "poses") else None
+    covariance: Array | None = None
+    sensitivities: Sequence[Array | None] = ()
+    iterations = 0
     try:
-        X = everything.solve() if everything else solve(motions.A, motions.B, method=method, scale=scale)
+        if everything:
+            X = everything.solve()
+        elif method == "4dpa":
+            X = solve(motions.A, motions.B, scale=scale)
+        else:
+            X, iterations = _estimate(motions, noise, method, scale)
         angle, distance = residuals(motions.A, motions.B, X)
         require_signal(motions, noise, angle)
-        covariance = None
-        if everything and isinstance(noise, PoseNoise):
-            covariance = everything.propagate(noise, X)
+        if pose_noise is not None:
+            if everything:
+                sensitivities = everything.sensitivities(X)
+            else:
+                sensitivities = pose_sensitivities(motions, pose_noise, X, method, scale)
+            by_error = [None if D is None else D[None] for D in sensitivities]
+            covariance = covariance_of_poses(by_error, (pose_noise.robot, pose_noise.camera))[0]
+            covariance = 0.5 * (covariance + covariance.T)
         elif noise is not None:
-            covariance = propagate(motions, noise=noise, X=X, scale=scale, kind=kind)
+            covariance = propagate(motions, noise=noise, X=X, method=method, scale=scale, kind=kind)
     except InputError:
         for text in texts:  # what looks wrong may well be the reason
             warnings.warn(text, InputWarning, stacklevel=2)
@@ -372,6 +422,11 @@ def calibrate(
         noise=noise,
         residuals=summarise(angle, distance),
         warnings=tuple(texts),
+        W=None if poses is None else mean_target(poses, X),
+        covariance_W=None
+        if poses is None or pose_noise is None
+        else target_covariance(poses, X, pose_noise, sensitivities),
+        iterations=iterations,
     )
     for text in texts:
         warnings.warn(text, InputWarning, stacklevel=2)
@@ -387,3 +442,15 @@ def calibrate(
             partial=result,
         )
     return result
+
+
+def _estimate(motions: Motions, noise: Noise | None, method: str, scale: float | None) -> tuple[Array, int]:
+    """X (4, 4) by a method other than 4DPA, and its iterations."""
+    found = find(method)
+    if scale is not None:
+        raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
+    weights = None
+    if found.weighted and noise is not None:
+        weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(motions, noise)
+    estimate = require_converged(found, found.estimate(motions.A, motions.B, weights))
+    return estimate.X, int(estimate.iterations)

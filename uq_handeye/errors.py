@@ -30,5 +30,17 @@ class DegenerateMotionError(InputError):
         self.partial = partial
 
 
+class NotConvergedError(RuntimeError):
+    """An iteration did not come to an end; ``partial`` holds what it reached, with a flag."""
+
+    def __init__(self, message: str, partial: Any = None) -> None:
+        super().__init__(message)
+        self.partial = partial
+
+
+class MissingExtraError(InputError):
+    """The work needs an optional extra of the package that is not installed; the message names it."""
+
+
 class InputWarning(UserWarning):
     """Input that can be used but looks wrong; the message says why and what to try."""

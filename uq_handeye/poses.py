@@ -21,6 +21,8 @@ from .errors import InputError
 from .se3 import Array, as_numbers, as_transforms, inverse
 
 SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
+# The frames of W = G X C, the same for all poses.
+TARGETS = {"eye-in-hand": "base_T_target", "eye-to-hand": "gripper_T_target"}
 
 
 class Truth(NamedTuple):

@@ -1,12 +1,12 @@
 r"""4D Procrustes analysis (4DPA): registration, orthonormalisation, and X from AX = XB.
 
 Equations (n) are those of J. Wu, Y. Sun, M. Wang, M. Liu, "Hand-eye Calibration: 4D Procrustes Analysis
-Approach", 2019. Model of `solve`: ``A_i X = X B_i`` with ``X = gripper_T_camera`` for eye-in-hand
+Approach", 2019. Model: ``A_i X = X B_i`` with ``X = gripper_T_camera`` for eye-in-hand
 (``base_T_camera`` for eye-to-hand), ``A`` relative motions of the robot, ``B`` of the camera. (The paper's
 (6) calls ``A`` the camera and ``B`` the gripper; its X is the inverse of ours, its equation the same.)
 
-`solve` at a finite scaling factor d is the paper's route: SE(3) -> SO(4) by F2 (51), then Problem 2 through the
-generated matrices F11, F22 (33)-(35). At ``scale=None`` it is the limit d -> infinity of that route in closed form
+At a finite scaling factor d, `solve_scaled` is the paper's route: SE(3) -> SO(4) by F2 (51), then Problem 2 through the
+generated matrices F11, F22 (33)-(35). `solve_limit` is the limit d -> infinity of that route in closed form
 (T2 in the theory page): with ``u = vee(R_A)/2 = sin(angle) axis``,
 ``w = (t_A + R_A^T t_A)/2``, likewise ``v, z`` of B,
 
@@ -118,47 +118,10 @@ def register(U: ArrayLike, V: ArrayLike) -> tuple[Array, Array]:
     return R, V_mean - (R @ U_mean[..., None])[..., 0]
 
 
-def solve(A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None) -> Array:
-    """X from ``A_i X = X B_i``, unweighted, in closed form.
-
-    Parameters
-    ----------
-    A, B : (..., N, 4, 4)
-        Relative motions of robot and camera (`relative_motions`), arrays or SciPy ``RigidTransform``;
-        leading axes are independent problems and broadcast.
-    method : "4dpa"
-    scale : float or None
-        Scaling factor d of the map to SO(4), in the length unit of the translations; None is the limit
-        d -> infinity in closed form. A finite d truncates X by the order of 1/d^2 and rounds it by d eps;
-        d of 1e4 to 1e5 lengths balances the two.
-
-    Returns
-    -------
-    X : (..., 4, 4)
-        In SE(3). At finite d the upper left block of the rotation on SO(4) is orthonormalised
-        (Sub-problem 1), a change of the order of 1/d^2.
-
-    Raises
-    ------
-    InputError
-        Wrong shapes, values or fewer than two motions.
-    DegenerateMotionError
-        The motions do not determine X (parallel rotation axes, no rotation, all motions near 180 degrees).
-
-    Examples
-    --------
-    >>> import uq_handeye as uq
-    >>> poses = uq.simulate(n_poses=8, seed=1)
-    >>> motions = uq.relative_motions(poses)
-    >>> bool(np.allclose(uq.solve(motions.A, motions.B), poses.truth.X))
-    True
-    """
-    if method != "4dpa":
-        raise InputError(f"Unknown method {method!r}; expected '4dpa'.")
+def solve_4dpa(A: Any, B: Any, scale: float | None) -> Array:
+    """X (..., 4, 4) by 4DPA at the scaling factor ``scale``, or in its limit (None); see `estimators.solve`."""
     A, B = as_pairs(A, B)
-    if scale is None:
-        return solve_limit(A, B)
-    return solve_scaled(A, B, scale).X
+    return solve_limit(A, B) if scale is None else solve_scaled(A, B, scale).X
 
 
 def as_pairs(A: Any, B: Any) -> tuple[Array, Array]:

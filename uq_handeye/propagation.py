@@ -1,8 +1,9 @@
-r"""First-order covariance of 4DPA's X, in closed form: per pair (T3), pose-aware (T4), literal (45).
+r"""First-order covariance of X: per pair (T3), pose-aware (T4), literal (45).
 
 Model: the data carry Gaussian errors ``xi = (theta, tau)`` (left rotation, additive translation, rad and m);
 X carries ``xi_X`` in the same convention, in the frame of ``A`` (gripper for eye-in-hand). To first order
-``xi_X = sum_i D_i xi_i`` with ``D_i = dX / d(data of pair i)`` (`sensitivity`), so that for independent pairs
+``xi_X = sum_i D_i xi_i`` with ``D_i = dX / d(data of pair i)``, in closed form for 4DPA (`sensitivity`) and by the
+delta method for the other estimators (T7, `estimators`), so that for independent pairs
 
     Sigma_X = sum_i D_i Sigma_i D_i^T                                                           (T3)
 
@@ -10,20 +11,22 @@ and for noise on poses, which pairs share, the derivatives are first summed over
 
     D_k = sum over pairs p that use pose k of D_p (d xi_p / d xi_k),   Sigma_X = sum_k D_k Sigma_k D_k^T   (T4)
 
-Both hold for the limit ``scale=None`` and for the paper's route at finite d. The literal form of (45) lets all
+Both hold for 4DPA's limit ``scale=None`` and the paper's route at finite d. The literal form of (45) lets all
 pairs carry the *same* noise and averages the derivative; for independent noise it is far too small and is kept
 so that this can be shown.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .estimators.method import Derivatives, require_converged
+from .estimators.registry import find
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise, factor, is_joint, marginals, require_count
 from .octonion_covariance import PAPER_SCALE, literal_covariance
@@ -46,6 +49,8 @@ BLOCK = 1024
 
 _EYE = np.eye(3)
 
+Result = TypeVar("Result")
+
 
 def propagate(
     A: Any,
@@ -53,10 +58,11 @@ def propagate(
     noise: Noise | None = None,
     *,
     X: Any = None,
+    method: str = "4dpa",
     scale: float | None = None,
     kind: str | None = None,
 ) -> Array:
-    """The 6x6 covariance of 4DPA's X to first order.
+    """The 6x6 covariance of an estimator's X to first order.
 
     Parameters
     ----------
@@ -64,12 +70,14 @@ def propagate(
     noise : PairNoise or PoseNoise
         PoseNoise needs `Motions` that were made from poses.
     X : (..., 4, 4) or None
-        The estimate at which to linearise; None solves for it.
+        The estimate of this method, at which to linearise; None solves for it.
+    method : str
+        A name in `METHODS`.
     scale : float or None
         As in `solve`.
     kind : "pairs", "poses", "literal" or None
         ``pairs`` takes the pairs as independent (T3), ``poses`` keeps what pairs share (T4), ``literal`` is
-        (45) as printed. None takes ``pairs`` for PairNoise and ``poses`` for PoseNoise.
+        (45) as printed, of 4DPA alone. None takes ``pairs`` for PairNoise and ``poses`` for PoseNoise.
 
     Returns
     -------
@@ -91,6 +99,60 @@ def propagate(
     >>> np.round(np.sqrt(np.diag(covariance)) * 1e3, 2)  # mrad, mm
     array([0.45, 0.4 , 0.58, 0.51, 0.48, 0.58])
     """
+    problem = _problem(A, B, noise, X, method, scale, kind)
+    if kind == "literal":
+        assert isinstance(problem.noise, PairNoise)  # _data_side has seen to it
+        S = literal_covariance(problem.A, problem.B, problem.noise, problem.X, PAPER_SCALE if scale is None else scale)
+    else:
+        S = np.concatenate(problem.each(lambda side, Q: np.asarray(Q @ side.covariance() @ Q.mT)))
+    return (0.5 * (S + S.mT)).reshape(*problem.batch, 6, 6)
+
+
+def pose_sensitivities(
+    motions: Motions, noise: PoseNoise, X: Array, method: str = "4dpa", scale: float | None = None
+) -> list[Array | None]:
+    """``d xi_X / d xi_k`` (n, 6, 6) by the error of every pose k, robot and camera (T4); None where it is exact."""
+
+    def weighted(side: _DataSide, Q: Array) -> list[Array | None]:
+        assert isinstance(side, _Shared)
+        return [None if D is None else Q[0] @ D[0] for D in side.by_error()]
+
+    return _problem(motions, noise, None, X, method, scale, "poses").each(weighted)[0]
+
+
+class _Problem(NamedTuple):
+    """What a covariance is asked of, checked: motions (T, N, 4, 4), and the start of a sum for some of the trials."""
+
+    batch: tuple[int, ...]
+    A: Array
+    B: Array
+    X: Array | None
+    noise: Noise
+    start: Start
+    derivatives: Callable[[slice], Derivatives]
+    again: Callable[[slice], Derivatives] | None  # after the second look at odd values
+
+    def each(self, take: Callable[[_DataSide, Array], Result]) -> list[Result]:
+        """``take(side of the data, weight Q (T, 6, 6))`` of each block of trials."""
+        try:
+            return [take(*sums) for sums in self._sums(self.derivatives)]
+        except Suspicious:
+            require_transforms(self.A, self.B)
+            assert self.again is not None
+            return [take(*sums) for sums in self._sums(self.again)]
+
+    def _sums(self, derivatives: Callable[[slice], Derivatives]) -> Iterator[tuple[_DataSide, Array]]:
+        T, N = self.A.shape[:2]
+        for trials in trial_blocks(T, N, BLOCK):
+            of_X, of_data = derivatives(trials), self.start(trials)
+            for pairs in pair_blocks(N, BLOCK):
+                of_data.add(of_X.block(self.A[trials, pairs], self.B[trials, pairs], pairs), pairs)
+            yield of_data, of_X.weight(N)
+
+
+def _problem(
+    A: Any, B: Any, noise: Noise | None, X: Any, method: str, scale: float | None, kind: str | None
+) -> _Problem:
     motions = A if isinstance(A, Motions) else None
     if motions is not None:
         if isinstance(B, PairNoise | PoseNoise) and noise is None:
@@ -110,41 +172,29 @@ def propagate(
         except ValueError as error:
             raise InputError(f"Expected `X` to have shape {(*batch, 4, 4)} or (4, 4), got {X.shape}.") from error
     flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
-    if kind == "literal":
-        assert isinstance(noise, PairNoise)  # _data_side has seen to it
-        S = literal_covariance(A, B, noise, X, PAPER_SCALE if scale is None else scale)
+    again: Callable[[slice], Derivatives] | None = None
+    derivatives: Callable[[slice], Derivatives]
+    if method != "4dpa":
+        found = find(method)
+        if scale is not None or kind == "literal":
+            raise InputError(f"Expected neither `scale` nor kind='literal' with method {method!r}: they belong to 4dpa.")
+        as_transforms(A, "A")
+        as_transforms(B, "B")
+        weights = None
+        if found.weighted:
+            weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(_made_from_poses(motions), noise)
+        if X is None:
+            X = require_converged(found, found.estimate(flat_A, flat_B, weights)).X
+        derivatives = found.solver.derivatives(flat_A, flat_B, weights, X)
     elif scale is not None:
         linear = linearised(solve_scaled(A, B, scale), X, scale)
-        S = _sum(flat_A, flat_B, lambda trials: ScaledDerivatives(linear, trials), start)
+        derivatives = lambda trials: ScaledDerivatives(linear, trials)  # noqa: E731
     else:
-        if X is None:
-            X = solve_limit(A, B).reshape(-1, 4, 4)
-        S = _limit_sum(flat_A, flat_B, X, start, checked=motions is not None, original=(A, B))
-    return (0.5 * (S + S.mT)).reshape(*batch, 6, 6)
-
-
-def _limit_sum(A: Array, B: Array, X: Array, start: Start, checked: bool, original: tuple[Array, Array]) -> Array:
-    """The limit checks the values of A and B on the way; if they look odd, once more and with names."""
-    try:
-        return _sum(A, B, lambda trials: LimitDerivatives(X[trials], checked), start)
-    except Suspicious:
-        require_transforms(*original)
-        return _sum(A, B, lambda trials: LimitDerivatives(X[trials], True), start)
-
-
-def _sum(
-    A: Array, B: Array, derivatives: Callable[[slice], LimitDerivatives | ScaledDerivatives], start: Start
-) -> Array:
-    """``Q (sum F Sigma F^T) Q^T`` for the trials of A and B (T, N, 4, 4), block by block."""
-    T, N = A.shape[:2]
-    covariance = np.empty((T, 6, 6))
-    for trials in trial_blocks(T, N, BLOCK):
-        of_X, of_data = derivatives(trials), start(trials)
-        for pairs in pair_blocks(N, BLOCK):
-            of_data.add(of_X.block(A[trials, pairs], B[trials, pairs]), pairs)
-        Q = of_X.weight(N)
-        covariance[trials] = Q @ of_data.covariance() @ Q.mT
-    return covariance
+        at = solve_limit(A, B).reshape(-1, 4, 4) if X is None else X
+        # the limit checks the values of A and B on the way; if they look odd, once more and with names
+        derivatives = lambda trials: LimitDerivatives(at[trials], motions is not None)  # noqa: E731
+        again = lambda trials: LimitDerivatives(at[trials], True)  # noqa: E731
+    return _Problem(batch, flat_A, flat_B, X, noise, start, derivatives, again)
 
 
 # ------------------------------------------------------------------------ noise carried through the derivatives
@@ -171,16 +221,39 @@ def _data_side(noise: Noise, kind: str | None, motions: Motions | None, N: int) 
         require_count(noise.B, N, "B", "motions")
         pair_noise = noise
         return lambda trials: _Independent(pair_noise)
-    if motions is None or motions.poses is None or motions.pairs is None:
-        raise InputError(
-            "PoseNoise needs Motions that were made from poses (relative_motions); for motions without poses use "
-            "PairNoise."
-        )
-    poses, index, pose_noise = motions.poses, motions.pairs, noise
+    made = _made_from_poses(motions)
+    poses, index, pose_noise = made.poses, made.pairs, noise
+    assert poses is not None and index is not None
     require_count(noise.robot, poses.n, "robot", "poses")
     require_count(noise.camera, poses.n, "camera", "poses")
     form = _Unshared if kind == "pairs" else _Shared
     return lambda trials: form(poses, index, pose_noise, trials)
+
+
+def _made_from_poses(motions: Motions | None) -> Motions:
+    if motions is None or motions.poses is None:
+        raise InputError(
+            "PoseNoise needs Motions that were made from poses (relative_motions); for motions without poses use "
+            "PairNoise."
+        )
+    return motions
+
+
+def noise_of_pairs(motions: Motions, noise: PoseNoise) -> PairNoise:
+    """The covariance of each pair (N, 6, 6) that PoseNoise makes, to first order: what pairs share is lost."""
+    poses, index = motions.poses, motions.pairs
+    assert poses is not None and index is not None
+    side = _Unshared(poses, index, noise, slice(0, 1))
+    unit = np.broadcast_to(np.eye(6)[:, :, None, None], (6, 6, 1, len(index)))
+    found: list[Array | None] = []
+    for k, L in enumerate(side.factors):
+        if L is None:
+            found.append(None)
+            continue
+        D = side.by_difference(unit, k, slice(None))[:, :, 0].transpose(2, 0, 1)
+        parts = [D @ L[0, pose] for pose in index.T]
+        found.append(parts[0] @ parts[0].mT + parts[1] @ parts[1].mT)
+    return PairNoise(*found)
 
 
 class _Independent:
@@ -261,8 +334,15 @@ class _Shared(_OnPoses):
                 spread = incidence @ by_difference.reshape(-1, m).T
                 self.sums[side] += spread.reshape(-1, 6, 6, T).transpose(3, 0, 1, 2)
 
+    def by_error(self) -> list[Array | None]:
+        """The sums times the derivative of the twist by the error of the pose: (T, n, 6, 6); None: exact."""
+        return [
+            None if covariance is None else twist @ pose
+            for twist, pose, covariance in zip(self.sums, self.by_pose, self.noise, strict=True)
+        ]
+
     def covariance(self) -> Array:
-        return covariance_of_poses(self.sums, self.by_pose, self.noise)
+        return covariance_of_poses(self.by_error(), self.noise)
 
 
 def pose_twists(poses: PosePairs, trials: slice) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -279,18 +359,14 @@ def pose_twists(poses: PosePairs, trials: slice) -> tuple[tuple[Array, Array], t
     return (inverse(robot), inverse(camera)), (_minus_right_twist(robot), by_camera)
 
 
-def covariance_of_poses(by_twist: Iterable[Array], by_pose: Iterable[Array], noise: Iterable[Array | None]) -> Array:
-    """``sum_k D_k Sigma_k D_k^T`` (T, 6, 6) over the poses of robot and camera, or ``D Sigma D^T`` if they are joint.
-
-    ``D_k`` is the product of the derivative by the left twist and that of the twist by the error of the pose.
-    """
+def covariance_of_poses(by_error: Iterable[Array | None], noise: Iterable[Array | None]) -> Array:
+    """``sum_k D_k Sigma_k D_k^T`` (T, k, k) over robot and camera poses, D (T, n, k, 6); ``D Sigma D^T`` if joint."""
     result: Array | float = 0.0
-    for twist, pose, covariance in zip(by_twist, by_pose, noise, strict=True):
-        if covariance is not None:
-            D = twist @ pose
+    for D, covariance in zip(by_error, noise, strict=True):
+        if D is not None and covariance is not None:
             if not is_joint(covariance):
                 D = D @ factor(covariance)
-            row = D.transpose(0, 2, 1, 3).reshape(len(D), 6, -1)
+            row = D.transpose(0, 2, 1, 3).reshape(len(D), D.shape[2], -1)
             result = result + (row @ covariance @ row.mT if is_joint(covariance) else row @ row.mT)
     return np.asarray(result)
 

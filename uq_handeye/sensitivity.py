@@ -52,7 +52,7 @@ class LimitDerivatives:
         self.G = np.zeros((len(X), 3, 3))  # sum u p^T
         self.h_theta = np.zeros((len(X), 3, 3))
 
-    def block(self, A: Array, B: Array) -> Array:
+    def block(self, A: Array, B: Array, pairs: slice) -> Array:
         T, m = A.shape[:2]
         rows = entry_rows(A.reshape(-1, 4, 4), B.reshape(-1, 4, 4), out=scratch("rows", 16, 2 * T * m))
         if not self.checked and not surely_transforms(rows):
@@ -200,7 +200,7 @@ class ScaledDerivatives:
             ]
         )
 
-    def block(self, A: Array, B: Array) -> Array:
+    def block(self, A: Array, B: Array, pairs: slice) -> Array:
         return np.moveaxis(self.to_X[:, None] @ self.of_octonion(A, B), (3, 4), (1, 2))
 
     def weight(self, N: int) -> Array:

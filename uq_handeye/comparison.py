@@ -1,0 +1,499 @@
+r"""Every published method on the same pairs: X, its distance from a reference, its covariance, residuals and time.
+
+Model: method m gives ``X_m = (R_m, t_m)`` from the same ``A_i X = X B_i``. Its difference from the reference X_0 is
+
+    xi = (theta, tau),    R_m = exp([theta]x) R_0,    t_m = t_0 + tau
+
+rotation first, rad and m, in the parent frame of X (`calibration`). With the covariance S_m of the method itself
+
+    d^2 = xi^T S_m^-1 xi,    agrees  <=>  d^2 <= 12.59, the 95 % quantile of chi-square with 6 degrees of freedom
+
+that is, X_0 lies inside the 95 % ellipsoid about X_m. This describes, it does not test: all methods see the same noise, so
+d^2 is not chi-square distributed, methods that agree may be wrong together, and a precise method differs from an
+imprecise reference.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from .calibration import CONVENTION, Calibration, calibrate
+from .errors import InputError, InputWarning, NotConvergedError
+from .estimators import METHODS
+from .estimators.method import Estimate, Method
+from .io.atomic import write_atomically
+from .motions import Motions, relative_motions, spread_pairs
+from .noise import Noise
+from .poses import SETUPS, PosePairs
+from .residuals import Residuals, residuals, summarise
+from .se3 import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# All pairs of more poses than make this many are thinned out evenly, the same for every method.
+MOST_PAIRS = 20_000
+# 95 % quantile of chi-square with 6 degrees of freedom.
+CHI2_95 = 12.591587243743977
+
+# A method faster than this (s) is timed a few times, and the best counts.
+FAST, REPEATS = 0.05, 5
+# Eigenvalue of a correlation matrix below which a direction has no variance.
+FLAT = 1e-13
+
+_FORMAT = "uq-handeye comparison 1"
+_XYZ = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """What one method made of the data. Angles in rad, lengths in m."""
+
+    method: str
+    year: int
+    structure: str  # "separated" or "simultaneous"
+    form: str  # "closed form", "iterative" or "convex program"
+    X: Array | None  # (4, 4); None where the method failed; where it did not converge, what it reached
+    covariance: Array | None  # (6, 6) of (theta, tau), the method's own; None without noise
+    residuals: Residuals | None
+    seconds: float | None  # of the estimator alone
+    converged: bool | None
+    iterations: int | None  # 0 in closed form
+    failure: str | None = None  # why there is no result, or none to be trusted
+    warnings: tuple[str, ...] = ()  # beyond those of the comparison
+    xi: Array | None = None  # (6,) difference (theta, tau) from the reference
+    d2: float | None = None  # xi^T covariance^-1 xi; infinite where the covariance leaves no room
+    agrees: bool | None = None  # d2 <= CHI2_95; None: not known
+
+    @property
+    def std(self) -> Array | None:
+        """Standard deviations (6,) of (theta, tau)."""
+        return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def difference_rotation(self) -> float | None:
+        """Angle between the rotation and that of the reference."""
+        return None if self.xi is None else float(np.linalg.norm(self.xi[:3]))
+
+    @property
+    def difference_translation(self) -> float | None:
+        """Distance between the translation and that of the reference."""
+        return None if self.xi is None else float(np.linalg.norm(self.xi[3:]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text; None for what is not there."""
+        return {
+            "method": self.method,
+            "year": self.year,
+            "structure": self.structure,
+            "form": self.form,
+            "X": _plain(self.X),
+            "covariance": _plain(self.covariance),
+            "std": _plain(self.std),
+            "difference": _plain(self.xi),
+            "difference_rotation": _finite(self.difference_rotation),
+            "difference_translation": _finite(self.difference_translation),
+            "d2": _finite(self.d2),
+            "agrees": self.agrees,
+            "residuals": None if self.residuals is None else {k: _finite(v) for k, v in self.residuals._asdict().items()},
+            "seconds": _finite(self.seconds),
+            "converged": self.converged,
+            "iterations": self.iterations,
+            "failure": self.failure,
+            "warnings": list(self.warnings),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One row per method, in the order asked for; see `compare`."""
+
+    rows: tuple[Row, ...]
+    reference: str | None  # what the differences are taken from; None: every method failed
+    asked_reference: str  # differs from `reference` where that method failed
+    frame: str  # e.g. gripper_T_camera
+    setup: str | None  # None for motions that came without poses
+    n_poses: int | None
+    n_pairs: int  # that every method used
+    n_pairs_available: int  # more than `n_pairs` where these were thinned out
+    noise: Noise | None
+    warnings: tuple[str, ...] = ()  # about the data, as calibrate() gives them for the reference
+
+    def __getitem__(self, method: str) -> Row:
+        for row in self.rows:
+            if row.method == method:
+                return row
+        raise KeyError(method)
+
+    def __repr__(self) -> str:
+        return f"Comparison({len(self.rows)} methods, reference {self.reference}, {self.n_pairs} pairs)"
+
+    @property
+    def origin(self) -> str:
+        """What the methods were given, e.g. ``300 pairs of 25 poses, eye-in-hand``."""
+        pairs = f"{self.n_pairs} pairs"
+        if self.n_pairs_available > self.n_pairs:
+            pairs = f"{self.n_pairs} of the {self.n_pairs_available} pairs"
+        poses = "" if self.n_poses is None else f" of {self.n_poses} poses"
+        return f"{pairs}{poses}" + ("" if self.setup is None else f", {self.setup}")
+
+    @property
+    def verdict(self) -> str:
+        """In words: who agrees, who differs, who failed."""
+        from .report.comparison_text import verdict
+
+        return verdict(self)
+
+    def to_text(self) -> str:
+        """The table as plain text."""
+        from .report.comparison_text import table
+
+        return table(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers, lists and text, with units and convention."""
+        return {
+            "format": _FORMAT,
+            "convention": CONVENTION,
+            "units": {"rotation": "rad", "translation": "m", "time": "s"},
+            "reference": self.reference,
+            "asked_reference": self.asked_reference,
+            "frame": self.frame,
+            "setup": self.setup,
+            "n_poses": self.n_poses,
+            "n_pairs": self.n_pairs,
+            "n_pairs_available": self.n_pairs_available,
+            "noise_given": self.noise is not None,
+            "agrees_up_to_d2": CHI2_95,
+            "verdict": self.verdict,
+            "warnings": list(self.warnings),
+            "methods": [row.to_dict() for row in self.rows],
+        }
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """JSON text, also written to ``path`` (whole or not at all)."""
+        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
+        if path is not None:
+            write_atomically(path, text)
+        return text
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A pandas table, one row per method, units in the names of the columns."""
+        import pandas as pd
+
+        return pd.DataFrame([_flat(row, self.reference) for row in self.rows])
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """`to_dataframe` as CSV text, also written to ``path`` (whole or not at all); empty: not known."""
+        buffer = io.StringIO()
+        self.to_dataframe().to_csv(buffer, index=False, lineterminator="\n")
+        if path is not None:
+            write_atomically(path, buffer.getvalue())
+        return buffer.getvalue()
+
+
+def compare(
+    data: PosePairs | Motions,
+    *,
+    noise: Noise | None = None,
+    methods: Sequence[str] | None = None,
+    pairs: str | ArrayLike = "all",
+    reference: str = "4dpa",
+    progress: bool = False,
+) -> Comparison:
+    """Every method on the same pairs, each with its own covariance.
+
+    A method that fails keeps its row, which says why. All pairs of many poses are thinned out to about 20,000.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+    noise : PoseNoise, PairNoise or None
+        As in `calibrate`. None gives differences but no standard deviations, hence no agreement.
+    methods : names in `METHODS`, or None for all
+        The reference is added if it is not among them.
+    pairs : "all", "consecutive", "disjoint" or (N, 2) integers
+        Pairs to make of the poses (`relative_motions`); Motions come with theirs.
+    reference : str
+        The method from which differences are taken; if it fails, the first that does not.
+    progress : bool
+        Show a bar on stderr if that is a terminal.
+
+    Raises
+    ------
+    InputError
+        Arguments that no method could use; data on which methods fail do not raise.
+
+    Warns
+    -----
+    InputWarning
+        What `calibrate` warns of, once for all methods.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.comparison import compare
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> comparison = compare(uq.simulate(n_poses=30, noise=noise, seed=1), noise=noise, methods=["park"])
+    >>> [(row.method, row.agrees) for row in comparison.rows]
+    [('4dpa', True), ('park', True)]
+    """
+    names = _names(methods, reference)
+    motions, available = _motions(data, pairs)
+    require_noise_fits(noise, motions)
+    poses = motions.poses
+    found: dict[str, Row] = {}
+    with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
+        warnings.simplefilter("always")
+        for name in _shown(sorted(names, key=lambda name: name != reference), progress):
+            found[name] = _row(METHODS[name], motions, noise)
+    rows = [found[name] for name in names]
+    base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
+    common, own = _sorted_warnings(rows, base)
+    rows = [_against(replace(row, warnings=own[row.method]), base) for row in rows]
+    result = Comparison(
+        rows=tuple(rows),
+        reference=None if base is None else base.method,
+        asked_reference=reference,
+        frame="X" if poses is None else SETUPS[poses.setup],
+        setup=None if poses is None else poses.setup,
+        n_poses=None if poses is None else poses.n,
+        n_pairs=motions.N,
+        n_pairs_available=available,
+        noise=noise,
+        warnings=common,
+    )
+    for text in (*common, *_joined(rows)):
+        warnings.warn(text, InputWarning, stacklevel=2)
+    for message in {(warning.category, str(warning.message)): warning for warning in others}.values():
+        warnings.warn(message.message, message.category, stacklevel=2)
+    return result
+
+
+def _names(methods: Sequence[str] | None, reference: str) -> list[str]:
+    """The methods to run, each once and the reference among them."""
+    wanted = list(METHODS) if methods is None else [methods] if isinstance(methods, str) else list(methods)
+    for name, argument in (*((name, "methods") for name in wanted), (reference, "reference")):
+        if not isinstance(name, str) or name not in METHODS:
+            raise InputError(f"Expected `{argument}` to name methods among {', '.join(METHODS)}, got {name!r}.")
+    return list(dict.fromkeys(wanted if reference in wanted else [reference, *wanted]))
+
+
+def _motions(data: PosePairs | Motions, pairs: str | ArrayLike) -> tuple[Motions, int]:
+    """The motions for all methods, and how many pairs there were to choose from."""
+    if isinstance(data, Motions):
+        motions, available = data, data.N
+    elif isinstance(data, PosePairs):
+        if data.n < 3:
+            raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
+        every = isinstance(pairs, str) and pairs == "all"
+        motions = relative_motions(data, spread_pairs(data.n, MOST_PAIRS) if every else pairs)
+        available = data.n * (data.n - 1) // 2 if every else motions.N
+    else:
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if motions.A.ndim != 3:
+        raise InputError("Expected one data set, got a batch.")
+    return motions, available
+
+
+def _shown(names: Iterable[str], progress: bool) -> Iterator[str]:
+    """The names, with a bar on a terminal."""
+    if not (progress and sys.stderr.isatty()):
+        yield from names
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:12s}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    names = list(names)
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=len(names))
+        for name in names:
+            bar.update(task, description=name)
+            yield name
+            bar.advance(task)
+
+
+def _row(method: Method, motions: Motions, noise: Noise | None) -> Row:
+    """The row of one method, without its difference from the reference; never raises on account of the data."""
+    row = Row(method.name, method.year, method.structure, method.form, *[None] * 6)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            row = _filled(row, calibrate(motions, noise=noise, method=method.name), motions)
+        except NotConvergedError as error:
+            row = replace(_reached(row, error, motions), failure=_sentence(error), converged=False)
+        except Exception as error:  # whatever goes wrong in one method, the table is not lost
+            expected = isinstance(error, InputError)
+            row = replace(row, failure=_sentence(error) if expected else f"{type(error).__name__}: {_sentence(error)}")
+        if row.X is not None:
+            row = replace(row, seconds=_seconds(lambda: method.estimate(motions.A, motions.B)))
+    for warning in caught:
+        if not issubclass(warning.category, InputWarning):
+            warnings.warn(warning.message, warning.category, stacklevel=2)
+    texts = [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]
+    return replace(row, warnings=tuple(dict.fromkeys(texts)))
+
+
+def _filled(row: Row, result: Calibration, motions: Motions) -> Row:
+    """The row with what `calibrate` found."""
+    finite = np.isfinite(result.X).all() and (result.covariance is None or np.isfinite(result.covariance).all())
+    if not finite:
+        raise ArithmeticError("the result holds numbers that are not finite.")
+    return replace(
+        row,
+        X=result.X,
+        covariance=result.covariance,
+        residuals=result.residuals,
+        converged=result.converged,
+        iterations=result.iterations,
+    )
+
+
+def _reached(row: Row, error: NotConvergedError, motions: Motions) -> Row:
+    """The row with what an iteration reached before it was given up."""
+    partial = error.partial
+    if not isinstance(partial, Estimate) or partial.X.shape != (4, 4) or not np.isfinite(partial.X).all():
+        return row
+    return replace(
+        row,
+        X=partial.X,
+        residuals=summarise(*residuals(motions.A, motions.B, partial.X)),
+        iterations=int(partial.iterations),
+    )
+
+
+def _sentence(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _seconds(function: Callable[[], object]) -> float:
+    """Shortest time of a few calls, or of one if it is slow."""
+    best = math.inf
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        function()
+        best = min(best, time.perf_counter() - start)
+        if best > FAST:
+            break
+    return best
+
+
+def _against(row: Row, base: Row | None) -> Row:
+    """The row with its difference from the reference."""
+    if base is None or base.X is None or row.X is None:
+        return row
+    theta = Rotation.from_matrix(row.X[:3, :3] @ base.X[:3, :3].T).as_rotvec()
+    xi = np.concatenate([theta, row.X[:3, 3] - base.X[:3, 3]])
+    if row.method == base.method:
+        xi = np.zeros(6)
+    if row.covariance is None or row.failure is not None:
+        return replace(row, xi=xi)
+    d2 = squared_distance(xi, row.covariance)
+    return replace(row, xi=xi, d2=d2, agrees=d2 <= CHI2_95)
+
+
+def squared_distance(xi: Array, covariance: Array) -> float:
+    """``xi^T covariance^-1 xi``; infinite where xi has a part along which the covariance has no variance."""
+    std = np.sqrt(np.diag(covariance))
+    if (xi[std == 0] != 0).any():
+        return math.inf
+    xi, covariance, std = xi[std > 0], covariance[np.ix_(std > 0, std > 0)], std[std > 0]
+    if not xi.size:
+        return 0.0
+    values, axes = np.linalg.eigh(covariance / np.outer(std, std))
+    parts = axes.T @ (xi / std)
+    flat = values <= FLAT
+    if (np.abs(parts[flat]) > np.sqrt(FLAT)).any():
+        return math.inf
+    return float(np.sum(parts[~flat] ** 2 / values[~flat]))
+
+
+def _kind(text: str) -> str:
+    """A warning without its numbers, which differ from method to method."""
+    return re.sub(r"[-+]?\d[\w.+-]*", "#", text)
+
+
+def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """Those of the reference (of all methods if none succeeded), and what each method has beyond them."""
+    common = {_kind(text): text for row in (rows if base is None else [base]) for text in row.warnings}
+    own = {row.method: tuple(text for text in row.warnings if _kind(text) not in common) for row in rows}
+    return tuple(common.values()), own
+
+
+def _joined(rows: list[Row]) -> list[str]:
+    """Warnings of single methods, each kind once with the names of its methods."""
+    first: dict[str, str] = {}
+    names: dict[str, list[str]] = {}
+    for row in rows:
+        for text in row.warnings:
+            first.setdefault(_kind(text), text)
+            names.setdefault(_kind(text), []).append(row.method)
+    return [f"{', '.join(names[kind])}: {text}" for kind, text in first.items()]
+
+
+def _plain(array: Array | None) -> Any:
+    return None if array is None else array.tolist()
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is None or math.isfinite(value) else None
+
+
+def _flat(row: Row, reference: str | None) -> dict[str, Any]:
+    """One row of the data frame."""
+    missing = np.full(6, np.nan)
+    X = np.full((4, 4), np.nan) if row.X is None else row.X
+    rotvec = missing[:3] if row.X is None else Rotation.from_matrix(X[:3, :3]).as_rotvec()
+    std, xi = (missing if value is None else value for value in (row.std, row.xi))
+    rms = (None, None, None)
+    if row.residuals is not None:
+        rms = (row.residuals.error, row.residuals.rotation_rms, row.residuals.translation_rms)
+    flat: dict[str, Any] = {
+        "method": row.method,
+        "year": row.year,
+        "structure": row.structure,
+        "form": row.form,
+        "is_reference": row.method == reference,
+    }
+    flat |= {f"rotation_vector_{a}_deg": math.degrees(rotvec[k]) for k, a in enumerate(_XYZ)}
+    flat |= {f"translation_{a}_mm": 1e3 * X[k, 3] for k, a in enumerate(_XYZ)}
+    flat |= {f"std_theta_{a}_deg": math.degrees(std[k]) for k, a in enumerate(_XYZ)}
+    flat |= {f"std_tau_{a}_mm": 1e3 * std[3 + k] for k, a in enumerate(_XYZ)}
+    flat |= {
+        "difference_rotation_deg": _scaled(row.difference_rotation, 180 / np.pi),
+        "difference_translation_mm": _scaled(row.difference_translation, 1e3),
+    }
+    flat |= {f"difference_theta_{a}_deg": math.degrees(xi[k]) for k, a in enumerate(_XYZ)}
+    flat |= {f"difference_tau_{a}_mm": 1e3 * xi[3 + k] for k, a in enumerate(_XYZ)}
+    flat |= {
+        "d2": row.d2,
+        "agrees": row.agrees,
+        "error_62": rms[0],
+        "residual_rotation_rms_deg": _scaled(rms[1], 180 / np.pi),
+        "residual_translation_rms_mm": _scaled(rms[2], 1e3),
+        "time_ms": _scaled(row.seconds, 1e3),
+        "converged": row.converged,
+        "iterations": row.iterations,
+        "failure": row.failure,
+    }
+    flat |= {f"X_{i + 1}{j + 1}" + ("_m" if j == 3 else ""): X[i, j] for i in range(3) for j in range(4)}
+    return flat
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value
