@@ -13,7 +13,7 @@ gripper_T_camera [0.44 0.43 0.32] mm
 from .calibration import Calibration, calibrate
 from .conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
-from .estimators import METHODS, Method, solve
+from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
 from .io import read_noise_file, read_poses
 from .motions import Motions, relative_motions
 from .noise import PairNoise, PoseNoise
@@ -26,11 +26,12 @@ from .simulation import simulate
 __version__ = "0.1.0"
 
 __all__ = [
+    "METHODS",
+    "ROBOT_WORLD_METHODS",
     "Calibration",
     "DegenerateMotionError",
     "InputError",
     "InputWarning",
-    "METHODS",
     "Method",
     "MissingExtraError",
     "Motions",

@@ -94,9 +94,7 @@ class AllPairs:
         n = len(self.y[0])
         require_count(noise.robot, n, "robot", "poses")
         require_count(noise.camera, n, "camera", "poses")
-        by_error = [D[None] for D in self.sensitivities(X)]
-        covariance = covariance_of_poses(by_error, (noise.robot, noise.camera))[0]
-        return np.asarray(0.5 * (covariance + covariance.T))
+        return covariance_of_poses(self.sensitivities(X), noise)
 
 
 def _constraints(moments: Array, R: Array, t: Array) -> Array:

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from .all_pairs import AllPairs
 from .errors import DegenerateMotionError, InputError, InputWarning
 from .estimators import solve
 from .estimators.method import require_converged
-from .estimators.registry import find
+from .estimators.registry import ROBOT_WORLD_METHODS, find
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise, PoseNoise, checked_covariance, require_count
@@ -28,7 +28,7 @@ from .poses import SETUPS, TARGETS, PosePairs
 from .procrustes import octonion
 from .propagation import covariance_of_poses, noise_of_pairs, pose_sensitivities, propagate
 from .residuals import Residuals, residuals, summarise
-from .robot_world import mean_target, target_covariance
+from .robot_world import mean_target, target_sensitivities
 from .se3 import Array, as_transforms, inverse, inverse_jacobian
 from .sensitivity import pose_from_octonion_jacobian
 
@@ -319,16 +319,17 @@ def calibrate(
     noise : PoseNoise, PairNoise or None
         Noise of the poses or of the motions. None gives X without covariance.
     method : str
-        A name in `METHODS`.
+        A name in `METHODS` or, for poses, in `ROBOT_WORLD_METHODS`.
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
-        Pairs to make of the poses (`relative_motions`); Motions come with theirs.
+        Pairs to make of the poses (`relative_motions`); Motions come with theirs. The methods of
+        `ROBOT_WORLD_METHODS` need none; residuals are still those of the pairs.
     scale : float or None
         Scaling factor d of 4DPA; None is its limit (`solve`).
     kind : str or None
         How noise is propagated (`propagate`).
 
-    Where poses are given, W is the mean of ``G X C`` (`robot_world`), with its covariance if the noise is on the poses.
-    A method that weights by the noise (``nguyen``) takes the covariance of each pair that PoseNoise makes.
+    Where poses are given, W is the mean of ``G X C`` (`robot_world`), or the estimate of a method that has its own,
+    with its covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the covariance of each pair that PoseNoise makes.
 
     Raises
     ------
@@ -361,9 +362,12 @@ def calibrate(
             raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
         if data.robot.ndim != 3:
             raise InputError("Expected one data set; for a batch call solve() and propagate().")
-        direct = scale is None and kind in (None, "poses") and not isinstance(noise, PairNoise) and method == "4dpa"
-        if direct and isinstance(pairs, str) and pairs == "all" and (of_all := AllPairs(data)).precise:
-            everything, pairs = of_all, spread_pairs(data.n, DIAGNOSED_PAIRS)
+        if isinstance(pairs, str) and pairs == "all":
+            direct = scale is None and kind in (None, "poses") and not isinstance(noise, PairNoise)
+            if method == "4dpa" and direct and (of_all := AllPairs(data)).precise:
+                everything = of_all
+            if everything or method in ROBOT_WORLD_METHODS:  # the pairs serve residuals and checks alone
+                pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)
         motions = relative_motions(data, pairs)
     elif isinstance(data, Motions):
         motions, poses = data, data.poses
@@ -376,26 +380,14 @@ def calibrate(
     if motions.N >= 2:
         texts += check_rotations(motions, noise)
     pose_noise = noise if isinstance(noise, PoseNoise) and kind in (None, "poses") else None
-    covariance: Array | None = None
-    sensitivities: Sequence[Array | None] = ()
-    iterations = 0
+    covariance = covariance_W = None
     try:
-        if everything:
-            X = everything.solve()
-        elif method == "4dpa":
-            X = solve(motions.A, motions.B, scale=scale)
-        else:
-            X, iterations = _estimate(motions, noise, method, scale)
+        fit = _fit(motions, noise, method, scale, everything, sensitive=pose_noise is not None)
+        X = fit.X
         angle, distance = residuals(motions.A, motions.B, X)
         require_signal(motions, noise, angle)
         if pose_noise is not None:
-            if everything:
-                sensitivities = everything.sensitivities(X)
-            else:
-                sensitivities = pose_sensitivities(motions, pose_noise, X, method, scale)
-            by_error = [None if D is None else D[None] for D in sensitivities]
-            covariance = covariance_of_poses(by_error, (pose_noise.robot, pose_noise.camera))[0]
-            covariance = 0.5 * (covariance + covariance.T)
+            covariance, covariance_W = (covariance_of_poses(D, pose_noise) for D in (fit.by_error, fit.by_error_W))
         elif noise is not None:
             covariance = propagate(motions, noise=noise, X=X, method=method, scale=scale, kind=kind)
     except InputError:
@@ -422,11 +414,9 @@ def calibrate(
         noise=noise,
         residuals=summarise(angle, distance),
         warnings=tuple(texts),
-        W=None if poses is None else mean_target(poses, X),
-        covariance_W=None
-        if poses is None or pose_noise is None
-        else target_covariance(poses, X, pose_noise, sensitivities),
-        iterations=iterations,
+        W=fit.W,
+        covariance_W=covariance_W,
+        iterations=fit.iterations,
     )
     for text in texts:
         warnings.warn(text, InputWarning, stacklevel=2)
@@ -444,13 +434,51 @@ def calibrate(
     return result
 
 
-def _estimate(motions: Motions, noise: Noise | None, method: str, scale: float | None) -> tuple[Array, int]:
-    """X (4, 4) by a method other than 4DPA, and its iterations."""
-    found = find(method)
-    if scale is not None:
+class _Fit(NamedTuple):
+    X: Array  # (4, 4)
+    W: Array | None
+    iterations: int = 0
+    by_error: Sequence[Array | None] = ()  # d xi_X / d xi_k (n, 6, 6) by robot and by camera poses
+    by_error_W: Sequence[Array | None] = ()
+
+
+def _fit(
+    motions: Motions,
+    noise: Noise | None,
+    method: str,
+    scale: float | None,
+    everything: AllPairs | None,
+    sensitive: bool,
+) -> _Fit:
+    """X and W by any method and, if ``sensitive``, their derivatives by the errors of the poses."""
+    poses = motions.poses
+    if scale is not None and method != "4dpa":
         raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
-    weights = None
-    if found.weighted and noise is not None:
-        weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(motions, noise)
-    estimate = require_converged(found, found.estimate(motions.A, motions.B, weights))
-    return estimate.X, int(estimate.iterations)
+    if method in ROBOT_WORLD_METHODS:
+        if poses is None:
+            raise InputError(f"Method {method!r} solves G X C = W: it needs poses, got motions without poses.")
+        if noise is not None and not sensitive:
+            raise InputError(f"Method {method!r} works on poses: its covariance needs PoseNoise and kind 'poses'.")
+        both = ROBOT_WORLD_METHODS[method]
+        X, W = both(poses)
+        return _Fit(X, W, 0, *(both.sensitivities(poses) if sensitive else ()))
+    iterations = 0
+    if everything:
+        X = everything.solve()
+    elif method == "4dpa":
+        X = solve(motions.A, motions.B, scale=scale)
+    else:
+        found = find(method)
+        weights = None
+        if found.weighted and noise is not None:
+            weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(motions, noise)
+        estimate = require_converged(found, found.estimate(motions.A, motions.B, weights))
+        X, iterations = estimate.X, int(estimate.iterations)
+    if poses is None:
+        return _Fit(X, None, iterations)
+    W = mean_target(poses, X)
+    if not sensitive:
+        return _Fit(X, W, iterations)
+    assert isinstance(noise, PoseNoise)
+    D = everything.sensitivities(X) if everything else pose_sensitivities(motions, noise, X, method, scale)
+    return _Fit(X, W, iterations, D, target_sensitivities(poses, X, D))

@@ -177,7 +177,9 @@ def _problem(
     if method != "4dpa":
         found = find(method)
         if scale is not None or kind == "literal":
-            raise InputError(f"Expected neither `scale` nor kind='literal' with method {method!r}: they belong to 4dpa.")
+            raise InputError(
+                f"Expected neither `scale` nor kind='literal' with method {method!r}: they belong to 4dpa."
+            )
         as_transforms(A, "A")
         as_transforms(B, "B")
         weights = None
@@ -298,7 +300,7 @@ class _OnPoses:
 
     def __init__(self, poses: PosePairs, index: NDArray[np.intp], noise: PoseNoise, trials: slice) -> None:
         self.pairs = index
-        self.noise = (noise.robot, noise.camera)
+        self.model, self.noise = noise, (noise.robot, noise.camera)
         frames, self.by_pose = pose_twists(poses, trials)
         entries = [entry_rows(P.reshape(-1, 4, 4)).reshape(4, 4, *P.shape[:2]) for P in frames]
         self.R = [P[:3, :3] for P in entries]
@@ -342,7 +344,7 @@ class _Shared(_OnPoses):
         ]
 
     def covariance(self) -> Array:
-        return covariance_of_poses(self.by_error(), self.noise)
+        return covariance_of_poses(self.by_error(), self.model)
 
 
 def pose_twists(poses: PosePairs, trials: slice) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -359,16 +361,20 @@ def pose_twists(poses: PosePairs, trials: slice) -> tuple[tuple[Array, Array], t
     return (inverse(robot), inverse(camera)), (_minus_right_twist(robot), by_camera)
 
 
-def covariance_of_poses(by_error: Iterable[Array | None], noise: Iterable[Array | None]) -> Array:
-    """``sum_k D_k Sigma_k D_k^T`` (T, k, k) over robot and camera poses, D (T, n, k, 6); ``D Sigma D^T`` if joint."""
+def covariance_of_poses(by_error: Iterable[Array | None], noise: PoseNoise) -> Array:
+    """``sum_k D_k Sigma_k D_k^T`` (..., 6, 6) over robot and camera poses, or ``D Sigma D^T`` if their noise is joint.
+
+    D (..., n, 6, 6) are the derivatives by the error of each pose; None: that side is exact.
+    """
     result: Array | float = 0.0
-    for D, covariance in zip(by_error, noise, strict=True):
+    for D, covariance in zip(by_error, (noise.robot, noise.camera), strict=True):
         if D is not None and covariance is not None:
             if not is_joint(covariance):
                 D = D @ factor(covariance)
-            row = D.transpose(0, 2, 1, 3).reshape(len(D), D.shape[2], -1)
+            row = D.swapaxes(-3, -2).reshape(*D.shape[:-3], 6, -1)
             result = result + (row @ covariance @ row.mT if is_joint(covariance) else row @ row.mT)
-    return np.asarray(result)
+    result = np.asarray(result)
+    return np.asarray(0.5 * (result + result.mT))
 
 
 def _incidence(pairs: NDArray[np.intp], n: int) -> Any:

@@ -1,9 +1,9 @@
 r"""Robot-world calibration: the pose W that every ``G_i X C_i`` measures, with its covariance.
 
-Model: ``G_i X C_i = W`` for poses without noise; ``W = base_T_target`` for eye-in-hand, with ``G = base_T_gripper``, and
-``W = gripper_T_target`` for eye-to-hand, with ``G = gripper_T_base``. W is the unweighted mean of its n measurements: the
-rotation nearest to the sum of theirs, the mean of their translations. Errors are ``xi = (theta, tau)``: left rotation,
-additive translation, in the parent frame of W. To first order (T5)
+Model: ``G_i X C_i = W`` for poses without noise; ``W = base_T_target`` for eye-in-hand, with ``G = base_T_gripper``,
+and ``W = gripper_T_target`` for eye-to-hand, with ``G = gripper_T_base``. W is the unweighted mean of its n
+measurements: the rotation nearest to the sum of theirs, the mean of their translations. Errors are ``xi = (theta,
+tau)``: left rotation, additive translation, in the parent frame of W. To first order (T5)
 
     xi_W = mean_i( J_X xi_X + J_G xi_G + J_C xi_C ),
     J_X = [[R_G, 0], [-R_G [R_X t_C]x, R_G]],   J_G = [[I, 0], [-[R_G (R_X t_C + t_X)]x, I]],   J_C = blkdiag(R_G R_X)
@@ -17,10 +17,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .noise import PoseNoise
 from .poses import PosePairs
 from .procrustes import orthonormalise
-from .propagation import covariance_of_poses
 from .se3 import Array, block, inverse_jacobian, skew
 
 _EYE = np.eye(3)
@@ -35,8 +33,8 @@ def mean_target(poses: PosePairs, X: Array) -> Array:
     return W
 
 
-def target_covariance(poses: PosePairs, X: Array, noise: PoseNoise, D: Sequence[Array | None]) -> Array:
-    """Covariance (6, 6) of `mean_target`; ``D`` holds ``d xi_X / d xi_k`` (n, 6, 6) of robot and camera poses."""
+def target_sensitivities(poses: PosePairs, X: Array, D: Sequence[Array | None]) -> list[Array | None]:
+    """``d xi_W / d xi_k`` (n, 6, 6) of `mean_target`; ``D`` holds those of X, by robot and by camera poses."""
     G, C, n = poses.effective_robot, poses.camera, poses.n
     R_G, R_X = G[:, :3, :3], X[:3, :3]
     lever = C[:, :3, 3] @ R_X.T  # R_X t_C
@@ -47,6 +45,4 @@ def target_covariance(poses: PosePairs, X: Array, noise: PoseNoise, D: Sequence[
         J_G = J_G @ inverse_jacobian(poses.robot)
     turned = R_G @ R_X
     J_C = block(turned, 0.0, 0.0, turned)
-    by_error = [None if by_X is None else (J_X @ by_X + J / n)[None] for by_X, J in zip(D, (J_G, J_C), strict=True)]
-    covariance = covariance_of_poses(by_error, (noise.robot, noise.camera))[0]
-    return np.asarray(0.5 * (covariance + covariance.T))
+    return [None if by_X is None else J_X @ by_X + J / n for by_X, J in zip(D, (J_G, J_C), strict=True)]

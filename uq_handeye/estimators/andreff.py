@@ -1,9 +1,9 @@
 r"""Andreff, Horaud and Espiau (2001): all twelve entries of X by one linear least-squares problem.
 
-The equations of `kronecker` are solved for x = (r, t) without the constraint that r be a rotation; the 3x3 block is then
-replaced by the nearest rotation, and t is kept. (The publication also estimates an unknown scale of camera translations
-from structure from motion; camera poses here are metric.) The result depends on the unit of length, which weighs
-translation against rotation equations.
+The equations of `kronecker` are solved for x = (r, t) without the constraint that r be a rotation; the 3x3 block is
+then replaced by the nearest rotation, and t is kept. (The publication also estimates an unknown scale of camera
+translations from structure from motion; camera poses here are metric.) The result depends on the unit of length, which
+weighs translation against rotation equations.
 """
 
 from __future__ import annotations
@@ -40,6 +40,6 @@ METHOD = Method(
     structure="simultaneous",
     form="closed form",
     minimises="sum |R_A R R_B^T - R|^2 + |R t_B + t - R_A t - t_A|^2 over any 3x3 matrix R and t; then R is projected",
-    singular="none beyond parallel rotation axes; motions that are all without translation determine R only up to a factor",
+    singular="none beyond parallel rotation axes; without any translation R is determined only up to a factor",
     solver=MomentSolver(kronecker_factors, _solution, axes=False),
 )

@@ -2,8 +2,8 @@ r"""Rotation axes of motions with consistent signs, and what quaternion methods 
 
 A rotation by nearly 180 degrees has two unit quaternions, ``(w, v)`` and ``(-w, -v)`` with w near 0, of which noise
 chooses; if it chooses differently for A and B, the pair contradicts all others. The publications leave this open. Here
-the quaternion of A has ``w >= 0``, and so has that of B, except that for motions beyond 170 degrees the sign of B's is the
-one for which ``v_A . R v_B > 0``, R the rotation that fits the vectors ``sin(angle) axis``, which have no such
+the quaternion of A has ``w >= 0``, and so has that of B, except that for motions beyond 170 degrees the sign of B's is
+the one for which ``v_A . R v_B > 0``, R the rotation that fits the vectors ``sin(angle) axis``, which have no such
 ambiguity. The pair of quaternions then is a smooth function of the data, up to a common sign.
 
 Quaternions are ``(w, x, y, z)``.

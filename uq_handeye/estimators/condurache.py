@@ -1,16 +1,16 @@
 r"""Condurache and Burlacu (2016): orthogonal dual tensors, the dual form of fitting rotation vectors.
 
-A pose is an orthogonal dual tensor ``R + eps [t]x R``; its dual rotation vector (screw) ``alpha + eps alpha'`` is turned by
-X like a vector: ``alpha_A + eps alpha_A' = (R_X + eps [t_X]x R_X)(alpha_B + eps alpha_B')``. The best X is the orthogonal part
-of the dual matrix
+A pose is an orthogonal dual tensor ``R + eps [t]x R``; its dual rotation vector (screw) ``alpha + eps alpha'`` is
+turned by X like a vector: ``alpha_A + eps alpha_A' = (R_X + eps [t_X]x R_X)(alpha_B + eps alpha_B')``. The best X is
+the orthogonal part of the dual matrix
 
     sum (alpha_A + eps alpha_A')(alpha_B + eps alpha_B')^T = H + eps K
 
-whose real part is found by singular value decomposition of H, ``R_X = U diag(1, 1, det) V^T``, and whose dual part is linear:
-``K R_X^T - [t_X]x^T``-terms must leave a symmetric dual matrix, which is ``M t_X = -sum( alpha_A' x R_X alpha_B + alpha_A x
-R_X alpha_B')``. The publication offers SVD and QR and leaves the dual vector open; here it is the logarithm, SVD. With
-``sin(angle)`` vectors in its place the same formulas are 4DPA's limit (T2): the two methods differ in the weight of a pair
-alone, angle^2 here and sin(angle)^2 there.
+whose real part is found by singular value decomposition of H, ``R_X = U diag(1, 1, det) V^T``, and whose dual part is
+linear: the dual matrix times the transposed dual tensor of X must be symmetric, which is
+``M t_X = -sum( alpha_A' x R_X alpha_B + alpha_A x R_X alpha_B')``. The publication offers SVD and QR and leaves the dual vector open; here it is the
+logarithm, SVD. With ``sin(angle)`` vectors in its place the same formulas are 4DPA's limit (T2): the two methods differ
+in the weight of a pair alone, angle^2 here and sin(angle)^2 there.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ METHOD = Method(
     doi="10.1016/j.mechmachtheory.2016.06.002",
     structure="simultaneous",
     form="closed form",
-    minimises="|alpha_A - X alpha_B|^2 of dual rotation vectors (screws), its real part by R_X, its dual part by t_X; the "
-    "rotation does not depend on the translations",
+    minimises="|alpha_A - X alpha_B|^2 of dual rotation vectors (screws): the real part by R_X, which does not depend "
+    "on the translations, the dual part by t_X",
     singular="motions of 180 degrees, unless others tell the sign of their axes",
     solver=MomentSolver(_factors, _solution),
 )

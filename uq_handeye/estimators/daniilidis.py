@@ -1,15 +1,15 @@
 r"""Daniilidis (1999): rotation and translation together, by dual quaternions and a singular value decomposition.
 
-``q_A q_X = q_X q_B`` in unit dual quaternions ``q + eps q'`` gives, with the vector parts ``a, a'`` of A and ``b, b'`` of
-B (the scalar parts are equal without noise), six equations per pair,
+``q_A q_X = q_X q_B`` in unit dual quaternions ``q + eps q'`` gives, with the vector parts ``a, a'`` of A and ``b, b'``
+of B (the scalar parts are equal without noise), six equations per pair,
 
     [ a - b     [a + b]x      0       0       ]
     [ a' - b'   [a' + b']x    a - b   [a + b]x ] (q, q') = 0
 
-The stacked matrix has, without noise, a null space of two dimensions, spanned by the right singular vectors
-``v7 = (u1, w1)``, ``v8 = (u2, w2)`` of the smallest singular values, here the eigenvectors of the 8x8 Gram matrix. X is
-the combination with ``|q| = 1`` and ``q . q' = 0``: the second is a quadratic equation, of whose two roots the one with
-the larger |q|^2 is taken. Rotation and translation equations are weighed as they come: the result depends on the unit of
+The stacked matrix has, without noise, a null space of two dimensions, spanned by the right singular vectors ``v7 = (u1,
+w1)``, ``v8 = (u2, w2)`` of the smallest singular values, here the eigenvectors of the 8x8 Gram matrix. X is the
+combination with ``|q| = 1`` and ``q . q' = 0``: the second is a quadratic equation, of whose two roots the one with the
+larger |q|^2 is taken. Rotation and translation equations are weighed as they come: the result depends on the unit of
 length.
 """
 
@@ -75,8 +75,8 @@ METHOD = Method(
     doi="10.1177/02783649922066213",
     structure="simultaneous",
     form="closed form",
-    minimises="the algebraic error |T (q, q')|^2 of the dual-quaternion equations, up to the two constraints, which are "
-    "met within its two smallest singular vectors",
+    minimises="the algebraic error |T (q, q')|^2 of the dual-quaternion equations; the two constraints are met within "
+    "its two smallest singular vectors",
     singular="motions of 180 degrees, unless others tell the sign of their axes; noise so large that the quadratic "
     "equation has no real root",
     solver=MomentSolver(_factors, _solution),

@@ -28,8 +28,8 @@ METHOD = Method(
     doi="10.1109/TIM.2019.2930710",
     structure="simultaneous",
     form="closed form",
-    minimises="sum |u - R_X v|^2 of u, v = sin(angle) axis, and to first order in 1/d the translation part (T2); at finite d "
-    "the algebraic error (27) summed over a basis of the other quaternion",
+    minimises="sum |u - R_X v|^2 of u, v = sin(angle) axis, and to first order in 1/d the translation part (T2); at "
+    "finite d the algebraic error (27) summed over a basis of the other quaternion",
     singular="all motions near 180 degrees",
     solver=_Limit(),
 )

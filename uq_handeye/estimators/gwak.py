@@ -1,16 +1,16 @@
 r"""Gwak, Kim and Park (2003): numerical optimisation on the Euclidean group.
 
-Minimises ``sum |A X - X B|^2`` (Frobenius: nine rotation and three translation equations per pair, as they come) over
-X in SE(3). By `kronecker` this is a quadratic function of the entries of X, so that one pass over the pairs serves all
+Minimises ``sum |A X - X B|^2`` (Frobenius: nine rotation and three translation equations per pair, as they come) over X
+in SE(3). By `kronecker` this is a quadratic function of the entries of X, so that one pass over the pairs serves all
 iterations:
 
     f(X) = x^T G x - 2 g^T x,    x = (vec R, t),    R -> exp([theta]x) R,  t -> t + tau
 
 The publication descends along exponentials by gradient and Newton steps. Here: Newton's method with the exact Hessian
 in (theta, tau), started at `andreff`'s X. Where the Hessian is not positive definite, or a step does not lower f, it is
-damped as in Levenberg's method. Converged means that the next step is below 1e-12 rad and 1e-12 typical translations, or
-that f no longer falls within rounding at a step below 1e-7. The minimum is a local one; the result depends on the unit of
-length.
+damped as in Levenberg's method. Converged means that the next step is below 1e-12 rad and 1e-12 typical translations,
+or that f no longer falls within rounding at a step below 1e-7. The minimum is a local one; the result depends on the
+unit of length.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-r"""Horaud and Dornaika (1995): the rotation from eigenvectors of the motions, by unit quaternions; then the translation.
+r"""Horaud and Dornaika (1995): the rotation from eigenvectors of the motions by unit quaternions, then the translation.
 
 ``R_A R_X = R_X R_B`` carries the eigenvector v_B of R_B (eigenvalue 1) to that of R_A, ``v_A = R_X v_B``. For unit
 quaternions ``|v_A - q v_B q*|^2 = |v_A q - q v_B|^2`` is quadratic in q: the best q is the eigenvector of the smallest
 eigenvalue of ``sum (L(v_A) - R(v_B))^T (L(v_A) - R(v_B))``. This is the closed form of the paper; its nonlinear
 minimisation over rotation and translation together is not meant here.
 
-The length of the eigenvectors, which the derivation leaves open, is ``sin(angle / 2)``: they are the vector parts of the
-unit quaternions of the motions, so that larger rotations count more, as in OpenCV's implementation.
+The length of the eigenvectors, which the derivation leaves open, is ``sin(angle / 2)``: they are the vector parts of
+the unit quaternions of the motions, so that larger rotations count more, as in OpenCV's implementation.
 """
 
 from __future__ import annotations

@@ -4,8 +4,9 @@ With r the entries of R_X row by row, a pair gives
 
     (R_A kron R_B - I) r = 0,     (I kron t_B^T) r + (I - R_A) t = t_A
 
-whose sum of squares ``sum |R_A R R_B^T - R|^2 + |R t_B + (I - R_A) t - t_A|^2 = x^T G x - 2 g^T x + const``, x = (r, t), is
-that of ``|A X - X B|^2``, and needs only products of entries of A with entries of B, summed.
+whose sum of squares ``sum |R_A R R_B^T - R|^2 + |R t_B + (I - R_A) t - t_A|^2 = x^T G x - 2 g^T x + const``, x = (r,
+t), is that of ``|A X - X B|^2``, and needs only products of entries of A with entries of B, summed. They are summed for
+``D = R - I``, so that small rotations do not drown in the rounding of large sums.
 """
 
 from __future__ import annotations
@@ -19,28 +20,29 @@ _EYE = np.eye(3)
 
 
 def kronecker_factors(A: Array, B: Array, reference: Array | None) -> Factors:
-    """``(R_A, t_A, 1, t_B)`` and ``(R_B, t_B, 1, R_A^T t_A)``, each (..., 16)."""
-    R_A, R_B, t_A, t_B = A[..., :3, :3], B[..., :3, :3], A[..., :3, 3], B[..., :3, 3]
+    """``(D_A, t_A, 1, t_B)`` and ``(D_B, t_B, 1, D_A^T t_A)``, each (..., 16)."""
+    D_A, D_B, t_A, t_B = A[..., :3, :3] - _EYE, B[..., :3, :3] - _EYE, A[..., :3, 3], B[..., :3, 3]
     one = np.ones((*t_A.shape[:-1], 1))
-    turned = (R_A.mT @ t_A[..., None])[..., 0]
-    left = np.concatenate([R_A.reshape(*one.shape[:-1], 9), t_A, one, t_B], axis=-1)
-    right = np.concatenate([R_B.reshape(*one.shape[:-1], 9), t_B, one, turned], axis=-1)
+    turned = (D_A.mT @ t_A[..., None])[..., 0]
+    left = np.concatenate([D_A.reshape(*one.shape[:-1], 9), t_A, one, t_B], axis=-1)
+    right = np.concatenate([D_B.reshape(*one.shape[:-1], 9), t_B, one, turned], axis=-1)
     return ((left, right),)
 
 
 def normal_equations(moments: Array, N: int) -> tuple[Array, Array]:
     """G (T, 12, 12) and g (T, 12) from the moments (T, 16, 16) of N pairs."""
     T = len(moments)
-    R_A, t_A, one, t_B = moments[:, :9], moments[:, 9:12], moments[:, 12], moments[:, 13:]
-    kron = R_A[:, :, :9].reshape(T, 3, 3, 3, 3).transpose(0, 1, 3, 2, 4).reshape(T, 9, 9)
-    sum_R = R_A[:, :, 12].reshape(T, 3, 3)
+    D_A, t_A, one, t_B = moments[:, :9], moments[:, 9:12], moments[:, 12], moments[:, 13:]
+    sum_A, sum_B = D_A[:, :, 12].reshape(T, 3, 3), one[:, :9].reshape(T, 3, 3)
+    kron = D_A[:, :, :9].reshape(T, 3, 3, 3, 3).transpose(0, 1, 3, 2, 4)  # rows (a, c), columns (b, d)
+    kron = kron + sum_A[:, :, None, :, None] * _EYE[:, None, :] + _EYE[:, None, :, None] * sum_B[:, None, :, None, :]
+    kron = kron.reshape(T, 9, 9)  # sum (R_A kron R_B - I)
     G = np.zeros((T, 12, 12))
-    G[:, :9, :9] = 2.0 * N * np.eye(9) - kron - kron.mT
+    G[:, :9, :9] = -kron - kron.mT
     G[:, :9, :9] += (_EYE[:, None, :, None] * t_B[:, None, :, None, 9:12]).reshape(T, 9, 9)
-    # (I kron t_B)(I - R_A): rows (i, c), columns k
-    R_tB = R_A[:, :, 9:12].reshape(T, 3, 3, 3).swapaxes(2, 3)
-    G[:, :9, 9:] = (_EYE[:, None, :] * one[:, None, 9:12, None] - R_tB).reshape(T, 9, 3)
+    # (I kron t_B)(I - R_A): rows (a, c), columns b
+    G[:, :9, 9:] = -D_A[:, :, 9:12].reshape(T, 3, 3, 3).swapaxes(2, 3).reshape(T, 9, 3)
     G[:, 9:, :9] = G[:, :9, 9:].mT
-    G[:, 9:, 9:] = 2.0 * N * _EYE - sum_R - sum_R.mT  # sum (I - R_A)^T (I - R_A)
-    g = np.concatenate([t_A[:, :, 9:12].reshape(T, 9), t_A[:, :, 12] - one[:, 13:]], axis=1)
+    G[:, 9:, 9:] = -sum_A - sum_A.mT  # sum (I - R_A)^T (I - R_A)
+    g = np.concatenate([t_A[:, :, 9:12].reshape(T, 9), -one[:, 13:]], axis=1)
     return G, g

@@ -5,14 +5,15 @@ r"""Lu and Chou (1995, in IEEE Xplore from 2002): eight-space quaternions, one l
     [ E  0 ]                 E = L(q_A) - R(q_B)
     [ F  E ] (q, q') = 0,    F = L(q'_A) - R(q'_B)
 
-The publication solves it by least squares, with Gaussian elimination of one half and a Schur decomposition for the other.
-So here: q' is eliminated from the Gram matrix, ``q' = -(sum E^T E)^+ (sum E^T F) q``, and q is the eigenvector of the
-smallest eigenvalue of the Schur complement
+The publication solves it by least squares, with Gaussian elimination of one half and a Schur decomposition for the
+other. So here: q' is eliminated from the Gram matrix, ``q' = -(sum E^T E)^+ (sum E^T F) q``, and q is the eigenvector
+of the smallest eigenvalue of the Schur complement
 
     sum (E^T E + F^T F) - (sum F^T E) (sum E^T E)^+ (sum E^T F)
 
 Left open and chosen here: the pseudo-inverse leaves out the smallest eigenvalue of ``sum E^T E``, which is zero without
-noise because ``(0, q)`` solves the system too; q' is then made orthogonal to q. The result depends on the unit of length.
+noise because ``(0, q)`` solves the system too; q' is then made orthogonal to q. The result depends on the unit of
+length.
 """
 
 from __future__ import annotations

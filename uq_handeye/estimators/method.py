@@ -64,9 +64,7 @@ class Solver(Protocol):
 
     def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate: ...
 
-    def derivatives(
-        self, A: Array, B: Array, noise: PairNoise | None, X: Array
-    ) -> Callable[[slice], Derivatives]: ...
+    def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]: ...
 
 
 @dataclass(frozen=True)

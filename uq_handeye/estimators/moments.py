@@ -9,8 +9,8 @@ depends on them through one or a few such moment matrices alone. To first order
     xi_X = sum_i D_i xi_i,    D_i xi = (dg/dM) : ( (dl_i xi) r_i^T + l_i (dr_i xi)^T )
 
 The derivatives of g by the few entries of M and of the factors by the twelve errors of a pair are central differences
-(T7), each in one batched call, so that the cost is linear in the number of pairs. Errors are ``xi = (theta, tau)``: left
-rotation, additive translation.
+(T7), each in one batched call, so that the cost is linear in the number of pairs. Errors are ``xi = (theta, tau)``:
+left rotation, additive translation.
 """
 
 from __future__ import annotations

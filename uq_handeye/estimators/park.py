@@ -1,7 +1,7 @@
 r"""Park and Martin (1994): the rotation that fits the rotation vectors, then the translation.
 
-With ``alpha, beta`` the rotation vectors (logarithms) of R_A and R_B, ``alpha = R_X beta``; the best R_X of
-``sum |alpha - R_X beta|^2`` is ``(M^T M)^(-1/2) M^T`` with ``M = sum beta alpha^T``. It is computed by singular value
+With ``alpha, beta`` the rotation vectors (logarithms) of R_A and R_B, ``alpha = R_X beta``; the best R_X of ``sum
+|alpha - R_X beta|^2`` is ``(M^T M)^(-1/2) M^T`` with ``M = sum beta alpha^T``. It is computed by singular value
 decomposition with the determinant fixed to +1, which also serves two motions, where M is singular. A motion counts by
 the square of its angle.
 """

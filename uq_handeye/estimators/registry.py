@@ -7,17 +7,25 @@ from typing import Any
 from ..errors import InputError
 from ..procrustes import solve_4dpa
 from ..se3 import Array
-from . import andreff, chou, condurache, daniilidis, fourdpa, gwak, horaud, lu, park, shiu, tsai
+from . import andreff, chou, condurache, daniilidis, fourdpa, gwak, horaud, li, lu, park, shah, shiu, tsai
 from .method import Method
+from .robot_world import RobotWorldMethod
 
 METHODS: dict[str, Method] = {
     module.METHOD.name: module.METHOD
     for module in (tsai, shiu, chou, park, horaud, daniilidis, andreff, lu, gwak, condurache, fourdpa)
 }
 
+# Estimators of X and W together from poses; `calibrate` knows them too, `solve` does not.
+ROBOT_WORLD_METHODS: dict[str, RobotWorldMethod] = {module.METHOD.name: module.METHOD for module in (li, shah)}
+
 
 def find(name: Any) -> Method:
     """The method of that name, or an `InputError` that lists the names."""
+    if isinstance(name, str) and name in ROBOT_WORLD_METHODS:
+        raise InputError(
+            f"Method {name!r} solves G X C = W on poses: call calibrate() or ROBOT_WORLD_METHODS[{name!r}]."
+        )
     if not isinstance(name, str) or name not in METHODS:
         raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {name!r}.")
     return METHODS[name]

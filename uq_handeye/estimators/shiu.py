@@ -1,14 +1,14 @@
 r"""Shiu and Ahmad (1989): each motion fixes X up to a turn about its axis; the turns are solved for together.
 
 From one pair, ``n_A = R_X n_B`` gives ``R_X = n_A n_B^T + c P + s Q`` with unknown ``c = cos, s = sin`` of a turn about
-n_A; P and Q span the matrices that carry the plane across n_B to that across n_A. The publication equates this for
-two pairs, which is linear in the four unknowns. For N pairs, which it leaves open, the 2 N unknowns and the common
-``R`` minimise ``sum |R - n_A n_B^T - c_i P_i - s_i Q_i|^2``. The turns drop out by projection,
+n_A; P and Q span the matrices that carry the plane across n_B to that across n_A. The publication equates this for two
+pairs, which is linear in the four unknowns. For N pairs, which it leaves open, the 2 N unknowns and the common ``R``
+minimise ``sum |R - n_A n_B^T - c_i P_i - s_i Q_i|^2``. The turns drop out by projection,
 
     ( N I - sum Pi_i ) vec R = sum vec(n_A n_B^T),    Pi = (P_A kron P_B + [n_A]x kron [n_B]x) / 2,    P = I - n n^T
 
-a 9x9 system, whatever N; R is then projected to the nearest rotation. As in the publication each motion
-counts the same, however small its angle, which is why small rotations do so much harm.
+a 9x9 system, whatever N; R is then projected to the nearest rotation. As in the publication each motion counts the
+same, however small its angle, which is why small rotations do so much harm.
 """
 
 from __future__ import annotations
