@@ -378,7 +378,7 @@ def calibrate(
     _require_noise_fits(noise, motions)
     texts = [] if poses is None else check_poses(poses)
     if motions.N >= 2:
-        texts += check_rotations(motions, noise)
+        texts += check_rotations(motions, noise, method)
     pose_noise = noise if isinstance(noise, PoseNoise) and kind in (None, "poses") else None
     covariance = covariance_W = None
     try:

@@ -84,7 +84,7 @@ def check_poses(poses: PosePairs) -> list[str]:
 # --------------------------------------------------------------------------------- what the rotations look like
 
 
-def check_rotations(motions: Motions, noise: Noise | None) -> list[str]:
+def check_rotations(motions: Motions, noise: Noise | None, method: str) -> list[str]:
     """Angles of robot against camera, half turns, small angles, spread of the rotation axes."""
     found = []
     R_A, R_B = motions.A[..., :3, :3], motions.B[..., :3, :3]
@@ -105,7 +105,7 @@ def check_rotations(motions: Motions, noise: Noise | None) -> list[str]:
             )
         )
     half = float(np.mean(angle > NEAR_HALF_TURN))
-    if half > 0.25:
+    if half > 0.25 and method == "4dpa":
         found.append(
             f"{100 * half:.0f} % of the motions turn by more than 150 degrees. 4DPA weights a motion by "
             "sin^2(angle), so they count almost nothing; choose pairs that turn by 30 to 150 degrees."

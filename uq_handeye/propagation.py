@@ -137,7 +137,8 @@ class _Problem(NamedTuple):
         try:
             return [take(*sums) for sums in self._sums(self.derivatives)]
         except Suspicious:
-            require_transforms(self.A, self.B)
+            shape = (*self.batch, *self.A.shape[1:])
+            require_transforms(self.A.reshape(shape), self.B.reshape(shape))
             assert self.again is not None
             return [take(*sums) for sums in self._sums(self.again)]
 

@@ -7,8 +7,8 @@ the orthogonal part of the dual matrix
     sum (alpha_A + eps alpha_A')(alpha_B + eps alpha_B')^T = H + eps K
 
 whose real part is found by singular value decomposition of H, ``R_X = U diag(1, 1, det) V^T``, and whose dual part is
-linear: the dual matrix times the transposed dual tensor of X must be symmetric, which is
-``M t_X = -sum( alpha_A' x R_X alpha_B + alpha_A x R_X alpha_B')``. The publication offers SVD and QR and leaves the dual vector open; here it is the
+linear: the dual matrix times the transposed dual tensor of X must be symmetric, which is ``M t_X = -sum( alpha_A' x R_X
+alpha_B + alpha_A x R_X alpha_B')``. The publication offers SVD and QR and leaves the dual vector open; here it is the
 logarithm, SVD. With ``sin(angle)`` vectors in its place the same formulas are 4DPA's limit (T2): the two methods differ
 in the weight of a pair alone, angle^2 here and sin(angle)^2 there.
 """

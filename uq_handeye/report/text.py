@@ -76,6 +76,19 @@ def summary(result: Calibration, threshold: float) -> str:
         "",
         *_matrix(result.inverse),
     ]
+    if result.W is not None:
+        known = result.covariance_W
+        turn = Rotation.from_matrix(result.W[:3, :3]).as_rotvec()
+        of_turn, of_position = (None, None) if known is None else (known[:3, :3], known[3:, 3:])
+        lines += [
+            "",
+            f"{result.frame_W} (the target, as all poses see it)",
+            "",
+            *_matrix(result.W),
+            "",
+            _row("translation (mm)", "xyz", 1e3 * result.W[:3, 3], _std(of_position, 1e3 * np.eye(3)), 4),
+            _row("rotation vector (deg)", "xyz", np.degrees(turn), _std(of_turn, _rotvec_jacobian(turn)), 5),
+        ]
     if result.std is not None:
         lines += ["", NOT_COVERED]
     return "\n".join(lines) + "\n"

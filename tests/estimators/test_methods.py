@@ -1,0 +1,322 @@
+"""Every method of the registry: what it says of itself, exact data, its singular cases, and the derivative of its X."""
+
+import numpy as np
+import pytest
+from support import (
+    assert_same_covariance,
+    difference,
+    exact_motions,
+    exact_poses,
+    jacobian,
+    moved,
+    noisy_motions,
+    random_covariance,
+    random_transforms,
+    rotation_vectors,
+    rotations,
+    transforms,
+)
+
+import uq_handeye as uq
+from uq_handeye.estimators.axes import axis_reference, quaternions
+from uq_handeye.estimators.axes import rotation_vectors as from_quaternions
+from uq_handeye.estimators.moments import MomentSolver
+
+NAMES = [
+    "tsai",
+    "shiu",
+    "chou",
+    "park",
+    "horaud",
+    "daniilidis",
+    "andreff",
+    "lu",
+    "gwak",
+    "heller",
+    "condurache",
+    "zhang",
+    "zhao",
+    "nguyen",
+    "4dpa",
+]
+YEARS = [1989, 1989, 1991, 1994, 1995, 1999, 2001, 2002, 2003, 2014, 2016, 2017, 2018, 2018, 2019]
+SLOW = {"heller", "zhao"}  # a program per problem
+CLOSED = [name for name in NAMES if uq.METHODS[name].form == "closed form"]
+SMOOTH = [name for name in NAMES if name != "zhao"]  # whose X is differentiable at exact data
+
+
+@pytest.fixture(params=NAMES)
+def method(request):
+    if request.param == "heller":
+        pytest.importorskip("cvxpy")
+    return uq.METHODS[request.param]
+
+
+def test_the_registry_holds_the_methods_of_table_I():
+    assert list(uq.METHODS) == sorted(NAMES, key=lambda name: (YEARS[NAMES.index(name)], NAMES.index(name)))
+    for name, year in zip(NAMES, YEARS, strict=True):
+        method = uq.METHODS[name]
+        assert (method.name, method.year) == (name, year)
+        assert method.structure in ("separated", "simultaneous")
+        assert method.form in ("closed form", "iterative", "convex program")
+        assert method.doi.startswith("10.") and method.doi in method.reference and str(year) in method.reference
+        assert method.minimises and method.singular and method.authors and method.title
+    assert {name for name in NAMES if uq.METHODS[name].extra} == {"heller"}
+
+
+def test_exact_motions(method, rng):
+    """200 random problems, 1 to 179 degrees: 1e-9, or 1e-6 where a program or an iteration ends at a tolerance."""
+    count = 40 if method.name in SLOW else 200
+    problems = [exact_motions(rng, 5, smallest=np.radians(1), largest=np.radians(179)) for _ in range(count)]
+    X, A, B = (np.stack(parts) for parts in zip(*problems, strict=True))
+    estimate = method.estimate(A, B)
+    assert estimate.converged.shape == (count,) and estimate.converged.all()
+    assert np.abs(difference(estimate.X, X)).max() < (1e-9 if method.form == "closed form" else 1e-6)
+
+
+@pytest.mark.parametrize(("smallest", "largest"), [(1, 2), (60, 90), (170, 179.9)])
+def test_exact_motions_within_narrow_angles(method, rng, smallest, largest):
+    X, A, B = exact_motions(rng, 8, smallest=np.radians(smallest), largest=np.radians(largest))
+    assert np.abs(difference(method(A, B), X)).max() < (1e-9 if method.form == "closed form" else 1e-6)
+
+
+@pytest.mark.parametrize("angle", [*np.logspace(-3, 0, 7), *(np.pi - np.logspace(-6, -1, 6))])
+def test_a_sweep_of_angles(angle, rng):
+    """Every closed form at one angle for all motions, from 1 mrad to 1 microrad below a half turn."""
+    X, A, B = exact_motions(rng, 10, smallest=angle, largest=angle)
+    for name in CLOSED:
+        if name == "4dpa" and np.pi - angle < 1e-3:
+            continue  # its weight sin(angle)^2 vanishes
+        error = np.abs(difference(uq.solve(A, B, method=name), X)).max()
+        assert error < max(1e-11, 3e-14 / min(angle, 1.0) ** 2), name
+
+
+def test_leading_axes(method, rng):
+    _, A, B = noisy_motions(rng, 6, 1e-3, (2, 3))
+    X = method(A, B)
+    assert X.shape == (2, 3, 4, 4)
+    for k in np.ndindex(2, 3):
+        assert np.abs(difference(method(A[k], B[k]), X[k])).max() < (1e-10 if method.form == "closed form" else 1e-7)
+    np.testing.assert_allclose(X[..., :3, :3] @ X[..., :3, :3].mT, np.broadcast_to(np.eye(3), (2, 3, 3, 3)), atol=1e-12)
+
+
+def test_blocks_of_many_pairs_give_the_same_sums(rng):
+    X, A, B = noisy_motions(rng, 20_000, 1e-3)
+    some = (
+        np.stack([A[:5000], A[5000:10_000], A[10_000:15_000]]),
+        np.stack([B[:5000], B[5000:10_000], B[10_000:15_000]]),
+    )
+    for name in ("tsai", "shiu", "andreff", "lu"):
+        whole = uq.solve(A, B, method=name)
+        assert np.abs(difference(whole, X)).max() < 1e-3
+        # twice the same data weigh like once
+        np.testing.assert_allclose(
+            uq.solve(np.tile(A, (2, 1, 1)), np.tile(B, (2, 1, 1)), method=name), whole, atol=1e-12
+        )
+        parts = uq.solve(*some, method=name)
+        for k in range(3):
+            np.testing.assert_allclose(uq.solve(some[0][k], some[1][k], method=name), parts[k], atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_motions_about_one_axis_are_refused(method, rng, angle):
+    """Parallel axes, and no rotation at all."""
+    X = random_transforms(rng)
+    axis = rotation_vectors(rng, ())
+    axis /= np.linalg.norm(axis)
+    R = rotations(axis * (angle * rng.uniform(0.5, 1.5, (6, 1))))
+    B = transforms(R, rng.normal(size=(6, 3)))
+    with pytest.raises(uq.DegenerateMotionError) as caught:
+        method(X @ B @ np.linalg.inv(X), B)
+    assert caught.value.directions.shape[1] == 6 and len(caught.value.directions) >= 2
+
+
+def test_the_problem_that_fails_in_a_batch_is_named(rng):
+    X, A, B = exact_motions(rng, 4, (3,))
+    B[1] = transforms(rotations(np.array([0, 0, 1.0]) * rng.uniform(0.5, 1, (4, 1))), rng.normal(size=(4, 3)))
+    A[1] = X @ B[1] @ np.linalg.inv(X)
+    with pytest.raises(uq.DegenerateMotionError, match="parallel"):
+        uq.solve(A, B, method="park")
+
+
+@pytest.mark.parametrize("away", [0.0, 1e-5])
+def test_tsai_refuses_an_X_of_half_a_turn(rng, away):
+    axis = rotation_vectors(rng, (), 1.0, 1.0)
+    X = transforms(rotations((np.pi - away) * axis), rng.normal(size=3))
+    B = random_transforms(rng, (6,))
+    A = X @ B @ np.linalg.inv(X)
+    with pytest.raises(uq.DegenerateMotionError, match="'tsai' finds no unique X: X turns by 180 degrees"):
+        uq.solve(A, B, method="tsai")
+    for name in CLOSED:
+        if name != "tsai":
+            assert np.abs(difference(uq.solve(A, B, method=name), X)).max() < 1e-9, name
+
+
+def test_shiu_needs_an_axis_of_every_motion(rng):
+    X, A, B = exact_motions(rng, 5)
+    A[2, :3, :3] = B[2, :3, :3] = np.eye(3)
+    A[2, :3, 3] = X[:3, :3] @ B[2, :3, 3]
+    with pytest.raises(uq.DegenerateMotionError, match="a motion in `A` does not rotate"):
+        uq.solve(A, B, method="shiu")
+    for name in CLOSED:
+        if name != "shiu":
+            assert np.abs(difference(uq.solve(A, B, method=name), X)).max() < 1e-9, name
+
+
+def test_half_turns_alone_leave_the_signs_of_axes_open(rng):
+    X, A, B = exact_motions(rng, 6, smallest=np.pi, largest=np.pi)
+    for name in ("tsai", "shiu", "chou", "park", "horaud", "daniilidis", "lu", "condurache", "4dpa"):
+        with pytest.raises(uq.DegenerateMotionError, match="180 degrees"):
+            uq.solve(A, B, method=name)
+    assert np.abs(difference(uq.solve(A, B, method="andreff"), X)).max() < 1e-9
+    assert np.abs(difference(uq.solve(A, B, method="gwak"), X)).max() < 1e-9
+
+
+def test_axes_near_half_turns_keep_their_sign(rng):
+    """Noise moves motions across 180 degrees: without the reference some axis of A or B would flip alone."""
+    X, A, B = exact_motions(rng, 12)
+    B[:6] = random_transforms(rng, (6,), np.pi, np.pi)
+    A[:6] = X @ B[:6] @ np.linalg.inv(X)
+    a, b = (moved(T, 1e-3 * rng.normal(size=(500, 12, 6))) for T in (A, B))
+    q_A, q_B = quaternions(a, b, axis_reference(a, b))
+    alpha, beta = from_quaternions(q_A), from_quaternions(q_B)
+    assert np.abs(alpha - np.einsum("ij,tnj->tni", X[:3, :3], beta)).max() < 0.02
+    naive = quaternions(a, b, None)
+    assert (
+        np.abs(from_quaternions(naive[0]) - np.einsum("ij,tnj->tni", X[:3, :3], from_quaternions(naive[1]))).max() > 6
+    )
+    for name in CLOSED:
+        assert np.abs(difference(uq.solve(a, b, method=name), X)).max() < 0.01, name
+
+
+def test_chou_and_horaud_are_one_estimator(rng):
+    """Two derivations of sum |a - R b|^2 over the vector parts of unit quaternions."""
+    _, A, B = noisy_motions(rng, 30, 0.05, (20,))
+    np.testing.assert_allclose(uq.solve(A, B, method="chou"), uq.solve(A, B, method="horaud"), atol=1e-12)
+
+
+def test_gwak_minimises_the_error_metric(rng):
+    from scipy.optimize import minimize
+
+    _, A, B = noisy_motions(rng, 12, 0.05)
+    X = uq.solve(A, B, method="gwak")
+
+    def cost(xi):
+        T = moved(X, xi)
+        return float(np.sum((A @ T - T @ B) ** 2))
+
+    found = minimize(cost, 1e-2 * rng.normal(size=6), tol=1e-12)
+    assert np.abs(found.x).max() < 1e-6 and cost(np.zeros(6)) <= found.fun + 1e-12
+    for name in CLOSED:  # nobody does better in its own measure
+        assert cost(np.zeros(6)) <= cost(difference(uq.solve(A, B, method=name), X)) + 1e-12
+
+
+def test_an_iteration_that_does_not_end_is_flagged(rng, monkeypatch):
+    from uq_handeye.estimators import gwak
+
+    monkeypatch.setattr(gwak, "ITERATIONS", 1)
+    _, A, B = noisy_motions(rng, 6, 0.05, (3,))
+    estimate = uq.METHODS["gwak"].estimate(A, B)
+    assert not estimate.converged.any() and estimate.X.shape == (3, 4, 4)
+    with pytest.raises(uq.NotConvergedError, match="'gwak' did not converge on 3 of 3 problems") as caught:
+        uq.solve(A, B, method="gwak")
+    np.testing.assert_array_equal(caught.value.partial.X, estimate.X)
+    with pytest.raises(uq.NotConvergedError):
+        uq.calibrate(uq.Motions(A[0], B[0]), method="gwak")
+
+
+# ------------------------------------------------------------------------------------------------ its covariance
+
+
+def brute_force(name, A, B, noise, step):
+    """J Sigma J^T by central differences of the whole estimator on all 12 N inputs."""
+    N, X = len(A), uq.solve(A, B, method=name)
+    weights = noise if uq.METHODS[name].weighted else None
+
+    def of(xi):
+        xi = xi.reshape(-1, 2, N, 6)
+        return difference(uq.METHODS[name].estimate(moved(A, xi[:, 0]), moved(B, xi[:, 1]), weights).X, X)
+
+    J = jacobian(of, 12 * N, step).reshape(6, 2, N, 6)
+    return sum(np.einsum("anj,jk,bnk->ab", J[:, k], S, J[:, k]) for k, S in enumerate((noise.A, noise.B)))
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_the_covariance_is_that_of_brute_force(name, rng):
+    """On exact data; on noisy data too for all that do not take their weights from a linearisation."""
+    if name == "heller":
+        pytest.importorskip("cvxpy")
+    noise = uq.PairNoise(random_covariance(rng), random_covariance(rng))
+    _, A, B = exact_motions(rng, 5)
+    assert_same_covariance(uq.propagate(A, B, noise, method=name), brute_force(name, A, B, noise, 1e-4), 1e-5)
+    if name not in ("nguyen", "heller"):
+        _, A, B = noisy_motions(rng, 5, 0.03)
+        assert_same_covariance(uq.propagate(A, B, noise, method=name), brute_force(name, A, B, noise, 1e-4), 1e-5)
+
+
+@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize("angles", [(0.01, 0.03), (3.0, np.pi)])
+def test_the_covariance_at_extreme_angles(name, angles, rng):
+    noise = uq.PairNoise(random_covariance(rng), random_covariance(rng))
+    _, A, B = exact_motions(rng, 6, smallest=angles[0], largest=angles[1])
+    step = 1e-3 * min(angles[0], np.pi - angles[1] + 0.1)
+    assert_same_covariance(uq.propagate(A, B, noise, method=name), brute_force(name, A, B, noise, step), 1e-4)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("name", ["tsai", "daniilidis", "andreff", "gwak", "condurache", "nguyen"])
+def test_the_pose_aware_covariance_is_that_of_brute_force(name, setup, rng):
+    n = 5
+    _, robot, camera = exact_poses(rng, n, setup)
+    poses = uq.PosePairs(robot, camera, setup)
+    motions = uq.relative_motions(poses, "all")
+    noise = uq.PoseNoise(random_covariance(rng), random_covariance(rng))
+    X = uq.solve(motions.A, motions.B, method=name)
+
+    def of(xi):
+        xi = xi.reshape(-1, 2, n, 6)
+        moved_motions = uq.relative_motions(uq.PosePairs(moved(robot, xi[:, 0]), moved(camera, xi[:, 1]), setup), "all")
+        return difference(uq.METHODS[name].estimate(moved_motions.A, moved_motions.B).X, X)
+
+    J = jacobian(of, 12 * n, 1e-4).reshape(6, 2, n, 6)
+    expected = sum(np.einsum("anj,jk,bnk->ab", J[:, k], S, J[:, k]) for k, S in enumerate((noise.robot, noise.camera)))
+    if name == "nguyen":  # weighted by the noise of each pair in propagate, equally above: only its size is compared
+        ratio = np.linalg.eigvals(np.linalg.solve(expected, uq.propagate(motions, noise, method=name))).real
+        assert 0.2 < ratio.min() < 1.5
+        return
+    assert_same_covariance(uq.propagate(motions, noise, method=name), expected, 1e-5)
+
+
+def test_moments_of_batches_have_covariances_of_their_own(rng):
+    noise = uq.PairNoise(random_covariance(rng), random_covariance(rng))
+    _, A, B = noisy_motions(rng, 6, 0.02, (3,))
+    for name in ("park", "lu"):
+        together = uq.propagate(A, B, noise, method=name)
+        for k in range(3):
+            assert_same_covariance(together[k], uq.propagate(A[k], B[k], noise, method=name), 1e-6)
+
+
+def test_the_X_given_saves_solving_and_changes_nothing(rng, monkeypatch):
+    noise = uq.PairNoise(random_covariance(rng), random_covariance(rng))
+    _, A, B = noisy_motions(rng, 6, 0.02)
+    expected = uq.propagate(A, B, noise, method="gwak")
+    X = uq.solve(A, B, method="gwak")
+    monkeypatch.setattr(MomentSolver, "estimate", None)
+    assert_same_covariance(uq.propagate(A, B, noise, X=X, method="gwak"), expected, 1e-9)
+
+
+def test_what_belongs_to_4dpa_is_refused_elsewhere(rng):
+    _, A, B = exact_motions(rng, 5)
+    noise = uq.PairNoise.isotropic(("1mrad", "1mm"))
+    with pytest.raises(uq.InputError, match="no `scale` with method 'park'"):
+        uq.solve(A, B, method="park", scale=1e4)
+    for extra in ({"scale": 1e4}, {"kind": "literal"}):
+        with pytest.raises(uq.InputError, match="belong to 4dpa"):
+            uq.propagate(A, B, noise, method="park", **extra)
+    with pytest.raises(uq.InputError, match="'park' takes no noise model"):
+        uq.METHODS["park"].estimate(A, B, noise)
+    with pytest.raises(uq.InputError, match=r"calibrate\(\) or ROBOT_WORLD_METHODS\['shah'\]"):
+        uq.solve(A, B, method="shah")
+    for value in ("PARK", None, 3):
+        with pytest.raises(uq.InputError, match="Expected `method` to be one of tsai, shiu"):
+            uq.solve(A, B, method=value)

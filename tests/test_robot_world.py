@@ -1,0 +1,124 @@
+"""W = G X C beside X: exact data, derivatives, statistics, and what is not determined."""
+
+import numpy as np
+import pytest
+from support import (
+    assert_same_covariance,
+    difference,
+    exact_poses,
+    is_consistent,
+    jacobian,
+    moved,
+    random_covariance,
+)
+
+import uq_handeye as uq
+from uq_handeye.robot_world import mean_target
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.2mm"), camera=("1mrad", "0.5mm"))
+ON_POSES = [*uq.ROBOT_WORLD_METHODS]
+
+
+@pytest.fixture(params=["eye-in-hand", "eye-to-hand"])
+def setup(request):
+    return request.param
+
+
+@pytest.mark.parametrize("method", ["4dpa", "park", "lu", *ON_POSES])
+def test_exact_poses(method, setup):
+    poses = uq.simulate(n_poses=8, setup=setup, seed=3)
+    result = uq.calibrate(poses, noise=NOISE, method=method)
+    np.testing.assert_allclose(result.W, poses.truth.W, atol=1e-11)
+    np.testing.assert_allclose(result.X, poses.truth.X, atol=1e-11)
+    assert result.frame_W == ("base_T_target" if setup == "eye-in-hand" else "gripper_T_target")
+    assert result.std_W.shape == (6,) and "covariance_W" in result.to_dict()
+    again = uq.Calibration.from_dict(result.to_dict())
+    np.testing.assert_array_equal(again.covariance_W, result.covariance_W)
+    assert f"{result.frame_W} (" in result.summary()
+
+
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")  # random poses are no usual rig
+@pytest.mark.parametrize("joint", [False, True])
+@pytest.mark.parametrize("method", ["4dpa", "horaud", *ON_POSES])
+def test_the_covariance_of_W_is_that_of_numerical_derivatives(method, setup, joint, rng):
+    n = 5
+    _, robot, camera = exact_poses(rng, n, setup)
+    poses = uq.PosePairs(robot, camera, setup)
+    size = 6 * n if joint else 6
+    noise = uq.PoseNoise(random_covariance(rng), random_covariance(rng, size))
+    result = uq.calibrate(poses, noise=noise, method=method)
+
+    def of(xi):
+        found = []
+        for x in xi.reshape(-1, 2, n, 6):
+            changed = uq.PosePairs(moved(robot, x[0]), moved(camera, x[1]), setup)
+            if method in ON_POSES:
+                found.append(uq.ROBOT_WORLD_METHODS[method](changed).W)
+            else:
+                motions = uq.relative_motions(changed, "all")
+                found.append(mean_target(changed, uq.solve(motions.A, motions.B, method=method)))
+        return difference(np.stack(found), result.W)
+
+    J = jacobian(of, 12 * n, 1e-4).reshape(6, 2, n, 6)
+    expected = np.einsum("anj,jk,bnk->ab", J[:, 0], noise.robot, J[:, 0])
+    if joint:
+        row = J[:, 1].reshape(6, 6 * n)
+        expected += row @ noise.camera @ row.T
+    else:
+        expected += np.einsum("anj,jk,bnk->ab", J[:, 1], noise.camera, J[:, 1])
+    assert_same_covariance(result.covariance_W, expected, 1e-5)
+
+
+@pytest.mark.parametrize("method", ["4dpa", "daniilidis", *ON_POSES])
+def test_statistics_of_W(method, setup):
+    trials, n = 1000, 12
+    poses = uq.simulate(n, noise=NOISE, setup=setup, trials=trials, seed=5)
+    exact = uq.PosePairs(poses.truth.robot, poses.truth.camera, setup)
+    predicted = uq.calibrate(exact, noise=NOISE, method=method)
+    if method in ON_POSES:
+        X, W = uq.ROBOT_WORLD_METHODS[method](poses)
+    else:
+        motions = uq.relative_motions(poses, "all")
+        X = uq.solve(motions.A, motions.B, method=method)
+        W = np.stack([mean_target(uq.PosePairs(poses.robot[k], poses.camera[k], setup), X[k]) for k in range(trials)])
+    for estimate, truth, covariance in (
+        (X, poses.truth.X, predicted.covariance),
+        (W, poses.truth.W, predicted.covariance_W),
+    ):
+        errors = difference(estimate, truth)
+        assert is_consistent(errors, covariance)
+        assert not is_consistent(errors, 1.1**2 * covariance)
+
+
+def test_what_is_not_determined_is_not_given(rng):
+    poses = uq.simulate(n_poses=8, noise=NOISE, seed=1)
+    assert uq.calibrate(poses).W is not None and uq.calibrate(poses).covariance_W is None
+    assert uq.calibrate(poses, noise=NOISE, kind="pairs").covariance_W is None
+    pair_noise = uq.PairNoise.isotropic(A=("1mrad", "1mm"), B=("1mrad", "1mm"))
+    assert uq.calibrate(poses, noise=pair_noise).covariance_W is None
+    motions = uq.relative_motions(poses)
+    alone = uq.calibrate(uq.Motions(motions.A, motions.B), noise=pair_noise)
+    assert alone.W is None and alone.covariance_W is None and alone.frame_W == "W"
+
+
+def test_methods_on_poses_say_what_they_need():
+    poses = uq.simulate(n_poses=8, noise=NOISE, seed=1)
+    motions = uq.relative_motions(poses)
+    with pytest.raises(uq.InputError, match="'shah' solves G X C = W: it needs poses"):
+        uq.calibrate(uq.Motions(motions.A, motions.B), method="shah")
+    with pytest.raises(uq.InputError, match="its covariance needs PoseNoise"):
+        uq.calibrate(poses, noise=NOISE, kind="pairs", method="li")
+    with pytest.raises(uq.InputError, match="no `scale` with method 'li'"):
+        uq.calibrate(poses, method="li", scale=1e4)
+
+
+@pytest.mark.parametrize("method", ON_POSES)
+def test_parallel_axes_are_refused(method, rng):
+    from scipy.spatial.transform import Rotation
+
+    robot = np.tile(np.eye(4), (6, 1, 1))
+    robot[:, :3, :3] = Rotation.from_rotvec(rng.uniform(0, 2, (6, 1)) * [0, 0, 1]).as_matrix()
+    robot[:, :3, 3] = rng.normal(size=(6, 3))
+    poses = uq.PosePairs(robot, np.linalg.inv(robot))
+    with pytest.raises(uq.DegenerateMotionError, match="parallel"):
+        uq.ROBOT_WORLD_METHODS[method](poses)
