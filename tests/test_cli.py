@@ -5,12 +5,14 @@ import os
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import uq_handeye as uq
+from uq_handeye import cli
 
 REPOSITORY = Path(__file__).parent.parent
 NOISE = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
@@ -171,6 +173,81 @@ def test_warnings_go_to_stderr_and_leave_json_alone(session):
     assert len(json.loads(done.stdout)["warnings"]) == done.stderr.count("\n")
 
 
+def test_compare(session, tmp_path):
+    files = session / "robot.csv", session / "camera.csv"
+    done = run("compare", *files, *NOISE, "-o", tmp_path / "out")
+    assert (done.returncode, done.stderr) == (0, "")
+    names = sorted(file.name for file in (tmp_path / "out").iterdir())
+    assert names == [f"comparison.{kind}" for kind in ("csv", "json", "png", "svg")]
+    data = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert [row["method"] for row in data["methods"]] == list(uq.METHODS)
+    assert done.stdout.startswith(f"gripper_T_camera by {len(uq.METHODS)} methods from 66 pairs of 12 poses")
+    assert data["verdict"] in " ".join(done.stdout.split())
+    assert "\x1b" not in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 120
+    assert (tmp_path / "out" / "comparison.csv").read_text().count("\n") == len(uq.METHODS) + 1
+    assert (tmp_path / "out" / "comparison.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_compare_prints_json_or_csv(session):
+    files = session / "robot.csv", session / "camera.csv"
+    some = ("--methods", "park, tsai", "--reference", "chou", "--pairs", "consecutive")
+    data = json.loads(run("compare", *files, *some, "--json").stdout)
+    assert ([row["method"] for row in data["methods"]], data["n_pairs"]) == (["chou", "park", "tsai"], 11)
+    assert data["reference"] == "chou"
+    assert [row["agrees"] for row in data["methods"]] == [None] * 3
+    rows = run("compare", *files, *some, "--csv").stdout.splitlines()
+    assert [row.split(",")[0] for row in rows] == ["method", "chou", "park", "tsai"]
+    for arguments, part in (
+        (["--json", "--csv"], "not both"),
+        (["--methods", "park,magic"], "'magic'"),
+        (["--reference", "magic"], "'magic'"),
+        (["--pairs", "some"], "consecutive"),
+        (["--robot-noise", "1,2"], "unit"),
+    ):
+        done = run("compare", *files, *arguments)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+        assert part in done.stderr
+
+
+def test_compare_keeps_its_table_if_every_method_fails(session, tmp_path):
+    line = (session / "robot.csv").read_text().splitlines()
+    fields = line[1].split(",")
+    rows = [",".join([row.split(",")[0], *row.split(",")[1:4], *fields[4:]]) for row in line[1:]]
+    (tmp_path / "robot.csv").write_text("\n".join([line[0], *rows]) + "\n")
+    done = run("compare", tmp_path / "robot.csv", session / "camera.csv", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert f"None of the {len(uq.METHODS)} methods gave a result" in done.stdout
+    assert all(f"\n{name} " in done.stdout for name in uq.METHODS)
+    errors = [line for line in done.stderr.splitlines() if not line.startswith("uq-handeye: warning: ")]
+    assert errors == ["uq-handeye: error: Every method failed; the table says why."]
+    assert (tmp_path / "out" / "comparison.png").exists()
+
+
+def test_compare_prints_its_table_even_if_it_cannot_write(session):
+    done = run("compare", session / "robot.csv", session / "camera.csv", "-o", session / "robot.csv")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "4dpa" in done.stdout
+
+
+def test_no_convergence_is_one_line(monkeypatch, capsys, session):
+    def give_up(*_, **__):
+        raise uq.NotConvergedError("Method 'gwak' did not converge\nwithin 100 iterations.")
+
+    monkeypatch.setattr(cli, "calibrate", give_up)
+    with warnings.catch_warnings(), pytest.raises(SystemExit) as end:
+        cli.main(["calibrate", str(session / "robot.csv"), str(session / "camera.csv"), "--method", "gwak"])
+    assert end.value.code == 2
+    expected = "uq-handeye: error: Method 'gwak' did not converge within 100 iterations.\n"
+    assert capsys.readouterr() == ("", expected)
+
+
+def test_help_names_the_methods():
+    for command in ("calibrate", "compare"):
+        shown = "".join(run(command, "--help").stdout.split())
+        assert ",".join(uq.METHODS) in shown
+
+
 def test_pipe_that_closes_early():
     program = "from uq_handeye.cli import main; main()"
     with subprocess.Popen(
@@ -213,7 +290,7 @@ def test_overflow_and_seed(session):
 
 def test_help_has_examples():
     assert run().stdout == run("--help").stdout
-    for command in ("calibrate", "demo", "simulate"):
+    for command in ("calibrate", "compare", "demo", "simulate"):
         done = run(command, "--help")
         assert done.returncode == 0
         assert f"Example: uq-handeye {command}" in done.stdout

@@ -18,7 +18,7 @@ from .all_pairs import AllPairs
 from .errors import DegenerateMotionError, InputError, InputWarning
 from .estimators import solve
 from .estimators.method import require_converged
-from .estimators.registry import ROBOT_WORLD_METHODS, find
+from .estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise, PoseNoise, checked_covariance, require_count
@@ -28,7 +28,7 @@ from .poses import SETUPS, TARGETS, PosePairs
 from .procrustes import octonion
 from .propagation import covariance_of_poses, noise_of_pairs, pose_sensitivities, propagate
 from .residuals import Residuals, residuals, summarise
-from .robot_world import mean_target, target_sensitivities
+from .robot_world import mean_target, target_by_X, target_sensitivities
 from .se3 import Array, as_transforms, inverse, inverse_jacobian
 from .sensitivity import pose_from_octonion_jacobian
 
@@ -388,6 +388,11 @@ def calibrate(
         require_signal(motions, noise, angle)
         if pose_noise is not None:
             covariance, covariance_W = (covariance_of_poses(D, pose_noise) for D in (fit.by_error, fit.by_error_W))
+            if poses is not None and method in METHODS and not METHODS[method].smooth:
+                # what is uncorrelated with the errors of the poses reaches W through X alone
+                rest = propagate(motions, pose_noise, X=X, method=method) - covariance
+                J = target_by_X(poses, X)
+                covariance, covariance_W = covariance + rest, covariance_W + J @ rest @ J.T
         elif noise is not None:
             covariance = propagate(motions, noise=noise, X=X, method=method, scale=scale, kind=kind)
     except InputError:

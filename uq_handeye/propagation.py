@@ -19,14 +19,14 @@ so that this can be shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .estimators.method import Derivatives, require_converged
-from .estimators.registry import find
+from .estimators.method import Derivatives, ErrorFactors, Method, SolverWithCovariance, require_converged
+from .estimators.registry import METHODS, find
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise, factor, is_joint, marginals, require_count
 from .octonion_covariance import PAPER_SCALE, literal_covariance
@@ -46,6 +46,8 @@ from .sensitivity import LimitDerivatives, ScaledDerivatives, cross_rows, linear
 
 # Pairs whose derivatives are held at once, about 2 kB each: larger blocks cost more in fresh pages than they save.
 BLOCK = 1024
+# Pairs times error components of their poses, beyond which not every two pairs are compared.
+MOST_SHARED = 5_000_000
 
 _EYE = np.eye(3)
 
@@ -103,6 +105,8 @@ def propagate(
     if kind == "literal":
         assert isinstance(problem.noise, PairNoise)  # _data_side has seen to it
         S = literal_covariance(problem.A, problem.B, problem.noise, problem.X, PAPER_SCALE if scale is None else scale)
+    elif method in METHODS and not METHODS[method].smooth:
+        S = _beyond_derivatives(problem, METHODS[method], kind)
     else:
         S = np.concatenate(problem.each(lambda side, Q: np.asarray(Q @ side.covariance() @ Q.mT)))
     return (0.5 * (S + S.mT)).reshape(*problem.batch, 6, 6)
@@ -128,6 +132,7 @@ class _Problem(NamedTuple):
     B: Array
     X: Array | None
     noise: Noise
+    weights: PairNoise | None  # the noise of each pair alone, where the method asks for it
     start: Start
     derivatives: Callable[[slice], Derivatives]
     again: Callable[[slice], Derivatives] | None  # after the second look at odd values
@@ -174,6 +179,7 @@ def _problem(
             raise InputError(f"Expected `X` to have shape {(*batch, 4, 4)} or (4, 4), got {X.shape}.") from error
     flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
     again: Callable[[slice], Derivatives] | None = None
+    weights: PairNoise | None = None
     derivatives: Callable[[slice], Derivatives]
     if method != "4dpa":
         found = find(method)
@@ -183,11 +189,10 @@ def _problem(
             )
         as_transforms(A, "A")
         as_transforms(B, "B")
-        weights = None
-        if found.weighted:
+        if found.weighted or not found.smooth:
             weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(_made_from_poses(motions), noise)
         if X is None:
-            X = require_converged(found, found.estimate(flat_A, flat_B, weights)).X
+            X = require_converged(found, found.estimate(flat_A, flat_B, weights if found.weighted else None)).X
         derivatives = found.solver.derivatives(flat_A, flat_B, weights, X)
     elif scale is not None:
         linear = linearised(solve_scaled(A, B, scale), X, scale)
@@ -197,7 +202,27 @@ def _problem(
         # the limit checks the values of A and B on the way; if they look odd, once more and with names
         derivatives = lambda trials: LimitDerivatives(at[trials], motions is not None)  # noqa: E731
         again = lambda trials: LimitDerivatives(at[trials], True)  # noqa: E731
-    return _Problem(batch, flat_A, flat_B, X, noise, start, derivatives, again)
+    return _Problem(batch, flat_A, flat_B, X, noise, weights, start, derivatives, again)
+
+
+def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> Array:
+    """The covariances (T, 6, 6) of an X that is no smooth function of the data."""
+    solver = cast(SolverWithCovariance, method.solver)
+    assert problem.X is not None and problem.weights is not None
+    found = []
+    for t, (A, B, X) in enumerate(zip(problem.A, problem.B, problem.X, strict=True)):
+        noise: PairNoise | ErrorFactors = problem.weights
+        if isinstance(problem.noise, PoseNoise) and kind != "pairs":
+            side = problem.start(slice(t, t + 1))
+            assert isinstance(side, _Shared)
+            if len(A) * side.count > MOST_SHARED:
+                raise InputError(
+                    f"The covariance of method {method.name!r} compares every two residuals of pairs that share poses; "
+                    f"{len(A)} pairs are too many. Choose fewer pairs, or kind='pairs', which takes them as independent."
+                )
+            noise = side.factors()
+        found.append(solver.covariance(A, B, X, noise))
+    return np.stack(found)
 
 
 # ------------------------------------------------------------------------ noise carried through the derivatives
@@ -347,6 +372,37 @@ class _Shared(_OnPoses):
     def covariance(self) -> Array:
         return covariance_of_poses(self.by_error(), self.model)
 
+    @property
+    def count(self) -> int:
+        """Number of error components of all poses."""
+        return 6 * self.sums[0].shape[1] * sum(covariance is not None for covariance in self.noise)
+
+    def factors(self) -> ErrorFactors:
+        """``d (xi_A, xi_B) / dz`` (m, 12, k) of pairs of the first trial, z independent standard normal."""
+        n = self.sums[0].shape[1]
+        of_poses: list[Array | None] = []  # (n, 6, 6n) each
+        for by_pose, covariance in zip(self.by_pose, self.noise, strict=True):
+            if covariance is None:
+                of_poses.append(None)
+                continue
+            L = np.broadcast_to(factor(covariance), (n, 6, 6)) if not is_joint(covariance) else None
+            whole = block_diagonal(L) if L is not None else factor(covariance)
+            of_poses.append(by_pose[0] @ whole.reshape(n, 6, 6 * n))
+
+        def of_pairs(pairs: slice) -> Array:
+            i, j = self.pairs[pairs].T
+            unit = np.broadcast_to(np.eye(6)[:, :, None, None], (6, 6, 1, len(i)))
+            found = np.zeros((len(i), 12, self.count))
+            first = 0
+            for side, L in enumerate(of_poses):
+                if L is not None:
+                    D = self.by_difference(unit, side, pairs)[:, :, 0].transpose(2, 0, 1)
+                    found[:, 6 * side : 6 * side + 6, first : first + 6 * n] = D @ (L[i] - L[j])
+                    first += 6 * n
+            return found
+
+        return of_pairs
+
 
 def pose_twists(poses: PosePairs, trials: slice) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """The frames P = G and P = inv(C), each (T, n, 4, 4), and d zeta / d xi of their left twists, (T, n, 6, 6).
@@ -376,6 +432,14 @@ def covariance_of_poses(by_error: Iterable[Array | None], noise: PoseNoise) -> A
             result = result + (row @ covariance @ row.mT if is_joint(covariance) else row @ row.mT)
     result = np.asarray(result)
     return np.asarray(0.5 * (result + result.mT))
+
+
+def block_diagonal(blocks: Array) -> Array:
+    """(n, 6, 6) -> (6n, 6n)."""
+    n = len(blocks)
+    whole = np.zeros((n, 6, n, 6))
+    whole[np.arange(n), :, np.arange(n)] = blocks
+    return whole.reshape(6 * n, 6 * n)
 
 
 def _incidence(pairs: NDArray[np.intp], n: int) -> Any:

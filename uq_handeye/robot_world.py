@@ -33,12 +33,18 @@ def mean_target(poses: PosePairs, X: Array) -> Array:
     return W
 
 
+def target_by_X(poses: PosePairs, X: Array) -> Array:
+    """The mean of J_X (6, 6): ``d xi_W / d xi_X`` of `mean_target`."""
+    R_G = poses.effective_robot[:, :3, :3]
+    return np.asarray(block(R_G, 0.0, -R_G @ skew(poses.camera[:, :3, 3] @ X[:3, :3].T), R_G).mean(axis=0))
+
+
 def target_sensitivities(poses: PosePairs, X: Array, D: Sequence[Array | None]) -> list[Array | None]:
     """``d xi_W / d xi_k`` (n, 6, 6) of `mean_target`; ``D`` holds those of X, by robot and by camera poses."""
     G, C, n = poses.effective_robot, poses.camera, poses.n
     R_G, R_X = G[:, :3, :3], X[:3, :3]
     lever = C[:, :3, 3] @ R_X.T  # R_X t_C
-    J_X = block(R_G, 0.0, -R_G @ skew(lever), R_G).mean(axis=0)
+    J_X = target_by_X(poses, X)
     reach = (R_G @ (lever + X[:3, 3])[..., None])[..., 0]
     J_G = block(_EYE, 0.0, -skew(reach), _EYE)
     if poses.setup == "eye-to-hand":

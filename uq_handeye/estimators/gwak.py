@@ -9,8 +9,8 @@ iterations:
 The publication descends along exponentials by gradient and Newton steps. Here: Newton's method with the exact Hessian
 in (theta, tau), started at `andreff`'s X. Where the Hessian is not positive definite, or a step does not lower f, it is
 damped as in Levenberg's method. Converged means that the next step is below 1e-12 rad and 1e-12 typical translations,
-or that f no longer falls within rounding at a step below 1e-7. The minimum is a local one; the result depends on the
-unit of length.
+or that f no longer falls within rounding at an undamped step below 1e-7. The minimum is a local one; the result depends
+on the unit of length.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _PAIRS = 0.5 * (_TURNS[:, None] @ _TURNS[None] + _TURNS[None] @ _TURNS[:, None])
 
 
 def _solution(moments: Moments, N: int) -> Estimate:
-    start = andreff.METHOD.solver.solution(moments, N).X  # type: ignore[attr-defined]
+    start = andreff.unrefined(moments, N).X
     return _descend(*normal_equations(moments[0], N), start)
 
 
@@ -52,6 +52,10 @@ def _descend(G: Array, g: Array, start: Array) -> Estimate:
     iterations = np.zeros(T, dtype=np.intp)
     damping = np.zeros(T)
     value = _value(G, g, X)
+    x = np.abs(_entries(X))
+    size = np.einsum("ti,tij,tj->t", x, np.abs(G), x) + 2.0 * np.einsum(
+        "ti,ti->t", np.abs(g), x
+    )  # of what cancels in f
     active = np.arange(T)
     for count in range(1, ITERATIONS + 1):
         gradient, hessian = _slopes(G[active], g[active], X[active])
@@ -65,10 +69,12 @@ def _descend(G: Array, g: Array, start: Array) -> Estimate:
         length = np.abs(step).max(axis=1)
         moved = _move(X[active], step * s)
         trial = _value(G[active], g[active], moved)
-        rounding = 1e-13 * (np.abs(value[active]) + np.abs(g[active]).sum(axis=1))
+        rounding = 1e-14 * size[active]
         better = trial <= value[active] + rounding
         iterations[active] = count
-        ends = better & ((length < STEP) | ((length < ROUNDED_STEP) & (value[active] - trial < rounding)))
+        ends = (
+            better & (floor == 0.0) & ((length < STEP) | ((length < ROUNDED_STEP) & (value[active] - trial < rounding)))
+        )
         ends &= curvature[:, 0] > 0
         X[active[better]], value[active[better]] = moved[better], trial[better]
         damping[active] = np.where(better, damping[active] / 10.0, np.maximum(4.0 * floor, 1e-3 * curvature[:, -1]))

@@ -46,3 +46,14 @@ def normal_equations(moments: Array, N: int) -> tuple[Array, Array]:
     G[:, 9:, 9:] = -sum_A - sum_A.mT  # sum (I - R_A)^T (I - R_A)
     g = np.concatenate([t_A[:, :, 9:12].reshape(T, 9), -one[:, 13:]], axis=1)
     return G, g
+
+
+def residual_gradient(A: Array, B: Array, x: Array) -> Array:
+    """Half the gradient (T, 12) of the sum of squares at x, from the residuals of motions (T, m, 4, 4) themselves."""
+    R, t = x[:, None, :9].reshape(-1, 1, 3, 3), x[:, None, 9:, None]
+    D_A, R_B, t_B = A[..., :3, :3] - _EYE, B[..., :3, :3], B[..., :3, 3:]
+    turned = R @ R_B.mT
+    of_R = D_A @ turned + turned - R  # R_A R R_B^T - R
+    of_t = R @ t_B - D_A @ t - A[..., :3, 3:]
+    by_R = (D_A.mT @ of_R @ R_B + of_R @ R_B - of_R + of_t @ t_B.mT).sum(axis=1)
+    return np.concatenate([by_R.reshape(-1, 9), -(D_A.mT @ of_t).sum(axis=1)[..., 0]], axis=1)

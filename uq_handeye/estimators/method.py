@@ -67,6 +67,16 @@ class Solver(Protocol):
     def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]: ...
 
 
+# d (xi_A, xi_B) / dz (m, 12, k) of some pairs, for independent standard normal z
+ErrorFactors = Callable[[slice], Array]
+
+
+class SolverWithCovariance(Solver, Protocol):
+    """A method whose X is no smooth function of the data, so that derivatives alone do not give its covariance."""
+
+    def covariance(self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors) -> Array: ...
+
+
 @dataclass(frozen=True)
 class Method:
     """A published estimator of X: ``method(A, B) -> X`` over leading batch axes.
@@ -86,7 +96,8 @@ class Method:
     singular: str  # when it has no answer, beyond what AX = XB itself leaves open
     solver: Solver = field(repr=False)
     extra: str | None = None  # the optional extra of the package that it needs
-    weighted: bool = False  # whether it uses a noise model
+    weighted: bool = False  # whether X depends on the noise model
+    smooth: bool = True  # X is differentiable; else the solver has a `covariance`, and derivatives in the mean alone
 
     @property
     def reference(self) -> str:

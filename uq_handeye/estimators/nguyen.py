@@ -7,8 +7,8 @@ data, independent from pair to pair. Two errors-in-variables problems, one after
     rotation      measured alpha_k, beta_k (rotation vectors of A and B);        alpha_k = R beta_k
     translation   measured R_Ak (refined by the rotation), q_k = R t_Bk - t_Ak;  q_k = (R_Ak - I) t
 
-each with one latent quantity per pair: the true ``beta_k``, then the true ``R_Ak``. The published Gauss-Newton iterations
-carry the latents along and eliminate them by a Schur complement; here they are eliminated in closed form. With
+each with one latent quantity per pair: the true ``beta_k``, then the true ``R_Ak``. The published Gauss-Newton
+iterations carry the latents along and eliminate them by a Schur complement; here it is done in closed form. With
 
     S_a = J_l(alpha)^-1 Sigma_RA J_l(alpha)^-T (S_b alike),   Q = S_a + R S_b R^T,   r = alpha - R beta
 
@@ -35,6 +35,7 @@ Arrays inside hold the pairs last, (T, entries, m): NumPy is fastest on long row
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple, NoReturn
 
 import numpy as np
@@ -45,33 +46,37 @@ from ..errors import DegenerateMotionError, InputError
 from ..noise import PairNoise, require_count
 from ..procrustes import DEGENERATE, NO_ROTATION, as_pairs, infinite_directions, orthonormalise, trial_blocks
 from ..se3 import Array, as_transforms
+from .method import Derivatives, Estimate, Method
 
 CrossTerm = Literal["derived", "published"]
 Stop = Literal["scaled", "published"]
 
 # Pairs that are worked on at once, about 2 kB each.
-BLOCK = 2048
+BLOCK = 4096
 # 'scaled': a step below this many standard deviations ends the iteration.
 TOLERANCE = 1e-8
 # 'published': steps in rad and in the length unit of the data, and iterations at most.
 PUBLISHED_ROTATION, PUBLISHED_TRANSLATION, PUBLISHED_ITERATIONS = 1e-10, 1e-5, 10
-# Relative rise of the sum of squares that is no reason to go back: rounding in the first stage; in the second, the
-# sum is that of the linearised latents, which change it a little from step to step.
-RISE_ROTATION, RISE_TRANSLATION = 1e-10, 1e-2
+# Relative rise of the sum of squares that is taken as rounding.
+ROUNDING = 1e-7
 # Determinant over that of the isotropic matrix of the same trace, below which a 3x3 inverse is left to LAPACK.
 FLAT = 1e-7
 # Steps (standard deviations) below which one that is no shorter than the last is rounding.
-STALLED = 1e-3
+STALLED = 1e-5
+# Steps of the second stage that turn round without shrinking by this factor are damped.
+SWING = 0.3
 # Ratio of eigenvalues below which a covariance is singular.
 SINGULAR = 1e-13
+# Added to squared angles, so that 0 / 0 does not come up.
+TINY = 1e-300
 # Motions beyond this angle (rad) may have lost the sign of their axis to noise.
 NEAR_HALF_TURN = 2.8
 
-_ROWS, _COLUMNS = [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]  # of the packed entries
-_PACK = [0, 4, 8, 5, 2, 1]
-_PACK_TRANSPOSED = [0, 4, 8, 7, 6, 3]
-_UNPACK = [0, 5, 4, 5, 1, 3, 4, 3, 2]
-_COFACTOR = [1, 2, 0, 4, 5, 3], [2, 0, 1, 5, 3, 4], [3, 4, 5, 0, 1, 2], [3, 4, 5, 3, 4, 5]
+# Arrays and `take`, which is several times faster than a list between brackets.
+_ROWS, _COLUMNS = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])  # of the packed entries
+_PACK, _PACK_TRANSPOSED = np.array([0, 4, 8, 5, 2, 1]), np.array([0, 4, 8, 7, 6, 3])
+_UNPACK = np.array([0, 5, 4, 5, 1, 3, 4, 3, 2])
+_COFACTOR = np.array([[1, 2, 0, 4, 5, 3], [2, 0, 1, 5, 3, 4], [3, 4, 5, 0, 1, 2], [3, 4, 5, 3, 4, 5]])
 _EYE = np.eye(3)
 # [v]x, row by row, is _CROSS v; the axial part of sum a b^T is sum a x b.
 _CROSS = np.zeros((9, 3))
@@ -185,7 +190,7 @@ def _solve(
     X[:, :3, :3] = turn.R
     X[:, 3, 3] = 1.0
     refined = _refined(data.S_a, turn.a, turn.W)
-    moved = _translation_data(data, turn.R, refined, np.linalg.inv(turn.F), cross_term)
+    moved = _translation_data(data, turn.R, refined, _inv(turn.F), cross_term)
     shift = _translation_stage(moved, rule, cross_term)
     X[:, :3, 3] = shift.t
     return NguyenResult(
@@ -306,23 +311,26 @@ def _inverse_jacobian(v: Array, squares: Array) -> Array:
 def _rotation(v: Array) -> Array:
     """``exp([v]x)``: (..., 3, m) -> (..., 3, 3, m)."""
     squares = np.einsum("...im,...im->...m", v, v)
-    turns = np.sqrt(squares) / np.pi
-    first = 0.5 * np.sinc(0.5 * turns) ** 2
-    return _of_axis(1.0 - first * squares, np.sinc(turns), first, v)
+    sinc, first = _sinc(squares)
+    return _of_axis(1.0 - first * squares, sinc, first, v)
+
+
+def _sinc(squares: Array) -> tuple[Array, Array]:
+    """``sin(a) / a`` and ``(1 - cos a) / a^2`` of ``a^2``."""
+    half = 0.5 * np.sqrt(squares + TINY)
+    sine = np.sin(half) / half
+    return np.cos(half) * sine, 0.5 * sine * sine
 
 
 def _exponential(v: Array) -> tuple[Array, Array]:
     """``exp([v]x)`` and ``J_l(v)``: (..., 3, m) -> (..., 3, 3, m) each."""
     squares = np.einsum("...im,...im->...m", v, v)
-    angle = np.sqrt(squares)
-    first = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # (1 - cos a) / a^2
-    large = angle > 0.5
-    safe = np.where(large, angle, 1.0)
-    second = (safe - np.sin(safe)) / safe**3
+    sinc, first = _sinc(squares)
+    large = squares > 0.25
+    second = (1.0 - sinc) / np.where(large, squares, 1.0)  # (a - sin a) / a^3
     if not large.all():
         s = squares
         second = np.where(large, second, 1 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110))))
-    sinc = 1.0 - squares * second
     return _of_axis(1.0 - first * squares, sinc, first, v), _of_axis(sinc, first, second, v)
 
 
@@ -335,16 +343,19 @@ def _inverse(S: Array, what: str, singular_raises: bool = True) -> tuple[Array, 
     By cofactors where these are accurate. Raises `InputError` for a singular one unless told not to.
     """
     i, j, k, m = _COFACTOR
-    inverse = S[:, i] * S[:, j]
-    inverse -= S[:, k] * S[:, m]
+    inverse = S.take(i, axis=1)
+    inverse *= S.take(j, axis=1)
+    subtracted = S.take(k, axis=1)
+    subtracted *= S.take(m, axis=1)
+    inverse -= subtracted
     # cofactors (xx, yy, zz, yz, xz, xy): det = xx C_xx + xy C_xy + xz C_xz
     determinant = S[:, 0] * inverse[:, 0] + S[:, 5] * inverse[:, 5] + S[:, 4] * inverse[:, 4]
     third = (S[:, 0] + S[:, 1] + S[:, 2]) / 3.0
-    bad = None
+    bad: NDArray[np.bool_] | None = None
     if (determinant > FLAT * third * third * third).all():
         inverse /= determinant[:, None]
     else:
-        full = np.moveaxis(S[:, _UNPACK].reshape(len(S), 3, 3, -1), 3, 1)
+        full = np.moveaxis(_unpacked(S), 3, 1)
         values, vectors = np.linalg.eigh(full)
         regular = values[..., 0] > SINGULAR * values[..., 2]
         if not regular.all():
@@ -353,41 +364,45 @@ def _inverse(S: Array, what: str, singular_raises: bool = True) -> tuple[Array, 
                     f"Expected `noise` with covariances of `A` and `B` of which at least one is regular in {what}, got "
                     f"a combined covariance with eigenvalues {values[~regular][0].tolist()}; weights would be infinite."
                 )
-            bad = ~regular.all(axis=-1)
+            bad = np.asarray(~regular.all(axis=-1))
         W = (vectors / values[..., None, :]) @ vectors.mT
         inverse = W.reshape(*W.shape[:2], 9)[..., _PACK].swapaxes(1, 2)
     return inverse, bad
 
 
+def _inv(M: Array) -> Array:
+    return np.asarray(np.linalg.inv(M), dtype=float)
+
+
 def _unpacked(S: Array) -> Array:
     """(T, 6, m) -> (T, 3, 3, m)."""
-    return S[:, _UNPACK].reshape(len(S), 3, 3, -1)
+    return S.take(_UNPACK, axis=1).reshape(len(S), 3, 3, -1)
 
 
 def _packed(S: Array) -> Array:
     """(T, 3, 3, m), symmetric -> (T, 6, m)."""
-    return S.reshape(len(S), 9, -1)[:, _PACK]
+    return S.reshape(len(S), 9, -1).take(_PACK, axis=1)
 
 
 def _carried(R: Array, S: Array) -> Array:
     """Packed ``R S R^T`` (T, 6, m) of S (T, 3, 3, m)."""
-    by_entry = R[:, _ROWS, :, None] * R[:, _COLUMNS, None, :]
+    by_entry = R.take(_ROWS, axis=1)[:, :, :, None] * R.take(_COLUMNS, axis=1)[:, :, None, :]
     return np.asarray(by_entry.reshape(len(R), 6, 9) @ S.reshape(len(S), 9, -1))
 
 
 def _times(M: Array, v: Array) -> Array:
     """``M v`` per pair: (T, 3, 3, m), (T, 3, m) -> (T, 3, m)."""
-    return np.einsum("tijm,tjm->tim", M, v)
+    return np.asarray(np.einsum("tijm,tjm->tim", M, v))
 
 
 def _product(M: Array, N: Array) -> Array:
     """``M N`` per pair, (T, 3, 3, m)."""
-    return np.einsum("tijm,tjkm->tikm", M, N)
+    return np.asarray(np.einsum("tijm,tjkm->tikm", M, N))
 
 
 def _product_transposed(M: Array, N: Array) -> Array:
     """``M N^T`` per pair, (T, 3, 3, m)."""
-    return np.einsum("tijm,tkjm->tikm", M, N)
+    return np.asarray(np.einsum("tijm,tkjm->tikm", M, N))
 
 
 def _cross(v: Array) -> Array:
@@ -426,9 +441,9 @@ def _raise_undetermined(U: Array, s: Array, eigenvalues: Array, N: int, at: str)
     axes = " and ".join(str((np.round(axis, 3) + 0.0).tolist()) for axis in lost)
     if s[1] <= DEGENERATE * s[0]:
         message = (
-            f"The motions do not determine X{at}: all rotation axes are parallel to {axes} in the frame of `A`. Neither "
-            "the rotation of X about this axis nor its translation along it is observable. Add motions that turn "
-            "about another axis."
+            f"The motions do not determine X{at}: all rotation axes are parallel to {axes} in the frame of `A`. "
+            "Neither the rotation of X about this axis nor its translation along it is observable. Add motions that "
+            "turn about another axis."
         )
     else:
         message = (
@@ -459,14 +474,14 @@ def _at_rotation(data: _Measured, R: Array) -> tuple[Array, Array, Array, Array,
     weighted = _times(W, r)
     a = data.alpha - _times(data.S_a, weighted)
     g = (a @ weighted.mT).reshape(-1, 9) @ _CROSS
-    moments = (a[:, _ROWS] * a[:, _COLUMNS]) @ packed.mT
+    moments = (a.take(_ROWS, axis=1) * a.take(_COLUMNS, axis=1)) @ packed.mT
     F = (moments.reshape(-1, 36) @ _INFORMATION.T).reshape(-1, 3, 3)
     return np.einsum("tim,tim->t", r, weighted), -g, F, a, W
 
 
 def _rotation_stage(data: _Measured, R: Array, rule: _Rule) -> _Turn:
     T, _, m = data.alpha.shape
-    descent = _Descent(T, rule, PUBLISHED_ROTATION, RISE_ROTATION)
+    descent = _Descent(T, rule, PUBLISHED_ROTATION)
     result = R.copy(), np.empty((T, 3, 3)), np.empty((T, 3, m)), np.empty((T, 3, 3, m))
     before = R
     while True:
@@ -492,69 +507,101 @@ def _rotation_stage(data: _Measured, R: Array, rule: _Rule) -> _Turn:
 class _Descent:
     """Gauss-Newton steps of the trials that have not yet ended: damped, counted, and judged.
 
-    A full step ``F^-1 g`` is taken unless it raised the sum of squares, which is then undone and tried again with more
-    damping, ``(F + d diag F)^-1 g``. Convergence is judged by the full step alone.
+    The full step is ``F^-1 g``, a damped one ``(F + d diag F)^-1 g``. In the first stage a step that raised the sum of
+    squares is undone and tried again with more damping. In the second, where the sum is known for linearised latents
+    only, damping grows while the steps swing to and fro. Convergence is judged by the full step alone.
     """
 
-    def __init__(self, T: int, rule: _Rule, published: float, rise: float) -> None:
-        self.rule, self.published, self.rise = rule, published, rise
-        self.trials = np.arange(T)
+    def __init__(self, T: int, rule: _Rule, published: float) -> None:
+        self.rule, self.published = rule, published
+        self.trials: NDArray[np.intp] = np.arange(T)
         self.converged = np.zeros(T, dtype=bool)
         self.iterations = np.zeros(T, dtype=np.intp)
         self.count = 0
-        self.squares = self.length = np.full(T, np.inf)
-        self.damping = np.zeros(T)
-        self.gradient = self.information = np.empty(0)
-        self.accepted: NDArray[np.bool_] | bool = True
+        self.squares: Array = np.full(T, np.inf)
+        self.length: Array = self.squares
+        self.damping: Array = np.zeros(T)
+        self.gradient = self.information = self.last = np.empty(0)
+        self.rejected: NDArray[np.bool_] | None = None
+
+    def note(self, gradient: Array, information: Array) -> None:
+        """Take note of the state reached."""
+        self.count += 1
+        self.gradient, self.information, self.rejected = gradient, information, None
 
     def judge(self, squares: Array, gradient: Array, information: Array) -> NDArray[np.bool_] | None:
         """Take note of the state reached, or tell which trials are to go back to the state before."""
-        self.count += 1
-        rejected = ~(squares <= (1.0 + self.rise) * self.squares + TOLERANCE**2)
+        before = self.gradient, self.information
+        self.note(gradient, information)
+        rejected = ~(squares <= (1.0 + ROUNDING) * self.squares + TOLERANCE**2)
         if self.rule.stop == "published" or self.count == 1 or not rejected.any():
-            self.squares, self.gradient, self.information, self.accepted = squares, gradient, information, True
+            self.squares = squares
             if self.damping.any():
-                self.damping = np.where(self.damping > 1e-3, 0.1 * self.damping, 0.0)
+                self.damping = _less(self.damping)
             return None
-        self.accepted = ~rejected
         self.squares = np.where(rejected, self.squares, squares)
-        self.gradient = np.where(rejected[:, None], self.gradient, gradient)
-        self.information = np.where(rejected[:, None, None], self.information, information)
-        less = np.where(self.damping > 1e-3, 0.1 * self.damping, 0.0)
-        self.damping = np.where(rejected, np.maximum(10.0 * self.damping, 1e-2), less)
+        self.gradient = np.where(rejected[:, None], before[0], gradient)
+        self.information = np.where(rejected[:, None, None], before[1], information)
+        self.damping = np.where(rejected, np.maximum(10.0 * self.damping, 1e-2), _less(self.damping))
+        self.rejected = rejected
         return rejected
 
-    def step(self, impossible: NDArray[np.bool_] | None = None) -> tuple[Array, NDArray[np.bool_]]:
-        """The step (T, 3) from the state held, and which trials end with it; impossible ones without convergence."""
-        F, g = self.information, self.gradient[:, :, None]
-        step = np.linalg.solve(F, g)[:, :, 0]
-        if self.rule.stop == "published":
-            converged = np.sqrt((step * step).sum(axis=-1)) < self.published
-        else:
-            length = np.sqrt(np.maximum((step * self.gradient).sum(axis=-1), 0.0))  # in standard deviations
-            # Near the minimum, a step that is no shorter than the last one is rounding.
-            stalled = (length < STALLED) & (length >= self.length) & self.accepted
-            converged = (length < TOLERANCE) | stalled
-            self.length = length
-            if self.damping.any():
-                diagonal = np.einsum("tii->ti", F)[:, :, None] * _EYE
-                damped = np.linalg.solve(F + self.damping[:, None, None] * diagonal, g)[:, :, 0]
-                step = np.where(converged[:, None], step, damped)
-        ended = converged | (self.count >= self.rule.most)
+    def step(self) -> tuple[Array, NDArray[np.bool_]]:
+        """The step (T, 3) of the first stage, and which trials end with it."""
+        step, length, converged = self._full_step()
+        return self._ended(self._damped(step, converged), length, converged)
+
+    def relaxed_step(self, impossible: NDArray[np.bool_] | None) -> tuple[Array, NDArray[np.bool_]]:
+        """The step (T, 3) of the second stage, and which trials end with it; impossible ones without convergence."""
+        step, length, converged = self._full_step()
+        if self.rule.stop == "scaled" and self.count > 2:
+            swings = (length > SWING * self.length) & ((self.last * self.gradient).sum(axis=-1) < 0)
+            if swings.any() or self.damping.any():
+                self.damping = np.where(swings, np.clip(2.0 * self.damping, 0.5, 8.0), 0.7 * self.damping)
         if impossible is not None:
             converged &= ~impossible
-            ended = converged | (impossible & (self.count >= PUBLISHED_ITERATIONS)) | (self.count >= self.rule.most)
+        step, ended = self._ended(self._damped(step, converged), length, converged)
+        self.last = step
+        if impossible is not None:
+            ended |= impossible & (self.count >= PUBLISHED_ITERATIONS)
+        return step, ended
+
+    def _full_step(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """The full step, its length in standard deviations, and whether it is so short that the iteration converged."""
+        step = np.asarray(np.linalg.solve(self.information, self.gradient[:, :, None])[:, :, 0], dtype=float)
+        length = np.sqrt(np.maximum((step * self.gradient).sum(axis=-1), 0.0))
+        if self.rule.stop == "published":
+            return step, length, np.sqrt((step * step).sum(axis=-1)) < self.published
+        # Near the minimum, a step that is no shorter than the last one is rounding.
+        stalled = (length < STALLED) & (length >= self.length)
+        if self.rejected is not None:
+            stalled &= ~self.rejected
+        return step, length, (length < TOLERANCE) | stalled
+
+    def _damped(self, step: Array, converged: NDArray[np.bool_]) -> Array:
+        if not self.damping.any():
+            return step
+        diagonal = np.einsum("tii->ti", self.information)[:, :, None] * _EYE
+        damped = np.linalg.solve(self.information + self.damping[:, None, None] * diagonal, self.gradient[:, :, None])
+        return np.where(converged[:, None], step, damped[:, :, 0])
+
+    def _ended(self, step: Array, length: Array, converged: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+        self.length = length
         self.iterations[self.trials] = self.count
         self.converged[self.trials] = converged
-        return step, ended
+        return step, converged | (self.count >= self.rule.most)
 
     def keep(self, keep: NDArray[np.bool_]) -> None:
         """Go on with some of the trials."""
-        self.trials, self.squares, self.damping, self.length = (
-            x[keep] for x in (self.trials, self.squares, self.damping, self.length)
-        )
+        self.trials, self.squares, self.damping = self.trials[keep], self.squares[keep], self.damping[keep]
+        self.length = self.length[keep]
         self.gradient, self.information = self.gradient[keep], self.information[keep]
-        self.accepted = True
+        self.last = self.last[keep] if len(self.last) else self.last
+        self.rejected = None
+
+
+def _less(damping: Array) -> Array:
+    return np.where(damping > 1e-3, 0.1 * damping, 0.0)
 
 
 # ----------------------------------------------------------------------------------------------- second stage: t
@@ -589,14 +636,12 @@ def _refined(S_a: Array, a: Array, W: Array) -> _Refined:
     return _Refined(R_A, J, K, -_product(J, _product(K, _cross(a))))
 
 
-def _translation_data(
-    data: _Measured, R: Array, refined: _Refined, Sigma_R: Array, cross_term: CrossTerm
-) -> _Moved:
+def _translation_data(data: _Measured, R: Array, refined: _Refined, Sigma_R: Array, cross_term: CrossTerm) -> _Moved:
     J, by_R = refined.J, refined.by_R
     R_tB = R @ data.t[1]
     own = data.S_a - _product(refined.K, data.S_a)  # Cov(a) at known R: S_a - S_a Q^-1 S_a
     S_phi = _product_transposed(_product(J, own), J)
-    # dq = -[R t_B]x theta_R + R tau_B - tau_A;  theta_R (T, 3, 3) in front of a matrix per pair is Sigma M^T, transposed
+    # dq = -[R t_B]x theta_R + R tau_B - tau_A;  Sigma_R @ M with M (T, 3, 3, m) is M Sigma_R per pair.
     q_by_R = -_cross(R_tB)
     q_Sigma, phi_Sigma = Sigma_R[:, None] @ q_by_R, Sigma_R[:, None] @ by_R
     S_phi += _product_transposed(phi_Sigma, by_R)
@@ -620,18 +665,17 @@ def _residual_covariance(data: _Moved, V: Array) -> tuple[Array, Array]:
     V_phi = _product(V, data.S_phi)
     half = _product_transposed(data.S_q_phi + 0.5 * V_phi, V).reshape(len(V), 9, -1)
     V_phi += data.S_q_phi
-    return data.S_q + half[:, _PACK] + half[:, _PACK_TRANSPOSED], V_phi
+    return data.S_q + half.take(_PACK, axis=1) + half.take(_PACK_TRANSPOSED, axis=1), V_phi
 
 
 def _translation_stage(data: _Moved, rule: _Rule, cross_term: CrossTerm) -> _Shift:
     """Gauss-Newton on t and the latent rotations ``exp(-[n]x) R_A``; the n are eliminated and follow each step."""
     T = len(data.q)
-    descent = _Descent(T, rule, PUBLISHED_TRANSLATION, RISE_TRANSLATION)
+    descent = _Descent(T, rule, PUBLISHED_TRANSLATION)
     result = np.empty((T, 3)), np.empty((T, 3, 3))
     D = data.R_A - _EYE[:, :, None]
     normal, right = np.einsum("tijm,tikm->tjk", D, D), np.einsum("tijm,tim->tj", D, data.q)
     t, n = np.linalg.solve(normal, right[:, :, None])[:, :, 0], np.zeros_like(data.q)
-    before = t, n
     while True:
         R = data.R_A if descent.count == 0 else _product(_rotation(-n), data.R_A)
         D = R - _EYE[:, :, None]
@@ -644,12 +688,8 @@ def _translation_stage(data: _Moved, rule: _Rule, cross_term: CrossTerm) -> _Shi
         packed, impossible = _inverse(P, "translation", cross_term == "derived")
         W = _unpacked(packed)
         weighted, W_D = _times(W, e), _product(W, D)
-        g = np.einsum("tijm,tim->tj", D, weighted)
-        rejected = descent.judge(np.einsum("tim,tim->t", e, weighted), g, np.einsum("tijm,tikm->tjk", D, W_D))
-        if rejected is not None:
-            t, n = np.where(rejected[:, None], before[0], t), np.where(rejected[:, None, None], before[1], n)
-        step, ended = descent.step(impossible)
-        before = t, n
+        descent.note(np.einsum("tijm,tim->tj", D, weighted), np.einsum("tijm,tikm->tjk", D, W_D))
+        step, ended = descent.relaxed_step(impossible)
         t = t + step
         if ended.any():
             result[0][descent.trials[ended]] = t[ended]
@@ -659,25 +699,52 @@ def _translation_stage(data: _Moved, rule: _Rule, cross_term: CrossTerm) -> _Shi
             if ended.all():
                 return _Shift(*result, descent.converged, descent.iterations)
         latent = np.einsum("tjim,tjm->tim", e_phi, weighted - np.einsum("tijm,tj->tim", W_D, step))
-        n = latent if rejected is None else np.where(rejected[:, None, None], n, latent)
+        n = latent if not descent.damping.any() else n + (latent - n) / (1.0 + descent.damping[:, None, None])
         if ended.any():
             keep = ~ended
-            data, t, n, before = data.take(keep), t[keep], n[keep], (before[0][keep], before[1][keep])
+            data, t, n = data.take(keep), t[keep], n[keep]
             descent.keep(keep)
 
 
 # ------------------------------------------------------------------------------------------------- derivatives of X
 
 
+def covariances_at(
+    A: Array, B: Array, X: Array, noise: PairNoise | None, cross_term: CrossTerm = "derived"
+) -> NguyenResult:
+    """What `NguyenDerivatives` needs where X (T, 4, 4) of checked motions (T, N, 4, 4) is known: no iteration."""
+    parts = []
+    for trials in trial_blocks(len(A), A.shape[1], BLOCK):
+        length = np.ones(len(X[trials])) if noise is not None else _typical_length(A[trials], B[trials])
+        R, t = X[trials, :3, :3], X[trials, :3, 3]
+        data = _measured(A[trials], B[trials], noise, length, R=R)
+        _, _, information, a, W = _at_rotation(data, R)
+        Sigma_R = _inv(information)
+        refined = _refined(data.S_a, a, W)
+        P, _ = _residual_covariance(
+            _translation_data(data, R, refined, Sigma_R, cross_term), _cross(np.einsum("tijm,tj->tim", refined.R_A, t))
+        )
+        D = refined.R_A - _EYE[:, :, None]
+        W_D = _product(_unpacked(_inverse(P, "translation", cross_term == "derived")[0]), D)
+        Sigma_t = _inv(np.einsum("tijm,tikm->tjk", D, W_D))
+        parts.append((Sigma_R, Sigma_t, length))
+    Sigma_R, Sigma_t, length = map(np.concatenate, zip(*parts, strict=True))
+    return NguyenResult(X, Sigma_R, Sigma_t, np.zeros((len(X), 2), np.intp), np.ones(len(X), dtype=bool), length)
+
+
 class NguyenDerivatives:
     """First-order sensitivities of X to the data at a result for trials T: ``Sigma_X = Q (sum F Sigma F^T) Q^T``.
 
     The estimate solves ``f = sum a x Q^-1 r = 0`` and ``h = sum (R_A - I)^T P^-1 e = 0``. With weights held fixed
-    (their derivatives multiply residuals: second order)
+    (their derivatives multiply residuals: second order), ``d alpha = J_l(alpha)^-1 theta_A``, d beta alike, and
+    ``K = S_a Q^-1``, the parts of one pair are
 
-        f_k = (Q^-1 [a]x)^T ( J_l(alpha)^-1 theta_A - R J_l(beta)^-1 theta_B )  up to sign,    theta_R = F^-1 sum f_k
-        h_k = (R_A - I)^T P^-1 ( R tau_B - tau_A + V J (d alpha - K (d alpha - R d beta)) ),   t_X alike, plus the part
-        of theta_R that all e_k share,  H = sum (R_A - I)^T P^-1 ( -[R t_B]x - V J K [a]x )
+        f_k = [a]x Q^-1 (d alpha - R d beta)
+        h_k = (R_A - I)^T P^-1 ( R tau_B - tau_A + V J_l(a) ((I - K) d alpha + K R d beta) )
+
+    and ``theta_R = F^-1 sum f_k``, ``tau = T^-1 (sum h_k + H theta_R)``; the error of R enters all e_k,
+
+        H = sum (R_A - I)^T P^-1 ( -[R t_B]x - V J_l(a) K [a]x )
 
     so that ``Q = [[F^-1, 0], [T^-1 H F^-1, T^-1]]``. Full covariances of the motions, their correlation of rotation and
     translation included, and errors that pairs share may be put through F.
@@ -731,3 +798,32 @@ class NguyenDerivatives:
         Q[:, :3, :3], Q[:, 3:, 3:] = np.linalg.inv(F), np.linalg.inv(T)
         Q[:, 3:, :3] = Q[:, 3:, 3:] @ H @ Q[:, :3, :3]
         return Q
+
+
+class _Solver:
+    """The default variant among the other methods."""
+
+    def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
+        result = nguyen(A, B, noise)
+        return Estimate(result.X, result.converged, result.iterations.sum(axis=-1), result)
+
+    def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
+        at = covariances_at(A, B, X, noise, "derived")
+        return lambda trials: NguyenDerivatives(at, noise, trials)
+
+
+METHOD = Method(
+    name="nguyen",
+    authors="H. Nguyen and Q.-C. Pham",
+    year=2018,
+    title="On the Covariance of X in AX = XB. IEEE Trans. Robotics 34(6), 1651-1658",
+    doi="10.1109/TRO.2018.2861905",
+    structure="separated",
+    form="iterative",
+    minimises="the Mahalanobis distance of rotation vectors alpha - R_X beta, then of q - (R_A - I) t, both with errors in "
+    "all variables, weighted by the noise",
+    singular="motions of 180 degrees, unless others tell the sign of their axes; a noise model without noise in some "
+    "direction on both sides",
+    solver=_Solver(),
+    weighted=True,
+)

@@ -7,13 +7,47 @@ from typing import Any
 from ..errors import InputError
 from ..procrustes import solve_4dpa
 from ..se3 import Array
-from . import andreff, chou, condurache, daniilidis, fourdpa, gwak, horaud, li, lu, park, shah, shiu, tsai
+from . import (
+    andreff,
+    chou,
+    condurache,
+    daniilidis,
+    fourdpa,
+    gwak,
+    heller,
+    horaud,
+    li,
+    lu,
+    nguyen,
+    park,
+    shah,
+    shiu,
+    tsai,
+    zhang,
+    zhao,
+)
 from .method import Method
 from .robot_world import RobotWorldMethod
 
 METHODS: dict[str, Method] = {
     module.METHOD.name: module.METHOD
-    for module in (tsai, shiu, chou, park, horaud, daniilidis, andreff, lu, gwak, condurache, fourdpa)
+    for module in (
+        tsai,
+        shiu,
+        chou,
+        park,
+        horaud,
+        daniilidis,
+        andreff,
+        lu,
+        gwak,
+        heller,
+        condurache,
+        zhang,
+        zhao,
+        nguyen,
+        fourdpa,
+    )
 }
 
 # Estimators of X and W together from poses; `calibrate` knows them too, `solve` does not.
