@@ -318,3 +318,18 @@ def test_what_belongs_to_4dpa_is_refused_elsewhere(rng):
     for value in ("PARK", None, 3):
         with pytest.raises(uq.InputError, match="Expected `method` to be one of tsai, shiu"):
             uq.solve(A, B, method=value)
+
+
+UNIT_FREE = {"tsai", "shiu", "chou", "park", "horaud", "condurache", "nguyen", "4dpa"}
+
+
+def test_which_methods_depend_on_the_unit_of_length(method, rng):
+    """As docs/methods.md says: those that weigh translation against rotation equations as they come."""
+    _, A, B = noisy_motions(rng, 10, 0.02)
+    in_mm = [T.copy() for T in (A, B)]
+    for T in in_mm:
+        T[:, :3, 3] *= 1e3
+    X = method(*in_mm)
+    X[:3, 3] /= 1e3
+    change = np.abs(difference(X, method(A, B))).max()
+    assert (change < 1e-9) if method.name in UNIT_FREE else (change > 1e-4)
