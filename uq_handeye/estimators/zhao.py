@@ -33,7 +33,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
@@ -206,6 +205,8 @@ def _descend(residuals: Residuals, X: Array) -> tuple[Array, bool, int]:
 
 def _linear_program(r: Array, J: Array, trust: float) -> Array | None:
     """xi (6,) that minimises ``|r + J xi|_1`` with ``|xi|_inf <= trust``, or None without an optimum."""
+    from scipy.optimize import linprog  # slow to import
+
     size = float(np.abs(r).max())
     if size == 0.0:
         return np.zeros(6)
