@@ -2,9 +2,9 @@
 
     python -m studies.methods_table [--trials 2000]
 
-Per method: largest error on 200 noise-free problems of 5 motions of 1 to 179 degrees; then, for 15 simulated poses and all
-105 pairs (robot 0.1 mrad, 0.1 mm; camera 0.4 mrad, 0.4 mm): RMS errors over the trials as multiples of the smallest in the
-column, and the mean NEES of X against the pose-aware covariance predicted without noise (6 if that is true).
+Per method: largest error on 200 noise-free problems of 5 motions of 1 to 179 degrees; then, for 15 simulated poses and
+all 105 pairs (robot 0.1 mrad, 0.1 mm; camera 0.4 mrad, 0.4 mm): RMS errors over the trials as multiples of the smallest
+in the column, and the mean NEES of X against the pose-aware covariance predicted without noise (6 if that is true).
 """
 
 from __future__ import annotations
@@ -52,9 +52,7 @@ def main() -> None:
     for name, method in uq.METHODS.items():
         largest = np.abs(errors(method.estimate(A, B).X, X)).max()
         found = method.estimate(motions.A, motions.B, weights if method.weighted else None)
-        rows.append(
-            (method, largest, errors(found.X, drawn.truth.X), uq.propagate(at_truth, noise=NOISE, method=name))
-        )
+        rows.append((method, largest, errors(found.X, drawn.truth.X), uq.propagate(at_truth, noise=NOISE, method=name)))
     for method in uq.ROBOT_WORLD_METHODS.values():
         by_error = method.sensitivities(exact)[0]
         largest = np.abs(errors(method(exact).X, drawn.truth.X)).max()

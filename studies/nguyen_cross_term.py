@@ -12,7 +12,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.estimators.nguyen import CrossTerm, NguyenDerivatives, NguyenResult, Stop, nguyen
+from uq_handeye.estimators.nguyen import nguyen
+from uq_handeye.estimators.nguyen_derivatives import NguyenDerivatives
+from uq_handeye.estimators.nguyen_descent import Stop
+from uq_handeye.estimators.nguyen_stages import CrossTerm, NguyenResult
 from uq_handeye.se3 import Array, inverse, perturb
 
 SEED = 2018

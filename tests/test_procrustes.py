@@ -701,7 +701,7 @@ def test_wrong_shapes_and_arguments(rng):
     ):
         with pytest.raises(uq.InputError, match=message):
             uq.solve(*bad)
-    with pytest.raises(uq.InputError, match="Expected `method` to be one of tsai, .*, got 'nobody'"):
+    with pytest.raises(uq.InputError, match=r"Expected `method` to be one of tsai, .*, got 'nobody'"):
         uq.solve(A, B, method="nobody")
     for scale in (0, -1.0, np.nan, np.inf, [1e4]):
         with pytest.raises(uq.InputError, match="`scale` to be a positive number or None"):

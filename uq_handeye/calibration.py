@@ -329,7 +329,8 @@ def calibrate(
         How noise is propagated (`propagate`).
 
     Where poses are given, W is the mean of ``G X C`` (`robot_world`), or the estimate of a method that has its own,
-    with its covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the covariance of each pair that PoseNoise makes.
+    with its covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the
+    covariance of each pair that PoseNoise makes.
 
     Raises
     ------

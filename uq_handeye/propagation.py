@@ -218,7 +218,7 @@ def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> 
             if len(A) * side.count > MOST_SHARED:
                 raise InputError(
                     f"The covariance of method {method.name!r} compares every two residuals of pairs that share poses; "
-                    f"{len(A)} pairs are too many. Choose fewer pairs, or kind='pairs', which takes them as independent."
+                    f"{len(A)} pairs are too many. Choose fewer, or kind='pairs', which takes them as independent."
                 )
             noise = side.factors()
         found.append(solver.covariance(A, B, X, noise))
@@ -375,7 +375,8 @@ class _Shared(_OnPoses):
     @property
     def count(self) -> int:
         """Number of error components of all poses."""
-        return 6 * self.sums[0].shape[1] * sum(covariance is not None for covariance in self.noise)
+        noisy = sum(1 for covariance in self.noise if covariance is not None)
+        return 6 * int(self.sums[0].shape[1]) * noisy
 
     def factors(self) -> ErrorFactors:
         """``d (xi_A, xi_B) / dz`` (m, 12, k) of pairs of the first trial, z independent standard normal."""

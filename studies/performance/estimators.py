@@ -2,20 +2,25 @@
 
     python -m studies.performance.estimators
 
-One thread in BLAS; medians; ratios are of one run. OpenCV forms all pairs of n poses itself, so that its time is compared
-with forming all pairs and solving. Needs OpenCV 4 (extra `bench`).
+One thread in BLAS; medians; ratios are of one run. OpenCV forms all pairs of n poses itself, so that its time is
+compared with forming all pairs and solving. Needs OpenCV 4 (extra `bench`).
 """
 
 from __future__ import annotations
 
 import time
 
-from studies.performance.core import OPENCV_AT_30, median_ms, opencv_ms, random_motions  # first: it sets one thread
+from studies.performance.core import (  # before NumPy: it sets one thread  # isort: skip
+    OPENCV_AT_30,
+    median_ms,
+    opencv_ms,
+    random_motions,
+)
 
-import cv2
-import numpy as np
+import cv2  # isort: skip
+import numpy as np  # isort: skip
 
-import uq_handeye as uq
+import uq_handeye as uq  # isort: skip
 
 HAND_EYE = ("tsai", "park", "horaud", "andreff", "daniilidis")
 ROBOT_WORLD = ("shah", "li")

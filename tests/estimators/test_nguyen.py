@@ -27,8 +27,9 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.estimators import nguyen as module
-from uq_handeye.estimators.nguyen import NguyenDerivatives, nguyen
+from uq_handeye.estimators import nguyen_stages, rows
+from uq_handeye.estimators.nguyen import nguyen
+from uq_handeye.estimators.nguyen_derivatives import NguyenDerivatives, covariances_at
 from uq_handeye.se3 import left_jacobian
 
 EQUATION_70 = uq.PairNoise(
@@ -187,12 +188,12 @@ def test_jacobians(rng):
     """J_l, its inverse and the exponential in rows, across the switches of their series."""
     for angle in (*np.logspace(-12, 0, 25), 0.4999, 0.5001, 2.0, 3.1, 4.0):
         v = rotation_vectors(rng, (7,), angle, angle)
-        rows = v.T[None]
-        R, J = module._exponential(rows)
-        inverse = module._inverse_jacobian(rows, (rows**2).sum(axis=1))
+        last = v.T[None]
+        R, J = rows.exponential(last)
+        inverse = rows.inverse_jacobian(last, (last**2).sum(axis=1))
         np.testing.assert_allclose(np.moveaxis(J[0], 2, 0), left_jacobian(v), atol=1e-14)
         np.testing.assert_allclose(np.moveaxis(R[0], 2, 0), rotations(v), atol=1e-14)
-        np.testing.assert_allclose(np.moveaxis(module._rotation(rows)[0], 2, 0), rotations(v), atol=1e-14)
+        np.testing.assert_allclose(np.moveaxis(rows.rotation(last)[0], 2, 0), rotations(v), atol=1e-14)
         np.testing.assert_allclose(
             np.moveaxis(inverse[0], 2, 0) @ left_jacobian(v), np.tile(np.eye(3), (7, 1, 1)), atol=1e-13
         )
@@ -306,7 +307,7 @@ def test_cross_covariance_of_q_and_refined_rotation(rng):
     a, b = sampled(rng, A, B, uncorrelated(noise), trials)
     result = nguyen(a, b, noise)
     data, refined = stages(a, b, noise, result)
-    moved_data = module._translation_data(data, result.X[:, :3, :3], refined, result.Sigma_R, "derived")
+    moved_data = nguyen_stages.translation_data(data, result.X[:, :3, :3], refined, result.Sigma_R, "derived")
     q = np.moveaxis(moved_data.q, 2, 1)
     R_A = np.moveaxis(refined.R_A, 3, 1)
     phi = logarithms(R_A @ A[:, :3, :3].mT)
@@ -317,7 +318,9 @@ def test_cross_covariance_of_q_and_refined_rotation(rng):
     distance = {}
     for cross_term in ("derived", "published"):
         data, refined = stages(A[None], B[None], noise, exact)
-        predicted = module._translation_data(data, exact.X[None, :3, :3], refined, exact.Sigma_R[None], cross_term)
+        predicted = nguyen_stages.translation_data(
+            data, exact.X[None, :3, :3], refined, exact.Sigma_R[None], cross_term
+        )
         distance[cross_term] = np.abs(found - np.moveaxis(predicted.S_q_phi[0], 2, 0)) / spread
     assert distance["derived"].max() < stats.norm.ppf(1 - 0.0005 / 36)
     assert distance["published"].max() > 30
@@ -332,9 +335,9 @@ def uncorrelated(noise):
 def stages(A, B, noise, result):
     """Inner data of the first stage at a result for motions (T, N, 4, 4)."""
     R = result.X.reshape(-1, 4, 4)[:, :3, :3]
-    data = module._measured(A, B, noise, np.ones(len(A)))
-    turn = module._at_rotation(data, R)
-    return data, module._refined(data.S_a, *turn[3:])
+    data = nguyen_stages.measured(A, B, noise, np.ones(len(A)))
+    turn = nguyen_stages.at_rotation(data, R)
+    return data, nguyen_stages.refined_rotations(data.S_a, *turn[3:])
 
 
 def test_the_derived_cross_term_is_right(rng):
@@ -410,9 +413,9 @@ def test_the_minimum_is_reached_when_told_so(rng):
     a, b = sampled(rng, A, B, noise, 500)
     result = nguyen(a, b, noise)
     assert result.converged.mean() > 0.99
-    data = module._measured(a, b, noise, np.ones(500))
+    data = nguyen_stages.measured(a, b, noise, np.ones(500))
     steps = np.concatenate([1e-5 * np.eye(3), -1e-5 * np.eye(3)])
-    values = np.stack([module._at_rotation(data, rotations(s) @ result.X[:, :3, :3])[0] for s in steps])
+    values = np.stack([nguyen_stages.at_rotation(data, rotations(s) @ result.X[:, :3, :3])[0] for s in steps])
     gradient = ((values[:3] - values[3:]) / 2e-5).T
     F = np.linalg.inv(result.Sigma_R)
     assert nees(gradient[result.converged], F[result.converged]).max() < 1e-8
@@ -490,7 +493,7 @@ def test_covariances_at_a_known_X(rng):
     noise = isotropic(1e-4, 1e-4)
     for model in (noise, None):
         result = nguyen(A, B, model)
-        again = module.covariances_at(A, B, result.X, model)
+        again = covariances_at(A, B, result.X, model)
         np.testing.assert_allclose(again.Sigma_R, result.Sigma_R, rtol=1e-6, atol=1e-9 * result.Sigma_R.max())
         np.testing.assert_allclose(again.Sigma_t, result.Sigma_t, rtol=1e-2, atol=1e-3 * result.Sigma_t.max())
         np.testing.assert_array_equal(again.length, result.length)

@@ -139,8 +139,8 @@ class LinearPrograms:
 class Regression:
     """`Derivatives`: the part of the error of X that is linear in the errors of the data, for Gaussian noise.
 
-    ``Cov(sign(r_i), z) = sqrt(2/pi) (dr_i/dz) / s_i`` for ``r_i = (dr_i/dz) z``. What it leaves out of `lad_covariance`, the
-    ``arcsin(rho) - rho`` of the signs, is uncorrelated with the data.
+    ``Cov(sign(r_i), z) = sqrt(2/pi) (dr_i/dz) / s_i`` for ``r_i = (dr_i/dz) z``. What it leaves out of
+    `lad_covariance`, the ``arcsin(rho) - rho`` of the signs, is uncorrelated with the data.
     """
 
     def __init__(self, A: Array, B: Array, X: Array, noise: PairNoise) -> None:
