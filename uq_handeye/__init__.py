@@ -11,9 +11,11 @@ gripper_T_camera [0.44 0.43 0.32] mm
 """
 
 from .calibration import Calibration, calibrate
+from .comparison import Comparison, compare
 from .conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
+from .estimators.nguyen import nguyen
 from .io import read_noise_file, read_poses
 from .motions import Motions, relative_motions
 from .noise import PairNoise, PoseNoise
@@ -29,6 +31,7 @@ __all__ = [
     "METHODS",
     "ROBOT_WORLD_METHODS",
     "Calibration",
+    "Comparison",
     "DegenerateMotionError",
     "InputError",
     "InputWarning",
@@ -40,7 +43,9 @@ __all__ = [
     "PoseNoise",
     "PosePairs",
     "calibrate",
+    "compare",
     "from_convention",
+    "nguyen",
     "octonion_covariance",
     "orthonormalise",
     "paper_covariances",

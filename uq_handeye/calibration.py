@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from . import conventions
 from .all_pairs import AllPairs
-from .errors import DegenerateMotionError, InputError, InputWarning
+from .errors import DegenerateMotionError, InputError, InputWarning, NotConvergedError
 from .estimators import solve
 from .estimators.method import require_converged
 from .estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
@@ -264,7 +264,7 @@ def _expected(value: Any, *types: type | None) -> Any:
     raise TypeError(f"got {value!r:.40}")
 
 
-def _require_noise_fits(noise: Noise | None, motions: Motions) -> None:
+def require_noise_fits(noise: Noise | None, motions: Motions) -> None:
     if isinstance(noise, PairNoise):
         require_count(noise.A, motions.N, "A", "motions")
         require_count(noise.B, motions.N, "B", "motions")
@@ -376,7 +376,7 @@ def calibrate(
             raise InputError("Expected one data set; for a batch call solve() and propagate().")
     else:
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
-    _require_noise_fits(noise, motions)
+    require_noise_fits(noise, motions)
     texts = [] if poses is None else check_poses(poses)
     if motions.N >= 2:
         texts += check_rotations(motions, noise, method)
@@ -396,7 +396,7 @@ def calibrate(
                 covariance, covariance_W = covariance + rest, covariance_W + J @ rest @ J.T
         elif noise is not None:
             covariance = propagate(motions, noise=noise, X=X, method=method, scale=scale, kind=kind)
-    except InputError:
+    except (InputError, NotConvergedError):
         for text in texts:  # what looks wrong may well be the reason
             warnings.warn(text, InputWarning, stacklevel=2)
         raise

@@ -16,11 +16,13 @@ import typer
 
 from . import __version__
 from .calibration import Calibration, calibrate
-from .errors import InputError, InputWarning
+from .comparison import Comparison, compare
+from .errors import InputError, InputWarning, NotConvergedError
+from .estimators import METHODS
 from .io import pose_text, read_noise_file, read_pose_file, read_poses, write_files
 from .noise import Noise, PoseNoise
-from .poses import SETUPS
-from .report import text
+from .poses import SETUPS, PosePairs
+from .report import comparison_text, text
 from .simulation import simulate
 from .units import parse_deviations
 
@@ -57,6 +59,12 @@ CameraNoise = Annotated[
 NoiseFile = Annotated[
     Path | None, typer.Option("--noise", metavar="FILE.toml", help="Noise with full 6x6 covariances.")
 ]
+RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot poses base_T_gripper, CSV.")]
+CameraFile = Annotated[Path, typer.Argument(metavar="CAMERA", help="Camera poses camera_T_target, CSV.")]
+PairsOption = Annotated[str, typer.Option("--pairs", help="Which poses make a motion: all, consecutive or disjoint.")]
+Units = Annotated[str, typer.Option("--units", help="Length unit of both files: m, mm, cm, ...")]
+RobotUnits = Annotated[str | None, typer.Option("--robot-units", help="Length unit of the robot file alone.")]
+CameraUnits = Annotated[str | None, typer.Option("--camera-units", help="Length unit of the camera file alone.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 OutputOption = Annotated[
     Path | None,
@@ -95,6 +103,15 @@ def _noise(robot: str | None, camera: str | None, file: Path | None) -> Noise | 
     )
 
 
+def _poses(robot: Path, camera: Path, setup: str, units: tuple[str, str]) -> PosePairs:
+    poses = read_poses(robot, camera, setup=setup, units=units)
+    if poses.n < 3:
+        raise InputError(
+            f"{robot} and {camera} hold {poses.n} poses; at least 3 poses are needed, which make 2 motions."
+        )
+    return poses
+
+
 def _print_result(result: Calibration, as_json: bool, output: Path | None, threshold: float) -> None:
     if output is not None:
         _write_result(result, output)
@@ -130,23 +147,23 @@ def _write_result(result: Calibration, directory: Path) -> None:
 
 @app.command("calibrate")
 def calibrate_command(
-    robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot poses base_T_gripper, CSV.")],
-    camera: Annotated[Path, typer.Argument(metavar="CAMERA", help="Camera poses camera_T_target, CSV.")],
+    robot: RobotFile,
+    camera: CameraFile,
     setup: SetupOption = "eye-in-hand",
     robot_noise: RobotNoise = None,
     camera_noise: CameraNoise = None,
     noise: NoiseFile = None,
-    pairs: Annotated[str, typer.Option(help="Which poses make a motion: all, consecutive or disjoint.")] = "all",
-    method: Annotated[str, typer.Option(help="Estimator.")] = "4dpa",
+    pairs: PairsOption = "all",
+    method: Annotated[str, typer.Option(help=f"Estimator: {', '.join(METHODS)}.")] = "4dpa",
     scale: Annotated[
         float | None, typer.Option(help="Scaling factor d of the paper; left out, its limit in closed form.")
     ] = None,
     kind: Annotated[
         str | None, typer.Option(help="Propagation: poses (default), pairs, or literal for noise on pairs.")
     ] = None,
-    units: Annotated[str, typer.Option(help="Length unit of both files: m, mm, cm, ...")] = "m",
-    robot_units: Annotated[str | None, typer.Option(help="Length unit of the robot file alone.")] = None,
-    camera_units: Annotated[str | None, typer.Option(help="Length unit of the camera file alone.")] = None,
+    units: Units = "m",
+    robot_units: RobotUnits = None,
+    camera_units: CameraUnits = None,
     threshold: Annotated[float, typer.Option(min=0.0, max=1.0, help="List correlations from here up.")] = 0.5,
     as_json: JsonOption = False,
     output: OutputOption = None,
@@ -158,13 +175,64 @@ def calibrate_command(
     The files have the header timestamp,x,y,z,qx,qy,qz,qw (unit quaternion, scalar last) and are paired by row.
     """
     model = _noise(robot_noise, camera_noise, noise)
-    poses = read_poses(robot, camera, setup=setup, units=(robot_units or units, camera_units or units))
-    if poses.n < 3:
-        raise InputError(
-            f"{robot} and {camera} hold {poses.n} poses; at least 3 poses are needed, which make 2 motions."
-        )
+    poses = _poses(robot, camera, setup, (robot_units or units, camera_units or units))
     result = calibrate(poses, noise=model, method=method, pairs=pairs, scale=scale, kind=kind)
     _print_result(result, as_json, output, threshold)
+
+
+@app.command("compare")
+def compare_command(
+    robot: RobotFile,
+    camera: CameraFile,
+    setup: SetupOption = "eye-in-hand",
+    robot_noise: RobotNoise = None,
+    camera_noise: CameraNoise = None,
+    noise: NoiseFile = None,
+    pairs: PairsOption = "all",
+    methods: Annotated[
+        str | None, typer.Option(metavar="A,B,...", help=f"Some of {', '.join(METHODS)}; left out, all.")
+    ] = None,
+    reference: Annotated[str, typer.Option(help="Method from which differences are taken.")] = "4dpa",
+    units: Units = "m",
+    robot_units: RobotUnits = None,
+    camera_units: CameraUnits = None,
+    as_json: JsonOption = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print the table as CSV.")] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", callback=_named, help="Write comparison.json, .csv, .png, .svg."),
+    ] = None,
+) -> int:
+    """All published methods on the same pairs: a table, and a figure of who agrees.
+
+    Example: uq-handeye compare robot.csv camera.csv --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm -o out/
+
+    A method that fails keeps its row, which says why. Exit status 2 if every method fails.
+    """
+    if as_json and as_csv:
+        raise InputError("Give either --json or --csv, not both.")
+    model = _noise(robot_noise, camera_noise, noise)
+    poses = _poses(robot, camera, setup, (robot_units or units, camera_units or units))
+    names = None if methods is None else [name.strip() for name in methods.split(",")]
+    result = compare(poses, noise=model, methods=names, pairs=pairs, reference=reference, progress=True)
+    if as_json or as_csv:
+        _emit(result.to_json() if as_json else result.to_csv())
+    else:  # on a terminal the warnings stand above already
+        _emit(comparison_text.table(result, warnings=not sys.stdout.isatty()))
+    if output is not None:  # after the table, which is not to be lost if this fails
+        _write_comparison(result, output)
+    if result.reference is None:
+        _fail("Every method failed; the table says why.")
+    return 0
+
+
+def _write_comparison(result: Comparison, directory: Path) -> None:
+    from .report.comparison_figure import comparison_figure, png  # Matplotlib is slow to import
+    from .report.ellipses import render
+
+    figure = comparison_figure(result)
+    files: dict[str, Any] = {"comparison.json": result.to_json(), "comparison.csv": result.to_csv()}
+    write_files(directory, files | {"comparison.png": png(figure), "comparison.svg": render(figure, "svg")})
 
 
 @app.command()
@@ -240,7 +308,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.stdout.flush()
     except ClickException as error:
         _fail(f"{error.format_message()} (see uq-handeye --help)")  # type: ignore[attr-defined]
-    except InputError as error:
+    except (InputError, NotConvergedError) as error:
         _fail(str(error))
     except OSError as error:  # files have their own messages, so this is the standard output
         sys.stdout = None  # or Python would try, and fail, to flush it once more

@@ -8,9 +8,9 @@ rotation first, rad and m, in the parent frame of X (`calibration`). With the co
 
     d^2 = xi^T S_m^-1 xi,    agrees  <=>  d^2 <= 12.59, the 95 % quantile of chi-square with 6 degrees of freedom
 
-that is, X_0 lies inside the 95 % ellipsoid about X_m. This describes, it does not test: all methods see the same noise, so
-d^2 is not chi-square distributed, methods that agree may be wrong together, and a precise method differs from an
-imprecise reference.
+that is, X_0 lies inside the 95 % ellipsoid about X_m. This describes, it does not test: all methods see the same noise,
+so that d^2 is not chi-square distributed, methods that agree may be wrong together, and a precise method differs from
+an imprecise reference.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from __future__ import annotations
 import io
 import json
 import math
-import re
 import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,14 +31,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from .calibration import CONVENTION, Calibration, calibrate
-from .errors import InputError, InputWarning, NotConvergedError
+from .calibration import CONVENTION, Calibration, calibrate, require_noise_fits
+from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from .estimators import METHODS
 from .estimators.method import Estimate, Method
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
-from .noise import Noise
+from .noise import Noise, PairNoise
 from .poses import SETUPS, PosePairs
+from .propagation import noise_of_pairs
+from .report.comparison_text import table, verdict, without_numbers
 from .residuals import Residuals, residuals, summarise
 from .se3 import Array
 
@@ -50,8 +52,8 @@ MOST_PAIRS = 20_000
 # 95 % quantile of chi-square with 6 degrees of freedom.
 CHI2_95 = 12.591587243743977
 
-# A method faster than this (s) is timed a few times, and the best counts.
-FAST, REPEATS = 0.05, 5
+# A method is timed so many times, or until so many seconds are over, and the best counts.
+REPEATS, ENOUGH = 5, 0.25
 # Eigenvalue of a correlation matrix below which a direction has no variance.
 FLAT = 1e-13
 
@@ -67,12 +69,12 @@ class Row:
     year: int
     structure: str  # "separated" or "simultaneous"
     form: str  # "closed form", "iterative" or "convex program"
-    X: Array | None  # (4, 4); None where the method failed; where it did not converge, what it reached
-    covariance: Array | None  # (6, 6) of (theta, tau), the method's own; None without noise
-    residuals: Residuals | None
-    seconds: float | None  # of the estimator alone
-    converged: bool | None
-    iterations: int | None  # 0 in closed form
+    X: Array | None = None  # (4, 4); None where the method failed; where it did not converge, what it reached
+    covariance: Array | None = None  # (6, 6) of (theta, tau), the method's own; None without noise
+    residuals: Residuals | None = None
+    seconds: float | None = None  # of the estimator alone
+    converged: bool | None = None
+    iterations: int | None = None  # 0 in closed form
     failure: str | None = None  # why there is no result, or none to be trusted
     warnings: tuple[str, ...] = ()  # beyond those of the comparison
     xi: Array | None = None  # (6,) difference (theta, tau) from the reference
@@ -109,7 +111,9 @@ class Row:
             "difference_translation": _finite(self.difference_translation),
             "d2": _finite(self.d2),
             "agrees": self.agrees,
-            "residuals": None if self.residuals is None else {k: _finite(v) for k, v in self.residuals._asdict().items()},
+            "residuals": None
+            if self.residuals is None
+            else {k: _finite(v) for k, v in self.residuals._asdict().items()},
             "seconds": _finite(self.seconds),
             "converged": self.converged,
             "iterations": self.iterations,
@@ -145,23 +149,37 @@ class Comparison:
     @property
     def origin(self) -> str:
         """What the methods were given, e.g. ``300 pairs of 25 poses, eye-in-hand``."""
-        pairs = f"{self.n_pairs} pairs"
+        pairs = f"{self.n_pairs:,} pairs"
         if self.n_pairs_available > self.n_pairs:
-            pairs = f"{self.n_pairs} of the {self.n_pairs_available} pairs"
+            pairs = f"{self.n_pairs:,} of the {self.n_pairs_available:,} pairs"
         poses = "" if self.n_poses is None else f" of {self.n_poses} poses"
         return f"{pairs}{poses}" + ("" if self.setup is None else f", {self.setup}")
 
     @property
+    def own_warnings(self) -> list[str]:
+        """Warnings of single methods beyond the common ones, each kind once with the names of its methods."""
+        first: dict[str, str] = {}
+        names: dict[str, list[str]] = {}
+        for row in self.rows:
+            for text in row.warnings:
+                first.setdefault(without_numbers(text), text)
+                names.setdefault(without_numbers(text), []).append(row.method)
+        return [f"{', '.join(names[kind])}: {text}" for kind, text in first.items()]
+
+    @property
+    def most_central(self) -> tuple[str, int] | None:
+        """The method that most others would agree with as the reference, and how many; None without covariances."""
+        rows = [row for row in self.rows if row.covariance is not None]
+        counts = {base.method: sum(bool(against(row, base).agrees) for row in rows) - 1 for base in rows}
+        return max(counts.items(), key=lambda item: item[1], default=None)
+
+    @property
     def verdict(self) -> str:
         """In words: who agrees, who differs, who failed."""
-        from .report.comparison_text import verdict
-
         return verdict(self)
 
     def to_text(self) -> str:
         """The table as plain text."""
-        from .report.comparison_text import table
-
         return table(self)
 
     def to_dict(self) -> dict[str, Any]:
@@ -264,7 +282,7 @@ def compare(
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
     common, own = _sorted_warnings(rows, base)
-    rows = [_against(replace(row, warnings=own[row.method]), base) for row in rows]
+    rows = [against(replace(row, warnings=own[row.method]), base) for row in rows]
     result = Comparison(
         rows=tuple(rows),
         reference=None if base is None else base.method,
@@ -277,7 +295,7 @@ def compare(
         noise=noise,
         warnings=common,
     )
-    for text in (*common, *_joined(rows)):
+    for text in (*common, *result.own_warnings):
         warnings.warn(text, InputWarning, stacklevel=2)
     for message in {(warning.category, str(warning.message)): warning for warning in others}.values():
         warnings.warn(message.message, message.category, stacklevel=2)
@@ -330,26 +348,38 @@ def _shown(names: Iterable[str], progress: bool) -> Iterator[str]:
 
 def _row(method: Method, motions: Motions, noise: Noise | None) -> Row:
     """The row of one method, without its difference from the reference; never raises on account of the data."""
-    row = Row(method.name, method.year, method.structure, method.form, *[None] * 6)
+    row = Row(method.name, method.year, method.structure, method.form)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            row = _filled(row, calibrate(motions, noise=noise, method=method.name), motions)
+            row = _filled(row, calibrate(motions, noise=noise, method=method.name))
         except NotConvergedError as error:
             row = replace(_reached(row, error, motions), failure=_sentence(error), converged=False)
+        except (DegenerateMotionError, MissingExtraError) as error:
+            row = replace(row, failure=_sentence(error))
+        except InputError as error:
+            row = _without_covariance(row, error, motions, noise, method)
         except Exception as error:  # whatever goes wrong in one method, the table is not lost
-            expected = isinstance(error, InputError)
-            row = replace(row, failure=_sentence(error) if expected else f"{type(error).__name__}: {_sentence(error)}")
+            row = replace(row, failure=f"{type(error).__name__}: {_sentence(error)}")
         if row.X is not None:
-            row = replace(row, seconds=_seconds(lambda: method.estimate(motions.A, motions.B)))
+            with suppress(Exception):  # what cannot be timed has no time
+                weights = _weights(method, motions, noise)
+                row = replace(row, seconds=_seconds(lambda: method.estimate(motions.A, motions.B, weights)))
     for warning in caught:
         if not issubclass(warning.category, InputWarning):
             warnings.warn(warning.message, warning.category, stacklevel=2)
     texts = [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]
-    return replace(row, warnings=tuple(dict.fromkeys(texts)))
+    return replace(row, warnings=tuple(dict.fromkeys([*row.warnings, *texts])))
 
 
-def _filled(row: Row, result: Calibration, motions: Motions) -> Row:
+def _weights(method: Method, motions: Motions, noise: Noise | None) -> PairNoise | None:
+    """The noise that the method weights by, as `calibrate` gives it."""
+    if not method.weighted or noise is None or isinstance(noise, PairNoise):
+        return noise if method.weighted and isinstance(noise, PairNoise) else None
+    return noise_of_pairs(motions, noise)
+
+
+def _filled(row: Row, result: Calibration) -> Row:
     """The row with what `calibrate` found."""
     finite = np.isfinite(result.X).all() and (result.covariance is None or np.isfinite(result.covariance).all())
     if not finite:
@@ -359,9 +389,20 @@ def _filled(row: Row, result: Calibration, motions: Motions) -> Row:
         X=result.X,
         covariance=result.covariance,
         residuals=result.residuals,
-        converged=result.converged,
+        converged=True,  # or it would have raised
         iterations=result.iterations,
     )
+
+
+def _without_covariance(row: Row, error: InputError, motions: Motions, noise: Noise | None, method: Method) -> Row:
+    """The row with X alone where it is the covariance that the method refuses, for example of too many pairs."""
+    if noise is None or method.weighted:
+        return replace(row, failure=_sentence(error))
+    try:
+        row = _filled(row, calibrate(motions, method=method.name))
+    except Exception:
+        return replace(row, failure=_sentence(error))
+    return replace(row, warnings=(f"No covariance, hence no verdict: {_sentence(error)}",))
 
 
 def _reached(row: Row, error: NotConvergedError, motions: Motions) -> Row:
@@ -383,17 +424,15 @@ def _sentence(error: Exception) -> str:
 
 def _seconds(function: Callable[[], object]) -> float:
     """Shortest time of a few calls, or of one if it is slow."""
-    best = math.inf
-    for _ in range(REPEATS):
+    times: list[float] = []
+    while len(times) < REPEATS and sum(times) < ENOUGH:
         start = time.perf_counter()
         function()
-        best = min(best, time.perf_counter() - start)
-        if best > FAST:
-            break
-    return best
+        times.append(time.perf_counter() - start)
+    return min(times)
 
 
-def _against(row: Row, base: Row | None) -> Row:
+def against(row: Row, base: Row | None) -> Row:
     """The row with its difference from the reference."""
     if base is None or base.X is None or row.X is None:
         return row
@@ -423,27 +462,11 @@ def squared_distance(xi: Array, covariance: Array) -> float:
     return float(np.sum(parts[~flat] ** 2 / values[~flat]))
 
 
-def _kind(text: str) -> str:
-    """A warning without its numbers, which differ from method to method."""
-    return re.sub(r"[-+]?\d[\w.+-]*", "#", text)
-
-
 def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
     """Those of the reference (of all methods if none succeeded), and what each method has beyond them."""
-    common = {_kind(text): text for row in (rows if base is None else [base]) for text in row.warnings}
-    own = {row.method: tuple(text for text in row.warnings if _kind(text) not in common) for row in rows}
+    common = {without_numbers(text): text for row in (rows if base is None else [base]) for text in row.warnings}
+    own = {row.method: tuple(text for text in row.warnings if without_numbers(text) not in common) for row in rows}
     return tuple(common.values()), own
-
-
-def _joined(rows: list[Row]) -> list[str]:
-    """Warnings of single methods, each kind once with the names of its methods."""
-    first: dict[str, str] = {}
-    names: dict[str, list[str]] = {}
-    for row in rows:
-        for text in row.warnings:
-            first.setdefault(_kind(text), text)
-            names.setdefault(_kind(text), []).append(row.method)
-    return [f"{', '.join(names[kind])}: {text}" for kind, text in first.items()]
 
 
 def _plain(array: Array | None) -> Any:
@@ -460,7 +483,7 @@ def _flat(row: Row, reference: str | None) -> dict[str, Any]:
     X = np.full((4, 4), np.nan) if row.X is None else row.X
     rotvec = missing[:3] if row.X is None else Rotation.from_matrix(X[:3, :3]).as_rotvec()
     std, xi = (missing if value is None else value for value in (row.std, row.xi))
-    rms = (None, None, None)
+    rms: tuple[float | None, float | None, float | None] = (None, None, None)
     if row.residuals is not None:
         rms = (row.residuals.error, row.residuals.rotation_rms, row.residuals.translation_rms)
     flat: dict[str, Any] = {

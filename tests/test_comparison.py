@@ -1,0 +1,425 @@
+"""Every method in one table: who agrees, who differs, who fails, and nothing is lost."""
+
+import dataclasses
+import io
+import json
+import math
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+from support import difference, exact_motions, moved, noisy_motions, random_covariance, whitened_eigenvalues
+
+import uq_handeye as uq
+from uq_handeye import comparison as module
+from uq_handeye.comparison import CHI2_95, Comparison, Row, against, compare, squared_distance
+from uq_handeye.errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
+from uq_handeye.estimators.method import Estimate
+from uq_handeye.motions import spread_pairs
+from uq_handeye.report.comparison_text import digits
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+FEW = ("tsai", "park", "gwak", "4dpa")
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return uq.simulate(12, noise=NOISE, seed=5)
+
+
+@pytest.fixture(scope="module")
+def everything(poses):
+    return compare(poses, noise=NOISE)
+
+
+def replaced(monkeypatch, name, calibration=None, **changes):
+    """METHODS[name] with other fields; or calibrate() with another outcome for it."""
+    if changes:
+        monkeypatch.setitem(uq.METHODS, name, dataclasses.replace(uq.METHODS[name], **changes))
+    if calibration is not None:
+        original = module.calibrate
+
+        def calibrate(data, *, method, **options):
+            return calibration() if method == name else original(data, method=method, **options)
+
+        monkeypatch.setattr(module, "calibrate", calibrate)
+
+
+class Failing:
+    """A solver that raises."""
+
+    def __init__(self, error):
+        self.error = error
+
+    def estimate(self, A, B, noise):
+        raise self.error
+
+
+def raises(error):
+    def act():
+        raise error
+
+    return act
+
+
+def no_constant(name):
+    raise AssertionError(f"{name} in JSON")
+
+
+def test_all_methods_have_a_row_as_calibrate_gives_it(poses, everything):
+    assert [row.method for row in everything.rows] == list(uq.METHODS)
+    assert (everything.reference, everything.frame, everything.n_poses) == ("4dpa", "gripper_T_camera", 12)
+    assert (everything.n_pairs, everything.n_pairs_available) == (66, 66)
+    motions = uq.relative_motions(poses, "all")
+    for row in everything.rows:
+        if row.failure is not None:  # an optional extra may be missing
+            continue
+        method = uq.METHODS[row.method]
+        assert (row.year, row.structure, row.form) == (method.year, method.structure, method.form)
+        result = uq.calibrate(motions, noise=NOISE, method=row.method)
+        np.testing.assert_allclose(row.X, result.X, atol=1e-9)
+        np.testing.assert_allclose(whitened_eigenvalues(row.covariance, result.covariance), 1, rtol=1e-5)
+        np.testing.assert_allclose(row.residuals, result.residuals, rtol=1e-5)
+        assert row.iterations == result.iterations
+        assert row.converged is True
+        assert row.seconds > 0
+    direct = uq.calibrate(poses, noise=NOISE)  # all pairs in O(n): the same numbers by another way
+    np.testing.assert_allclose(everything["4dpa"].X, direct.X, atol=1e-12)
+    eigenvalues = whitened_eigenvalues(everything["4dpa"].covariance, direct.covariance)
+    np.testing.assert_allclose(eigenvalues, 1, rtol=1e-6)
+
+
+def test_differences_are_those_of_the_convention(everything):
+    reference = everything["4dpa"]
+    assert (reference.d2, reference.agrees, reference.difference_rotation) == (0, True, 0)
+    for row in everything.rows:
+        if row.failure is not None:
+            continue
+        np.testing.assert_allclose(moved(reference.X, row.xi), row.X, atol=1e-14)
+        np.testing.assert_allclose(row.xi, difference(row.X, reference.X), atol=1e-14)
+        cosine = (np.trace(row.X[:3, :3] @ reference.X[:3, :3].T) - 1) / 2
+        assert math.cos(row.difference_rotation) == pytest.approx(cosine, abs=1e-12)
+        distance = np.linalg.norm(row.X[:3, 3] - reference.X[:3, 3])
+        assert row.difference_translation == pytest.approx(distance, rel=1e-12)
+        assert row.d2 == pytest.approx(row.xi @ np.linalg.solve(row.covariance, row.xi), rel=1e-6)
+        assert row.agrees == (row.d2 <= stats.chi2.ppf(0.95, 6))
+
+
+def test_agreement_on_either_side_of_the_ellipsoid(rng):
+    assert pytest.approx(stats.chi2.ppf(0.95, 6), rel=1e-12) == CHI2_95
+    X, covariance = np.eye(4), random_covariance(rng)
+    base = Row("4dpa", 2019, "", "", X=X, covariance=covariance, converged=True)
+    direction = np.linalg.cholesky(covariance) @ [0.6, 0, 0, 0, 0.8, 0]
+    for radius, agrees in ((0.99, True), (1.01, False)):
+        shifted = moved(X, radius * math.sqrt(CHI2_95) * direction)
+        row = against(dataclasses.replace(base, method="park", X=shifted), base)
+        assert row.agrees is agrees
+        assert row.d2 == pytest.approx(radius**2 * CHI2_95, rel=1e-9)
+    # the method's own covariance counts, not that of the reference
+    assert against(dataclasses.replace(base, method="park", X=shifted, covariance=4 * covariance), base).agrees
+    without = against(dataclasses.replace(base, method="park", X=shifted, covariance=None), base)
+    assert without.xi is not None and (without.d2, without.agrees) == (None, None)
+
+
+def test_squared_distance_of_singular_covariances():
+    xi = np.array([1e-3, 0, 0, 1e-3, 0, 0])
+    assert squared_distance(xi, np.diag([1e-6, 0, 0, 1e-6, 0, 0])) == pytest.approx(2)
+    assert squared_distance(xi, np.diag([0, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6])) == math.inf
+    along = np.outer(xi, xi) + np.diag([0, 1.0, 1, 0, 1, 1])
+    assert squared_distance(xi, along) == pytest.approx(1)
+    assert squared_distance(xi * [1, 0, 0, -1, 0, 0], along) == math.inf
+    assert squared_distance(np.zeros(6), np.zeros((6, 6))) == 0
+
+
+def test_a_shifted_method_differs(poses, monkeypatch):
+    good = uq.calibrate(poses, noise=NOISE, method="park")
+    off = moved(good.X, np.array([0, 0, 0, 0.01, 0, 0]))
+    replaced(monkeypatch, "park", lambda: dataclasses.replace(good, X=off))
+    result = compare(poses, noise=NOISE, methods=FEW)
+    assert result["tsai"].agrees and not result["park"].agrees
+    assert "1 differs: park" in result.verdict
+    assert "DIFFERS" in result.to_text()
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (DegenerateMotionError("Axes are\nparallel.", np.eye(6)), "Axes are parallel."),
+        (InputError("No."), "No."),
+        (MissingExtraError("pip install 'uq-handeye[sdp]'."), "pip install 'uq-handeye[sdp]'."),
+        (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
+        (ArithmeticError(), "ArithmeticError: ArithmeticError"),
+        (IndexError("out"), "IndexError: out"),
+    ],
+)
+def test_a_failing_method_says_why_in_its_row(poses, monkeypatch, error, text):
+    replaced(monkeypatch, "park", solver=Failing(error))
+    result = compare(poses, noise=NOISE, methods=FEW)
+    row = result["park"]
+    assert (row.failure, row.X, row.xi, row.d2, row.agrees, row.seconds) == (text, None, None, None, None, None)
+    assert result["tsai"].agrees
+    assert f"park        failed: {text}" in result.to_text()
+    assert "1 failed: park" in result.verdict
+    assert text in result.to_csv()
+    assert json.loads(result.to_json())["methods"][1]["failure"] == text
+
+
+def test_a_covariance_that_is_refused_leaves_x(poses, monkeypatch):
+    original = module.calibrate
+
+    def calibrate(data, *, method, noise=None):
+        if method == "park" and noise is not None:
+            raise InputError("66 pairs are too many.")
+        return original(data, method=method, noise=noise)
+
+    monkeypatch.setattr(module, "calibrate", calibrate)
+    with pytest.warns(InputWarning, match="park: No covariance, hence no verdict: 66 pairs are too many"):
+        result = compare(poses, noise=NOISE, methods=FEW)
+    row = result["park"]
+    assert (row.failure, row.covariance, row.agrees, row.converged) == (None, None, None, True)
+    np.testing.assert_allclose(row.X, uq.calibrate(poses, method="park").X, atol=1e-12)
+    assert result.verdict == "2 of 2 methods agree with 4dpa at 95 %; 1 without covariance: park."
+
+
+def test_an_iteration_without_end_keeps_what_it_reached(poses, monkeypatch):
+    X = uq.calibrate(poses, method="gwak").X
+    partial = Estimate(X, np.array(False), np.array(100))
+    replaced(monkeypatch, "gwak", raises(NotConvergedError("It did not converge.", partial)))
+    result = compare(poses, noise=NOISE, methods=FEW)
+    row = result["gwak"]
+    np.testing.assert_array_equal(row.X, X)
+    assert (row.converged, row.iterations, row.covariance, row.agrees) == (False, 100, None, None)
+    assert row.failure == "It did not converge."
+    assert row.difference_translation > 0
+    assert row.residuals.pairs == 66
+    assert "UNCONVERGED" in result.to_text()
+    assert "\ngwak *  " in result.to_text() and "* not converged" in result.to_text()
+    assert "It did not converge." in result.to_text()
+    assert "1 did not converge: gwak" in result.verdict
+    table = result.to_dataframe().set_index("method")
+    assert not table.loc["gwak", "converged"]
+    replaced(monkeypatch, "gwak", raises(NotConvergedError("It did not converge.")))
+    assert compare(poses, noise=NOISE, methods=FEW)["gwak"].X is None
+
+
+@pytest.mark.parametrize("name", ["X", "covariance"])
+def test_numbers_that_are_not_finite_are_a_failure(poses, monkeypatch, name):
+    good = uq.calibrate(poses, noise=NOISE, method="park")
+    bad = np.full_like(getattr(good, name), np.nan)
+    replaced(monkeypatch, "park", lambda: dataclasses.replace(good, **{name: bad}))
+    result = compare(poses, noise=NOISE, methods=FEW)
+    assert "not finite" in result["park"].failure
+    assert "nan" not in result.to_text().lower()
+
+
+def test_reference_that_fails(poses, monkeypatch):
+    replaced(monkeypatch, "4dpa", raises(InputError("No.")))
+    result = compare(poses, noise=NOISE, methods=FEW)
+    assert (result.reference, result.asked_reference) == ("tsai", "4dpa")
+    assert "4dpa gave no result: the reference is tsai" in result.to_text()
+    assert result["tsai"].d2 == 0
+
+
+def test_every_method_fails():
+    X, A, _ = exact_motions(np.random.default_rng(0), 5)
+    A[:, :3, :3] = np.eye(3)
+    with pytest.warns(InputWarning, match="turns by 0 degrees"):
+        result = compare(uq.Motions(A, np.linalg.inv(X) @ A @ X))
+    assert result.reference is None
+    assert len(result.rows) == len(uq.METHODS)
+    assert all(row.failure for row in result.rows)
+    assert result.verdict == f"None of the {len(uq.METHODS)} methods gave a result."
+    text = result.to_text()
+    assert all(f"\n{name} " in text for name in uq.METHODS)
+    assert "failed: like tsai" in text
+    assert len(result.to_dataframe()) == len(uq.METHODS)
+    json.loads(result.to_json(), parse_constant=no_constant)
+
+
+def test_reference_and_methods(poses):
+    result = compare(poses, methods=["park", "tsai", "park"], reference="chou")
+    assert [row.method for row in result.rows] == ["chou", "park", "tsai"]
+    assert result.reference == "chou"
+    assert [row.method for row in compare(poses, methods="park").rows] == ["4dpa", "park"]
+    assert compare(poses, methods=["4dpa"], noise=NOISE).verdict == "Only 4dpa gave a result."
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"data": "poses"}, "`data`.*got str"),
+        ({"data": uq.simulate(2, seed=0)}, "at least 3 poses"),
+        ({"methods": ["magic"]}, "`methods`.*4dpa.*'magic'"),
+        ({"methods": [None]}, "`methods`.*None"),
+        ({"reference": "magic"}, "`reference`.*'magic'"),
+        ({"pairs": "some"}, "`pairs`.*'some'"),
+        ({"noise": 0.1}, "`noise`.*float"),
+        ({"noise": uq.PairNoise(np.eye(6)[None].repeat(3, 0), np.eye(6))}, "3"),
+        ({"data": uq.Motions(np.eye(4)[None], np.eye(4)[None]), "noise": NOISE}, "PairNoise"),
+        ({"data": uq.Motions(np.zeros((2, 5, 4, 4)) + np.eye(4), np.zeros((2, 5, 4, 4)) + np.eye(4))}, "batch"),
+    ],
+)
+def test_refuses_what_no_method_could_use(poses, arguments, match):
+    with pytest.raises(InputError, match=match):
+        compare(**({"data": poses} | arguments))
+
+
+def test_without_noise(poses):
+    result = compare(poses, methods=FEW)
+    row = result["park"]
+    assert (row.covariance, row.std, row.d2, row.agrees) == (None, None, None, None)
+    assert row.difference_translation > 0
+    assert "cannot be said without noise" in result.verdict
+    assert "+-" not in result.to_text()
+
+
+def test_motions_with_noise_of_pairs(rng):
+    X, A, B = noisy_motions(rng, 30, sd=1e-4)
+    noise = uq.PairNoise(1e-8 * np.eye(6), 1e-8 * np.eye(6))
+    result = compare(uq.Motions(A, B), noise=noise, methods=FEW)
+    assert (result.frame, result.setup, result.n_poses) == ("X", None, None)
+    for row in result.rows:
+        assert row.agrees
+        np.testing.assert_allclose(row.X, X, atol=1e-3)
+
+
+def test_many_poses_share_spread_pairs(monkeypatch):
+    poses = uq.simulate(210, noise=NOISE, seed=1)
+    result = compare(poses, methods=("park", "4dpa"), noise=NOISE)
+    assert result.n_pairs_available == 210 * 209 // 2
+    assert 0.8 * module.MOST_PAIRS < result.n_pairs < 1.1 * module.MOST_PAIRS
+    motions = uq.relative_motions(poses, spread_pairs(210, module.MOST_PAIRS))
+    for row in result.rows:
+        np.testing.assert_allclose(row.X, uq.solve(motions.A, motions.B, method=row.method), atol=1e-12)
+        assert row.residuals.pairs == result.n_pairs
+    assert "Of 21,945 pairs all methods used the same" in result.to_text()
+    assert compare(poses, methods=["4dpa"], pairs="consecutive").n_pairs_available == 209
+
+
+def test_most_differ_points_to_the_central_method(poses, monkeypatch):
+    good = uq.calibrate(poses, noise=NOISE)
+    off = moved(good.X, np.array([0, 0, 0, 0.01, 0, 0]))
+    replaced(monkeypatch, "4dpa", lambda: dataclasses.replace(good, X=off))
+    result = compare(poses, noise=NOISE, methods=(*FEW, "horaud"))
+    assert result.verdict.startswith("0 of 4 methods agree")
+    assert result.most_central[1] == 3
+    assert f"agree with {result.most_central[0]}" in " ".join(result.to_text().split())
+
+
+def test_warnings_come_once(poses):
+    with pytest.warns(InputWarning) as caught:
+        result = compare(dataclasses.replace(poses, camera=poses.camera[::-1]), methods=("park", "chou"))
+    texts = [str(warning.message) for warning in caught]
+    assert len(texts) == len(set(texts)) == len(result.warnings) + len(result.own_warnings)
+    assert any("do not belong together" in text for text in result.warnings)
+    assert "CAUTION" in result.to_text()
+    for text in texts:
+        assert " ".join(text.split()) in " ".join(result.to_text().split())
+
+
+def test_warnings_of_one_method_stay_with_it(poses, monkeypatch):
+    good = uq.calibrate(poses, noise=NOISE, method="park")
+
+    def act():
+        warnings.warn("X is 3.5 m long.", InputWarning, stacklevel=2)
+        return good
+
+    replaced(monkeypatch, "park", act)
+    with pytest.warns(InputWarning, match=r"^park: X is 3\.5 m long"):
+        result = compare(poses, noise=NOISE, methods=FEW)
+    assert (result.warnings, result["park"].warnings, result["tsai"].warnings) == ((), ("X is 3.5 m long.",), ())
+    assert "park !" in result.to_text()
+
+
+def test_json(everything, tmp_path):
+    text = everything.to_json(tmp_path / "comparison.json")
+    assert (tmp_path / "comparison.json").read_text() == text
+    data = json.loads(text, parse_constant=no_constant)
+    assert data == everything.to_dict()
+    assert [entry["method"] for entry in data["methods"]] == list(uq.METHODS)
+    for entry, row in zip(data["methods"], everything.rows, strict=True):
+        if row.X is not None:
+            np.testing.assert_array_equal(entry["X"], row.X)  # no digit is lost
+            np.testing.assert_array_equal(entry["covariance"], row.covariance)
+            assert (entry["d2"], entry["agrees"]) == (row.d2, row.agrees)
+    with pytest.raises(InputError, match="no folder"):
+        everything.to_json(tmp_path / "no" / "comparison.json")
+
+
+def test_infinite_distance_is_no_number_in_json(poses, monkeypatch):
+    good = uq.calibrate(poses, noise=NOISE, method="park")
+    replaced(monkeypatch, "park", lambda: dataclasses.replace(good, covariance=np.zeros((6, 6))))
+    result = compare(poses, noise=NOISE, methods=FEW)
+    assert result["park"].d2 == math.inf and result["park"].agrees is False
+    entry = json.loads(result.to_json(), parse_constant=no_constant)["methods"][1]
+    assert (entry["d2"], entry["agrees"]) == (None, False)
+    assert "inf" in result.to_text()
+
+
+def test_csv(everything, tmp_path):
+    text = everything.to_csv(tmp_path / "comparison.csv")
+    assert (tmp_path / "comparison.csv").read_text() == text
+    assert "nan" not in text.lower()
+    table = pd.read_csv(io.StringIO(text), dtype={"method": str}).set_index("method")
+    assert list(table.index) == list(uq.METHODS)
+    assert table["is_reference"].sum() == 1
+    for row in everything.rows:
+        if row.X is None:
+            assert isinstance(table.loc[row.method, "failure"], str)
+            continue
+        entry = table.loc[row.method]
+        X = [[entry[f"X_{i}{j}" + ("_m" if j == 4 else "")] for j in range(1, 5)] for i in range(1, 4)]
+        np.testing.assert_allclose(np.array(X, dtype=float), row.X[:3], rtol=0, atol=1e-15)
+        assert entry["translation_y_mm"] == pytest.approx(1e3 * row.X[1, 3])
+        assert entry["std_theta_z_deg"] == pytest.approx(math.degrees(row.std[2]))
+        assert entry["difference_rotation_deg"] == pytest.approx(math.degrees(row.difference_rotation))
+        assert entry["error_62"] == pytest.approx(row.residuals.error)
+        assert entry["time_ms"] == pytest.approx(1e3 * row.seconds)
+
+
+def test_text_is_plain_and_narrow(everything):
+    text = everything.to_text()
+    assert text == everything.to_text()
+    assert text.isascii() and "\x1b" not in text
+    assert max(map(len, text.splitlines())) <= 120
+    assert not any(line != line.rstrip() for line in text.splitlines())
+    for name in uq.METHODS:
+        assert sum(line.startswith(f"{name} ") for line in text.splitlines()) >= 1
+    for phrase in ("may be wrong together", "not how accurate", "error (62)", "+- 1 sigma"):
+        assert phrase in " ".join(text.split())
+
+
+def test_text_stays_narrow_with_large_numbers(everything):
+    huge = np.array([2.0, -1.0, 1.5, -123456.789, 98765.4321, -4e7])
+    rows = [everything["4dpa"]]
+    for row in everything.rows:
+        if row.X is not None and row.method != "4dpa":
+            wild = dataclasses.replace(row, X=moved(row.X, huge), seconds=1234.5, iterations=10000)
+            wild = dataclasses.replace(wild, residuals=row.residuals._replace(error=123456.789, rotation_rms=3.1))
+            rows.append(against(wild, rows[0]))
+    text = dataclasses.replace(everything, rows=tuple(rows)).to_text()
+    assert max(map(len, text.splitlines())) <= 120
+
+
+def test_digits():
+    assert [digits(x) for x in (None, 0.0, 1.23456, 12.3456, 123.456, 1234.56, 0.00123456)] == [
+        *("-", "0", "1.23", "12.3", "123", "1235"),
+        "0.00123",
+    ]
+    assert [digits(x) for x in (1e-9, 1e7, 9.999, -0.5, math.inf)] == ["1.0e-09", "1.0e+07", "10.0", "-0.500", "inf"]
+    assert digits(2.0, 1e3) == "2000"
+
+
+def test_progress_is_silent_without_a_terminal(poses, capfd):
+    compare(poses, methods=FEW, progress=True)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_lookup(everything):
+    assert everything["park"].method == "park"
+    assert repr(everything) == f"Comparison({len(uq.METHODS)} methods, reference 4dpa, 66 pairs)"
+    with pytest.raises(KeyError):
+        everything["magic"]
+    assert isinstance(everything, Comparison)
