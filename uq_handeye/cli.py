@@ -18,7 +18,7 @@ from . import __version__
 from .calibration import Calibration, calibrate
 from .comparison import Comparison, compare
 from .errors import InputError, InputWarning, NotConvergedError
-from .estimators import METHODS
+from .estimators import METHODS, ROBOT_WORLD_METHODS
 from .io import pose_text, read_noise_file, read_pose_file, read_poses, write_files
 from .noise import Noise, PoseNoise
 from .poses import SETUPS, PosePairs
@@ -154,7 +154,7 @@ def calibrate_command(
     camera_noise: CameraNoise = None,
     noise: NoiseFile = None,
     pairs: PairsOption = "all",
-    method: Annotated[str, typer.Option(help=f"Estimator: {', '.join(METHODS)}.")] = "4dpa",
+    method: Annotated[str, typer.Option(help=f"Estimator: {', '.join([*METHODS, *ROBOT_WORLD_METHODS])}.")] = "4dpa",
     scale: Annotated[
         float | None, typer.Option(help="Scaling factor d of the paper; left out, its limit in closed form.")
     ] = None,
@@ -190,7 +190,11 @@ def compare_command(
     noise: NoiseFile = None,
     pairs: PairsOption = "all",
     methods: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help=f"Some of {', '.join(METHODS)}; left out, all.")
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            help=f"Some of {', '.join(METHODS)}; or {', '.join(ROBOT_WORLD_METHODS)}, on poses. Left out: the former.",
+        ),
     ] = None,
     reference: Annotated[str, typer.Option(help="Method from which differences are taken.")] = "4dpa",
     units: Units = "m",

@@ -33,8 +33,9 @@ from scipy.spatial.transform import Rotation
 
 from .calibration import CONVENTION, Calibration, calibrate, require_noise_fits
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
-from .estimators import METHODS
+from .estimators import METHODS, ROBOT_WORLD_METHODS
 from .estimators.method import Estimate, Method
+from .estimators.robot_world import RobotWorldMethod
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise
@@ -242,7 +243,7 @@ def compare(
     data : PosePairs or Motions
     noise : PoseNoise, PairNoise or None
         As in `calibrate`. None gives differences but no standard deviations, hence no agreement.
-    methods : names in `METHODS`, or None for all
+    methods : names in `METHODS` or `ROBOT_WORLD_METHODS`, or None for all of `METHODS`
         The reference is added if it is not among them.
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
         Pairs to make of the poses (`relative_motions`); Motions come with theirs.
@@ -278,7 +279,7 @@ def compare(
     with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
         warnings.simplefilter("always")
         for name in _shown(sorted(names, key=lambda name: name != reference), progress):
-            found[name] = _row(METHODS[name], motions, noise)
+            found[name] = _row(_every()[name], motions, noise)
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
     common, own = _sorted_warnings(rows, base)
@@ -302,12 +303,16 @@ def compare(
     return result
 
 
+def _every() -> dict[str, Method | RobotWorldMethod]:
+    return {**METHODS, **ROBOT_WORLD_METHODS}
+
+
 def _names(methods: Sequence[str] | None, reference: str) -> list[str]:
     """The methods to run, each once and the reference among them."""
     wanted = list(METHODS) if methods is None else [methods] if isinstance(methods, str) else list(methods)
     for name, argument in (*((name, "methods") for name in wanted), (reference, "reference")):
-        if not isinstance(name, str) or name not in METHODS:
-            raise InputError(f"Expected `{argument}` to name methods among {', '.join(METHODS)}, got {name!r}.")
+        if not isinstance(name, str) or name not in _every():
+            raise InputError(f"Expected `{argument}` to name methods among {', '.join(_every())}, got {name!r}.")
     return list(dict.fromkeys(wanted if reference in wanted else [reference, *wanted]))
 
 
@@ -346,7 +351,7 @@ def _shown(names: Iterable[str], progress: bool) -> Iterator[str]:
             bar.advance(task)
 
 
-def _row(method: Method, motions: Motions, noise: Noise | None) -> Row:
+def _row(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | None) -> Row:
     """The row of one method, without its difference from the reference; never raises on account of the data."""
     row = Row(method.name, method.year, method.structure, method.form)
     with warnings.catch_warnings(record=True) as caught:
@@ -363,13 +368,22 @@ def _row(method: Method, motions: Motions, noise: Noise | None) -> Row:
             row = replace(row, failure=f"{type(error).__name__}: {_sentence(error)}")
         if row.X is not None:
             with suppress(Exception):  # what cannot be timed has no time
-                weights = _weights(method, motions, noise)
-                row = replace(row, seconds=_seconds(lambda: method.estimate(motions.A, motions.B, weights)))
+                row = replace(row, seconds=_seconds(_alone(method, motions, noise)))
     for warning in caught:
         if not issubclass(warning.category, InputWarning):
             warnings.warn(warning.message, warning.category, stacklevel=2)
     texts = [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]
     return replace(row, warnings=tuple(dict.fromkeys([*row.warnings, *texts])))
+
+
+def _alone(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | None) -> Callable[[], object]:
+    """The estimate without anything around it."""
+    if isinstance(method, RobotWorldMethod):
+        poses = motions.poses
+        assert poses is not None  # or it would have no X
+        return lambda: method(poses)
+    weights = _weights(method, motions, noise)
+    return lambda: method.estimate(motions.A, motions.B, weights)
 
 
 def _weights(method: Method, motions: Motions, noise: Noise | None) -> PairNoise | None:
@@ -394,7 +408,9 @@ def _filled(row: Row, result: Calibration) -> Row:
     )
 
 
-def _without_covariance(row: Row, error: InputError, motions: Motions, noise: Noise | None, method: Method) -> Row:
+def _without_covariance(
+    row: Row, error: InputError, motions: Motions, noise: Noise | None, method: Method | RobotWorldMethod
+) -> Row:
     """The row with X alone where it is the covariance that the method refuses, for example of too many pairs."""
     if noise is None or method.weighted:
         return replace(row, failure=_sentence(error))

@@ -44,6 +44,7 @@ class RobotWorldMethod:
     minimises: str
     solution: Callable[[Array, int], RobotWorld]  # of the moments (T, 19, 13) of n poses
     form: str = "closed form"
+    weighted: bool = False
 
     def __call__(self, poses: PosePairs) -> RobotWorld:
         """X and W (..., 4, 4) of poses, which may have leading axes."""
