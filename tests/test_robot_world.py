@@ -124,3 +124,37 @@ def test_parallel_axes_are_refused(method, rng):
     poses = uq.PosePairs(robot, np.linalg.inv(robot))
     with pytest.raises(uq.DegenerateMotionError, match="parallel"):
         uq.ROBOT_WORLD_METHODS[method](poses)
+
+
+@pytest.mark.parametrize("method", ON_POSES)
+def test_few_poses_in_mm(method, rng):
+    """An ill-conditioned least squares: exact to 1e-9 of a metre, and so are its derivatives to 1e-4."""
+    unit = np.array([1, 1, 1, 1e3, 1e3, 1e3])
+    n = 4
+    X, robot, camera = exact_poses(rng, n)
+    for T in (robot, camera):
+        T[:, :3, 3] *= 1e3
+    solve = uq.ROBOT_WORLD_METHODS[method]
+    found = solve(uq.PosePairs(robot, camera))
+    assert np.abs(found.X[:3, 3] - 1e3 * X[:3, 3]).max() < 1e-6
+    D = solve.sensitivities(uq.PosePairs(robot, camera))
+    for which in (0, 1):
+
+        def of(xi, which=which):
+            poses = (uq.PosePairs(moved(robot, x[0]), moved(camera, x[1])) for x in xi.reshape(-1, 2, n, 6) * unit)
+            return difference(np.stack([solve(pair)[which] for pair in poses]), found[which])
+
+        J = jacobian(of, 12 * n, 1e-5).reshape(6, 2, n, 6) / unit
+        for k in (0, 1):
+            np.testing.assert_allclose(J[:, k].swapaxes(0, 1), D[which][k], atol=1e-4 * np.abs(D[which][k]).max())
+
+
+def test_what_is_no_set_of_poses_is_refused():
+    solve = uq.ROBOT_WORLD_METHODS["li"]
+    poses = uq.simulate(n_poses=8, seed=1)
+    with pytest.raises(uq.InputError, match="`poses` to be PosePairs, got ndarray"):
+        solve(poses.robot)
+    with pytest.raises(uq.InputError, match="at least 3 poses, got 2"):
+        solve(uq.PosePairs(poses.robot[:2], poses.camera[:2]))
+    with pytest.raises(uq.InputError, match="`method` to be a name, got list"):
+        uq.calibrate(poses, method=["li"])

@@ -367,7 +367,8 @@ def calibrate(
             direct = scale is None and kind in (None, "poses") and not isinstance(noise, PairNoise)
             if method == "4dpa" and direct and (of_all := AllPairs(data)).precise:
                 everything = of_all
-            if everything or method in ROBOT_WORLD_METHODS:  # the pairs serve residuals and checks alone
+            if everything or (isinstance(method, str) and method in ROBOT_WORLD_METHODS):
+                # the pairs serve residuals and checks alone
                 pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)
         motions = relative_motions(data, pairs)
     elif isinstance(data, Motions):
@@ -457,6 +458,8 @@ def _fit(
     sensitive: bool,
 ) -> _Fit:
     """X and W by any method and, if ``sensitive``, their derivatives by the errors of the poses."""
+    if not isinstance(method, str):
+        raise InputError(f"Expected `method` to be a name, got {type(method).__name__}.")
     poses = motions.poses
     if scale is not None and method != "4dpa":
         raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")

@@ -137,6 +137,8 @@ def as_pairs(A: Any, B: Any) -> tuple[Array, Array]:
         )
     if A.shape[-3] < 2:
         raise InputError(f"Expected at least 2 motions to determine X, got {A.shape[-3]}.")
+    if 0 in A.shape or 0 in B.shape:
+        raise InputError(f"Expected at least one problem, got shapes {A.shape} and {B.shape}.")
     if A.shape != B.shape:
         try:
             A, B = np.broadcast_arrays(A, B)

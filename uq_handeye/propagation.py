@@ -18,15 +18,25 @@ so that this can be shown.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError
-from .estimators.method import Derivatives, ErrorFactors, Method, SolverWithCovariance, require_converged
-from .estimators.registry import METHODS, find
+from .errors import InputError, InputWarning
+from .estimators.method import (
+    Derivatives,
+    ErrorFactors,
+    Method,
+    PoseFactors,
+    Singular,
+    SolverWithCovariance,
+    no_unique_X,
+    require_converged,
+)
+from .estimators.registry import find
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise, factor, is_joint, marginals, require_count
 from .octonion_covariance import PAPER_SCALE, literal_covariance
@@ -48,6 +58,8 @@ from .sensitivity import LimitDerivatives, ScaledDerivatives, cross_rows, linear
 BLOCK = 1024
 # Pairs times error components of their poses, beyond which not every two pairs are compared.
 MOST_SHARED = 5_000_000
+# Independent pairs or poses below which the covariance of a method that is not smooth is not to be trusted.
+FEW = 10
 
 _EYE = np.eye(3)
 
@@ -105,8 +117,8 @@ def propagate(
     if kind == "literal":
         assert isinstance(problem.noise, PairNoise)  # _data_side has seen to it
         S = literal_covariance(problem.A, problem.B, problem.noise, problem.X, PAPER_SCALE if scale is None else scale)
-    elif method in METHODS and not METHODS[method].smooth:
-        S = _beyond_derivatives(problem, METHODS[method], kind)
+    elif not find(method).smooth:
+        S = _beyond_derivatives(problem, find(method), kind)
     else:
         S = np.concatenate(problem.each(lambda side, Q: np.asarray(Q @ side.covariance() @ Q.mT)))
     return (0.5 * (S + S.mT)).reshape(*problem.batch, 6, 6)
@@ -131,6 +143,7 @@ class _Problem(NamedTuple):
     A: Array
     B: Array
     X: Array | None
+    method: str
     noise: Noise
     weights: PairNoise | None  # the noise of each pair alone, where the method asks for it
     start: Start
@@ -141,6 +154,8 @@ class _Problem(NamedTuple):
         """``take(side of the data, weight Q (T, 6, 6))`` of each block of trials."""
         try:
             return [take(*sums) for sums in self._sums(self.derivatives)]
+        except Singular as singular:  # an ill-conditioned problem that the estimate, refined, still solved
+            raise no_unique_X(self.method, singular, self.A[:0], self.B[:0], ()) from None
         except Suspicious:
             shape = (*self.batch, *self.A.shape[1:])
             require_transforms(self.A.reshape(shape), self.B.reshape(shape))
@@ -202,25 +217,41 @@ def _problem(
         # the limit checks the values of A and B on the way; if they look odd, once more and with names
         derivatives = lambda trials: LimitDerivatives(at[trials], motions is not None)  # noqa: E731
         again = lambda trials: LimitDerivatives(at[trials], True)  # noqa: E731
-    return _Problem(batch, flat_A, flat_B, X, noise, weights, start, derivatives, again)
+    return _Problem(batch, flat_A, flat_B, X, method, noise, weights, start, derivatives, again)
 
 
 def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> Array:
     """The covariances (T, 6, 6) of an X that is no smooth function of the data."""
     solver = cast(SolverWithCovariance, method.solver)
     assert problem.X is not None and problem.weights is not None
+    pairs_share = isinstance(problem.noise, PoseNoise) and kind != "pairs"
+    sources = problem.A.shape[1]
+    if pairs_share:
+        side = problem.start(slice(0, 1))
+        assert isinstance(side, _Shared)
+        sources = side.sums[0].shape[1]
+    if sources < FEW:
+        warnings.warn(
+            f"The covariance of method {method.name!r} holds for many data; with {sources} "
+            f"{'poses' if pairs_share else 'pairs'} it may be far off either way. Trust it from {FEW} up.",
+            InputWarning,
+            stacklevel=4,
+        )
     found = []
     for t, (A, B, X) in enumerate(zip(problem.A, problem.B, problem.X, strict=True)):
-        noise: PairNoise | ErrorFactors = problem.weights
-        if isinstance(problem.noise, PoseNoise) and kind != "pairs":
+        noise: PairNoise | ErrorFactors | PoseFactors = problem.weights
+        if pairs_share:
             side = problem.start(slice(t, t + 1))
             assert isinstance(side, _Shared)
-            if len(A) * side.count > MOST_SHARED:
-                raise InputError(
-                    f"The covariance of method {method.name!r} compares every two residuals of pairs that share poses; "
-                    f"{len(A)} pairs are too many. Choose fewer, or kind='pairs', which takes them as independent."
-                )
-            noise = side.factors()
+            if side.joint or side.twice:  # any two pairs may be correlated
+                if len(A) * side.count > MOST_SHARED:
+                    raise InputError(
+                        f"The covariance of method {method.name!r} compares every two residuals where all poses share "
+                        f"errors; {len(A)} pairs are too many. Choose fewer."
+                    )
+                noise = side.factors()
+            else:
+                noise = PoseFactors(side.pairs, side.pose_factors)
         found.append(solver.covariance(A, B, X, noise))
     return np.stack(found)
 
@@ -371,6 +402,28 @@ class _Shared(_OnPoses):
 
     def covariance(self) -> Array:
         return covariance_of_poses(self.by_error(), self.model)
+
+    @property
+    def joint(self) -> bool:
+        """Whether the errors of different poses are correlated."""
+        return any(covariance is not None and is_joint(covariance) for covariance in self.noise)
+
+    @property
+    def twice(self) -> bool:
+        """Whether two pairs have both poses in common."""
+        return len(np.unique(np.sort(self.pairs, axis=1), axis=0)) < len(self.pairs)
+
+    def pose_factors(self, pairs: slice) -> Array:
+        """``d (xi_A, xi_B) / dz`` (2, m, 12, 12) of pairs of the first trial by their two poses, z standard normal."""
+        index = self.pairs[pairs].T
+        unit = np.broadcast_to(np.eye(6)[:, :, None, None], (6, 6, 1, index.shape[1]))
+        found = np.zeros((2, index.shape[1], 12, 12))
+        for side, (by_pose, covariance) in enumerate(zip(self.by_pose, self.noise, strict=True)):
+            if covariance is not None:
+                D = self.by_difference(unit, side, pairs)[:, :, 0].transpose(2, 0, 1)
+                part = slice(6 * side, 6 * side + 6)
+                found[:, :, part, part] = D @ (by_pose[0] @ factor(covariance))[index] * [[[[1.0]]], [[[-1.0]]]]
+        return found
 
     @property
     def count(self) -> int:

@@ -18,7 +18,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.estimators.axes import axis_reference, quaternions
+from uq_handeye.estimators.axes import axis_signs, quaternions
 from uq_handeye.estimators.axes import rotation_vectors as from_quaternions
 from uq_handeye.estimators.moments import MomentSolver
 
@@ -117,11 +117,11 @@ def test_blocks_of_many_pairs_give_the_same_sums(rng):
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7])
-def test_motions_about_one_axis_are_refused(method, rng, angle):
-    """Parallel axes, and no rotation at all."""
+@pytest.mark.parametrize("axis", [None, [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]], ids=["any", "x", "y", "z"])
+def test_motions_about_one_axis_are_refused(method, rng, axis, angle):
+    """Parallel axes, also those of a SCARA robot, and no rotation at all."""
     X = random_transforms(rng)
-    axis = rotation_vectors(rng, ())
-    axis /= np.linalg.norm(axis)
+    axis = rotation_vectors(rng, (), 1.0, 1.0) if axis is None else X[:3, :3].T @ axis
     R = rotations(axis * (angle * rng.uniform(0.5, 1.5, (6, 1))))
     B = transforms(R, rng.normal(size=(6, 3)))
     with pytest.raises(uq.DegenerateMotionError) as caught:
@@ -161,6 +161,34 @@ def test_shiu_needs_an_axis_of_every_motion(rng):
             assert np.abs(difference(uq.solve(A, B, method=name), X)).max() < 1e-9, name
 
 
+def test_translations_of_zero(method, rng):
+    """A camera in the wrist's centre: only andreff needs translations, to fix the scale of its matrix."""
+    X, A, B = exact_motions(rng, 6)
+    A[:, :3, 3] = 0.0
+    for truth in (X, np.block([[X[:3, :3], np.zeros((3, 1))], [0, 0, 0, 1]])):
+        B = np.linalg.inv(truth) @ A @ truth
+        if method.name == "andreff":
+            with pytest.raises(uq.DegenerateMotionError, match="'andreff' finds no unique X"):
+                method(A, B)
+        else:
+            assert np.abs(difference(method(A, B), truth)).max() < 1e-9
+
+
+def test_andreff_refuses_a_matrix_that_noise_has_shrunk(rng):
+    X, A, B = exact_motions(rng, 20)
+    A[:, :3, 3] = 0.0
+    B = np.linalg.inv(X) @ A @ X
+    a, b = (moved(T, 1e-2 * rng.normal(size=(20, 6)) * [1, 1, 1, 1e-3, 1e-3, 1e-3]) for T in (A, B))
+    with pytest.raises(uq.DegenerateMotionError, match="too small against the noise"):
+        uq.solve(a, b, method="andreff")
+
+
+def test_an_empty_batch_is_no_problem_to_solve(method, rng):
+    _, A, B = exact_motions(rng, 5, (2,))
+    with pytest.raises(uq.InputError, match="at least one problem"):
+        method(A[:0], B[:0])
+
+
 def test_half_turns_alone_leave_the_signs_of_axes_open(rng):
     X, A, B = exact_motions(rng, 6, smallest=np.pi, largest=np.pi)
     for name in ("tsai", "shiu", "chou", "park", "horaud", "daniilidis", "lu", "condurache", "4dpa"):
@@ -176,7 +204,7 @@ def test_axes_near_half_turns_keep_their_sign(rng):
     B[:6] = random_transforms(rng, (6,), np.pi, np.pi)
     A[:6] = X @ B[:6] @ np.linalg.inv(X)
     a, b = (moved(T, 1e-3 * rng.normal(size=(500, 12, 6))) for T in (A, B))
-    q_A, q_B = quaternions(a, b, axis_reference(a, b))
+    q_A, q_B = quaternions(a, b, axis_signs(a, b))
     alpha, beta = from_quaternions(q_A), from_quaternions(q_B)
     assert np.abs(alpha - np.einsum("ij,tnj->tni", X[:3, :3], beta)).max() < 0.02
     naive = quaternions(a, b, None)
@@ -260,6 +288,67 @@ def test_the_covariance_at_extreme_angles(name, angles, rng):
     _, A, B = exact_motions(rng, 6, smallest=angles[0], largest=angles[1])
     step = 1e-3 * min(angles[0], np.pi - angles[1] + 0.1)
     assert_same_covariance(uq.propagate(A, B, noise, method=name), brute_force(name, A, B, noise, step), 1e-4)
+
+
+@pytest.mark.parametrize("name", [name for name in SMOOTH if name != "condurache"])
+def test_the_covariance_at_exact_half_turns_of_a_programmed_robot(name, rng):
+    """Right where the canonical quaternion of A changes its sign, with a camera that is noisy.
+
+    Rotation vectors pass there from ``angle axis`` to ``(angle - 360 degrees) axis``, and the weight of the pair jumps by
+    as much as A and B disagree: X by the square of that, which the steps must outweigh. That of condurache jumps by the
+    first power, as its `singular` says.
+    """
+    if name == "heller":
+        pytest.importorskip("cvxpy")
+    noise = uq.PairNoise(random_covariance(rng), random_covariance(rng))
+    X, A, B = exact_motions(rng, 6)
+    A[0, :3, :3], A[1, :3, :3], A[2, :3, :3] = np.diag([-1, -1, 1]), np.diag([1, -1, -1]), np.diag([-1, 1, -1])
+    B = moved(np.linalg.inv(X) @ A @ X, 1e-4 * rng.normal(size=(6, 6)))
+    assert_same_covariance(uq.propagate(A, B, noise, method=name), brute_force(name, A, B, noise, 1e-3), 0.01)
+
+
+@pytest.mark.parametrize("N", [3, 4, 8])
+def test_the_covariance_of_an_ill_conditioned_least_squares(N, rng):
+    """andreff in mm: squared lengths outweigh the rotation equations by 1e6, and any step would be too long."""
+    unit = np.array([1, 1, 1, 1e3, 1e3, 1e3])
+    S = random_covariance(rng) * np.outer(unit, unit)
+    _, A, B = exact_motions(rng, N, smallest=0.1, largest=0.3)
+    for T in (A, B):
+        T[:, :3, 3] *= 1e3
+    X = uq.solve(A, B, method="andreff")
+
+    def of(xi):
+        return difference(uq.solve(moved(A, xi.reshape(-1, N, 6) * unit), B, method="andreff"), X)
+
+    J = jacobian(of, 6 * N, 1e-5).reshape(6, N, 6) / unit
+    expected = np.einsum("anj,jk,bnk->ab", J, S, J)
+    assert_same_covariance(uq.propagate(A, B, uq.PairNoise(A=S), method="andreff"), expected, 1e-3)
+
+
+def test_zhao_compares_pairs_that_share_a_pose_alone(rng, monkeypatch):
+    """Equal to comparing every two residuals, to the tolerance of its fixed point; pairs made twice are compared so."""
+    _, robot, camera = exact_poses(rng, 12)
+    poses = uq.PosePairs(robot, camera)
+    noise = uq.PoseNoise(random_covariance(rng, shape=(12,)), random_covariance(rng))
+    for pairs in ("all", "consecutive", [[0, 1], [2, 1], [3, 1], [4, 5], [6, 5], [7, 5], [8, 9], [10, 11], [11, 3]]):
+        motions = uq.relative_motions(poses, pairs)
+        found = uq.propagate(motions, noise, method="zhao")
+        with monkeypatch.context() as patch:
+            patch.setattr("uq_handeye.propagation._Shared.twice", True)
+            assert_same_covariance(found, uq.propagate(motions, noise, method="zhao"), 1e-6)
+    again = np.concatenate([uq.relative_motions(poses, "all").pairs, [[1, 0]]])
+    assert np.isfinite(uq.propagate(uq.relative_motions(poses, again), noise, method="zhao")).all()
+
+
+def test_zhao_warns_where_data_are_few(rng):
+    noise = uq.PairNoise(random_covariance(rng), random_covariance(rng))
+    _, A, B = exact_motions(rng, 5)
+    with pytest.warns(uq.InputWarning, match="with 5 pairs it may be far off"):
+        uq.propagate(A, B, noise, method="zhao")
+    _, robot, camera = exact_poses(rng, 6)
+    motions = uq.relative_motions(uq.PosePairs(robot, camera), "all")
+    with pytest.warns(uq.InputWarning, match="with 6 poses it may be far off"):
+        uq.propagate(motions, uq.PoseNoise(camera=random_covariance(rng)), method="zhao")
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])

@@ -3,7 +3,8 @@ r"""Andreff, Horaud and Espiau (2001): all twelve entries of X by one linear lea
 The equations of `kronecker` are solved for x = (r, t) without the constraint that r be a rotation; the 3x3 block is
 then replaced by the nearest rotation, and t is kept. (The publication also estimates an unknown scale of camera
 translations from structure from motion; camera poses here are metric.) The result depends on the unit of length, which
-weighs translation against rotation equations.
+weighs translation against rotation equations. Nothing but the translations fixes the scale of r: where they are small
+against the noise it shrinks, and t with it.
 
 The normal equations square the condition of the problem; one step of iterative refinement with the residuals of the
 data themselves makes up for it.
@@ -18,46 +19,48 @@ import numpy as np
 from ..noise import PairNoise
 from ..procrustes import orthonormalise, pair_blocks, trial_blocks
 from ..se3 import Array
-from .kronecker import kronecker_factors, normal_equations, residual_gradient
-from .method import Estimate, Method, closed_form, require
+from .kronecker import SHAPE, kronecker_factors, normal_equations, residual_gradient
+from .linear import Normal, normal, require_axes, require_scale, slopes, turn_of
+from .method import Estimate, Method, closed_form
 from .moments import Moments, MomentSolver
 
-# Ratio of the eigenvalues of the normal equations, scaled to equal diagonals, below which the least is rounding.
-SINGULAR = 1e-13
 
-
-def _solver_of(G: Array) -> tuple[Array, Array]:
-    """``diag(d) G diag(d)`` with the diagonal 1, and d: columns of t to the size of those of r."""
-    d = 1.0 / np.sqrt(np.maximum(np.diagonal(G, axis1=-2, axis2=-1), 1e-300))
-    scaled = G * d[:, :, None] * d[:, None, :]
-    values = np.linalg.eigvalsh(scaled)
-    require(values[:, 0] > SINGULAR * values[:, -1], "its linear equations are singular.")
-    return scaled, d
+def _linear(moments: Moments, N: int) -> tuple[Normal, Array]:
+    G, g = normal_equations(moments[0])
+    require_axes(G[:, 9:, 9:], N)
+    equations = normal(G)
+    return equations, equations.solve(g)
 
 
 def _projected(x: Array) -> Estimate:
+    M = x[:, :9].reshape(-1, 3, 3)
+    require_scale(M)
     X = np.zeros((len(x), 4, 4))
-    X[:, :3, :3] = orthonormalise(x[:, :9].reshape(-1, 3, 3))
+    X[:, :3, :3] = orthonormalise(M)
     X[:, :3, 3] = x[:, 9:]
     X[:, 3, 3] = 1.0
     return closed_form(X)
 
 
-def unrefined(moments: Moments, N: int) -> Estimate:
-    G, g = normal_equations(moments[0], N)
-    scaled, d = _solver_of(G)
-    return _projected(np.linalg.solve(scaled, (g * d)[..., None])[..., 0] * d)
+def _solution(moments: Moments, N: int) -> Estimate:
+    return _projected(_linear(moments, N)[1])
+
+
+def _slopes(moments: Moments, N: int) -> list[Array]:
+    equations, x = _linear(moments, N)
+    M = x[:, :9].reshape(-1, 3, 3)
+    dx = slopes(normal_equations, SHAPE, equations, x)
+    by_moments = np.concatenate([turn_of(M, orthonormalise(M), dx[:, :9]), dx[:, 9:]], axis=1)
+    return [by_moments.reshape(-1, 6, *SHAPE)]
 
 
 class _Refined(MomentSolver):
     def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
-        G, g = normal_equations(self.moments(A, B, None)[0], A.shape[1])
-        scaled, d = _solver_of(G)
-        x = np.linalg.solve(scaled, (g * d)[..., None])[..., 0] * d
+        equations, x = _linear(self.moments(A, B, None), A.shape[1])
         gradient = np.zeros_like(x)
         for trials, pairs in product(trial_blocks(*A.shape[:2]), pair_blocks(A.shape[1])):
             gradient[trials] += residual_gradient(A[trials, pairs], B[trials, pairs], x[trials])
-        return _projected(x - np.linalg.solve(scaled, (gradient * d)[..., None])[..., 0] * d)
+        return _projected(x - equations.solve(gradient))
 
 
 METHOD = Method(
@@ -69,6 +72,6 @@ METHOD = Method(
     structure="simultaneous",
     form="closed form",
     minimises="sum |R_A R R_B^T - R|^2 + |R t_B + t - R_A t - t_A|^2 over any 3x3 matrix R and t; then R is projected",
-    singular="none beyond parallel rotation axes; without any translation R is determined only up to a factor",
-    solver=_Refined(kronecker_factors, unrefined, axes=False),
+    singular="translations that are zero, or small against the noise: they alone fix the scale of R",
+    solver=_Refined(kronecker_factors, _solution, slopes=_slopes, axes=False),
 )

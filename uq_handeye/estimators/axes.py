@@ -4,12 +4,15 @@ A rotation by nearly 180 degrees has two unit quaternions, ``(w, v)`` and ``(-w,
 chooses; if it chooses differently for A and B, the pair contradicts all others. The publications leave this open. Here
 the quaternion of A has ``w >= 0``, and so has that of B, except that for motions beyond 170 degrees the sign of B's is
 the one for which ``v_A . R v_B > 0``, R the rotation that fits the vectors ``sin(angle) axis``, which have no such
-ambiguity. The pair of quaternions then is a smooth function of the data, up to a common sign.
+ambiguity. The pair of quaternions then is a smooth function of the data, up to a common sign, which products of the
+two do not see.
 
 Quaternions are ``(w, x, y, z)``.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,14 +21,24 @@ from ..procrustes import orthonormalise
 from ..se3 import Array, left_jacobian, skew, vee
 from .method import require
 
-# cos(170 / 2 degrees): below this scalar part a quaternion's sign needs the reference.
+# cos(170 / 2 degrees): below this scalar part a quaternion's sign needs the other motions.
 HALF_TURN = 0.0872
 
 NO_AXIS = 1e-9
 
 
-def axis_reference(A: Array, B: Array) -> Array | None:
-    """R (T, 3, 3) that tells the signs of axes near half turns, or None if no motion of A (T, N, 4, 4) is one."""
+class Signs(NamedTuple):
+    """What tells the signs of axes near half turns."""
+
+    R: Array  # (T, 3, 3): the rotation that they must fit
+    like: tuple[Array, Array] | None = None  # quaternions of A and B to be continuous with, when differentiating
+
+    def of(self, trials: slice) -> Signs:
+        return Signs(self.R[trials])
+
+
+def axis_signs(A: Array, B: Array) -> Signs | None:
+    """The `Signs` for motions (T, N, 4, 4), or None if no motion of A is near a half turn."""
     trace = np.trace(A[..., :3, :3], axis1=-2, axis2=-1)
     if trace.min() > 4.0 * HALF_TURN**2 - 1.0:  # tr R = 4 w^2 - 1
         return None
@@ -36,18 +49,23 @@ def axis_reference(A: Array, B: Array) -> Array | None:
         s[:, 1] > 1e-8 * A.shape[1],
         "some motions turn by 180 degrees, where the sign of an axis is open, and the others do not tell it.",
     )
-    return orthonormalise(H)
+    return Signs(orthonormalise(H))
 
 
-def quaternions(A: Array, B: Array, reference: Array | None) -> tuple[Array, Array]:
-    """Unit quaternions (..., 4) of the rotations of A and B (..., 4, 4), with consistent signs."""
+def quaternions(A: Array, B: Array, signs: Signs | None) -> tuple[Array, Array]:
+    """Unit quaternions (..., m, 4) of the rotations of A and B (..., m, 4, 4), with consistent signs."""
     q_A, q_B = (
         Rotation.from_matrix(T[..., :3, :3], assume_valid=True).as_quat(canonical=True, scalar_first=True)
         for T in (A, B)
     )
-    if reference is not None:
-        aligned = np.einsum("...mi,...ij,...mj->...m", q_A[..., 1:], reference, q_B[..., 1:])
-        q_B *= np.where((q_A[..., 0] < HALF_TURN) & (aligned < 0), -1.0, 1.0)[..., None]
+    if signs is None:
+        return q_A, q_B
+    if signs.like is not None:
+        for q, base in zip((q_A, q_B), signs.like, strict=True):
+            q *= np.where(np.einsum("...i,...i->...", q, base) < 0, -1.0, 1.0)[..., None]
+        return q_A, q_B
+    aligned = np.einsum("...mi,...ij,...mj->...m", q_A[..., 1:], signs.R, q_B[..., 1:])
+    q_B *= np.where((q_A[..., 0] < HALF_TURN) & (aligned < 0), -1.0, 1.0)[..., None]
     return q_A, q_B
 
 

@@ -16,9 +16,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..procrustes import DEGENERATE
+from ..procrustes import DEGENERATE, NO_ROTATION
 from ..se3 import Array, skew
-from .axes import quaternions
+from .axes import Signs, quaternions
 from .method import Estimate, Method, require
 from .moments import Factors, Moments, MomentSolver
 from .translation import translation_factors, with_translation
@@ -38,8 +38,8 @@ def _rows() -> Array:
 _GRAM = np.einsum("jra,krb->jkab", _rows(), _rows()).reshape(36, 16)
 
 
-def _factors(A: Array, B: Array, reference: Array | None) -> Factors:
-    q_A, q_B = quaternions(A, B, reference)
+def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:
+    q_A, q_B = quaternions(A, B, signs)
     ab = np.concatenate([q_A[..., 1:], q_B[..., 1:]], axis=-1)
     return (ab, ab), translation_factors(A, B)
 
@@ -48,7 +48,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
     ab, of_translation = moments
     values, vectors = np.linalg.eigh((ab.reshape(-1, 36) @ _GRAM).reshape(-1, 4, 4))
     gap = values[:, 1] - values[:, 0]
-    require((gap > DEGENERATE * values[:, 3]) & (values[:, 3] > 0), "the rotation axes are parallel.")
+    require((gap > DEGENERATE * values[:, 3]) & (values[:, 3] > NO_ROTATION * N), "the rotation axes are parallel.")
     R = Rotation.from_quat(vectors[..., 0], scalar_first=True).as_matrix()
     return with_translation(R, of_translation, N)
 

@@ -17,15 +17,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE, solve_moments
+from ..procrustes import DEGENERATE, NO_ROTATION, solve_moments
 from ..se3 import Array
-from .axes import quaternions, rotation_vectors, twists
+from .axes import Signs, quaternions, rotation_vectors, twists
 from .method import Estimate, Method, closed_form, require
 from .moments import Factors, Moments, MomentSolver
 
 
-def _factors(A: Array, B: Array, reference: Array | None) -> Factors:
-    q_A, q_B = quaternions(A, B, reference)
+def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:
+    q_A, q_B = quaternions(A, B, signs)
     return ((twists(A, rotation_vectors(q_A)), twists(B, rotation_vectors(q_B))),)
 
 
@@ -33,7 +33,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
     H = moments[0][:, :3, :3]
     s = np.linalg.svd(H, compute_uv=False)
     across = s[:, 1] + np.sign(np.linalg.det(H)) * s[:, 2]
-    require((across > DEGENERATE * s[:, 0]) & (s[:, 0] > 1e-14 * N), "the rotation axes are parallel.")
+    require((across > DEGENERATE * s[:, 0]) & (s[:, 0] > NO_ROTATION * N), "the rotation axes are parallel.")
     return closed_form(solve_moments(moments[0], N))
 
 
@@ -48,6 +48,8 @@ METHOD = Method(
     form="closed form",
     minimises="|alpha_A - X alpha_B|^2 of dual rotation vectors (screws): the real part by R_X, which does not depend "
     "on the translations, the dual part by t_X",
-    singular="motions of 180 degrees, unless others tell the sign of their axes",
+    singular="motions of 180 degrees, unless others tell the sign of their axes; where noise carries a motion across "
+    "180 degrees its screw passes to the complementary one, X jumps by about the noise, and the covariance is that of "
+    "one side",
     solver=MomentSolver(_factors, _solution),
 )

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE
+from ..procrustes import DEGENERATE, NO_ROTATION
 from ..se3 import Array, skew
-from .axes import dual_quaternions, pose_of, quaternions
+from .axes import Signs, dual_quaternions, pose_of, quaternions
 from .method import Estimate, Method, closed_form, require
 from .moments import Factors, Moments, MomentSolver
 
@@ -38,8 +38,8 @@ def _rows() -> Array:
 _GRAM = np.einsum("jra,krb->jkab", _rows(), _rows()).reshape(144, 64)
 
 
-def _factors(A: Array, B: Array, reference: Array | None) -> Factors:
-    a, b = (dual_quaternions(T, q) for T, q in zip((A, B), quaternions(A, B, reference), strict=True))
+def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:
+    a, b = (dual_quaternions(T, q) for T, q in zip((A, B), quaternions(A, B, signs), strict=True))
     c = np.concatenate([a[..., 1:4], b[..., 1:4], a[..., 5:], b[..., 5:]], axis=-1)
     return ((c, c),)
 
@@ -49,7 +49,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
     values, vectors = np.linalg.eigh((cc.reshape(-1, 144) @ _GRAM).reshape(-1, 8, 8))
     rotation = np.trace(cc[:, :6, :6], axis1=-2, axis2=-1)
     gap = values[:, 2] - values[:, 1]
-    require((gap > DEGENERATE * rotation) & (rotation > 0), "more than two singular values vanish.")
+    require((gap > DEGENERATE * rotation) & (rotation > NO_ROTATION * N), "more than two singular values vanish.")
     u, w = vectors[:, :4, :2], vectors[:, 4:, :2]
     # q . q' = lambda^T Omega lambda for the combination lambda of the two vectors
     omega, axes = np.linalg.eigh(0.5 * (u.mT @ w + w.mT @ u))
@@ -63,7 +63,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
     sizes = np.einsum("tar,tar->tr", candidates[:, :4], candidates[:, :4])
     best = np.take_along_axis(candidates, np.argmax(sizes, axis=1)[:, None, None], axis=2)[..., 0]
     norm = np.sqrt(sizes.max(axis=1))
-    require(norm > 1e-6, "the rotation part of both roots vanishes.")
+    require(norm > 1e-9, "the rotation part of both roots vanishes.")
     return closed_form(pose_of(best / norm[:, None]))
 
 

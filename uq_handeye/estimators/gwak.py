@@ -7,10 +7,10 @@ iterations:
     f(X) = x^T G x - 2 g^T x,    x = (vec R, t),    R -> exp([theta]x) R,  t -> t + tau
 
 The publication descends along exponentials by gradient and Newton steps. Here: Newton's method with the exact Hessian
-in (theta, tau), started at `andreff`'s X. Where the Hessian is not positive definite, or a step does not lower f, it is
-damped as in Levenberg's method. Converged means that the next step is below 1e-12 rad and 1e-12 typical translations,
-or that f no longer falls within rounding at an undamped step below 1e-7. The minimum is a local one; the result depends
-on the unit of length.
+in (theta, tau), started at the X that fits the rotations first. Where the Hessian is not positive definite, or a step
+does not lower f, it is damped as in Levenberg's method. Converged means that the next step is below 1e-12 rad and 1e-12
+typical translations, or that f no longer falls within rounding at an undamped step below 1e-7. The minimum is a local
+one; the result depends on the unit of length.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..se3 import Array, skew
-from . import andreff
-from .kronecker import kronecker_factors, normal_equations
+from .kronecker import kronecker_factors, normal_equations, rotation_equations
+from .linear import require_axes, right_handed
 from .method import Estimate, Method
 from .moments import Moments, MomentSolver
 
@@ -33,12 +33,24 @@ _PAIRS = 0.5 * (_TURNS[:, None] @ _TURNS[None] + _TURNS[None] @ _TURNS[:, None])
 
 
 def _solution(moments: Moments, N: int) -> Estimate:
-    start = andreff.unrefined(moments, N).X
-    return _descend(*normal_equations(moments[0], N), start)
+    G, g = normal_equations(moments[0])
+    require_axes(G[:, 9:, 9:], N)
+    return _descend(G, g, _start(G, g, rotation_equations(moments[0])))
+
+
+def _start(G: Array, g: Array, of_rotations: Array) -> Array:
+    """The rotation equations alone, solved by their smallest eigenvector and projected; then the best translation."""
+    R = right_handed(np.linalg.eigh(of_rotations)[1][..., 0])
+    X = np.zeros((len(R), 4, 4))
+    X[:, :3, :3] = R
+    X[:, 3, 3] = 1.0
+    rhs = g[:, 9:, None] - G[:, 9:, :9] @ R.reshape(-1, 9, 1)
+    X[:, :3, 3:] = np.linalg.solve(G[:, 9:, 9:], rhs)
+    return X
 
 
 def _nearby(moments: Moments, N: int, X: Array) -> Array:
-    return _descend(*normal_equations(moments[0], N), X).X
+    return _descend(*normal_equations(moments[0]), X).X
 
 
 def _descend(G: Array, g: Array, start: Array) -> Estimate:

@@ -165,7 +165,10 @@ def _program() -> tuple[Any, Lock]:
 
 
 def _relaxed(program: Any, G: Array) -> tuple[Array, bool]:
-    """Two candidates (2, 8) from the solution W of the relaxation, and whether the solver says that it is optimal."""
+    """Two candidates (2, 8) from the solution W of the relaxation, and whether the solver says that it is optimal.
+
+    An inaccurate optimum will do: Newton's method makes it accurate, and the certificate proves it.
+    """
     cp = import_module("cvxpy")
     program.param_dict["G"].value = G
     with catch_warnings():
@@ -181,7 +184,8 @@ def _relaxed(program: Any, G: Array) -> tuple[Array, bool]:
     weights = np.sqrt(np.abs(signs[::-1]))
     roots = np.stack([weights, weights * [1.0, -1.0]]) @ (U @ axes).T
     sizes = np.linalg.norm(roots[:, :4], axis=1)
-    return np.where((sizes > 1e-6 * sizes.max())[:, None], roots, roots[np.argmax(sizes)]), program.status == cp.OPTIMAL
+    roots = np.where((sizes > 1e-6 * sizes.max())[:, None], roots, roots[np.argmax(sizes)])
+    return roots, program.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
 
 
 METHOD = Method(

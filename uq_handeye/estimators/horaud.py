@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..procrustes import DEGENERATE
+from ..procrustes import DEGENERATE, NO_ROTATION
 from ..se3 import Array
-from .axes import left_matrix, quaternions, right_matrix
+from .axes import Signs, left_matrix, quaternions, right_matrix
 from .method import Estimate, Method, require
 from .moments import Factors, Moments, MomentSolver
 from .translation import translation_factors, with_translation
@@ -27,8 +27,8 @@ _MIXED = -np.einsum("jra,krb->jkab", left_matrix(_BASIS), right_matrix(_BASIS))
 _MIXED = (_MIXED + _MIXED.swapaxes(-1, -2)).reshape(9, 16)
 
 
-def _factors(A: Array, B: Array, reference: Array | None) -> Factors:
-    q_A, q_B = quaternions(A, B, reference)
+def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:
+    q_A, q_B = quaternions(A, B, signs)
     return (q_A[..., 1:], q_B[..., 1:]), translation_factors(A, B)
 
 
@@ -38,7 +38,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
     values, vectors = np.linalg.eigh((v_v.reshape(-1, 9) @ _MIXED).reshape(-1, 4, 4))
     spread = values[:, 3] - values[:, 0]
     gap = values[:, 1] - values[:, 0]
-    require((gap > DEGENERATE * spread) & (spread > 0), "the rotation axes are parallel.")
+    require((gap > DEGENERATE * spread) & (spread > NO_ROTATION * N), "the rotation axes are parallel.")
     R = Rotation.from_quat(vectors[..., 0], scalar_first=True).as_matrix()
     return with_translation(R, of_translation, N)
 

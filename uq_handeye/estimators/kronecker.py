@@ -14,12 +14,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..se3 import Array
+from .axes import Signs
 from .moments import Factors
 
 _EYE = np.eye(3)
+SHAPE = (16, 16)  # of the moments
 
 
-def kronecker_factors(A: Array, B: Array, reference: Array | None) -> Factors:
+def kronecker_factors(A: Array, B: Array, signs: Signs | None) -> Factors:
     """``(D_A, t_A, 1, t_B)`` and ``(D_B, t_B, 1, D_A^T t_A)``, each (..., 16)."""
     D_A, D_B, t_A, t_B = A[..., :3, :3] - _EYE, B[..., :3, :3] - _EYE, A[..., :3, 3], B[..., :3, 3]
     one = np.ones((*t_A.shape[:-1], 1))
@@ -29,16 +31,13 @@ def kronecker_factors(A: Array, B: Array, reference: Array | None) -> Factors:
     return ((left, right),)
 
 
-def normal_equations(moments: Array, N: int) -> tuple[Array, Array]:
-    """G (T, 12, 12) and g (T, 12) from the moments (T, 16, 16) of N pairs."""
+def normal_equations(moments: Array) -> tuple[Array, Array]:
+    """G (T, 12, 12) and g (T, 12) from the moments (T, 16, 16)."""
     T = len(moments)
     D_A, t_A, one, t_B = moments[:, :9], moments[:, 9:12], moments[:, 12], moments[:, 13:]
-    sum_A, sum_B = D_A[:, :, 12].reshape(T, 3, 3), one[:, :9].reshape(T, 3, 3)
-    kron = D_A[:, :, :9].reshape(T, 3, 3, 3, 3).transpose(0, 1, 3, 2, 4)  # rows (a, c), columns (b, d)
-    kron = kron + sum_A[:, :, None, :, None] * _EYE[:, None, :] + _EYE[:, None, :, None] * sum_B[:, None, :, None, :]
-    kron = kron.reshape(T, 9, 9)  # sum (R_A kron R_B - I)
+    sum_A = D_A[:, :, 12].reshape(T, 3, 3)
     G = np.zeros((T, 12, 12))
-    G[:, :9, :9] = -kron - kron.mT
+    G[:, :9, :9] = rotation_equations(moments)
     G[:, :9, :9] += (_EYE[:, None, :, None] * t_B[:, None, :, None, 9:12]).reshape(T, 9, 9)
     # (I kron t_B)(I - R_A): rows (a, c), columns b
     G[:, :9, 9:] = -D_A[:, :, 9:12].reshape(T, 3, 3, 3).swapaxes(2, 3).reshape(T, 9, 3)
@@ -46,6 +45,16 @@ def normal_equations(moments: Array, N: int) -> tuple[Array, Array]:
     G[:, 9:, 9:] = -sum_A - sum_A.mT  # sum (I - R_A)^T (I - R_A)
     g = np.concatenate([t_A[:, :, 9:12].reshape(T, 9), -one[:, 13:]], axis=1)
     return G, g
+
+
+def rotation_equations(moments: Array) -> Array:
+    """The part (T, 9, 9) of G by the rotations alone, ``sum |R_A R R_B^T - R|^2``."""
+    T = len(moments)
+    sum_A, sum_B = moments[:, :9, 12].reshape(T, 3, 3), moments[:, 12, :9].reshape(T, 3, 3)
+    kron = moments[:, :9, :9].reshape(T, 3, 3, 3, 3).transpose(0, 1, 3, 2, 4)  # rows (a, c), columns (b, d)
+    kron = kron + sum_A[:, :, None, :, None] * _EYE[:, None, :] + _EYE[:, None, :, None] * sum_B[:, None, :, None, :]
+    kron = kron.reshape(T, 9, 9)  # sum (R_A kron R_B - I)
+    return np.asarray(-kron - kron.mT)
 
 
 def residual_gradient(A: Array, B: Array, x: Array) -> Array:

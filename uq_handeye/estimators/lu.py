@@ -20,9 +20,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE
+from ..procrustes import DEGENERATE, NO_ROTATION
 from ..se3 import Array
-from .axes import dual_quaternions, left_matrix, pose_of, quaternions, right_matrix
+from .axes import Signs, dual_quaternions, left_matrix, pose_of, quaternions, right_matrix
 from .method import Estimate, Method, closed_form, require
 from .moments import Factors, Moments, MomentSolver
 
@@ -39,9 +39,9 @@ def _rows() -> Array:
 _GRAM = np.einsum("jra,krb->jkab", _rows(), _rows()).reshape(256, 64)
 
 
-def dual_factors(A: Array, B: Array, reference: Array | None) -> Factors:
+def dual_factors(A: Array, B: Array, signs: Signs | None) -> Factors:
     """``(q_A, q'_A, q_B, q'_B)`` (..., 16), twice."""
-    sides = [dual_quaternions(T, q) for T, q in zip((A, B), quaternions(A, B, reference), strict=True)]
+    sides = [dual_quaternions(T, q) for T, q in zip((A, B), quaternions(A, B, signs), strict=True)]
     c = np.concatenate(sides, axis=-1)
     return ((c, c),)
 
@@ -59,7 +59,9 @@ def _solution(moments: Moments, N: int) -> Estimate:
 def eight_space(G: Array, N: int) -> Array:
     """``(q, q')`` (T, 8) with |q| = 1 and q . q' = 0, as above."""
     values, vectors = np.linalg.eigh(G[:, 4:, 4:])  # sum E^T E
-    require((values[:, 1] > DEGENERATE * values[:, 3]) & (values[:, 3] > 1e-14 * N), "the rotation axes are parallel.")
+    require(
+        (values[:, 1] > DEGENERATE * values[:, 3]) & (values[:, 3] > NO_ROTATION * N), "the rotation axes are parallel."
+    )
     inverse = (vectors[..., 1:] / values[:, None, 1:]) @ vectors[..., 1:].mT
     eliminate = -inverse @ G[:, 4:, :4]
     S = G[:, :4, :4] + G[:, :4, 4:] @ eliminate

@@ -47,6 +47,17 @@ def closed_form(X: Array) -> Estimate:
     return Estimate(X, np.ones(len(X), dtype=bool), np.zeros(len(X), dtype=np.intp))
 
 
+def no_unique_X(name: str, singular: Singular, A: Array, B: Array, batch: tuple[int, ...]) -> DegenerateMotionError:
+    """The error of a method that found one of the problems (T, N, 4, 4), of leading axes ``batch``, singular."""
+    k = singular.trial
+    if len(A) > k:
+        solve_limit(A[k], B[k])  # says so better where it is the motions that leave X open
+    at = f" (problem {tuple(int(i) for i in np.unravel_index(k, batch))})" if batch else ""
+    return DegenerateMotionError(
+        f"Method {name!r} finds no unique X{at}: {singular.why} Another method may.", np.eye(6)
+    )
+
+
 class Derivatives(Protocol):
     """First-order sensitivities of X for some trials T: ``Sigma_X = Q (sum over pairs F Sigma F^T) Q^T``.
 
@@ -71,10 +82,17 @@ class Solver(Protocol):
 ErrorFactors = Callable[[slice], Array]
 
 
+class PoseFactors(NamedTuple):
+    """Errors of pairs by those of their two poses, which are independent from pose to pose."""
+
+    pairs: NDArray[np.intp]  # (N, 2): the poses of each pair
+    of: Callable[[slice], Array]  # d (xi_A, xi_B) / dz (2, m, 12, 12) of some pairs, z of the one and of the other pose
+
+
 class SolverWithCovariance(Solver, Protocol):
     """A method whose X is no smooth function of the data, so that derivatives alone do not give its covariance."""
 
-    def covariance(self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors) -> Array: ...
+    def covariance(self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -129,12 +147,7 @@ class Method:
         try:
             found = self.solver.estimate(flat_A, flat_B, noise)
         except Singular as singular:
-            k = singular.trial
-            solve_limit(flat_A[k], flat_B[k])  # says so better where it is the motions that leave X open
-            at = f" (problem {tuple(int(i) for i in np.unravel_index(k, batch))})" if batch else ""
-            raise DegenerateMotionError(
-                f"Method {self.name!r} finds no unique X{at}: {singular.why} Another method may.", np.eye(6)
-            ) from None
+            raise no_unique_X(self.name, singular, flat_A, flat_B, batch) from None
         return Estimate(
             found.X.reshape(*batch, 4, 4),
             found.converged.reshape(batch),

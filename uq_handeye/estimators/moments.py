@@ -8,9 +8,9 @@ depends on them through one or a few such moment matrices alone. To first order
 
     xi_X = sum_i D_i xi_i,    D_i xi = (dg/dM) : ( (dl_i xi) r_i^T + l_i (dr_i xi)^T )
 
-The derivatives of g by the few entries of M and of the factors by the twelve errors of a pair are central differences
-(T7), each in one batched call, so that the cost is linear in the number of pairs. Errors are ``xi = (theta, tau)``:
-left rotation, additive translation.
+The derivatives of g by the few entries of M (unless they are known) and of the factors by the twelve errors of a pair
+are central differences (T7), each in one batched call, so that the cost is linear in the number of pairs. Errors are
+``xi = (theta, tau)``: left rotation, additive translation.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from ..noise import PairNoise
 from ..procrustes import pair_blocks, trial_blocks
 from ..se3 import CHUNK, Array
-from .axes import axis_reference
+from .axes import Signs, axis_signs, quaternions
 from .method import Derivatives, Estimate
 
 # (left (..., m, p), right (..., m, q)) for pairs m: the moment is sum_m left right^T
@@ -45,20 +45,21 @@ PROBLEMS = 4096
 class MomentSolver:
     """A method by its factors and its solution of the moments."""
 
-    factors: Callable[[Array, Array, Array | None], Factors]  # of A, B (..., m, 4, 4), and of the axis reference
+    factors: Callable[[Array, Array, Signs | None], Factors]  # of A, B (..., m, 4, 4)
     solution: Callable[[Moments, int], Estimate]  # of the moments of N pairs
     nearby: Callable[[Moments, int, Array], Array] | None = None  # X (T, 4, 4) by a short way from a neighbour
+    slopes: Callable[[Moments, int], list[Array]] | None = None  # d xi_X / d M (T, 6, p, q), where it is known exactly
     axes: bool = True  # whether it needs to know the signs of rotation axes
 
-    def moments(self, A: Array, B: Array, reference: Array | None) -> Moments:
+    def moments(self, A: Array, B: Array, signs: Signs | None) -> Moments:
         """The moment matrices of motions (T, N, 4, 4)."""
         T, N = A.shape[:2]
         if T * N <= CHUNK:
-            return [left.mT @ right for left, right in self.factors(A, B, reference)]
+            return [left.mT @ right for left, right in self.factors(A, B, signs)]
         sums: Moments = []
         for trials, pairs in product(trial_blocks(T, N), pair_blocks(N)):
-            R0 = None if reference is None else reference[trials]
-            for k, (left, right) in enumerate(self.factors(A[trials, pairs], B[trials, pairs], R0)):
+            of = None if signs is None else signs.of(trials)
+            for k, (left, right) in enumerate(self.factors(A[trials, pairs], B[trials, pairs], of)):
                 part = left.mT @ right
                 if k == len(sums):
                     sums.append(np.zeros((T, *part.shape[1:])))
@@ -66,13 +67,13 @@ class MomentSolver:
         return sums
 
     def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
-        reference = axis_reference(A, B) if self.axes else None
-        return self.solution(self.moments(A, B, reference), A.shape[1])
+        signs = axis_signs(A, B) if self.axes else None
+        return self.solution(self.moments(A, B, signs), A.shape[1])
 
     def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
-        reference = axis_reference(A, B) if self.axes else None
+        signs = axis_signs(A, B) if self.axes else None
         return lambda trials: MomentDerivatives(
-            self, A[trials], B[trials], None if reference is None else reference[trials], X[trials]
+            self, A[trials], B[trials], None if signs is None else signs.of(trials), X[trials]
         )
 
     def solve_near(self, moments: Moments, N: int, X: Array) -> Array:
@@ -82,23 +83,27 @@ class MomentSolver:
 class MomentDerivatives:
     """`Derivatives` of a `MomentSolver` at the data."""
 
-    def __init__(self, solver: MomentSolver, A: Array, B: Array, reference: Array | None, X: Array) -> None:
-        self.solver, self.reference = solver, reference
+    def __init__(self, solver: MomentSolver, A: Array, B: Array, signs: Signs | None, X: Array) -> None:
+        self.solver, self.signs = solver, signs
         self.lengths = _typical_length(A), _typical_length(B)
-        self.by_moments = _by_moments(solver, A, B, reference, X)
+        if solver.slopes is None:
+            self.by_moments = _by_moments(solver, A, B, signs, X)
+        else:
+            self.by_moments = solver.slopes(solver.moments(A, B, signs), A.shape[1])
 
     def block(self, A: Array, B: Array, pairs: slice) -> Array:
         T, m = A.shape[:2]
-        R0 = self.reference
         F = np.zeros((6, 12, T, m))
+        # the shifted motions keep the signs of the unshifted, which may lie right at a half turn
+        signs = None if self.signs is None else Signs(self.signs.R, quaternions(A, B, self.signs))
         shifted = []
         for moved, other, length, first in ((A, B, self.lengths[0], 0), (B, A, self.lengths[1], 6)):
             copies = _shifted(moved, length)  # (12, T, m, 4, 4): +, - of the six errors
             others = np.broadcast_to(other, copies.shape)
             pair = (copies, others) if first == 0 else (others, copies)
-            shifted.append(self.solver.factors(*pair, R0))
+            shifted.append(self.solver.factors(*pair, signs))
         steps = [np.repeat([ANGLE_STEP, length * LENGTH_STEP], 3)[:, None, None, None] for length in self.lengths]
-        for k, (left, right) in enumerate(self.solver.factors(A, B, R0)):
+        for k, (left, right) in enumerate(self.solver.factors(A, B, self.signs)):
             J = self.by_moments[k]  # (T, 6, p, q)
             J_right = np.einsum("tapq,tmq->tamp", J, right, optimize=True)
             J_left = np.einsum("tapq,tmp->tamq", J, left, optimize=True)
@@ -112,13 +117,13 @@ class MomentDerivatives:
         return np.broadcast_to(np.eye(6), (len(self.by_moments[0]), 6, 6))
 
 
-def _by_moments(solver: MomentSolver, A: Array, B: Array, reference: Array | None, X: Array) -> list[Array]:
+def _by_moments(solver: MomentSolver, A: Array, B: Array, signs: Signs | None, X: Array) -> list[Array]:
     """``d xi_X / d M`` (T, 6, p, q) of each moment matrix, by central differences of the solution."""
     T, N = A.shape[:2]
-    at = solver.moments(A, B, reference)
+    at = solver.moments(A, B, signs)
     sizes = [m[0].size for m in at]
     flat = np.concatenate([m.reshape(T, -1) for m in at], axis=1)
-    step = np.concatenate([s.reshape(T, -1) for s in _moment_steps(solver, A, B, reference)], axis=1)
+    step = np.concatenate([s.reshape(T, -1) for s in _moment_steps(solver, A, B, signs)], axis=1)
     k = flat.shape[1]
     result = np.zeros((T, 6, k))
     for t in range(T):
@@ -139,13 +144,13 @@ def _by_moments(solver: MomentSolver, A: Array, B: Array, reference: Array | Non
     return [part.reshape(T, 6, *m.shape[1:]) for part, m in zip(np.split(result, bounds, axis=2), at, strict=True)]
 
 
-def _moment_steps(solver: MomentSolver, A: Array, B: Array, reference: Array | None) -> Moments:
+def _moment_steps(solver: MomentSolver, A: Array, B: Array, signs: Signs | None) -> Moments:
     """Steps of each moment: MOMENT_STEP sqrt(N) times the root mean squares of its two factors."""
     T, N = A.shape[:2]
     squares: list[list[Array]] = []
     for trials, pairs in product(trial_blocks(T, N), pair_blocks(N)):
-        R0 = None if reference is None else reference[trials]
-        for k, sides in enumerate(solver.factors(A[trials, pairs], B[trials, pairs], R0)):
+        of = None if signs is None else signs.of(trials)
+        for k, sides in enumerate(solver.factors(A[trials, pairs], B[trials, pairs], of)):
             if k == len(squares):
                 squares.append([np.zeros((T, side.shape[-1])) for side in sides])
             for total, side in zip(squares[k], sides, strict=True):

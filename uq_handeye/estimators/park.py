@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE, orthonormalise
+from ..procrustes import DEGENERATE, NO_ROTATION, orthonormalise
 from ..se3 import Array
-from .axes import quaternions, rotation_vectors
+from .axes import Signs, quaternions, rotation_vectors
 from .method import Estimate, Method, require
 from .moments import Factors, Moments, MomentSolver
 from .translation import translation_factors, with_translation
 
 
-def _factors(A: Array, B: Array, reference: Array | None) -> Factors:
-    q_A, q_B = quaternions(A, B, reference)
+def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:
+    q_A, q_B = quaternions(A, B, signs)
     return (rotation_vectors(q_A), rotation_vectors(q_B)), translation_factors(A, B)
 
 
@@ -27,7 +27,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
     M, of_translation = moments
     s = np.linalg.svd(M, compute_uv=False)
     across = s[:, 1] + np.sign(np.linalg.det(M)) * s[:, 2]
-    require((across > DEGENERATE * s[:, 0]) & (s[:, 0] > 0), "the rotation axes are parallel.")
+    require((across > DEGENERATE * s[:, 0]) & (s[:, 0] > NO_ROTATION * N), "the rotation axes are parallel.")
     return with_translation(orthonormalise(M), of_translation, N)
 
 

@@ -13,15 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import DegenerateMotionError
+from ..errors import InputError
 from ..motions import relative_motions
 from ..poses import PosePairs
-from ..procrustes import DEGENERATE, orthonormalise, solve_limit
+from ..procrustes import DEGENERATE
 from ..se3 import Array, inverse, inverse_jacobian
-from .method import Estimate, Singular, closed_form, require
+from .axes import Signs
+from .method import Estimate, Singular, closed_form, no_unique_X, require
 from .moments import Factors, Moments, MomentSolver
 
 _EYE = np.eye(3)
+SHAPE = (19, 13)  # of the moments
 
 
 class RobotWorld(NamedTuple):
@@ -43,24 +45,27 @@ class RobotWorldMethod:
     structure: str
     minimises: str
     solution: Callable[[Array, int], RobotWorld]  # of the moments (T, 19, 13) of n poses
+    refined: Callable[[Array, Array, Array], RobotWorld] | None = None  # of the moments and the poses G, C
+    slopes: Callable[[Array, int], tuple[Array, Array]] | None = None  # d xi / d moments (T, 6, 19, 13) of X and of W
     form: str = "closed form"
     weighted: bool = False
 
     def __call__(self, poses: PosePairs) -> RobotWorld:
         """X and W (..., 4, 4) of poses, which may have leading axes."""
-        G, C = poses.effective_robot, poses.camera
-        batch, n = G.shape[:-3], poses.n
-        moments = self._solver(0).moments(G.reshape(-1, n, 4, 4), C.reshape(-1, n, 4, 4), None)
+        if not isinstance(poses, PosePairs):
+            raise InputError(f"Expected `poses` to be PosePairs, got {type(poses).__name__}.")
+        if poses.n < 3:
+            raise InputError(f"Expected at least 3 poses, got {poses.n}.")
+        batch, n = poses.robot.shape[:-3], poses.n
+        G, C = (T.reshape(-1, n, 4, 4) for T in (poses.effective_robot, poses.camera))
+        moments = self._solver(0).moments(G, C, None)[0]
         try:
-            found = self.solution(moments[0], n)
+            found = self.solution(moments, n) if self.refined is None else self.refined(moments, G, C)
         except Singular as singular:
             k = np.unravel_index(singular.trial, batch)
             one = PosePairs(poses.robot[k], poses.camera[k], poses.setup)
             motions = relative_motions(one, "all")
-            solve_limit(motions.A, motions.B)
-            raise DegenerateMotionError(
-                f"Method {self.name!r} finds no unique X and W: {singular.why} Another method may.", np.eye(6)
-            ) from None
+            raise no_unique_X(self.name, Singular(0, singular.why), motions.A[None], motions.B[None], ()) from None
         return RobotWorld(*(T.reshape(*batch, 4, 4) for T in found))
 
     def _solver(self, which: int) -> MomentSolver:
@@ -69,10 +74,20 @@ class RobotWorldMethod:
         def solution(moments: Moments, n: int) -> Estimate:
             return closed_form(self.solution(moments[0], n)[which])
 
-        return MomentSolver(_factors, solution, axes=False)
+        def slopes(moments: Moments, n: int) -> list[Array]:
+            assert self.slopes is not None
+            return [self.slopes(moments[0], n)[which]]
+
+        return MomentSolver(_factors, solution, slopes=None if self.slopes is None else slopes, axes=False)
 
     def sensitivities(self, poses: PosePairs) -> tuple[list[Array], list[Array]]:
         """``d xi / d xi_k`` (n, 6, 6) of X and of W, each by the errors of the robot and the camera poses."""
+        try:
+            return self._sensitivities(poses)
+        except Singular as singular:
+            raise no_unique_X(self.name, singular, poses.robot[:0], poses.camera[:0], ()) from None
+
+    def _sensitivities(self, poses: PosePairs) -> tuple[list[Array], list[Array]]:
         G, C = poses.effective_robot[None], poses.camera[None]
         found = self(poses)
         result = []
@@ -84,7 +99,7 @@ class RobotWorldMethod:
         return result[0], result[1]
 
 
-def _factors(G: Array, C: Array, reference: Array | None) -> Factors:
+def _factors(G: Array, C: Array, signs: Signs | None) -> Factors:
     """``(R_A, t_A, 1, R_A^T t_A, t_B)`` (..., 19) and ``(R_B, t_B, 1)`` (..., 13), A = C, B = inv(G)."""
     A, B = C, inverse(G)
     R_A, t_A, t_B = A[..., :3, :3], A[..., :3, 3], B[..., :3, 3]
@@ -131,12 +146,6 @@ def result_of(R_X: Array, t_X: Array, R_Z: Array, t_Z: Array) -> RobotWorld:
     poses[..., 3, 3] = 1.0
     X, W = inverse(poses)
     return RobotWorld(X, W)
-
-
-def right_handed(x: Array) -> Array:
-    """The rotation (T, 3, 3) nearest to a 3x3 matrix given up to its sign, row by row (T, 9)."""
-    M = x.reshape(-1, 3, 3)
-    return orthonormalise(np.where(np.linalg.det(M) < 0, -1.0, 1.0)[:, None, None] * M)
 
 
 def translations(s: Sums, R_Z: Array, n: int) -> tuple[Array, Array]:

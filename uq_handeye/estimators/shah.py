@@ -12,8 +12,9 @@ import numpy as np
 
 from ..procrustes import DEGENERATE
 from ..se3 import Array
+from .linear import right_handed
 from .method import require
-from .robot_world import RobotWorld, RobotWorldMethod, result_of, right_handed, sums, translations
+from .robot_world import RobotWorld, RobotWorldMethod, result_of, sums, translations
 
 
 def _solution(moments: Array, n: int) -> RobotWorld:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..procrustes import DEGENERATE, orthonormalise
 from ..se3 import Array, skew
-from .axes import quaternions, unit_axes
+from .axes import Signs, quaternions, unit_axes
 from .method import Estimate, Method, require
 from .moments import Factors, Moments, MomentSolver
 from .translation import translation_factors, with_translation
@@ -26,9 +26,9 @@ _CROSS = skew(np.eye(3)).reshape(3, 9)  # vec [n]x = n^T CROSS
 _I9 = np.eye(3).reshape(9)
 
 
-def _factors(A: Array, B: Array, reference: Array | None) -> Factors:
+def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:
     sides = []
-    for q, name in zip(quaternions(A, B, reference), "AB", strict=True):
+    for q, name in zip(quaternions(A, B, signs), "AB", strict=True):
         n = unit_axes(q, name)
         across = _I9 - (n[..., :, None] * n[..., None, :]).reshape(*n.shape[:-1], 9)
         sides.append(np.concatenate([across, n], axis=-1))

@@ -13,8 +13,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..procrustes import NO_ROTATION
 from ..se3 import Array
-from .axes import quaternions
+from .axes import Signs, quaternions
 from .method import Estimate, Method, require
 from .moments import Factors, Moments, MomentSolver
 from .translation import translation_factors, with_translation
@@ -23,8 +24,8 @@ from .translation import translation_factors, with_translation
 HALF_TURN_OF_X = 1e-7
 
 
-def _factors(A: Array, B: Array, reference: Array | None) -> Factors:
-    q_A, q_B = quaternions(A, B, reference)
+def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:
+    q_A, q_B = quaternions(A, B, signs)
     P = 2.0 * np.concatenate([q_A[..., 1:], q_B[..., 1:]], axis=-1)
     return (P, P), translation_factors(A, B)
 
@@ -37,7 +38,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
     values = np.linalg.eigvalsh(M)
     scale = np.trace(AA, axis1=-2, axis2=-1)
     require(
-        (values[:, 0] > HALF_TURN_OF_X * scale) & (scale > 0),
+        (values[:, 0] > HALF_TURN_OF_X * scale) & (scale > NO_ROTATION * N),
         "X turns by 180 degrees, or the rotation axes are parallel.",
     )
     # sum [s]x^T (P_B - P_A) = -2 sum P_A x P_B, the axial vector of sum P_A P_B^T
@@ -59,6 +60,6 @@ METHOD = Method(
     form="closed form",
     minimises="sum |[P_A + P_B]x g - (P_B - P_A)|^2 over the Rodrigues vector g of X, then "
     "sum |(R_A - I) t - (R_X t_B - t_A)|^2",
-    singular="X itself turns by 180 degrees (within 0.04 degrees); accuracy is lost as tan(angle_X / 2) grows",
+    singular="X itself turns by nearly 180 degrees: its Rodrigues vector, tan(angle_X / 2) long, has lost its digits",
     solver=MomentSolver(_factors, _solution),
 )

@@ -30,17 +30,19 @@ of ``x_i^T xi``; in `lad_covariance`, that spread takes the place of s_i^2 in p_
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..noise import PairNoise
 from ..se3 import Array
 from . import lu
-from .axes import axis_reference, dual_quaternions, left_matrix, quaternions, right_matrix
-from .method import Derivatives, ErrorFactors, Estimate, Method
+from .axes import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
+from .method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors
 from .moments import MomentSolver
 
 ITERATIONS = 100
@@ -69,9 +71,9 @@ LIMITING = 500
 class Residuals:
     """The residuals of motions A, B (N, 4, 4) as functions of X: ``q_A s - s q_B``, eight per pair."""
 
-    def __init__(self, A: Array, B: Array, reference: Array | None) -> None:
+    def __init__(self, A: Array, B: Array, signs: Signs | None) -> None:
         self.poses = A, B
-        self.duals = [dual_quaternions(T, q) for T, q in zip((A, B), quaternions(A, B, reference), strict=True)]
+        self.duals = [dual_quaternions(T, q) for T, q in zip((A, B), quaternions(A, B, signs), strict=True)]
         self.system = _dual(left_matrix, self.duals[0]) - _dual(right_matrix, self.duals[1])  # (N, 8, 8)
 
     def at(self, X: Array) -> tuple[Array, Array]:
@@ -120,7 +122,7 @@ class LinearPrograms:
         solver = lu.METHOD.solver
         assert isinstance(solver, MomentSolver)
         start = solver.estimate(A, B, None).X
-        found = [_descend(Residuals(A[t], B[t], R0), start[t]) for t, R0 in enumerate(_references(A, B))]
+        found = [_descend(Residuals(A[t], B[t], signs), start[t]) for t, signs in enumerate(_references(A, B))]
         X, converged, iterations = zip(*found, strict=True) if found else ((), (), ())
         return Estimate(
             np.array(X).reshape(-1, 4, 4), np.array(converged, dtype=bool), np.array(iterations, dtype=np.intp)
@@ -131,7 +133,7 @@ class LinearPrograms:
             raise InputError("Method 'zhao' has no derivatives but those of a noise model.")
         return lambda trials: Regression(A[trials], B[trials], X[trials], noise)
 
-    def covariance(self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors) -> Array:
+    def covariance(self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors) -> Array:
         """`lad_covariance` of one problem: A and B (N, 4, 4), X (4, 4)."""
         return lad_covariance(A, B, X, noise)
 
@@ -146,8 +148,8 @@ class Regression:
     def __init__(self, A: Array, B: Array, X: Array, noise: PairNoise) -> None:
         self.X = X
         self.residuals, self.scores = [], []
-        for k, reference in enumerate(_references(A, B)):
-            residuals = Residuals(A[k], B[k], reference)
+        for k, signs in enumerate(_references(A, B)):
+            residuals = Residuals(A[k], B[k], signs)
             J = residuals.at(X[k])[1]
             rows = _independent_rows(residuals, X[k], noise)
             variance = np.einsum("mrk,mrk->mr", rows, rows)
@@ -171,9 +173,9 @@ class Regression:
         return np.broadcast_to(np.eye(6), (len(self.X), 6, 6))
 
 
-def _references(A: Array, B: Array) -> list[Array | None]:
-    reference = axis_reference(A, B)
-    return [None] * len(A) if reference is None else list(reference)
+def _references(A: Array, B: Array) -> list[Signs | None]:
+    signs = axis_signs(A, B)
+    return [None] * len(A) if signs is None else [Signs(R) for R in signs.R]
 
 
 def _descend(residuals: Residuals, X: Array) -> tuple[Array, bool, int]:
@@ -228,12 +230,13 @@ def _moved(X: Array, xi: Array) -> Array:
     return moved
 
 
-def lad_covariance(A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors) -> Array:
+def lad_covariance(A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors) -> Array:
     """The covariance (6, 6) of X (4, 4) by least absolute deviations, as above.
 
-    ``noise`` is a `PairNoise`, whose pairs are independent; or a function that for a slice of the pairs gives the
-    factors ``d (xi_A, xi_B) / dz`` (m, 12, k) of their errors, z being k independent standard normal variables that all
-    pairs may share. The first takes time linear in the pairs, the second quadratic (64 arcsines per two pairs).
+    ``noise`` is a `PairNoise`, whose pairs are independent, in time linear in the pairs; or a function that for a slice
+    of the pairs gives the factors ``d (xi_A, xi_B) / dz`` (m, 12, k) of their errors, z being k independent standard
+    normal variables that all pairs may share, in quadratic time (64 arcsines per two pairs); or `PoseFactors`, with 64
+    arcsines per two pairs that share a pose.
 
     Residuals without variance have no sign to vary, but hold X all the same; where they fix it, its variance is zero
     up to rounding.
@@ -245,6 +248,12 @@ def lad_covariance(A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors
         rows = _independent_rows(residuals, X, noise)
         variance = np.einsum("mrk,mrk->mr", rows, rows)
         scores = _independent_scores(x, _unit_rows(rows, variance))
+    elif isinstance(noise, PoseFactors):
+        blocks = [slice(k, k + ROWS) for k in range(0, len(A), ROWS)]
+        both = np.concatenate([residuals.by_data(X, pairs) @ noise.of(pairs) for pairs in blocks], axis=1)
+        variance = np.einsum("smrk,smrk->mr", both, both)
+        unit = np.stack([_unit_rows(rows, variance) for rows in both])
+        scores = _independent_scores(x, np.concatenate(unit, axis=-1)) + _scores_across(x, unit, noise.pairs)
     else:
         blocks = [slice(k, k + ROWS // 8) for k in range(0, len(A), ROWS // 8)]
         rows = np.concatenate([residuals.by_data(X, pairs) @ noise(pairs) for pairs in blocks])
@@ -270,6 +279,23 @@ def _independent_scores(x: Array, rows: Array) -> Array:
     """``sum_ij x_i x_j^T (2/pi) arcsin(rho_ij)`` over the pairs of x (N, 8, 6), rows (N, 8, k) of length one."""
     signs = np.arcsin(np.clip(rows @ rows.mT, -1.0, 1.0))
     return np.asarray(2.0 / np.pi * np.einsum("mra,mrs,msb->ab", x, signs, x, optimize=True))
+
+
+def _scores_across(x: Array, rows: Array, index: NDArray[np.intp]) -> Array:
+    """The same over two different pairs that share one pose: x (N, 8, 6), rows (2, N, 8, k) by the one and the other.
+
+    ``index`` (N, 2) holds the poses of each pair.
+    """
+    scores = np.zeros((6, 6))
+    order = np.argsort(index.T.ravel(), kind="stable")
+    bounds = np.searchsorted(index.T.ravel()[order], np.arange(index.max() + 2))
+    for start, stop in pairwise(bounds):
+        side, pair = np.divmod(order[start:stop], len(x))
+        here, x_here = rows[side, pair], x[pair]
+        own = np.arcsin(np.clip(here @ here.mT, -1.0, 1.0))
+        scores -= np.einsum("mra,mrs,msb->ab", x_here, own, x_here, optimize=True) * (2.0 / np.pi)
+        scores += _shared_scores(x_here.reshape(-1, 6), here.reshape(-1, here.shape[-1]))
+    return scores
 
 
 def _shared_scores(x: Array, rows: Array) -> Array:
