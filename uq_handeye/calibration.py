@@ -27,7 +27,7 @@ from .plausibility import check_fit, check_motions, check_poses, check_rotations
 from .poses import SETUPS, TARGETS, PosePairs
 from .procrustes import octonion
 from .propagation import covariance_of_poses, noise_of_pairs, pose_sensitivities, propagate
-from .residuals import Residuals, residuals, summarise
+from .residuals import Residuals, residuals, rotation_angles, summarise
 from .robot_world import mean_target, target_by_X, target_sensitivities
 from .se3 import Array, as_transforms, inverse, inverse_jacobian
 from .sensitivity import pose_from_octonion_jacobian
@@ -41,6 +41,9 @@ UNDETERMINED = np.radians(20.0)
 
 # All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
 DIAGNOSED_PAIRS = 200_000
+
+# Beyond this angle of X (degrees) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.
+NEAR_HALF_TURN_OF_X = 170.0
 
 _FORMAT = "uq-handeye calibration 1"
 
@@ -405,6 +408,12 @@ def calibrate(
         texts += check_motions(motions, noise, covariance, angle, distance, X)
     else:
         texts += check_fit(poses, X, noise if isinstance(noise, PoseNoise) else None, covariance)
+    turn = float(np.degrees(rotation_angles(X[:3, :3])))
+    if method == "tsai" and turn > NEAR_HALF_TURN_OF_X:
+        texts.append(
+            f"X turns by {turn:.1f} degrees. The Rodrigues vector that Tsai's method solves for grows without bound at "
+            "180 degrees, and so do its errors: use another method."
+        )
     if noise is not None:
         kind = kind or ("poses" if isinstance(noise, PoseNoise) else "pairs")
     elif kind is not None:
@@ -432,13 +441,23 @@ def calibrate(
         directions = np.zeros((1, 6))
         directions[0, :3] = axis
         raise DegenerateMotionError(
-            "With this noise the motions do not determine X: its rotation about "
+            f"With this noise the motions do not determine X by method {method!r}: its rotation about "
             f"({', '.join(f'{x:.3f}' for x in axis)}) in the frame of `A` has a first-order standard deviation of "
-            f"{np.degrees(deviation):.0f} degrees. Add motions that turn about other axes.",
+            f"{np.degrees(deviation):.0f} degrees. {_advice(method, motions)}",
             directions,
             partial=result,
         )
     return result
+
+
+def _advice(method: str, motions: Motions) -> str:
+    smallest = float(np.degrees(rotation_angles(motions.A[..., :3, :3]).min()))
+    if method == "shiu" and smallest < 1.0:
+        return (
+            f"This method counts all motions alike, and one of them turns by {smallest:.2g} degrees only, which leaves "
+            "its axis to the noise: leave small rotations out, or use another method."
+        )
+    return "Add motions that turn about other axes."
 
 
 class _Fit(NamedTuple):

@@ -294,9 +294,9 @@ def test_the_covariance_at_extreme_angles(name, angles, rng):
 def test_the_covariance_at_exact_half_turns_of_a_programmed_robot(name, rng):
     """Right where the canonical quaternion of A changes its sign, with a camera that is noisy.
 
-    Rotation vectors pass there from ``angle axis`` to ``(angle - 360 degrees) axis``, and the weight of the pair jumps by
-    as much as A and B disagree: X by the square of that, which the steps must outweigh. That of condurache jumps by the
-    first power, as its `singular` says.
+    Rotation vectors pass there from ``angle axis`` to ``(angle - 360 degrees) axis``, and the weight of the pair jumps
+    by as much as A and B disagree: X by the square of that, which the steps must outweigh. That of condurache jumps by
+    the first power, as its `singular` says.
     """
     if name == "heller":
         pytest.importorskip("cvxpy")

@@ -6,6 +6,8 @@ motions of the robot, B of the camera (`motions`). Angles in rad, lengths in the
 
 from __future__ import annotations
 
+import inspect
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
@@ -116,6 +118,15 @@ class Method:
     extra: str | None = None  # the optional extra of the package that it needs
     weighted: bool = False  # whether X depends on the noise model
     smooth: bool = True  # X is differentiable; else the solver has a `covariance`, and derivatives in the mean alone
+
+    def __repr__(self) -> str:
+        return f"Method({self.name}: {self.authors} {self.year}, {self.structure}, {self.form})"
+
+    @property
+    def description(self) -> str:
+        """The mathematics of the method, and what was chosen where the publication leaves something open."""
+        function = getattr(self.solver, "solution", type(self.solver))
+        return inspect.cleandoc(sys.modules[function.__module__].__doc__ or "")
 
     @property
     def reference(self) -> str:

@@ -61,7 +61,9 @@ def find(name: Any) -> Method:
             f"Method {name!r} solves G X C = W on poses: call calibrate() or ROBOT_WORLD_METHODS[{name!r}]."
         )
     if not isinstance(name, str) or name not in METHODS:
-        raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {name!r}.")
+        known = ", ".join(METHODS)
+        on_poses = " or ".join(ROBOT_WORLD_METHODS)
+        raise InputError(f"Expected `method` to be one of {known} (or {on_poses}, on poses), got {name!r}.")
     return METHODS[name]
 
 

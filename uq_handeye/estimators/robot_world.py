@@ -45,10 +45,14 @@ class RobotWorldMethod:
     structure: str
     minimises: str
     solution: Callable[[Array, int], RobotWorld]  # of the moments (T, 19, 13) of n poses
-    refined: Callable[[Array, Array, Array], RobotWorld] | None = None  # of the moments and the poses G, C
-    slopes: Callable[[Array, int], tuple[Array, Array]] | None = None  # d xi / d moments (T, 6, 19, 13) of X and of W
+    # of the moments and the poses G, C; and d xi / d moments (T, 6, 19, 13) of X and of W
+    refined: Callable[[Array, Array, Array], RobotWorld] | None = None
+    slopes: Callable[[Array, int], tuple[Array, Array]] | None = None
     form: str = "closed form"
     weighted: bool = False
+
+    def __repr__(self) -> str:
+        return f"RobotWorldMethod({self.name}: {self.authors} {self.year}, {self.structure}, {self.form})"
 
     def __call__(self, poses: PosePairs) -> RobotWorld:
         """X and W (..., 4, 4) of poses, which may have leading axes."""
