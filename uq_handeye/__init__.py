@@ -10,8 +10,9 @@
 gripper_T_camera [0.44 0.43 0.32] mm
 """
 
+from typing import TYPE_CHECKING, Any
+
 from .calibration import Calibration, calibrate
-from .comparison import Comparison, compare
 from .conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
@@ -24,6 +25,9 @@ from .poses import PosePairs
 from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3
 from .propagation import propagate
 from .simulation import simulate
+
+if TYPE_CHECKING:
+    from .comparison import Comparison, compare
 
 __version__ = "0.1.0"
 
@@ -63,3 +67,16 @@ __all__ = [
     "theta_from_paper",
     "to_convention",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """What few programs need is loaded when it is first asked for."""
+    if name in ("Comparison", "compare"):
+        from . import comparison
+
+        return getattr(comparison, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
