@@ -92,7 +92,8 @@ def nguyen(
     Returns
     -------
     NguyenResult
-        A problem that did not converge has ``converged`` False and the last iterate.
+        X, Sigma_R, Sigma_t, iterations, converged, length. A problem that did not converge has ``converged`` False
+        and the last iterate. Without a noise model both covariances are in units of the unknown variance of a rotation.
 
     Raises
     ------
