@@ -191,7 +191,7 @@ def test_compare(session, tmp_path):
 
 def test_compare_prints_json_or_csv(session):
     files = session / "robot.csv", session / "camera.csv"
-    some = ("--methods", "park, tsai", "--reference", "chou", "--pairs", "consecutive")
+    some = ("--methods", " Park, tsai,,", "--reference", "Chou", "--pairs", "consecutive")
     data = json.loads(run("compare", *files, *some, "--json").stdout)
     assert ([row["method"] for row in data["methods"]], data["n_pairs"]) == (["chou", "park", "tsai"], 11)
     assert data["reference"] == "chou"
@@ -200,8 +200,10 @@ def test_compare_prints_json_or_csv(session):
     assert [row.split(",")[0] for row in rows] == ["method", "chou", "park", "tsai"]
     for arguments, part in (
         (["--json", "--csv"], "not both"),
-        (["--methods", "park,magic"], "'magic'"),
-        (["--reference", "magic"], "'magic'"),
+        (["--methods", "park,magic"], "--methods to name methods among tsai"),
+        (["--methods", " , "], "got ' , '"),
+        (["--reference", "magic"], "--reference to name one method among tsai"),
+        (["--reference", "park,tsai"], "got 'park,tsai'"),
         (["--pairs", "some"], "consecutive"),
         (["--robot-noise", "1,2"], "unit"),
     ):
@@ -305,6 +307,16 @@ def test_readme_shows_the_demo():
     printed = done.stdout.splitlines()
     for line in block[1].splitlines():
         assert line == "..." or line in printed
+
+
+def test_readme_compare_runs_word_for_word(tmp_path):
+    block = re.search(
+        r"```text\n(uq-handeye simulate.*?compare.*?)```", (REPOSITORY / "README.md").read_text(), re.DOTALL
+    )
+    for line in block[1].splitlines():
+        done = run(*line.split()[1:], cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "comparison" / "comparison.png").exists()
 
 
 def test_demo_data_are_those_of_the_command_in_their_readme(tmp_path):

@@ -1,13 +1,11 @@
 """Every method in one table: who agrees, who differs, who fails, and nothing is lost."""
 
 import dataclasses
-import io
 import json
 import math
 import warnings
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import stats
 from support import difference, exact_motions, moved, noisy_motions, random_covariance, whitened_eigenvalues
@@ -18,7 +16,6 @@ from uq_handeye.comparison import CHI2_95, Comparison, Row, against, compare, sq
 from uq_handeye.errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from uq_handeye.estimators.method import Estimate
 from uq_handeye.motions import spread_pairs
-from uq_handeye.report.comparison_text import digits
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FEW = ("tsai", "park", "gwak", "4dpa")
@@ -243,7 +240,8 @@ def test_reference_and_methods(poses):
     assert [row.method for row in result.rows] == ["chou", "park", "tsai"]
     assert result.reference == "chou"
     assert [row.method for row in compare(poses, methods="park").rows] == ["4dpa", "park"]
-    assert compare(poses, methods=["4dpa"], noise=NOISE).verdict == "Only 4dpa gave a result."
+    assert compare(poses, methods=["4dpa"], noise=NOISE).verdict == "4dpa alone, with nothing to compare."
+    assert compare(poses, methods=["park"], noise=NOISE).verdict == "park agrees with 4dpa at 95 %."
 
 
 @pytest.mark.parametrize(
@@ -333,83 +331,62 @@ def test_warnings_of_one_method_stay_with_it(poses, monkeypatch):
     assert "park !" in result.to_text()
 
 
-def test_json(everything, tmp_path):
-    text = everything.to_json(tmp_path / "comparison.json")
-    assert (tmp_path / "comparison.json").read_text() == text
-    data = json.loads(text, parse_constant=no_constant)
-    assert data == everything.to_dict()
-    assert [entry["method"] for entry in data["methods"]] == list(uq.METHODS)
-    for entry, row in zip(data["methods"], everything.rows, strict=True):
-        if row.X is not None:
-            np.testing.assert_array_equal(entry["X"], row.X)  # no digit is lost
-            np.testing.assert_array_equal(entry["covariance"], row.covariance)
-            assert (entry["d2"], entry["agrees"]) == (row.d2, row.agrees)
-    with pytest.raises(InputError, match="no folder"):
-        everything.to_json(tmp_path / "no" / "comparison.json")
+def undetermined(name, poses):
+    """The error of calibrate() for a method whose first-order covariance means nothing."""
+    good = uq.calibrate(poses, noise=NOISE, method=name)
+    partial = dataclasses.replace(good, covariance=1e6 * good.covariance)
+    return DegenerateMotionError("With this noise the motions do not determine X.", np.eye(6)[:1], partial)
 
 
-def test_infinite_distance_is_no_number_in_json(poses, monkeypatch):
-    good = uq.calibrate(poses, noise=NOISE, method="park")
-    replaced(monkeypatch, "park", lambda: dataclasses.replace(good, covariance=np.zeros((6, 6))))
+def test_an_undetermined_method_keeps_its_x(poses, monkeypatch):
+    error = undetermined("park", poses)
+    replaced(monkeypatch, "park", raises(error))
     result = compare(poses, noise=NOISE, methods=FEW)
-    assert result["park"].d2 == math.inf and result["park"].agrees is False
-    entry = json.loads(result.to_json(), parse_constant=no_constant)["methods"][1]
-    assert (entry["d2"], entry["agrees"]) == (None, False)
-    assert "inf" in result.to_text()
+    row = result["park"]
+    np.testing.assert_array_equal(row.X, error.partial.X)
+    np.testing.assert_array_equal(row.covariance, error.partial.covariance)
+    assert (row.status, row.d2, row.agrees, row.residuals) == ("undetermined", None, None, error.partial.residuals)
+    assert row.difference_translation > 0 and row.seconds > 0
+    assert result.verdict == "2 of 2 methods agree with 4dpa at 95 %; 1 undetermined: park."
+    text = result.to_text()
+    assert "UNDETERMINED" in text and "\npark ?  " in text
+    assert "\n              With this noise the motions do not determine X.\n" in text
+    assert compare(poses, noise=NOISE, methods=("park", "tsai", "gwak", "4dpa")).most_central[0] != "park"
+    assert json.loads(result.to_json())["methods"][1]["status"] == "undetermined"
+    # it is no reference, and alone it is no result
+    other = compare(poses, noise=NOISE, methods=FEW, reference="park")
+    assert other.reference == "tsai" and "park gave no result to rely on: the reference is tsai" in other.to_text()
+    alone = compare(poses, noise=NOISE, methods=["park"], reference="park")
+    assert alone.reference is None
+    assert alone.verdict == "park gave no result to rely on."
+    assert "UNDETERMINED" in alone.to_text() and "\npark ?  " in alone.to_text()
 
 
-def test_csv(everything, tmp_path):
-    text = everything.to_csv(tmp_path / "comparison.csv")
-    assert (tmp_path / "comparison.csv").read_text() == text
-    assert "nan" not in text.lower()
-    table = pd.read_csv(io.StringIO(text), dtype={"method": str}).set_index("method")
-    assert list(table.index) == list(uq.METHODS)
-    assert table["is_reference"].sum() == 1
-    for row in everything.rows:
-        if row.X is None:
-            assert isinstance(table.loc[row.method, "failure"], str)
-            continue
-        entry = table.loc[row.method]
-        X = [[entry[f"X_{i}{j}" + ("_m" if j == 4 else "")] for j in range(1, 5)] for i in range(1, 4)]
-        np.testing.assert_allclose(np.array(X, dtype=float), row.X[:3], rtol=0, atol=1e-15)
-        assert entry["translation_y_mm"] == pytest.approx(1e3 * row.X[1, 3])
-        assert entry["std_theta_z_deg"] == pytest.approx(math.degrees(row.std[2]))
-        assert entry["difference_rotation_deg"] == pytest.approx(math.degrees(row.difference_rotation))
-        assert entry["error_62"] == pytest.approx(row.residuals.error)
-        assert entry["time_ms"] == pytest.approx(1e3 * row.seconds)
+def test_failures_are_worded_for_a_table(poses, monkeypatch):
+    partial = Estimate(uq.calibrate(poses, method="gwak").X, np.array(False), np.array(100))
+    message = (
+        "It did not converge within 1e2 iterations. METHODS[name].estimate() returns what it reached, with a flag."
+    )
+    replaced(monkeypatch, "gwak", raises(NotConvergedError(message, partial)))
+    replaced(
+        monkeypatch, "park", raises(DegenerateMotionError("Parallel. 4DPA sees neither this nor that.", np.eye(6)))
+    )
+    result = compare(poses, methods=FEW)
+    assert result["gwak"].failure == "It did not converge within 1e2 iterations."
+    assert result["park"].failure == "Parallel. They show neither this nor that."
+    replaced(monkeypatch, "tsai", raises(InputError("No.")))
+    assert compare(poses, methods=["tsai"], reference="tsai").verdict == "tsai gave no result."
 
 
-def test_text_is_plain_and_narrow(everything):
-    text = everything.to_text()
-    assert text == everything.to_text()
-    assert text.isascii() and "\x1b" not in text
-    assert max(map(len, text.splitlines())) <= 120
-    assert not any(line != line.rstrip() for line in text.splitlines())
-    for name in uq.METHODS:
-        assert sum(line.startswith(f"{name} ") for line in text.splitlines()) >= 1
-    for phrase in ("may be wrong together", "not how accurate", "error (62)", "+- 1 sigma"):
-        assert phrase in " ".join(text.split())
-
-
-def test_text_stays_narrow_with_large_numbers(everything):
-    huge = np.array([2.0, -1.0, 1.5, -123456.789, 98765.4321, -4e7])
-    rows = [everything["4dpa"]]
-    for row in everything.rows:
-        if row.X is not None and row.method != "4dpa":
-            wild = dataclasses.replace(row, X=moved(row.X, huge), seconds=1234.5, iterations=10000)
-            wild = dataclasses.replace(wild, residuals=row.residuals._replace(error=123456.789, rotation_rms=3.1))
-            rows.append(against(wild, rows[0]))
-    text = dataclasses.replace(everything, rows=tuple(rows)).to_text()
-    assert max(map(len, text.splitlines())) <= 120
-
-
-def test_digits():
-    assert [digits(x) for x in (None, 0.0, 1.23456, 12.3456, 123.456, 1234.56, 0.00123456)] == [
-        *("-", "0", "1.23", "12.3", "123", "1235"),
-        "0.00123",
-    ]
-    assert [digits(x) for x in (1e-9, 1e7, 9.999, -0.5, math.inf)] == ["1.0e-09", "1.0e+07", "10.0", "-0.500", "inf"]
-    assert digits(2.0, 1e3) == "2000"
+def test_no_advice_of_a_minority(poses, monkeypatch):
+    """Three methods that all disagree with each other: none of them is recommended."""
+    good = uq.calibrate(poses, noise=NOISE)
+    for k, name in enumerate(FEW):
+        shifted = dataclasses.replace(good, X=moved(good.X, np.array([0, 0, 0, 0.01 * (k // 2), 0, 0])), method=name)
+        replaced(monkeypatch, name, lambda shifted=shifted: shifted)
+    result = compare(poses, noise=NOISE, methods=(*FEW[:3], "4dpa"), reference="gwak")
+    assert result.most_central[1] == 1
+    assert "--reference" not in result.to_text()
 
 
 def test_progress_is_silent_without_a_terminal(poses, capfd):
@@ -420,6 +397,11 @@ def test_progress_is_silent_without_a_terminal(poses, capfd):
 def test_lookup(everything):
     assert everything["park"].method == "park"
     assert repr(everything) == f"Comparison({len(uq.METHODS)} methods, reference 4dpa, 66 pairs)"
-    with pytest.raises(KeyError):
+    assert repr(everything["4dpa"]) == "Row(4dpa 2019, agrees=True, 0 deg and 0 mm from the reference)"
+    assert repr(Row("park", 1994, "", "", failure="No.")) == "Row(park 1994, failed)"
+    assert "park" in everything and "magic" not in everything
+    with pytest.raises(KeyError) as caught:
         everything["magic"]
+    assert isinstance(caught.value, InputError)
+    assert str(caught.value).startswith("Expected the name of a method compared, one of tsai, shiu")
     assert isinstance(everything, Comparison)

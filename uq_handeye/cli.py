@@ -192,7 +192,7 @@ def compare_command(
     methods: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B,...",
+            metavar="NAME,NAME,...",
             help=f"Some of {', '.join(METHODS)}; or {', '.join(ROBOT_WORLD_METHODS)}, on poses. Left out: the former.",
         ),
     ] = None,
@@ -211,14 +211,16 @@ def compare_command(
 
     Example: uq-handeye compare robot.csv camera.csv --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm -o out/
 
-    A method that fails keeps its row, which says why. Exit status 2 if every method fails.
+    A method that fails keeps its row, which says why. Exit status 2 if every method fails. The table is up to 120
+    columns wide; on a narrower terminal append | less -S, or use --csv.
     """
     if as_json and as_csv:
         raise InputError("Give either --json or --csv, not both.")
+    names = None if methods is None else _methods(methods, "--methods")
+    (base,) = _methods(reference, "--reference", most=1)
     model = _noise(robot_noise, camera_noise, noise)
     poses = _poses(robot, camera, setup, (robot_units or units, camera_units or units))
-    names = None if methods is None else [name.strip() for name in methods.split(",")]
-    result = compare(poses, noise=model, methods=names, pairs=pairs, reference=reference, progress=True)
+    result = compare(poses, noise=model, methods=names, pairs=pairs, reference=base, progress=True)
     if as_json or as_csv:
         _emit(result.to_json() if as_json else result.to_csv())
     else:  # on a terminal the warnings stand above already
@@ -226,8 +228,21 @@ def compare_command(
     if output is not None:  # after the table, which is not to be lost if this fails
         _write_comparison(result, output)
     if result.reference is None:
-        _fail("Every method failed; the table says why.")
+        some = any(row.X is not None for row in result.rows)
+        _fail(f"{'No method gave a result to rely on' if some else 'Every method failed'}; the table says why.")
     return 0
+
+
+def _methods(text: str, option: str, most: int | None = None) -> list[str]:
+    """The methods of a list with commas, in small letters or capitals."""
+    known = [*METHODS, *ROBOT_WORLD_METHODS]
+    names = [name for part in text.split(",") if (name := part.strip().lower())]
+    wrong = [part.strip() for part in text.split(",") if part.strip() and part.strip().lower() not in known]
+    if wrong or not names or (most and len(names) > most):
+        what = "one method" if most == 1 else "methods"
+        got = repr(wrong[0]) if wrong else repr(text)
+        raise InputError(f"Expected {option} to name {what} among {', '.join(known)}, got {got}.")
+    return names
 
 
 def _write_comparison(result: Comparison, directory: Path) -> None:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import io
 import json
-import math
+import re
 import sys
 import time
 import warnings
@@ -29,9 +29,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
-from .calibration import CONVENTION, Calibration, calibrate, require_noise_fits
+from . import __version__
+from .calibration import CONVENTION, Calibration, _noise_to_dict, calibrate, require_noise_fits
+from .comparison_row import CHI2_95, Row, against, flat, squared_distance
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
 from .estimators.method import Estimate, Method
@@ -42,85 +43,25 @@ from .noise import Noise, PairNoise
 from .poses import SETUPS, PosePairs
 from .propagation import noise_of_pairs
 from .report.comparison_text import table, verdict, without_numbers
-from .residuals import Residuals, residuals, summarise
-from .se3 import Array
+from .residuals import residuals, summarise
 
 if TYPE_CHECKING:
     import pandas as pd
 
 # All pairs of more poses than make this many are thinned out evenly, the same for every method.
 MOST_PAIRS = 20_000
-# 95 % quantile of chi-square with 6 degrees of freedom.
-CHI2_95 = 12.591587243743977
-
 # A method is timed so many times, or until so many seconds are over, and the best counts.
 REPEATS, ENOUGH = 5, 0.25
-# Eigenvalue of a correlation matrix below which a direction has no variance.
-FLAT = 1e-13
+__all__ = ["CHI2_95", "Comparison", "Row", "UnknownMethodError", "against", "compare", "squared_distance"]
 
 _FORMAT = "uq-handeye comparison 1"
-_XYZ = "xyz"
 
 
-@dataclass(frozen=True, eq=False)
-class Row:
-    """What one method made of the data. Angles in rad, lengths in m."""
+class UnknownMethodError(InputError, KeyError):
+    """A comparison was asked for a method that it does not have; the message lists those that it has."""
 
-    method: str
-    year: int
-    structure: str  # "separated" or "simultaneous"
-    form: str  # "closed form", "iterative" or "convex program"
-    X: Array | None = None  # (4, 4); None where the method failed; where it did not converge, what it reached
-    covariance: Array | None = None  # (6, 6) of (theta, tau), the method's own; None without noise
-    residuals: Residuals | None = None
-    seconds: float | None = None  # of the estimator alone
-    converged: bool | None = None
-    iterations: int | None = None  # 0 in closed form
-    failure: str | None = None  # why there is no result, or none to be trusted
-    warnings: tuple[str, ...] = ()  # beyond those of the comparison
-    xi: Array | None = None  # (6,) difference (theta, tau) from the reference
-    d2: float | None = None  # xi^T covariance^-1 xi; infinite where the covariance leaves no room
-    agrees: bool | None = None  # d2 <= CHI2_95; None: not known
-
-    @property
-    def std(self) -> Array | None:
-        """Standard deviations (6,) of (theta, tau)."""
-        return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
-
-    @property
-    def difference_rotation(self) -> float | None:
-        """Angle between the rotation and that of the reference."""
-        return None if self.xi is None else float(np.linalg.norm(self.xi[:3]))
-
-    @property
-    def difference_translation(self) -> float | None:
-        """Distance between the translation and that of the reference."""
-        return None if self.xi is None else float(np.linalg.norm(self.xi[3:]))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text; None for what is not there."""
-        return {
-            "method": self.method,
-            "year": self.year,
-            "structure": self.structure,
-            "form": self.form,
-            "X": _plain(self.X),
-            "covariance": _plain(self.covariance),
-            "std": _plain(self.std),
-            "difference": _plain(self.xi),
-            "difference_rotation": _finite(self.difference_rotation),
-            "difference_translation": _finite(self.difference_translation),
-            "d2": _finite(self.d2),
-            "agrees": self.agrees,
-            "residuals": None
-            if self.residuals is None
-            else {k: _finite(v) for k, v in self.residuals._asdict().items()},
-            "seconds": _finite(self.seconds),
-            "converged": self.converged,
-            "iterations": self.iterations,
-            "failure": self.failure,
-            "warnings": list(self.warnings),
-        }
+    def __str__(self) -> str:  # KeyError would quote it
+        return str(self.args[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,10 +83,19 @@ class Comparison:
         for row in self.rows:
             if row.method == method:
                 return row
-        raise KeyError(method)
+        names = ", ".join(row.method for row in self.rows)
+        raise UnknownMethodError(f"Expected the name of a method compared, one of {names}; got {method!r}.")
+
+    def __contains__(self, method: object) -> bool:
+        return any(row.method == method for row in self.rows)
 
     def __repr__(self) -> str:
         return f"Comparison({len(self.rows)} methods, reference {self.reference}, {self.n_pairs} pairs)"
+
+    @property
+    def base(self) -> Row | None:
+        """The row of the reference."""
+        return None if self.reference is None else self[self.reference]
 
     @property
     def origin(self) -> str:
@@ -170,7 +120,7 @@ class Comparison:
     @property
     def most_central(self) -> tuple[str, int] | None:
         """The method that most others would agree with as the reference, and how many; None without covariances."""
-        rows = [row for row in self.rows if row.covariance is not None]
+        rows = [row for row in self.rows if row.covariance is not None and row.failure is None]
         counts = {base.method: sum(bool(against(row, base).agrees) for row in rows) - 1 for base in rows}
         return max(counts.items(), key=lambda item: item[1], default=None)
 
@@ -187,6 +137,7 @@ class Comparison:
         """Everything as plain numbers, lists and text, with units and convention."""
         return {
             "format": _FORMAT,
+            "version": __version__,
             "convention": CONVENTION,
             "units": {"rotation": "rad", "translation": "m", "time": "s"},
             "reference": self.reference,
@@ -196,7 +147,7 @@ class Comparison:
             "n_poses": self.n_poses,
             "n_pairs": self.n_pairs,
             "n_pairs_available": self.n_pairs_available,
-            "noise_given": self.noise is not None,
+            "noise": _noise_to_dict(self.noise),
             "agrees_up_to_d2": CHI2_95,
             "verdict": self.verdict,
             "warnings": list(self.warnings),
@@ -214,7 +165,7 @@ class Comparison:
         """A pandas table, one row per method, units in the names of the columns."""
         import pandas as pd
 
-        return pd.DataFrame([_flat(row, self.reference) for row in self.rows])
+        return pd.DataFrame([flat(row, self.base) for row in self.rows])
 
     def to_csv(self, path: str | Path | None = None) -> str:
         """`to_dataframe` as CSV text, also written to ``path`` (whole or not at all); empty: not known."""
@@ -360,7 +311,9 @@ def _row(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | Non
             row = _filled(row, calibrate(motions, noise=noise, method=method.name))
         except NotConvergedError as error:
             row = replace(_reached(row, error, motions), failure=_sentence(error), converged=False)
-        except (DegenerateMotionError, MissingExtraError) as error:
+        except DegenerateMotionError as error:
+            row = replace(_undetermined(row, error), failure=_sentence(error, method.name))
+        except MissingExtraError as error:
             row = replace(row, failure=_sentence(error))
         except InputError as error:
             row = _without_covariance(row, error, motions, noise, method)
@@ -434,8 +387,19 @@ def _reached(row: Row, error: NotConvergedError, motions: Motions) -> Row:
     )
 
 
-def _sentence(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+def _undetermined(row: Row, error: DegenerateMotionError) -> Row:
+    """The row with the X of a covariance that means nothing, where there is one."""
+    try:
+        return _filled(row, error.partial) if isinstance(error.partial, Calibration) else row
+    except ArithmeticError:
+        return row
+
+
+def _sentence(error: Exception, method: str = "4dpa") -> str:
+    """What went wrong, in words for a table: nothing to call from Python, and no other method in the row of this."""
+    sentences = re.split(r"(?<=[.!?])\s+", " ".join(str(error).split()))
+    text = " ".join(sentence for sentence in sentences if "METHODS[" not in sentence) or type(error).__name__
+    return text if method == "4dpa" else text.replace("4DPA sees neither", "They show neither")
 
 
 def _seconds(function: Callable[[], object]) -> float:
@@ -448,91 +412,8 @@ def _seconds(function: Callable[[], object]) -> float:
     return min(times)
 
 
-def against(row: Row, base: Row | None) -> Row:
-    """The row with its difference from the reference."""
-    if base is None or base.X is None or row.X is None:
-        return row
-    theta = Rotation.from_matrix(row.X[:3, :3] @ base.X[:3, :3].T).as_rotvec()
-    xi = np.concatenate([theta, row.X[:3, 3] - base.X[:3, 3]])
-    if row.method == base.method:
-        xi = np.zeros(6)
-    if row.covariance is None or row.failure is not None:
-        return replace(row, xi=xi)
-    d2 = squared_distance(xi, row.covariance)
-    return replace(row, xi=xi, d2=d2, agrees=d2 <= CHI2_95)
-
-
-def squared_distance(xi: Array, covariance: Array) -> float:
-    """``xi^T covariance^-1 xi``; infinite where xi has a part along which the covariance has no variance."""
-    std = np.sqrt(np.diag(covariance))
-    if (xi[std == 0] != 0).any():
-        return math.inf
-    xi, covariance, std = xi[std > 0], covariance[np.ix_(std > 0, std > 0)], std[std > 0]
-    if not xi.size:
-        return 0.0
-    values, axes = np.linalg.eigh(covariance / np.outer(std, std))
-    parts = axes.T @ (xi / std)
-    flat = values <= FLAT
-    if (np.abs(parts[flat]) > np.sqrt(FLAT)).any():
-        return math.inf
-    return float(np.sum(parts[~flat] ** 2 / values[~flat]))
-
-
 def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
     """Those of the reference (of all methods if none succeeded), and what each method has beyond them."""
     common = {without_numbers(text): text for row in (rows if base is None else [base]) for text in row.warnings}
     own = {row.method: tuple(text for text in row.warnings if without_numbers(text) not in common) for row in rows}
     return tuple(common.values()), own
-
-
-def _plain(array: Array | None) -> Any:
-    return None if array is None else array.tolist()
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is None or math.isfinite(value) else None
-
-
-def _flat(row: Row, reference: str | None) -> dict[str, Any]:
-    """One row of the data frame."""
-    missing = np.full(6, np.nan)
-    X = np.full((4, 4), np.nan) if row.X is None else row.X
-    rotvec = missing[:3] if row.X is None else Rotation.from_matrix(X[:3, :3]).as_rotvec()
-    std, xi = (missing if value is None else value for value in (row.std, row.xi))
-    rms: tuple[float | None, float | None, float | None] = (None, None, None)
-    if row.residuals is not None:
-        rms = (row.residuals.error, row.residuals.rotation_rms, row.residuals.translation_rms)
-    flat: dict[str, Any] = {
-        "method": row.method,
-        "year": row.year,
-        "structure": row.structure,
-        "form": row.form,
-        "is_reference": row.method == reference,
-    }
-    flat |= {f"rotation_vector_{a}_deg": math.degrees(rotvec[k]) for k, a in enumerate(_XYZ)}
-    flat |= {f"translation_{a}_mm": 1e3 * X[k, 3] for k, a in enumerate(_XYZ)}
-    flat |= {f"std_theta_{a}_deg": math.degrees(std[k]) for k, a in enumerate(_XYZ)}
-    flat |= {f"std_tau_{a}_mm": 1e3 * std[3 + k] for k, a in enumerate(_XYZ)}
-    flat |= {
-        "difference_rotation_deg": _scaled(row.difference_rotation, 180 / np.pi),
-        "difference_translation_mm": _scaled(row.difference_translation, 1e3),
-    }
-    flat |= {f"difference_theta_{a}_deg": math.degrees(xi[k]) for k, a in enumerate(_XYZ)}
-    flat |= {f"difference_tau_{a}_mm": 1e3 * xi[3 + k] for k, a in enumerate(_XYZ)}
-    flat |= {
-        "d2": row.d2,
-        "agrees": row.agrees,
-        "error_62": rms[0],
-        "residual_rotation_rms_deg": _scaled(rms[1], 180 / np.pi),
-        "residual_translation_rms_mm": _scaled(rms[2], 1e3),
-        "time_ms": _scaled(row.seconds, 1e3),
-        "converged": row.converged,
-        "iterations": row.iterations,
-        "failure": row.failure,
-    }
-    flat |= {f"X_{i + 1}{j + 1}" + ("_m" if j == 3 else ""): X[i, j] for i in range(3) for j in range(4)}
-    return flat
-
-
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value

@@ -209,6 +209,57 @@ def test_failures_are_named(agreeing):
     assert len(hollow) == 1
 
 
+def undetermined(comparison, name):
+    """The comparison with a method whose covariance means nothing, far away from all others."""
+    row = comparison[name]
+    changes = {"X": moved(row.X, 0.4 * np.ones(6)), "covariance": 1e8 * row.covariance, "d2": None, "agrees": None}
+    row = dataclasses.replace(row, failure="With this noise the motions do not determine X.", **changes)
+    row = against(row, comparison[comparison.reference])
+    return dataclasses.replace(
+        comparison, rows=tuple(row if row.method == name else other for other in comparison.rows)
+    )
+
+
+def test_an_undetermined_method_is_hollow_and_does_not_squash_the_others(agreeing):
+    plain, figure = (comparison_figure(c) for c in (agreeing, undetermined(agreeing, "shiu")))
+    for before, after in zip(columns(plain), columns(figure), strict=True):
+        assert np.ptp(after.get_xlim()) * factor(after) < 1.5 * np.ptp(before.get_xlim()) * factor(before)
+        assert any(text.get_text()[0] == "+" for text in after.texts if text.get_text()[0] in "+\N{MINUS SIGN}")
+    texts = [" ".join(text.get_text().split()) for axis in figure.axes for text in axis.texts]
+    assert any(text.startswith("undetermined: With this noise") for text in texts)
+    assert any("Hollow: not to be relied on" in " ".join(text.get_text().split()) for text in figure.texts)
+    curves = [line for line in panels(figure)[0].lines if len(line.get_xdata()) > 100]
+    assert len(curves) == sum(row.failure is None for row in undetermined(agreeing, "shiu").rows)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_names_cover_no_point_and_their_leaders_do_not_cross(seed):
+    comparison = compare(uq.simulate(15, noise=NOISE, seed=seed))
+    figure = comparison_figure(comparison)
+    figure.draw_without_rendering()
+    renderer = figure.canvas.get_renderer()
+    shown = set()
+    for axis in panels(figure):
+        names = [text for text in axis.texts if isinstance(text, Annotation)]
+        points = [line.get_xydata()[0] for line in axis.lines if len(line.get_xdata()) == 1]
+        points = axis.transData.transform(points)
+        ends = []
+        for name in names:
+            box = type(name).__mro__[1].get_window_extent(name, renderer)
+            assert not any(box.contains(x, y) for x, y in points), name.get_text()
+            ends.append(axis.transAxes.transform([name.xy, name.get_position()]))
+            shown |= {part.strip() for part in name.get_text().replace("\n", ",").split(",")}
+        for k, a in enumerate(ends):
+            assert not any(crossing(a, b) for b in ends[:k])
+    assert len(shown) > 6
+
+
+def crossing(a, b):
+    """Whether two segments cross."""
+    sides = [np.linalg.det([line[1] - line[0], end - line[0]]) for line, other in ((a, b), (b, a)) for end in other]
+    return sides[0] * sides[1] < 0 and sides[2] * sides[3] < 0
+
+
 def test_without_noise_it_says_that_there_are_no_ellipses(agreeing):
     figure = comparison_figure(no_noise(agreeing))
     assert any("no ellipses" in " ".join(text.get_text().split()) for text in figure.texts)

@@ -23,13 +23,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from ..comparison import CHI2_95, Comparison
 from ..se3 import Array
-from .comparison_text import digits, notes, without_numbers
+from .comparison_text import apart, digits, notes, without_numbers
 from .ellipses import PAIRS_WITHIN, SYMBOLS, render
+from .labels import HALO, Named, label_points
 
 MINUS = "\N{MINUS SIGN}"
 # Colours of Okabe and Ito for the methods that differ; line styles and markers of other periods keep all of them apart.
@@ -57,7 +57,6 @@ LEAST = (1e-9, 1e-9)
 # What the panels show beyond the columns, as a part of their range: room for names.
 ROOM = 0.12
 _RADIUS = float(np.sqrt(CHI2_95))
-_HALO = [withStroke(linewidth=2.2, foreground="white")]
 
 
 class _Style(NamedTuple):
@@ -200,9 +199,10 @@ def _ink(style: _Style) -> str:
 
 def _scale(comparison: Comparison) -> _Scale:
     """Limits that show most methods; rotation and translation have one scale each unless a component needs less."""
-    drawn = [row for row in comparison.rows if row.xi is not None]
+    drawn = [row for row in comparison.rows if row.xi is not None and row.status != "undetermined"]
     centres = np.array([row.xi for row in drawn]).reshape(-1, 6)
-    spread = np.array([np.zeros(6) if row.std is None else row.std for row in drawn]).reshape(-1, 6)
+    known = [None if row.failure is not None else row.std for row in drawn]
+    spread = np.array([np.zeros(6) if std is None else std for std in known]).reshape(-1, 6)
     others = np.array([row.method != comparison.reference for row in drawn], dtype=bool)
     low, high, factors, units = np.zeros(6), np.zeros(6), np.zeros(6), []
     for group, least in zip((slice(0, 3), slice(3, 6)), LEAST, strict=True):
@@ -320,7 +320,7 @@ def _beyond(axis: Axes, x: float, y: float, low: float, high: float, style: _Sty
         va="center",
         fontsize=6.3,
         color=_ink(style),
-        path_effects=_HALO,
+        path_effects=HALO,
         zorder=style.order,
     )
 
@@ -338,12 +338,12 @@ def _verdicts(axis: Axes, comparison: Comparison, styles: dict[str, _Style]) -> 
         if row.method == comparison.reference:
             axis.text(1.07, y, "reference", fontsize=7.5, fontweight="bold", **options)
         elif row.failure is not None:
-            word = "" if row.converged is False else "failed: "  # the other says so itself
+            word = "" if row.status == "unconverged" else f"{row.status}: "  # that one says so itself
             text = "\n".join(textwrap.wrap(_short(word + row.failure, 82), 43, break_on_hyphens=False))
             axis.text(1.07, y, text, fontsize=5.4, color=WARNING, linespacing=1.0, **options)
         elif row.agrees is None:
             rotation, translation = row.difference_rotation or 0.0, row.difference_translation or 0.0
-            text = f"{digits(rotation, 180 / np.pi)} deg, {digits(translation, 1e3)} mm away"
+            text = f"{apart(rotation, 180 / np.pi)} deg, {apart(translation, 1e3)} mm away"
             text += "" if comparison.noise is None else "\n(no covariance)"
             size = 7.0 if comparison.noise is None else 5.8
             axis.text(1.07, y, text, fontsize=size, color="0.25", linespacing=1.0, **options)
@@ -358,8 +358,8 @@ def _verdicts(axis: Axes, comparison: Comparison, styles: dict[str, _Style]) -> 
                 color=_ink(style),
                 **options,
             )
-            value = digits(row.d2).replace("e+0", "e").replace("e+", "e")
-            axis.text(1.55, y, f"$d^2$ = {value}", fontsize=7.2, color=_ink(style), **options)
+            value = apart(row.d2).replace("e+0", "e").replace("e+", "e")
+            axis.text(1.55, y, f"$d^2$ = {value}".replace("= <", "< "), fontsize=7.2, color=_ink(style), **options)
 
 
 def _projection(axis: Axes, i: int, j: int, comparison: Comparison, styles: dict[str, _Style], scale: _Scale) -> None:
@@ -371,7 +371,8 @@ def _projection(axis: Axes, i: int, j: int, comparison: Comparison, styles: dict
     axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)
     axis.axvline(0, color="0.85", linewidth=0.6, zorder=0)
     angle = np.linspace(0, 2 * np.pi, 181)
-    named: list[tuple[str, float, float, _Style]] = []
+    named: list[Named] = []
+    points: list[tuple[float, float]] = []
     curves: list[Array] = []
     for row in comparison.rows:
         if row.xi is None:
@@ -392,11 +393,12 @@ def _projection(axis: Axes, i: int, j: int, comparison: Comparison, styles: dict
             axis.plot(x, y, **_marker(style, 3.6), zorder=style.order + 0.5)
         else:
             x, y = _at_rim(axis, x, y, style)
+        points.append((x, y))
         if row.method == comparison.reference or row.failure is not None:
             continue
         if row.agrees is False or not inside or (row.agrees is None and row.covariance is None):
-            named.append((row.method, x, y, style))
-    _names(axis, named, np.concatenate([np.empty((0, 2)), *curves]))
+            named.append(Named(row.method, x, y, _ink(style)))
+    label_points(axis, named, np.array(points).reshape(-1, 2), np.concatenate([np.empty((0, 2)), *curves]))
     axis.set_xlabel(_label(i, scale), fontsize=7.2, labelpad=0)
     axis.set_ylabel(_label(j, scale), fontsize=7.2, labelpad=0.5)
     _ticks(axis.xaxis, *x_limits)
@@ -416,68 +418,6 @@ def _at_rim(axis: Axes, x: float, y: float, style: _Style) -> tuple[float, float
     return x, y
 
 
-def _names(axis: Axes, named: list[tuple[str, float, float, _Style]], lines: Array) -> None:
-    """Names beside the points, close points under one label, each where it covers least of the lines (m, 2)."""
-    size, side = 5.6, axis.get_window_extent().width * 72 / axis.figure.dpi
-    corner = np.array([axis.get_xlim()[0], axis.get_ylim()[0]])
-    extent = np.array([np.ptp(axis.get_xlim()), np.ptp(axis.get_ylim())])
-    lines = side * (lines - corner) / extent
-    clusters: list[tuple[Array, list[str], str]] = []
-    for name, x, y, style in named:
-        point = side * (np.array([x, y]) - corner) / extent
-        for where, names, _ in clusters:
-            if np.abs(where - point).max() < 4:
-                names.append(name)
-                break
-        else:
-            clusters.append((point, [name], _ink(style)))
-    taken = [(p[0] - 2.5, p[1] - 2.5, p[0] + 2.5, p[1] + 2.5) for p, _, _ in clusters]
-    for point, names, colour in clusters:
-        shown = names if len(names) <= 4 else [*names[:3], f"+{len(names) - 3}"]
-        text = [", ".join(shown[k : k + 2]) for k in range(0, len(shown), 2)]
-        box = _room(point, 0.55 * size * max(map(len, text)) + 2, 1.15 * size * len(text), side, taken, lines)
-        if box is None:
-            continue
-        taken.append(box)
-        axis.annotate(
-            "\n".join(text),
-            xy=(point[0] / side, point[1] / side),
-            xytext=((box[0] + box[2]) / 2 / side, (box[1] + box[3]) / 2 / side),
-            xycoords="axes fraction",
-            ha="center",
-            va="center",
-            fontsize=size,
-            color=colour if len(names) == 1 else "0.15",
-            linespacing=1.0,
-            path_effects=_HALO,
-            arrowprops={"arrowstyle": "-", "color": "0.45", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2},
-            zorder=12,
-        )
-
-
-def _room(
-    point: Array, w: float, h: float, side: float, taken: list[tuple[float, float, float, float]], lines: Array
-) -> tuple[float, float, float, float] | None:
-    """A box w by h near the point, inside the panel, that covers the least of what is there."""
-    best: tuple[float, tuple[float, float, float, float]] | None = None
-    for radius in (5, 10, 16, 23, 31, 40, 50):
-        for turn in np.radians(np.arange(0, 360, 20)):
-            direction = np.array([np.cos(turn), np.sin(turn)])
-            x, y = point + radius * direction + direction * (w, h) / 2
-            box = (float(x - w / 2), float(y - h / 2), float(x + w / 2), float(y + h / 2))
-            if box[0] < 2 or box[1] < 2 or box[2] > side - 2 or box[3] > side - 2:
-                continue
-            overlap = sum(
-                max(0.0, min(box[2], b[2]) - max(box[0], b[0])) * max(0.0, min(box[3], b[3]) - max(box[1], b[1]))
-                for b in taken
-            )
-            crossed = ((lines > box[:2]) & (lines < box[2:])).all(axis=1).sum()
-            cost = 50 * overlap + 1.5 * crossed + radius
-            if best is None or cost < best[0]:
-                best = cost, box
-    return None if best is None else best[1]
-
-
 def _explanation(figure: Figure, comparison: Comparison, width: float, height: float) -> None:
     """What is drawn, below the panels."""
     if comparison.reference is None:
@@ -493,6 +433,8 @@ def _explanation(figure: Figure, comparison: Comparison, width: float, height: f
             "agrees if its ellipsoid holds the reference (black), $d^2 \\leq 12.6$; it is then grey. Coloured: it "
             "differs. "
         )
+    if any(row.X is not None and row.failure is not None for row in comparison.rows):
+        text += "Hollow: not to be relied on, see its row. "
     text += (
         "Arrow: off the scale, with its value. All methods use the same data: those that agree may be wrong together."
     )

@@ -9,12 +9,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from ..comparison_row import rotation_vector
 from ..se3 import Array, left_jacobian
 
 if TYPE_CHECKING:
-    from ..comparison import Comparison, Row
+    from ..comparison import Comparison
+    from ..comparison_row import Row
 
 WIDTH = 118
 _NAME = 12
@@ -26,12 +27,12 @@ _GROUPS: tuple[tuple[str, tuple[tuple[str, str, int, _Show], ...]], ...] = (
     (
         "difference from {reference}",
         (
-            ("rotation", "deg", 10, lambda row: digits(row.difference_rotation, _DEG)),
-            ("transl.", "mm", 9, lambda row: digits(row.difference_translation, _MM)),
-            ("d^2", "", 9, lambda row: digits(row.d2)),
+            ("rotation", "deg", 10, lambda row: apart(row.difference_rotation, _DEG)),
+            ("transl.", "mm", 9, lambda row: apart(row.difference_translation, _MM)),
+            ("d^2", "", 9, lambda row: apart(row.d2)),
         ),
     ),
-    ("", (("", "", 13, lambda row: ""),)),  # the verdict, which needs the reference
+    ("", (("", "", 14, lambda row: ""),)),  # the verdict, which needs the reference
     (
         "1 sigma, weakest",
         (
@@ -63,6 +64,7 @@ _LEGEND = (
         "or the camera has a systematic error",
     ),
     ("DIFFERS", "outside of it: one of the two is biased, weights the data worse, or the noise is not as given"),
+    ("UNDETERMINED", "the noise leaves X open to this method: standard deviations of first order mean nothing there"),
     ("1 sigma", "largest standard deviation over all directions, of the noise given, to first order"),
     ("residuals", "how well X explains the pairs, AX against XB; not how accurate X is"),
     ("error (62)", "sqrt(sum |A X - X B|^2) / N, Frobenius norm, translations in m"),
@@ -74,59 +76,70 @@ def verdict(comparison: Comparison) -> str:
     """Who agrees with the reference, who differs, who failed."""
     rows, reference = comparison.rows, comparison.reference
     if reference is None:
-        return f"None of the {len(rows)} methods gave a result."
+        if len(rows) == 1:
+            return f"{rows[0].method} gave no result{_to_rely_on(rows[0])}."
+        rely = next((_to_rely_on(row) for row in rows if row.X is not None), "")
+        return f"None of the {len(rows)} methods gave a result{rely}."
     others = [row for row in rows if row.method != reference and row.failure is None]
     judged = [row for row in others if row.agrees is not None]
     differ = [row.method for row in judged if not row.agrees]
-    stopped = [row.method for row in rows if row.failure is not None and row.converged is False]
-    failed = [row.method for row in rows if row.failure is not None and row.converged is not False]
-    if judged:
+    if len(judged) == 1:
+        parts = [f"{judged[0].method} {'differs from' if differ else 'agrees with'} {reference} at 95 %"]
+        differ = []
+    elif judged:
         agree = len(judged) - len(differ)
         parts = [f"{agree} of {len(judged)} methods {'agrees' if agree == 1 else 'agree'} with {reference} at 95 %"]
     elif others:
         rotation = max(row.difference_rotation or 0.0 for row in others)
         translation = max(row.difference_translation or 0.0 for row in others)
-        parts = [
-            f"Up to {digits(rotation, _DEG)} deg and {digits(translation, _MM)} mm from {reference}; whether that is "
-            "much cannot be said without noise"
-        ]
+        parts = [f"Up to {apart(rotation, _DEG)} deg and {apart(translation, _MM)} mm from {reference}"]
+        if comparison.noise is None:
+            parts[0] += "; whether that is much cannot be said without noise"
+    elif len(rows) == 1:
+        parts = [f"{reference} alone, with nothing to compare"]
     else:
         parts = [f"Only {reference} gave a result"]
-    silent = [row.method for row in others if row.agrees is None] if judged else []
+    silent = [row.method for row in others if row.agrees is None and comparison.noise is not None]
+    by_status = {status: [row.method for row in rows if row.status == status] for status in _STATUS}
     for names, words in (
         (differ, "differs" if len(differ) == 1 else "differ"),
         (silent, "without covariance"),
-        (stopped, "did not converge"),
-        (failed, "failed"),
+        *((by_status[status], words) for status, words in _STATUS.items()),
     ):
         if names:
             parts.append(f"{len(names)} {words}: {', '.join(names)}")
     return "; ".join(parts) + "."
 
 
-def mostly_differ(comparison: Comparison) -> bool:
-    """Whether the reference, rather than the others, may be the odd one out."""
-    judged = [row.agrees for row in comparison.rows if row.agrees is not None and row.method != comparison.reference]
-    return len(judged) > 2 and sum(judged) < 0.5 * len(judged)
+# What the verdict calls the rows without a result to rely on.
+_STATUS = {"undetermined": "undetermined", "unconverged": "did not converge", "failed": "failed"}
+
+
+def _to_rely_on(row: Row) -> str:
+    return "" if row.X is None else " to rely on"
 
 
 def notes(comparison: Comparison) -> list[str]:
     """What is not as asked for, or not as one would expect."""
     found = []
-    reference = comparison.reference
-    if reference is not None and reference != comparison.asked_reference:
-        found.append(f"{comparison.asked_reference} gave no result: the reference is {reference}, the first that did.")
+    reference, asked = comparison.reference, comparison.asked_reference
+    if reference is not None and reference != asked:
+        rely = _to_rely_on(comparison[asked])
+        found.append(f"{asked} gave no result{rely}: the reference is {reference}, the first that did.")
     if comparison.n_pairs < comparison.n_pairs_available:
         found.append(
             f"Of {comparison.n_pairs_available:,} pairs all methods used the same {comparison.n_pairs:,}, "
             "spread evenly."
         )
+    judged = [row.agrees for row in comparison.rows if row.agrees is not None and row.method != reference]
     central = comparison.most_central
-    if mostly_differ(comparison) and central is not None and central[0] != reference:
-        found.append(
-            f"Most methods differ from {reference}, and as many as {central[1]} agree with {central[0]}: look at "
-            f"--reference {central[0]} as well."
-        )
+    if len(judged) > 2 and sum(judged) < 0.5 * len(judged) and central is not None:
+        name, agree = central  # the reference, rather than the others, may be the odd one out
+        if name != reference and agree > 0.5 * len(judged):
+            found.append(
+                f"Most methods differ from {reference}, but {agree} of {len(judged)} others agree with {name}: look at "
+                f"--reference {name} as well."
+            )
     return found
 
 
@@ -146,10 +159,13 @@ def table(comparison: Comparison, warnings: bool = True) -> str:
         alike = like not in (None, row.method)
         lines += [f"{row.method:{_NAME}s}failed: like {like}"] if alike else _line(row, comparison.reference)
     lines += ["", *_poses(comparison)]
-    if comparison.reference is not None:
-        for word, meaning in _LEGEND:
+    if any(row.X is not None for row in comparison.rows):
+        shown = {word(row, comparison.reference) for row in comparison.rows}
+        for term, meaning in _LEGEND:
+            if term == "UNDETERMINED" and term not in shown:
+                continue
             lines += textwrap.wrap(
-                f"{word:{_NAME}s}{meaning}.", WIDTH, subsequent_indent=" " * _NAME, break_on_hyphens=False
+                f"{term:{_NAME}s} {meaning}.", WIDTH, subsequent_indent=" " * (_NAME + 1), break_on_hyphens=False
             )
     if warnings:
         for text in comparison.warnings:
@@ -159,13 +175,18 @@ def table(comparison: Comparison, warnings: bool = True) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def status(row: Row, reference: str | None) -> str:
-    """What to call a row: reference, agrees, DIFFERS, FAILED, UNCONVERGED, or nothing where it is not known."""
+def word(row: Row, reference: str | None) -> str:
+    """What to call a row: reference, agrees, DIFFERS, UNDETERMINED, UNCONVERGED, or nothing where it is not known."""
     if row.failure is not None:
-        return "UNCONVERGED" if row.converged is False else "FAILED"
+        return row.status.upper()
     if row.method == reference:
         return "reference"
     return "" if row.agrees is None else "agrees" if row.agrees else "DIFFERS"
+
+
+def apart(value: float | None, factor: float = 1.0) -> str:
+    """A difference: as `digits`, and what is rounding as such."""
+    return "<1e-9" if value is not None and 0 < value * factor < 1e-9 else digits(value, factor)
 
 
 def digits(value: float | None, factor: float = 1.0) -> str:
@@ -194,7 +215,7 @@ def _wrapped(text: str) -> list[str]:
 
 def _line(row: Row, reference: str | None) -> list[str]:
     """The row of one method: its numbers, and why there are none."""
-    word = status(row, reference)
+    said = word(row, reference)
     reason: list[str] = []
     if row.failure is not None:
         indent = " " * (_NAME + 2)
@@ -209,16 +230,17 @@ def _line(row: Row, reference: str | None) -> list[str]:
         if row.X is None:
             return reason
     cells = [f"{show(row):>{width}s}" for _, _, width, show in _COLUMNS]
-    cells[_VERDICT] = f"  {word:<{_COLUMNS[_VERDICT][2] - 2}s}"
+    cells[_VERDICT] = f"  {said:<{_COLUMNS[_VERDICT][2] - 2}s}"
     name = row.method + (" !" if row.warnings else "")
     return [f"{name:{_NAME}s}{''.join(cells)}", *reason]
 
 
 def _head(comparison: Comparison) -> list[str]:
     """Three lines over the columns: groups, names, units."""
-    if comparison.reference is None:
+    if all(row.X is None for row in comparison.rows):
         return []
-    titles = [(title.format(reference=comparison.reference), columns) for title, columns in _GROUPS]
+    reference = comparison.reference or "none"
+    titles = [(title.format(reference=reference), columns) for title, columns in _GROUPS]
     groups = "".join(f"{title:>{sum(column[2] for column in columns)}s}" for title, columns in titles)
     names, units = ("".join(f"{column[k]:>{column[2]}s}" for column in _COLUMNS) for k in (0, 1))
     return [f"{'':{_NAME}s}{groups}".rstrip(), f"{'method':{_NAME}s}{names}", f"{'':{_NAME}s}{units}".rstrip()]
@@ -246,16 +268,30 @@ def _poses(comparison: Comparison) -> list[str]:
         f"{'':{_NAME}s}" + "".join(f"{title:^{3 * width}s}" for title in titles),
         f"{'method':{_NAME}s}{heads}{heads}",
     ]
+    base = comparison.base
+    longest = 0.0
     for row in rows:
         assert row.X is not None  # chosen so
-        rotvec = Rotation.from_matrix(row.X[:3, :3]).as_rotvec()
+        rotvec = rotation_vector(row.X, None if base is None else base.X)
+        longest = max(longest, float(np.linalg.norm(rotvec)))
         cells = [*_cells(np.degrees(rotvec), _rotvec_std(row, rotvec), 4, value, width)]
         cells += _cells(_MM * row.X[:3, 3], None if row.std is None else _MM * row.std[3:], 3, value, width)
-        mark = " *" if row.converged is False else ""
-        lines.append(f"{row.method + mark:{_NAME}s}{''.join(cells)}")
-    if any(row.converged is False for row in rows):
+        lines.append(f"{row.method + _MARKS.get(row.status, ''):{_NAME}s}{''.join(cells)}")
+    statuses = {row.status for row in rows}
+    if "unconverged" in statuses:
         lines.append("* not converged: what the iteration reached")
+    if "undetermined" in statuses:
+        lines.append("? undetermined: what the method makes of the data all the same")
+    if longest > np.pi + 1e-12:
+        lines += _wrapped(
+            "Rotation vectors longer than 180 degrees: of the two that describe a rotation, the one nearer to that of "
+            "the reference is shown."
+        )
     return [*(line.rstrip() for line in lines), ""]
+
+
+# Behind the name of a method whose X is not to be relied on.
+_MARKS = {"unconverged": " *", "undetermined": " ?"}
 
 
 def _cells(values: Array, std: Array | None, decimals: int, value: int, width: int) -> list[str]:
@@ -270,13 +306,13 @@ def _cells(values: Array, std: Array | None, decimals: int, value: int, width: i
 
 
 def _brief(deviation: float) -> str:
-    """Three significant digits, or fewer where these do not fit into six characters."""
-    text = digits(deviation)
-    return text if len(text) <= 6 else f"{deviation:.0e}".replace("e-0", "e-").replace("e+0", "e+")
+    """Three significant digits, or two where these do not fit into six characters."""
+    text = apart(deviation)
+    return text if len(text) <= 6 else re.sub(r"e([-+])0*", r"e\1", f"{deviation:.1e}").replace("e+", "e")
 
 
 def _rotvec_std(row: Row, rotvec: Array) -> Array | None:
-    """Standard deviations (3,) of the rotation vector in degrees: ``J_l(rotvec)^-1`` maps theta to it."""
+    """Standard deviations (3,) of the rotation vector in degrees: ``J_l(rotvec)^-1`` maps theta to its error."""
     if row.covariance is None:
         return None
     J = np.linalg.inv(left_jacobian(rotvec))
