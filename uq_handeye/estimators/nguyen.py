@@ -83,8 +83,8 @@ def nguyen(
     cross_term : "derived" or "published"
         ``Cov(q_k, phi_k)``: as derived, or with the opposite sign and ``R t_A`` in place of ``R t_B``.
     stop : "scaled" or "published"
-        ``scaled`` ends at steps below 1e-8 standard deviations, whatever the units, with damped steps where a full
-        one would raise the sum of squares. ``published`` ends at steps below 1e-10 rad, then 1e-5 in the length unit
+        ``scaled`` ends at steps below 1e-8 standard deviations, whatever the units, or where steps shrink so fast that
+        the next one would be, with damped steps where a full one would raise the sum of squares. ``published`` ends at steps below 1e-10 rad, then 1e-5 in the length unit
         of the data, after 10 undamped iterations at most.
     max_iterations : int
         Per stage, for ``scaled``.

@@ -20,6 +20,8 @@ Stop = Literal["scaled", "published"]
 
 # 'scaled': a step below this many standard deviations ends the iteration, far below anything that noise lets one see.
 TOLERANCE = 1e-8
+# Ratio of a step to the last, below which the next is expected to be shorter by the same ratio or more.
+FAST = 1e-2
 # 'published': steps in rad and in the length unit of the data, and iterations at most.
 PUBLISHED_ROTATION, PUBLISHED_TRANSLATION, PUBLISHED_ITERATIONS = 1e-10, 1e-5, 10
 # Relative rise of the sum of squares that passes: near the minimum rounding alone raises it, and would undo good steps.
@@ -109,7 +111,10 @@ class Descent:
         stalled = (length < STALLED) & (length >= self.length)
         if self.rejected is not None:
             stalled &= ~self.rejected
-        return step, length, (length < TOLERANCE) | stalled
+        # Where steps shrink fast, the next one, which is not taken, is shorter than this by their ratio once more.
+        shrinking = (length < FAST * self.length) & np.isfinite(self.length)
+        next_step = length * np.where(shrinking, length / np.where(shrinking, self.length, 1.0), 1.0)
+        return step, length, (next_step < TOLERANCE) | stalled
 
     def _damped(self, step: Array, converged: NDArray[np.bool_]) -> Array:
         if not self.damping.any():
