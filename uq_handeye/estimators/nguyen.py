@@ -16,8 +16,8 @@ the true ``alpha`` given R is ``a = alpha - S_a Q^-1 r``, and the Schur compleme
 
     F = sum [a]x^T Q^-1 [a]x,     theta = F^-1 sum a x Q^-1 r,     Sigma_R = F^-1
 
-The refined ``R_Ak = exp([a_k]x)`` has the left error ``phi_k``. With ``v = R_Ak t``, ``e = q - (R_Ak - I) t`` and
-``V = [v]x`` the residual of the second stage has the covariance
+The refined ``R_Ak = exp([a_k]x)`` has the left error ``phi_k``. With ``v = R_Ak t``, ``e = q - (R_Ak - I) t`` and ``V =
+[v]x`` the residual of the second stage has the covariance
 
     P = Cov(e) = Cov(q) + V Cov(phi) V^T + Cov(q, phi) V^T + V Cov(phi, q)
     T = sum (R_Ak - I)^T P^-1 (R_Ak - I),     Sigma_t = T^-1
@@ -84,8 +84,8 @@ def nguyen(
         ``Cov(q_k, phi_k)``: as derived, or with the opposite sign and ``R t_A`` in place of ``R t_B``.
     stop : "scaled" or "published"
         ``scaled`` ends at steps below 1e-8 standard deviations, whatever the units, or where steps shrink so fast that
-        the next one would be, with damped steps where a full one would raise the sum of squares. ``published`` ends at steps below 1e-10 rad, then 1e-5 in the length unit
-        of the data, after 10 undamped iterations at most.
+        the next one would be, with damped steps where a full one would raise the sum of squares. ``published`` ends at
+        steps below 1e-10 rad, then 1e-5 in the length unit of the data, after 10 undamped iterations at most.
     max_iterations : int
         Per stage, for ``scaled``.
 
