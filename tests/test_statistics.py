@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import support
 from scipy import stats
 from support import (
     CONFIDENCE,
@@ -43,20 +44,7 @@ class Sample(NamedTuple):
     literal: np.ndarray | None = None  # (6, 6): (45)
 
 
-EQUATION_70 = uq.PairNoise(
-    A=1e-10 * np.eye(6),
-    B=1e-5
-    * np.array(
-        [
-            [4.15625, -2.88693, -0.60653, 0, 0, 0],
-            [-2.88693, 32.0952, -0.14482, 0, 0, 0],
-            [-0.60653, -0.14482, 1.43937, 0, 0, 0],
-            [0, 0, 0, 19.52937, 2.12627, -1.06675],
-            [0, 0, 0, 2.12627, 4.44314426, 0.38679],
-            [0, 0, 0, -1.06675, 0.38679, 2.13070],
-        ]
-    ),
-)
+EQUATION_70 = uq.PairNoise(*support.EQUATION_70)
 
 
 def sample_pairs(kind, scale):

@@ -189,7 +189,7 @@ class Calibration:
             "covariance_inverse": _plain(J),
             "n_poses": self.n_poses,
             "n_pairs": self.n_pairs,
-            "noise": _noise_to_dict(self.noise),
+            "noise": noise_to_dict(self.noise),
             "frame_W": self.frame_W,
             "W": _plain(self.W),
             "covariance_W": _plain(self.covariance_W),
@@ -291,7 +291,7 @@ def _plain(array: Array | None) -> Any:
     return None if array is None else array.tolist()
 
 
-def _noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
+def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
     if noise is None:
         return None
     return {"type": type(noise).__name__} | {field.name: _plain(getattr(noise, field.name)) for field in fields(noise)}

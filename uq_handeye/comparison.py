@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import __version__
-from .calibration import CONVENTION, Calibration, _noise_to_dict, calibrate, require_noise_fits
+from .calibration import CONVENTION, Calibration, calibrate, noise_to_dict, require_noise_fits
 from .comparison_row import CHI2_95, Row, against, flat, squared_distance
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
@@ -147,7 +147,7 @@ class Comparison:
             "n_poses": self.n_poses,
             "n_pairs": self.n_pairs,
             "n_pairs_available": self.n_pairs_available,
-            "noise": _noise_to_dict(self.noise),
+            "noise": noise_to_dict(self.noise),
             "agrees_up_to_d2": CHI2_95,
             "verdict": self.verdict,
             "warnings": list(self.warnings),

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from .errors import InputError, InputWarning
 from .estimators.method import (
@@ -31,9 +32,8 @@ from .estimators.method import (
     ErrorFactors,
     Method,
     PoseFactors,
-    Singular,
     SolverWithCovariance,
-    no_unique_X,
+    explained,
     require_converged,
 )
 from .estimators.registry import find
@@ -153,9 +153,8 @@ class _Problem(NamedTuple):
     def each(self, take: Callable[[_DataSide, Array], Result]) -> list[Result]:
         """``take(side of the data, weight Q (T, 6, 6))`` of each block of trials."""
         try:
-            return [take(*sums) for sums in self._sums(self.derivatives)]
-        except Singular as singular:  # an ill-conditioned problem that the estimate, refined, still solved
-            raise no_unique_X(self.method, singular, self.A[:0], self.B[:0], ()) from None
+            with explained(self.method):  # what is ill-conditioned the estimate, refined, may still have solved
+                return [take(*sums) for sums in self._sums(self.derivatives)]
         except Suspicious:
             shape = (*self.batch, *self.A.shape[1:])
             require_transforms(self.A.reshape(shape), self.B.reshape(shape))
@@ -208,7 +207,8 @@ def _problem(
             weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(_made_from_poses(motions), noise)
         if X is None:
             X = require_converged(found, found.estimate(flat_A, flat_B, weights if found.weighted else None)).X
-        derivatives = found.solver.derivatives(flat_A, flat_B, weights, X)
+        with explained(method):
+            derivatives = found.solver.derivatives(flat_A, flat_B, weights, X)
     elif scale is not None:
         linear = linearised(solve_scaled(A, B, scale), X, scale)
         derivatives = lambda trials: ScaledDerivatives(linear, trials)  # noqa: E731
@@ -252,7 +252,8 @@ def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> 
                 noise = side.factors()
             else:
                 noise = PoseFactors(side.pairs, side.pose_factors)
-        found.append(solver.covariance(A, B, X, noise))
+        with explained(method.name):
+            found.append(solver.covariance(A, B, X, noise))
     return np.stack(found)
 
 
@@ -439,8 +440,8 @@ class _Shared(_OnPoses):
             if covariance is None:
                 of_poses.append(None)
                 continue
-            L = np.broadcast_to(factor(covariance), (n, 6, 6)) if not is_joint(covariance) else None
-            whole = block_diagonal(L) if L is not None else factor(covariance)
+            L = factor(covariance)
+            whole = L if is_joint(covariance) else block_diag(*np.broadcast_to(L, (n, 6, 6)))
             of_poses.append(by_pose[0] @ whole.reshape(n, 6, 6 * n))
 
         def of_pairs(pairs: slice) -> Array:
@@ -486,14 +487,6 @@ def covariance_of_poses(by_error: Iterable[Array | None], noise: PoseNoise) -> A
             result = result + (row @ covariance @ row.mT if is_joint(covariance) else row @ row.mT)
     result = np.asarray(result)
     return np.asarray(0.5 * (result + result.mT))
-
-
-def block_diagonal(blocks: Array) -> Array:
-    """(n, 6, 6) -> (6n, 6n)."""
-    n = len(blocks)
-    whole = np.zeros((n, 6, n, 6))
-    whole[np.arange(n), :, np.arange(n)] = blocks
-    return whole.reshape(6 * n, 6 * n)
 
 
 def _incidence(pairs: NDArray[np.intp], n: int) -> Any:

@@ -198,6 +198,15 @@ def test_half_turns_alone_leave_the_signs_of_axes_open(rng):
     assert np.abs(difference(uq.solve(A, B, method="gwak"), X)).max() < 1e-9
 
 
+@pytest.mark.filterwarnings("ignore:The covariance of method 'zhao'")  # which has few data here
+@pytest.mark.parametrize("name", ["park", "heller", "zhao"])
+def test_half_turns_alone_with_an_X_given_are_refused_too(name, rng):
+    X, A, B = exact_motions(rng, 6, smallest=np.pi, largest=np.pi)
+    noise = uq.PairNoise(random_covariance(rng), random_covariance(rng))
+    with pytest.raises(uq.DegenerateMotionError, match="180 degrees"):
+        uq.propagate(A, B, noise, X=X, method=name)
+
+
 def test_axes_near_half_turns_keep_their_sign(rng):
     """Noise moves motions across 180 degrees: without the reference some axis of A or B would flip alone."""
     X, A, B = exact_motions(rng, 12)

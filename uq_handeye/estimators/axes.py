@@ -22,7 +22,7 @@ from ..se3 import Array, left_jacobian, skew, vee
 from .method import require
 
 # cos(170 / 2 degrees): below this scalar part a quaternion's sign needs the other motions.
-HALF_TURN = 0.0872
+HALF_TURN = float(np.cos(np.radians(170.0 / 2.0)))
 
 NO_AXIS = 1e-9
 

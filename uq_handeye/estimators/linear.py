@@ -1,7 +1,10 @@
-r"""Linear least squares in the entries of X: what `andreff`, `gwak` and `li` do with their normal equations.
+r"""Linear least squares in the entries of X, and rotations from 3x3 matrices, for `andreff`, `gwak`, `li` and `shah`.
 
-The normal equations ``G x = g`` are linear in the moments of the data, ``G = G_0 N + sum_k m_k G_k``, ``g = sum_k m_k
-g_k``, so that ``dx/dm_k = G^-1 (g_k - G_k x)`` exactly. A 3x3 block M of x is replaced by the nearest rotation R; with
+The normal equations ``G x = g`` are linear in the moments m of the data,
+
+    G = N G_0 + sum_k m_k G_k,    g = sum_k m_k g_k,    hence exactly    dx/dm_k = G^-1 (g_k - G_k x)
+
+A 3x3 block M of x is replaced by the nearest rotation R; with
 ``M = R S``, S symmetric, and ``dM``
 
     theta = R (tr(S) I - S)^-1 vee(R^T dM),    vee(W) = (W32 - W23, W13 - W31, W21 - W12)

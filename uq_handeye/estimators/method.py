@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -49,15 +50,23 @@ def closed_form(X: Array) -> Estimate:
     return Estimate(X, np.ones(len(X), dtype=bool), np.zeros(len(X), dtype=np.intp))
 
 
-def no_unique_X(name: str, singular: Singular, A: Array, B: Array, batch: tuple[int, ...]) -> DegenerateMotionError:
-    """The error of a method that found one of the problems (T, N, 4, 4), of leading axes ``batch``, singular."""
-    k = singular.trial
-    if len(A) > k:
-        solve_limit(A[k], B[k])  # says so better where it is the motions that leave X open
-    at = f" (problem {tuple(int(i) for i in np.unravel_index(k, batch))})" if batch else ""
-    return DegenerateMotionError(
-        f"Method {name!r} finds no unique X{at}: {singular.why} Another method may.", np.eye(6)
-    )
+@contextmanager
+def explained(
+    name: str, motions: Callable[[int], tuple[Array, Array]] | None = None, batch: tuple[int, ...] = ()
+) -> Iterator[None]:
+    """Turn `Singular` into the `DegenerateMotionError` of the method ``name``, on problems of leading axes ``batch``.
+
+    ``motions`` gives A and B (N, 4, 4) of a problem, where they may tell better why.
+    """
+    try:
+        yield
+    except Singular as singular:
+        if motions is not None:
+            solve_limit(*motions(singular.trial))  # raises where it is the motions that leave X open
+        at = f" (problem {tuple(int(i) for i in np.unravel_index(singular.trial, batch))})" if batch else ""
+        raise DegenerateMotionError(
+            f"Method {name!r} finds no unique X{at}: {singular.why} Another method may.", np.eye(6)
+        ) from None
 
 
 class Derivatives(Protocol):
@@ -155,10 +164,8 @@ class Method:
             raise InputError(f"Method {self.name!r} takes no noise model.")
         batch, N = A.shape[:-3], A.shape[-3]
         flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
-        try:
+        with explained(self.name, lambda k: (flat_A[k], flat_B[k]), batch):
             found = self.solver.estimate(flat_A, flat_B, noise)
-        except Singular as singular:
-            raise no_unique_X(self.name, singular, flat_A, flat_B, batch) from None
         return Estimate(
             found.X.reshape(*batch, 4, 4),
             found.converged.reshape(batch),

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from ..noise import PairNoise
 from ..procrustes import pair_blocks, trial_blocks
-from ..se3 import CHUNK, Array
+from ..se3 import CHUNK, Array, vee
 from .axes import Signs, axis_signs, quaternions
 from .method import Derivatives, Estimate
 
@@ -161,10 +161,7 @@ def _moment_steps(solver: MomentSolver, A: Array, B: Array, signs: Signs | None)
 def _difference(T: Array, reference: Array) -> Array:
     """``xi`` (..., 6) between two neighbouring poses: ``vee(R R_0^T) / 2`` and the difference of translations."""
     turn = T[..., :3, :3] @ reference[..., :3, :3].mT
-    theta = 0.5 * np.stack(
-        [turn[..., 2, 1] - turn[..., 1, 2], turn[..., 0, 2] - turn[..., 2, 0], turn[..., 1, 0] - turn[..., 0, 1]], -1
-    )
-    return np.concatenate([theta, T[..., :3, 3] - reference[..., :3, 3]], axis=-1)
+    return np.concatenate([0.5 * vee(turn), T[..., :3, 3] - reference[..., :3, 3]], axis=-1)
 
 
 def _typical_length(T: Array) -> float:

@@ -19,7 +19,7 @@ from ..poses import PosePairs
 from ..procrustes import DEGENERATE
 from ..se3 import Array, inverse, inverse_jacobian
 from .axes import Signs
-from .method import Estimate, Singular, closed_form, no_unique_X, require
+from .method import Estimate, closed_form, explained, require
 from .moments import Factors, Moments, MomentSolver
 
 _EYE = np.eye(3)
@@ -63,13 +63,13 @@ class RobotWorldMethod:
         batch, n = poses.robot.shape[:-3], poses.n
         G, C = (T.reshape(-1, n, 4, 4) for T in (poses.effective_robot, poses.camera))
         moments = self._solver(0).moments(G, C, None)[0]
-        try:
+
+        def motions(k: int) -> tuple[Array, Array]:
+            all_pairs = relative_motions(PosePairs(G[k], C[k]), "all")
+            return all_pairs.A, all_pairs.B
+
+        with explained(self.name, motions, batch):
             found = self.solution(moments, n) if self.refined is None else self.refined(moments, G, C)
-        except Singular as singular:
-            k = np.unravel_index(singular.trial, batch)
-            one = PosePairs(poses.robot[k], poses.camera[k], poses.setup)
-            motions = relative_motions(one, "all")
-            raise no_unique_X(self.name, Singular(0, singular.why), motions.A[None], motions.B[None], ()) from None
         return RobotWorld(*(T.reshape(*batch, 4, 4) for T in found))
 
     def _solver(self, which: int) -> MomentSolver:
@@ -86,17 +86,12 @@ class RobotWorldMethod:
 
     def sensitivities(self, poses: PosePairs) -> tuple[list[Array], list[Array]]:
         """``d xi / d xi_k`` (n, 6, 6) of X and of W, each by the errors of the robot and the camera poses."""
-        try:
-            return self._sensitivities(poses)
-        except Singular as singular:
-            raise no_unique_X(self.name, singular, poses.robot[:0], poses.camera[:0], ()) from None
-
-    def _sensitivities(self, poses: PosePairs) -> tuple[list[Array], list[Array]]:
         G, C = poses.effective_robot[None], poses.camera[None]
         found = self(poses)
         result = []
         for which in (0, 1):
-            derivatives = self._solver(which).derivatives(G, C, None, found[which][None])(slice(0, 1))
+            with explained(self.name):
+                derivatives = self._solver(which).derivatives(G, C, None, found[which][None])(slice(0, 1))
             F = derivatives.block(G, C, slice(None))[:, :, :, 0].transpose(0, 3, 1, 2)  # (2, n, 6, 6)
             by_robot = F[0] @ inverse_jacobian(poses.robot) if poses.setup == "eye-to-hand" else F[0]
             result.append([by_robot, F[1]])

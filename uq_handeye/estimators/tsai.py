@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..procrustes import NO_ROTATION
-from ..se3 import Array
+from ..se3 import Array, vee
 from .axes import Signs, quaternions
 from .method import Estimate, Method, require
 from .moments import Factors, Moments, MomentSolver
@@ -42,8 +42,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
         "X turns by 180 degrees, or the rotation axes are parallel.",
     )
     # sum [s]x^T (P_B - P_A) = -2 sum P_A x P_B, the axial vector of sum P_A P_B^T
-    axial = np.stack([AB[:, 1, 2] - AB[:, 2, 1], AB[:, 2, 0] - AB[:, 0, 2], AB[:, 0, 1] - AB[:, 1, 0]], axis=-1)
-    g = np.linalg.solve(M, -2.0 * axial[..., None])[..., 0]
+    g = np.linalg.solve(M, -2.0 * vee(AB.mT)[..., None])[..., 0]
     q = np.concatenate([np.ones((len(g), 1)), g], axis=-1)
     R = Rotation.from_quat(q, scalar_first=True).as_matrix()
     return with_translation(R, of_translation, N)
