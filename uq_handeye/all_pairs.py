@@ -97,6 +97,28 @@ class AllPairs:
         return covariance_of_poses(self.sensitivities(X), noise)
 
 
+def solve_all_pairs(poses: PosePairs, weights: Array | None = None) -> Array:
+    """X (..., 4, 4) of all pairs in the limit (T2), over the leading axes of the poses.
+
+    ``weights`` (..., n) of the poses, such as how often a bootstrap drew them: a pair counts with the product of its
+    two. Leading axes of weights are replicates of one data set.
+    """
+    n_pairs = poses.n * (poses.n - 1) // 2
+    frames, _ = pose_twists(poses, slice(None))
+    y = []
+    for P in frames:
+        centred = P.copy()
+        centred[..., :3, 3] -= P[..., :3, 3].mean(axis=-2, keepdims=True)
+        y.append(_coordinates(centred))
+    left = y[0] if weights is None else y[0] * weights[..., None]
+    N = left.mT @ y[1]
+    by_left = (_B.transpose(0, 2, 1) @ N[..., None, :, :]).reshape(*N.shape[:-2], 6, 256)
+    by_right = (N[..., None, :, :] @ _B.transpose(0, 2, 1)).reshape(*N.shape[:-2], 6, 256)
+    moments = 0.5 * by_left @ by_right.mT
+    batch = poses.robot.shape[:-3] if weights is None else weights.shape[:-1]
+    return solve_moments(moments.reshape(*batch, 6, 6), n_pairs)
+
+
 def _constraints(moments: Array, R: Array, t: Array) -> Array:
     """f and h (T2) from the moments ``sum (u, w)(v, z)^T`` (..., 6, 6), linear in them and in R: (..., 6)."""
     up = moments[..., :3, :3] @ R.mT  # sum u p^T, p = R v
@@ -112,10 +134,10 @@ def _axial(M: Array) -> Array:
 
 
 def _coordinates(P: Array) -> Array:
-    """y (n, 16) of poses (n, 4, 4)."""
-    R, t = P[:, :3, :3], P[:, :3, 3]
-    s = (t[:, None, :] @ R)[:, 0]
-    return np.concatenate([R.reshape(-1, 9), t, s, np.ones((len(P), 1))], axis=1)
+    """y (..., 16) of poses (..., 4, 4)."""
+    R, t = P[..., :3, :3], P[..., :3, 3]
+    s = (t[..., None, :] @ R)[..., 0, :]
+    return np.concatenate([R.reshape(*t.shape[:-1], 9), t, s, np.ones((*t.shape[:-1], 1))], axis=-1)
 
 
 def _coordinate_jacobian(P: Array) -> Array:

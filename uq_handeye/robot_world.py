@@ -25,11 +25,12 @@ _EYE = np.eye(3)
 
 
 def mean_target(poses: PosePairs, X: Array) -> Array:
-    """W (4, 4), the mean of ``G_i X C_i``."""
-    measured = poses.effective_robot @ X @ poses.camera
-    W = np.eye(4)
-    W[:3, :3] = orthonormalise(measured[:, :3, :3].sum(axis=0))
-    W[:3, 3] = measured[:, :3, 3].mean(axis=0)
+    """W (..., 4, 4), the mean of ``G_i X C_i``."""
+    measured = poses.effective_robot @ X[..., None, :, :] @ poses.camera
+    W = np.zeros((*measured.shape[:-3], 4, 4))
+    W[..., :3, :3] = orthonormalise(measured[..., :3, :3].sum(axis=-3))
+    W[..., :3, 3] = measured[..., :3, 3].mean(axis=-2)
+    W[..., 3, 3] = 1.0
     return W
 
 

@@ -1,0 +1,322 @@
+r"""The estimate at the Cramer-Rao bound: one closed-form step, its iteration to maximum likelihood, and the bound.
+
+Model (`constraint`): Gaussian errors xi_i of the measured poses or motions with known covariance, true values that
+satisfy ``G X C = W`` or ``A X = X B``. With the latent true values eliminated, minus twice the log-likelihood is
+
+    min over v of  sum_i v_i^T Sigma_i^-1 v_i    subject to    r(measured (-) v; X, W) = 0                   (Gauss-Helmert)
+
+One step linearises r at guesses of X, W and of the errors v. With ``rho = r + D v`` and ``S = D Sigma D^T``
+
+    I_F = sum_i J_i^T S_i^-1 J_i,    xi = -I_F^-1 sum_i J_i^T S_i^-1 rho_i,    v_i = Sigma_i D_i^T S_i^-1 (rho_i + J_i xi)
+
+``efficient`` is the first step from 4DPA's X, with v = 0 (T5): at the bound to first order in the errors. ``ml`` repeats
+it until it stands still: there the conditions of the constrained maximum hold exactly, with the derivatives taken at
+the corrected poses, which keeps it consistent where first order in the errors is not enough. The covariance of both is
+``I_F^-1``, where the last step was taken; its block of X (the Schur complement on X) is marginal over W.
+
+Exact sides (noise None) and covariances that are joint over poses (T4b) need no special case, as Sigma is never
+inverted; S must be. Leading axes are independent problems.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from .all_pairs import solve_all_pairs
+from .constraint import (
+    Constraint,
+    Linearised,
+    OnMotions,
+    OnPoses,
+    Unknowns,
+    constraint_of,
+    covariances_of,
+    residual_covariance,
+)
+from .errors import DegenerateMotionError, InputError, NotConvergedError
+from .motions import Motions
+from .noise import Noise, is_joint
+from .poses import PosePairs
+from .procrustes import solve_limit
+from .robot_world import mean_target
+from .se3 import Array, as_transforms, left_jacobian, perturb
+
+# `ml` stands still when a step moves X and W by less than this, in standard deviations.
+STEP = 1e-6
+MOST_STEPS = 50
+# Smallest eigenvalue of the Fisher information scaled to a unit diagonal that still determines all unknowns.
+SINGULAR = 1e-12
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """X and W with everything that the covariance, diagnostics and robust weights are made of.
+
+    ``residual`` is what the errors leave of the constraint once X and W are fitted, to first order ``D xi`` less the
+    fitted part; with the covariance S and the leverage below 1 it is what consistency is judged by.
+    """
+
+    unknowns: Unknowns
+    covariance: Array  # (..., p, p) of (xi_X, xi_W) on poses, p = 12; of xi_X on motions, p = 6
+    linear: Linearised  # where the last step was taken
+    S: Array  # (..., n, 6, 6), or (..., 6n, 6n): covariance of the residuals, before any robust weight
+    residual: Array  # (..., n, 6) after the fit
+    iterations: int
+    converged: NDArray[np.bool_]  # (...)
+    weights: Array | None = None  # (..., n) in [0, 1], robust weights of the poses; None: all 1
+
+    @property
+    def X(self) -> Array:
+        """(..., 4, 4)"""
+        return self.unknowns.X
+
+    @property
+    def W(self) -> Array | None:
+        """(..., 4, 4); None on motions."""
+        return self.unknowns.W
+
+    @property
+    def covariance_X(self) -> Array:
+        """(..., 6, 6)"""
+        return self.covariance[..., :6, :6]
+
+    @property
+    def covariance_W(self) -> Array | None:
+        """(..., 6, 6); None on motions."""
+        return None if self.W is None else self.covariance[..., 6:, 6:]
+
+    @cached_property
+    def factor(self) -> Array:
+        """L with ``S = L L^T``, as S."""
+        return cholesky_of(self.S)
+
+    @cached_property
+    def white(self) -> tuple[Array, Array]:
+        """``L^-1 residual`` (..., n, 6) and ``L^-1 J`` (..., n, 6, p)."""
+        whitened = whiten(self.factor, np.concatenate([self.linear.J, self.residual[..., None]], axis=-1))
+        return whitened[..., -1], whitened[..., :-1]
+
+
+def efficient(data: PosePairs | Motions, noise: Noise, start: Array | None = None) -> Fit:
+    """One closed-form step from 4DPA (or ``start``): at the Cramer-Rao bound to first order (T5).
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+        On poses where there are any, unless the noise is `PairNoise`; leading axes are independent problems.
+    noise : PoseNoise or PairNoise
+        With a residual covariance S that is positive definite.
+    start : (..., 4, 4) or None
+        A consistent estimate of X; None takes 4DPA of all pairs of poses, or of the motions given.
+
+    Raises
+    ------
+    InputError
+        Noise that does not fit the data or leaves a part of the residuals exact.
+    DegenerateMotionError
+        The data do not determine X (or W).
+    """
+    constraint = constraint_of(data, noise)
+    return fit(constraint, noise, start_of(data, constraint, start), steps=1)
+
+
+def maximum_likelihood(data: PosePairs | Motions, noise: Noise, start: Array | None = None) -> Fit:
+    """`efficient`, repeated to the maximum of the likelihood with latent true poses or motions.
+
+    Parameters and errors as for `efficient`, and
+
+    Raises
+    ------
+    NotConvergedError
+        ``partial`` holds the `Fit` that was reached, with a flag for each problem.
+    """
+    constraint = constraint_of(data, noise)
+    found = fit(constraint, noise, start_of(data, constraint, start), steps=MOST_STEPS)
+    if not found.converged.all():
+        failed = int(found.converged.size - found.converged.sum())
+        of = "" if found.converged.ndim == 0 else f" on {failed} of {found.converged.size} problems"
+        raise NotConvergedError(
+            f"Method 'ml' did not converge{of} within {found.iterations} iterations: the residuals are too large for "
+            "the noise given, or the motions hardly determine X. Look at the warnings and residuals of method "
+            "'4dpa', and at the noise.",
+            found,
+        )
+    return found
+
+
+def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Array:
+    """The Cramer-Rao bound of X (..., 6, 6): no unbiased estimator has a smaller covariance, to first order (T5).
+
+    Model: the errors of the poses (or, with PairNoise, of the motions) are Gaussian with the covariance given; the true
+    poses and W are unknown nuisances. The bound belongs to true values: those of simulated poses that carry their
+    truth; else X and the poses as corrected by maximum likelihood (or by ``X`` where it is given).
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+    noise : PoseNoise or PairNoise
+    X : (4, 4) or None
+        The true X, if it is known for data that do not carry their truth.
+
+    Returns
+    -------
+    (..., 6, 6) covariance of ``xi = (theta, tau)``: left rotation in rad, additive translation; parent frame of X.
+
+    Examples
+    --------
+    >>> import numpy as np, uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    >>> poses = uq.simulate(n_poses=20, noise=noise, seed=1)
+    >>> np.round(np.sqrt(np.diag(uq.bound(poses, noise))) * 1e3, 2)  # mrad, mm
+    array([0.38, 0.36, 0.42, 0.41, 0.4 , 0.42])
+    """
+    constraint = constraint_of(data, noise)
+    poses = data if isinstance(data, PosePairs) else data.poses
+    if isinstance(constraint, OnPoses) and X is None and poses is not None and poses.truth is not None:
+        truth = poses.truth
+        at = Unknowns(truth.X, truth.W)
+        linear = constraint.linearise(at, truth.robot, truth.camera)
+    elif X is None:
+        return maximum_likelihood(data, noise).covariance_X
+    else:
+        at = start_of(data, constraint, as_transforms(X, "X", stack=False))
+        linear = constraint.linearise(at, constraint.first, constraint.second)
+    factor = cholesky_of(residual_covariance(linear.sides, noise))
+    return inverse_information(gram(whiten(factor, linear.J)))[..., :6, :6]
+
+
+def start_of(data: PosePairs | Motions, constraint: OnPoses | OnMotions, X: Array | None) -> Unknowns:
+    """X by 4DPA where it is not given, and W as the mean of G X C."""
+    if isinstance(constraint, OnMotions):
+        return Unknowns(solve_limit(constraint.first, constraint.second) if X is None else X, None)
+    poses = data if isinstance(data, PosePairs) else data.poses
+    assert poses is not None
+    X = solve_all_pairs(poses) if X is None else X
+    return Unknowns(X, mean_target(poses, X))
+
+
+def fit(constraint: Constraint, noise: Noise, start: Unknowns, steps: int, weights: Array | None = None) -> Fit:
+    """So many steps of Gauss-Helmert, or fewer once all problems stand still.
+
+    Robust ``weights`` (..., n) in [0, 1] multiply the information of each pose or motion; 0 leaves it out.
+    """
+    unknowns, first, second = start, constraint.first, constraint.second
+    errors: tuple[Array, Array] | None = None
+    for done in range(1, steps + 1):
+        linear = constraint.linearise(unknowns, first, second)
+        rho = linear.r
+        if errors is not None:
+            linear = linear._replace(sides=_by_own_errors(linear.sides, errors))
+            for D, v in zip(linear.sides, errors, strict=True):
+                rho = rho + (D @ v[..., None])[..., 0]
+        S = residual_covariance(linear.sides, noise)
+        factor = cholesky_of(S if weights is None else weighted(S, weights))
+        white = whiten(factor, np.concatenate([linear.J, rho[..., None]], axis=-1))
+        sums = gram(white)
+        information = sums[..., :-1, :-1]
+        covariance = inverse_information(information)
+        step = -(covariance @ sums[..., :-1, -1:])[..., 0]
+        residual = rho + (linear.J @ step[..., None, :, None])[..., 0]
+        unknowns = unknowns.moved(step)
+        if steps == 1:
+            return Fit(unknowns, covariance, linear, S, residual, 1, np.ones(step.shape[:-1], dtype=bool), weights)
+        moved = (step[..., None, :] @ information @ step[..., None])[..., 0, 0]
+        converged = np.asarray((moved < STEP**2) & (done > 1))
+        if converged.all():
+            break
+        errors = _errors(linear.sides, noise, factor, white[..., -1:] + white[..., :-1] @ step[..., None, :, None])
+        first, second = (perturb(T, -v) for T, v in zip((constraint.first, constraint.second), errors, strict=True))
+    return Fit(unknowns, covariance, linear, S, residual, done, converged, weights)
+
+
+def _by_own_errors(sides: tuple[Array, Array], errors: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Derivatives by the errors v themselves: ``exp([-theta - d]x) = exp([-J_l(-theta) d]x) exp([-theta]x)``."""
+    first, second = (
+        np.concatenate([D[..., :3] @ left_jacobian(-v[..., :3]), D[..., 3:]], axis=-1)
+        for D, v in zip(sides, errors, strict=True)
+    )
+    return first, second
+
+
+def _errors(sides: tuple[Array, Array], noise: Noise, factor: Array, white: Array) -> tuple[Array, Array]:
+    """``v = Sigma D^T S^-1 residual`` (..., n, 6) of both sides, from ``L^-1 residual`` (..., n, 6, 1)."""
+    n = white.shape[-3]
+    if factor.shape[-1] == 6:
+        pull = np.linalg.solve(factor.mT, white)
+    else:
+        flat = white.reshape(*white.shape[:-3], 6 * n, 1)
+        pull = np.asarray(solve_triangular(factor, flat, lower=True, trans="T")).reshape(white.shape)
+    found = []
+    for D, S in zip(sides, covariances_of(noise), strict=True):
+        by_error = D.mT @ pull
+        if S is None:
+            found.append(np.zeros(by_error.shape[:-1]))
+        elif is_joint(S):
+            found.append((S @ by_error.reshape(*by_error.shape[:-3], 6 * n, 1)).reshape(by_error.shape[:-1]))
+        else:
+            found.append((S @ by_error)[..., 0])
+    return found[0], found[1]
+
+
+def weighted(S: Array, weights: Array) -> Array:
+    """S with the own covariance of each pose divided by its weight; a weight of 0 becomes 1e-12."""
+    inverse_weights = 1.0 / np.maximum(weights, 1e-12)
+    if S.shape[-1] == 6:
+        return S * inverse_weights[..., None, None]
+    n = S.shape[-1] // 6
+    result = np.array(np.broadcast_to(S, (*np.broadcast_shapes(S.shape[:-2], weights.shape[:-1]), 6 * n, 6 * n)))
+    for k in range(n):
+        own = slice(6 * k, 6 * k + 6)
+        result[..., own, own] *= inverse_weights[..., k, None, None]
+    return result
+
+
+def cholesky_of(S: Array) -> Array:
+    """L with ``S = L L^T``; raises where the noise leaves a part of the residuals exact."""
+    try:
+        return np.asarray(np.linalg.cholesky(S))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            "The noise given leaves a part of the residuals exact, so that they cannot be weighted by its inverse. "
+            "Give the poses of one side a rotation and a translation deviation above 0, or use method '4dpa'."
+        ) from None
+
+
+def whiten(factor: Array, values: Array) -> Array:
+    """``L^-1 values`` for values (..., n, 6, q) and L (..., n, 6, 6) or (..., 6n, 6n)."""
+    if factor.shape[-1] == 6:
+        return np.asarray(np.linalg.solve(factor, values))
+    n, q = values.shape[-3], values.shape[-1]
+    flat = values.reshape(*values.shape[:-3], 6 * n, q)
+    return np.asarray(solve_triangular(factor, flat, lower=True)).reshape(values.shape)
+
+
+def gram(white: Array) -> Array:
+    """``sum over poses of white^T white``: (..., n, 6, q) -> (..., q, q)."""
+    flat = white.reshape(*white.shape[:-3], -1, white.shape[-1])
+    return np.asarray(flat.mT @ flat)
+
+
+def inverse_information(information: Array) -> Array:
+    """The covariance (..., p, p); raises `DegenerateMotionError` where the information is singular."""
+    unit = 1.0 / np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
+    if not np.isfinite(unit).all():
+        raise DegenerateMotionError("The data do not determine X: a component has no information.", np.eye(6))
+    scale = unit[..., :, None] * unit[..., None, :]
+    values, vectors = np.linalg.eigh(information * scale)
+    if not (values[..., 0] > SINGULAR).all():
+        where = np.unravel_index(int(np.argmin(values[..., 0])), values.shape[:-1])
+        direction = unit[where] * vectors[where][:, 0]
+        direction = direction[:6] / max(float(np.linalg.norm(direction[:6])), 1e-300)
+        raise DegenerateMotionError(
+            "The data do not determine X and W: (theta, tau) of X along "
+            f"({', '.join(f'{x:.3f}' for x in direction)}) leaves no trace in the residuals. Add motions that turn "
+            "about another axis.",
+            direction[None],
+        )
+    result = (vectors / values[..., None, :]) @ vectors.mT
+    return np.asarray(result * scale)
