@@ -26,7 +26,7 @@ The derivatives hold where ``r = 0``; elsewhere they are exact to first order in
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -35,7 +35,10 @@ from .errors import InputError
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise, is_joint, require_count
 from .poses import PosePairs
-from .se3 import Array, block, inverse, inverse_jacobian, perturb, skew
+from .se3 import Array, block, inverse, inverse_jacobian, perturb, skew, vee
+
+# Beyond this angle (rad) the axial vector of a rotation loses digits.
+NEAR_HALF_TURN = 2.5
 
 _EYE = np.eye(3)
 _EYE6 = np.eye(6)
@@ -58,15 +61,6 @@ class Linearised(NamedTuple):
     r: Array  # (..., n, 6)
     J: Array  # (..., n, 6, p) by the unknowns, p = 12 on poses and 6 on motions
     sides: tuple[Array, Array]  # (..., n, 6, 6) by the errors of robot and of camera
-
-
-class Constraint(Protocol):
-    """Measured data of both sides (..., n, 4, 4), and the residuals that they make."""
-
-    first: Array
-    second: Array
-
-    def linearise(self, at: Unknowns, first: Array, second: Array) -> Linearised: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +115,10 @@ class OnMotions:
         return Linearised(r, block(turn, 0.0, skew(arm[..., 0]), turn), sides)
 
 
-def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> OnPoses | OnMotions:
+Constraint = OnPoses | OnMotions
+
+
+def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> Constraint:
     """On poses if there are any and the noise is not that of motions; raises if noise and data do not fit."""
     poses = data if isinstance(data, PosePairs) else data.poses
     if isinstance(noise, PairNoise):
@@ -175,5 +172,12 @@ def block_diagonal(blocks: Array) -> Array:
 
 
 def _logarithm(R: Array) -> Array:
-    """Rotation vectors (..., 3)."""
-    return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1]))
+    """Rotation vectors (..., 3): ``angle / sin(angle)`` times the axial vector, SciPy's where half a turn is near."""
+    axial = 0.5 * vee(R)
+    sine = np.sqrt((axial * axial).sum(axis=-1))
+    angle = np.arctan2(sine, 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0))
+    if angle.max(initial=0.0) > NEAR_HALF_TURN:
+        return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1]))
+    # sin(angle) / angle is 1 to rounding where angle^2 / 6 is
+    ratio = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-12)
+    return np.asarray(axial * ratio[..., None])
