@@ -16,7 +16,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.propagation import covariance_of_poses, noise_of_pairs
+from uq_handeye.noise_transport import covariance_of_poses, noise_of_pairs
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("0.4mrad", "0.4mm"))
 

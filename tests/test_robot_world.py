@@ -13,7 +13,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.propagation import noise_of_pairs
+from uq_handeye.noise_transport import noise_of_pairs
 from uq_handeye.robot_world import mean_target
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.2mm"), camera=("1mrad", "0.5mm"))

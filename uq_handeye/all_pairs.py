@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 
 from .noise import PoseNoise, require_count
+from .noise_transport import covariance_of_poses, pose_twists
 from .poses import PosePairs
 from .procrustes import solve_moments
-from .propagation import covariance_of_poses, pose_twists
 from .se3 import Array, skew
 from .sensitivity import weight_of_sums
 

@@ -22,11 +22,12 @@ from .estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise, PoseNoise, checked_covariance, require_count
+from .noise_transport import covariance_of_poses, noise_of_pairs
 from .octonion_covariance import PAPER_SCALE
 from .plausibility import check_fit, check_motions, check_poses, check_rotations, require_signal
 from .poses import SETUPS, TARGETS, PosePairs
 from .procrustes import octonion
-from .propagation import covariance_of_poses, noise_of_pairs, pose_sensitivities, propagate
+from .propagation import pose_sensitivities, propagate
 from .residuals import Residuals, residuals, rotation_angles, summarise
 from .robot_world import mean_target, target_by_X, target_sensitivities
 from .se3 import Array, as_transforms, inverse, inverse_jacobian

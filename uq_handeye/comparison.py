@@ -40,8 +40,8 @@ from .estimators.robot_world import RobotWorldMethod
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise
+from .noise_transport import noise_of_pairs
 from .poses import SETUPS, PosePairs
-from .propagation import noise_of_pairs
 from .report.comparison_text import table, verdict, without_numbers
 from .residuals import residuals, summarise
 
