@@ -52,7 +52,12 @@ class Unknowns(NamedTuple):
 
     def moved(self, step: Array) -> Unknowns:
         """By errors (..., 6) of X, or (..., 12) of X and W."""
-        return Unknowns(perturb(self.X, step[..., :6]), None if self.W is None else perturb(self.W, step[..., 6:]))
+        if self.W is None:
+            return Unknowns(perturb(self.X, step), None)
+        both = perturb(
+            np.stack(np.broadcast_arrays(self.X, self.W), axis=-3), step.reshape(*step.shape[:-1], 2, 6)
+        )  # one call for two poses: it takes as long
+        return Unknowns(both[..., 0, :, :], both[..., 1, :, :])
 
 
 class Linearised(NamedTuple):

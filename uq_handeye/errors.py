@@ -42,5 +42,9 @@ class MissingExtraError(InputError):
     """The work needs an optional extra of the package that is not installed; the message names it."""
 
 
+class SingularNoiseError(InputError):
+    """The noise model leaves a part of the residuals exact, so that nothing can be weighted by its inverse."""
+
+
 class InputWarning(UserWarning):
     """Input that can be used but looks wrong; the message says why and what to try."""
