@@ -58,6 +58,11 @@ class Motions:
         """Number of pairs."""
         return int(self.A.shape[-3])
 
+    def rows(self, index: NDArray[Any]) -> Motions:
+        """Some of the motions, by their numbers or a mask."""
+        pairs = None if self.pairs is None else self.pairs[index]
+        return Motions(self.A[..., index, :, :], self.B[..., index, :, :], pairs, self.poses)
+
     def __len__(self) -> int:
         return self.N
 

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import InputError
 from .se3 import Array
@@ -85,6 +86,10 @@ class PairNoise:
         """L with ``A = L L^T`` and the same for B."""
         return (None if self.A is None else factor(self.A), None if self.B is None else factor(self.B))
 
+    def rows(self, index: NDArray[Any]) -> PairNoise:
+        """That of some of the motions, by their numbers or a mask."""
+        return PairNoise(*(rows_of(S, index) for S in (self.A, self.B)))
+
     @classmethod
     def isotropic(cls, A: Deviations | None = None, B: Deviations | None = None) -> PairNoise:
         """From standard deviations (rotation, translation) per axis, e.g. ``A=("0.02deg", "0.05mm")``."""
@@ -108,6 +113,10 @@ class PoseNoise:
                 object.__setattr__(self, name, checked_covariance(getattr(self, name), name, joint=True))
         if self.robot is None and self.camera is None:
             raise InputError("Expected PoseNoise to be given at least one of `robot` and `camera`.")
+
+    def rows(self, index: NDArray[Any]) -> PoseNoise:
+        """That of some of the poses, by their numbers or a mask; of a joint covariance its marginal."""
+        return PoseNoise(*(rows_of(S, index) for S in (self.robot, self.camera)))
 
     @classmethod
     def isotropic(cls, robot: Deviations | None = None, camera: Deviations | None = None) -> PoseNoise:
@@ -141,6 +150,18 @@ def marginals(covariance: Array) -> Array:
         return covariance
     n = len(covariance) // 6
     return covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
+
+
+def rows_of(covariance: Array | None, index: NDArray[Any]) -> Array | None:
+    """The covariance of some poses or motions: their own, or their part of a joint one."""
+    if covariance is None or covariance.shape == (6, 6):
+        return covariance
+    if not is_joint(covariance):
+        return np.asarray(covariance[index])
+    n = len(covariance) // 6
+    numbers = np.arange(n)[index]
+    size = 6 * len(numbers)
+    return np.asarray(covariance.reshape(n, 6, n, 6)[numbers][:, :, numbers].reshape(size, size))
 
 
 def require_count(covariance: Array | None, count: int, name: str, what: str) -> None:

@@ -96,6 +96,14 @@ class PosePairs:
     def __repr__(self) -> str:
         return f"PosePairs({self.n} poses, {self.setup})"
 
+    def rows(self, index: NDArray[Any]) -> PosePairs:
+        """Some of the poses, by their numbers or a mask."""
+        truth = self.truth
+        if truth is not None:
+            truth = truth._replace(robot=truth.robot[..., index, :, :], camera=truth.camera[..., index, :, :])
+        times = None if self.timestamps is None else self.timestamps[index]
+        return PosePairs(self.robot[..., index, :, :], self.camera[..., index, :, :], self.setup, times, truth)
+
     @property
     def effective_robot(self) -> Array:
         """The robot poses as they enter AX = XB: inverted for eye-to-hand."""

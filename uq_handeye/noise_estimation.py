@@ -1,0 +1,493 @@
+r"""Noise from the data: how large are the errors of robot and camera, and what can this data set tell apart.
+
+Model: the errors ``xi = (theta, tau)`` of the poses (or of motions that come without poses) are independent, Gaussian
+and isotropic, with one standard deviation (rad, m) for each of robot rotation, robot translation, camera rotation and
+camera translation. They are estimated by restricted maximum likelihood on the linearised constraint
+(`noise_components`), which counts the degrees of freedom that X and W take.
+
+What data can tell. All that an estimate of X sees of the errors is, to first order, the residual r of ``G X C = W`` (or
+``A X = X B``), and
+
+- *translation*: robot and camera enter r as an error turned by a rotation; both covariances are ``sigma^2 I`` in r.
+  Only the sum of the two variances can be told. A data sheet for one of them gives the other.
+- *rotation*: a rotation error of the robot also moves the target, by the lever arm from gripper to target; one of the
+  camera does not. So the two can be told apart where ``lever times rotation error`` shows beside the translation noise,
+  and not otherwise. Their sum is always told.
+
+What cannot be told apart has no effect on X: r has the same covariance S however the sum is split, and X, its
+covariance, the bound and every test of the fit depend on the noise only through S (to first order in the errors). The
+`noise` that is returned holds one split: the half on each side where nothing is known, what the prior says where it is.
+
+A prior says that log of a standard deviation is Gaussian about that of the data sheet, with ``log(factor)`` as its
+standard deviation; the estimate is then the maximum of the restricted likelihood times the prior.
+
+Intervals are 95 % profile intervals of the restricted likelihood; those of sums of two of them are chi-square
+intervals with Satterthwaite's degrees of freedom ``2 sigma^4 / Var(sigma^2)``. Where the data cannot tell a component
+from 0 its interval starts at 0 and is conservative: it covers at least 95 %, up to 97.5 % where the true value is 0,
+and nearly always where rotations are not told apart.
+
+Units: rad and m, standard deviations per axis; text is in degrees and mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .constraint import OnPoses, Unknowns, constraint_of
+from .errors import InputError, NotConvergedError
+from .likelihood import start_of
+from .motions import Motions
+from .noise import Noise, PairNoise, PoseNoise
+from .noise_components import (
+    GAIN,
+    Model,
+    Rows,
+    State,
+    chi_square_interval,
+    covariance_of,
+    intervals,
+    maximise,
+    paired_rows,
+)
+from .poses import PosePairs
+from .se3 import Array, as_transforms
+from .units import parse_angle, parse_length
+
+# Residuals below this, in rad and relative to the longest translation, are rounding: no noise to estimate.
+ROUNDING = 1e-11
+# The components stand still when they change by less than this, in their own standard deviations.
+_STILL = 1e-3
+_ROUNDS = 8
+PartlyKnown = tuple[str | float | None, str | float | None]
+
+
+@dataclass(frozen=True)
+class NoisePrior:
+    """What data sheets say: standard deviations per axis, each known within a factor.
+
+    Parameters
+    ----------
+    robot, camera : (rotation, translation) or None
+        Numbers (rad, m) or text with units, as in `PoseNoise.isotropic`; None where nothing is known. For motions that
+        come without poses ``robot`` is A and ``camera`` is B.
+    factor : float
+        One standard deviation of the logarithm: 2 says that the true value is between half and twice the value given
+        with probability 68 %. 1 fixes the values.
+
+    Raises
+    ------
+    InputError
+        A factor below 1, negative values, or a value of 0 that is not fixed.
+
+    Examples
+    --------
+    >>> prior = NoisePrior(robot=(None, "0.05mm"), factor=1)
+    """
+
+    robot: PartlyKnown | None = None
+    camera: PartlyKnown | None = None
+    factor: float = 2.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.factor, bool) or not isinstance(self.factor, int | float) or not 1 <= self.factor < 1e6:
+            raise InputError(
+                f"Expected `factor` of the noise prior to be a number >= 1 (1 fixes the values), got {self.factor!r}."
+            )
+        if (self.values == 0).any() and self.factor > 1:
+            raise InputError(
+                "Expected the standard deviations of the noise prior to be above 0 where they are known within a "
+                "factor, got 0. Use factor=1 for a side that is exact, or None where nothing is known."
+            )
+
+    @property
+    def values(self) -> Array:
+        """(4,): robot rotation and translation, camera rotation and translation; NaN where nothing is known."""
+        found = []
+        for name in ("robot", "camera"):
+            value = getattr(self, name)
+            if value is None:
+                value = (None, None)
+            if not isinstance(value, tuple | list) or len(value) != 2:
+                raise InputError(f"Expected `{name}` to be (rotation, translation), got {value!r}.")
+            for part, parse, what in zip(value, (parse_angle, parse_length), ("rotation", "translation"), strict=True):
+                number = np.nan if part is None else parse(part, f"the {what} deviation of {name}")
+                if number < 0 or number > 1e9:
+                    raise InputError(f"Expected the {what} deviation of {name} to be in [0, 1e9], got {part!r}.")
+                found.append(number)
+        return np.array(found)
+
+
+@dataclass(frozen=True)
+class Component:
+    """A standard deviation per axis, with its 95 % interval.
+
+    ``status``: "estimated"; "zero" (the estimate is 0, on the edge of what is possible); "prior" (estimated with its
+    data sheet); "fixed" (given); "not told apart" (between ``low`` and ``high``, the data say no more); "exact" (the
+    residuals are rounding errors; ``high`` is then not determined: None).
+    """
+
+    name: str
+    unit: str  # "rad" or "m"
+    value: float
+    low: float
+    high: float | None
+    status: str
+
+    def __str__(self) -> str:
+        scale, unit = (180 / np.pi, "deg") if self.unit == "rad" else (1e3, "mm")
+        if self.status in ("fixed", "exact"):
+            return f"{self.name}: {self.value * scale:.3g} {unit} ({self.status})"
+        high = "?" if self.high is None else f"{self.high * scale:.3g}"
+        return f"{self.name}: {self.value * scale:.3g} {unit} ({self.low * scale:.3g} to {high}; {self.status})"
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseEstimate:
+    """The noise that a data set shows; see the module.
+
+    ``variances`` and ``covariance`` (of their estimates) are of side 1 rotation, side 2 rotation (rad^2) and of the
+    translations together (m^2): what S is made of.
+    """
+
+    noise: PoseNoise | PairNoise | None  # None: exact data
+    components: tuple[Component, ...]
+    statement: tuple[str, ...]
+    variances: Array  # (3,)
+    covariance: Array  # (3, 3)
+    dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
+
+    def __getitem__(self, name: str) -> Component:
+        for component in self.components:
+            if component.name == name:
+                return component
+        raise KeyError(name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; see `from_dict`."""
+        noise = None
+        if self.noise is not None:
+            sides = _sides_of(self.noise)
+            noise = {name: np.sqrt(np.diag(getattr(self.noise, name))[[0, 3]]).tolist() for name in sides}
+        return {
+            "noise": noise,
+            "components": [asdict(component) for component in self.components],
+            "statement": list(self.statement),
+            "variances": self.variances.tolist(),
+            "covariance": self.covariance.tolist(),
+            "dof": self.dof,
+        }
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> NoiseEstimate:
+        """What `to_dict` wrote."""
+        try:
+            given = values["noise"]
+            noise: Noise | None = None
+            if given is not None:
+                kind = PairNoise if "A" in given else PoseNoise
+                noise = kind.isotropic(**{name: tuple(deviations) for name, deviations in given.items()})
+            return cls(
+                noise,
+                tuple(Component(**component) for component in values["components"]),
+                tuple(values["statement"]),
+                np.array(values["variances"], dtype=float),
+                np.array(values["covariance"], dtype=float),
+                float(values["dof"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"Expected the values of a noise estimate as `to_dict` writes them: {error}.") from error
+
+
+class Found(NamedTuple):
+    """Result of the iteration; leading axes are independent problems."""
+
+    state: State | None  # None where there is nothing to estimate
+    rows: Rows
+    at: Unknowns  # where the last estimate was linearised; `state.data.step` leads on to the efficient estimate
+    exact: NDArray[np.bool_]  # (..., 2): rotation, translation residuals at rounding level
+    converged: NDArray[np.bool_]  # (...)
+
+
+def estimate_noise(
+    data: PosePairs | Motions,
+    prior: NoisePrior | None = None,
+    *,
+    start: Array | None = None,
+    weights: Array | None = None,
+) -> NoiseEstimate:
+    """Variance components of robot and camera from the residuals of the data themselves.
+
+    Linearised at 4DPA (or ``start``); after each estimate X takes the efficient step with that noise, until the
+    components stand still.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+        One data set (no leading axes); on poses where there are any.
+    prior : NoisePrior or None
+    start : (4, 4) or None
+        A consistent estimate of X.
+    weights : (n,) or None
+        In [0, 1]; a pose of weight w counts as w poses in the likelihood and in the degrees of freedom, 0 leaves it
+        out. Weights that were made from the residuals make the noise look smaller: correct for it where they were made.
+
+    Raises
+    ------
+    InputError
+        Weights that do not fit, or that leave no degrees of freedom.
+    DegenerateMotionError
+        The data do not determine X (or W).
+    NotConvergedError
+        The components do not stand still.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> estimate = estimate_noise(uq.simulate(n_poses=30, noise=noise, seed=1))
+    >>> estimate["translation, robot and camera together"].status
+    'estimated'
+    """
+    prior = NoisePrior() if prior is None else prior
+    constraint = constraint_of(data, None)
+    if constraint.first.ndim != 3:
+        raise InputError(f"Expected one data set, got leading axes {constraint.first.shape[:-3]}.")
+    n = len(constraint.first)
+    if weights is not None:
+        weights = np.asarray(weights, dtype=float)
+        if weights.shape != (n,) or not ((weights >= 0) & (weights <= 1)).all():
+            raise InputError(f"Expected `weights` to be {n} numbers in [0, 1], got shape {weights.shape}.")
+    on_poses = isinstance(constraint, OnPoses)
+    dof = 6.0 * (n if weights is None else float(weights.sum())) - (12 if on_poses else 6)
+    if dof <= 0:
+        raise InputError(
+            f"Expected residuals to estimate the noise from, got {dof:g} degrees of freedom. Give more poses, or "
+            "the noise."
+        )
+    sides = ("robot", "camera") if on_poses else ("A", "B")
+    model, names = model_of(prior, sides)
+    X = None if start is None else as_transforms(start, "start", stack=False)
+    found = variance_components(data, model, start=X, weights=weights)
+    if names and found.exact.any():
+        return _exact(sides, found.exact, dof)
+    if not found.converged.all():
+        turn, shift = np.sqrt(found.rows.size)
+        raise NotConvergedError(
+            f"The noise components did not stand still; the residuals are {np.rad2deg(turn):.2g} deg and "
+            f"{shift * 1e3:.2g} mm (root mean square). If that is too much, look at the setup, at the pairing of the "
+            "poses and for outliers; or give the noise.",
+            found,
+        )
+    return _report(found, prior, model, names, sides, dof)
+
+
+def model_of(prior: NoisePrior, sides: tuple[str, str]) -> tuple[Model, tuple[str, ...]]:
+    """The model of the prior and the names of its unknown variances; one for both translations if none is known."""
+    values = prior.values.reshape(2, 2)
+    fixed = prior.factor == 1
+    names, columns, means, deviations = [], [], [], []
+    offset = np.zeros(3)
+    for part, what in enumerate(("rotation", "translation")):
+        for k, side in enumerate(sides):
+            row = 2 if part else k
+            value = values[k, part]
+            known = not np.isnan(value)
+            if known and fixed:
+                offset[row] += value**2
+                continue
+            name = f"{side} {what}"
+            if part and np.isnan(values[:, 1]).all():
+                if k == 1:
+                    continue
+                name = _together(what, sides)
+            names.append(name)
+            columns.append(np.eye(3)[row])
+            means.append(np.log(value) if known else 0.0)
+            deviations.append(np.log(prior.factor) if known else np.inf)
+    mixing = np.array(columns).reshape(-1, 3).T
+    return Model(mixing, offset, np.array(means), np.array(deviations)), tuple(names)
+
+
+def variance_components(
+    data: PosePairs | Motions, model: Model, *, start: Array | None = None, weights: Array | None = None
+) -> Found:
+    """The estimates of `estimate_noise`; leading axes of the data are independent problems."""
+    constraint = constraint_of(data, None)
+    at = start_of(data, constraint, start)
+    longest = [np.abs(T[..., :3, 3]).max() for T in (constraint.first, constraint.second)]
+    least = ROUNDING * np.array([1.0, max(1e-300, *longest)])
+    v: Array | None = None
+    for done in range(_ROUNDS):
+        rows = paired_rows(constraint.linearise(at, constraint.first, constraint.second), weights)
+        exact = rows.size < least**2
+        if v is None:
+            v = _first_guess(rows, model)
+        if model.size == 0 or exact.any():
+            return Found(None, rows, at, exact, np.ones(exact.shape[:-1], dtype=bool))
+        state, reached = maximise(rows, model, v, gain=1e-4 if done == 0 else GAIN)
+        known = np.where(model.known, np.maximum(v, 1e-300), 1.0)
+        change = np.abs(state.v - v) / known / np.sqrt(np.diagonal(covariance_of(state), axis1=-2, axis2=-1))
+        converged = reached & (change < _STILL).all(axis=-1)
+        v = state.v
+        if (done > 0 and converged.all()) or done == _ROUNDS - 1:
+            break
+        at = at.moved(state.data.step)
+    return Found(state, rows, at, exact, converged)
+
+
+def _first_guess(rows: Rows, model: Model) -> Array:
+    """Half of the mean square on each rotation and all of it on the translations, data sheets where there are any."""
+    size = np.stack([0.5 * rows.size[..., 0], 0.5 * rows.size[..., 0], rows.size[..., 1]], axis=-1)
+    return np.asarray(np.where(model.known, np.exp(2.0 * model.log_mean), size @ model.mixing))
+
+
+def _together(what: str, sides: tuple[str, str]) -> str:
+    return f"{what}, {sides[0]} and {sides[1]} together"
+
+
+def _sides_of(noise: Noise) -> tuple[str, str]:
+    return ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
+
+
+def _exact(sides: tuple[str, str], exact: NDArray[np.bool_], dof: float) -> NoiseEstimate:
+    parts = [what for what, is_exact in zip(("rotation", "translation"), exact, strict=True) if is_exact]
+    components = tuple(
+        Component(_together(what, sides), unit, 0.0, 0.0, None, "exact" if what in parts else "not estimated")
+        for what, unit in (("rotation", "rad"), ("translation", "m"))
+    )
+    statement = (
+        f"The residuals in {' and '.join(parts)} are at rounding level: these data are exact, or were made from each "
+        "other. No noise can be estimated from them; give the noise.",
+    )
+    return NoiseEstimate(None, components, statement, np.zeros(3), np.zeros((3, 3)), dof)
+
+
+def _report(
+    found: Found, prior: NoisePrior, model: Model, names: tuple[str, ...], sides: tuple[str, str], dof: float
+) -> NoiseEstimate:
+    """Components, noise and statement of one problem."""
+    known = dict(
+        zip([f"{side} {what}" for side in sides for what in ("rotation", "translation")], prior.values, strict=True)
+    )
+    if found.state is None:
+        v, covariance, low, high = np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0)
+    else:
+        v = found.state.v
+        by = np.where(model.known, v, 1.0)
+        covariance = by[:, None] * covariance_of(found.state) * by
+        low, high = intervals(found.rows, model, found.state, np.arange(len(names)))
+    variances = model.mixing @ v + model.offset
+    full = model.mixing @ covariance @ model.mixing.T
+    parts: dict[str, Component] = {}
+    for k, name in enumerate(names):
+        status = "prior" if model.known[k] else "estimated" if v[k] > 0 else "zero"
+        parts[name] = _component(name, (v[k], low[k], high[k]), status)
+    for name, value in known.items():
+        if name not in parts and not np.isnan(value):
+            parts[name] = _component(name, [value**2] * 3, "fixed")
+    rotations, translations = ([f"{side} {what}" for side in sides] for what in ("rotation", "translation"))
+    for what, total, variance, own in (
+        ("rotation", variances[0] + variances[1], full[:2, :2].sum(), rotations),
+        ("translation", variances[2], full[2, 2], translations),
+    ):
+        name = _together(what, sides)
+        if name in parts:
+            continue
+        ends = chi_square_interval(total, variance)
+        if all(parts[part].status == "fixed" for part in own if part in parts) and own[0] in parts:
+            parts[name] = _component(name, [total] * 3, "fixed")
+        else:
+            status = (
+                "prior"
+                if all(part in parts and parts[part].status in ("prior", "fixed") for part in own)
+                else "estimated"
+            )
+            parts[name] = _component(name, (total, *ends), status)
+    rotation_told = all(parts[name].status in ("prior", "fixed") for name in rotations) or any(
+        parts[name].low > 0 for name in rotations
+    )
+    if not rotation_told:
+        for name in rotations:
+            parts[name] = replace(parts[name], status="not told apart")
+    whole = parts[_together("translation", sides)]
+    for name in translations:
+        if name not in parts:
+            parts[name] = Component(name, "m", float(np.sqrt(0.5)) * whole.value, 0.0, whole.high, "not told apart")
+    deviations = {side: (parts[f"{side} rotation"].value, parts[f"{side} translation"].value) for side in sides}
+    kind = PoseNoise if sides[0] == "robot" else PairNoise
+    noise: Noise = kind.isotropic(**deviations)
+    order = [name for what in ("rotation", "translation")
+             for name in (_together(what, sides), *(f"{side} {what}" for side in sides))]  # fmt: skip
+    components = tuple(parts[name] for name in order)
+    return NoiseEstimate(noise, components, _statement(parts, sides, rotation_told, dof), variances, full, dof)
+
+
+def _component(name: str, variances: Sequence[float | Array], status: str) -> Component:
+    """From estimate, lower and upper end of a variance."""
+    value, low, high = (float(np.sqrt(x)) for x in variances)
+    return Component(
+        name, "rad" if "rotation" in name else "m", value, low, high if np.isfinite(high) else None, status
+    )
+
+
+def _statement(parts: dict[str, Component], sides: tuple[str, str], rotation_told: bool, dof: float) -> tuple[str, ...]:
+    """What the data can and cannot tell, in sentences."""
+    said = [f"The residuals have {dof:g} degrees of freedom."]
+    told = [_in_words(parts[_together(what, sides)]) for what in ("rotation", "translation")]
+    said.append(f"Told by the data: {told[0]}; {told[1]}.")
+    rotations = [parts[f"{side} rotation"] for side in sides]
+    if not rotation_told:
+        said.append(
+            f"Rotation of {sides[0]} and of {sides[1]} cannot be told apart: either may be 0, "
+            f"{rotations[0].name} is at most {_amount(rotations[0].high, 'rad')} and {rotations[1].name} at most "
+            f"{_amount(rotations[1].high, 'rad')}. The noise holds the most likely split."
+        )
+    elif not all(part.status in ("fixed", "prior") for part in rotations):
+        said.append(
+            f"Rotation of {sides[0]} and {sides[1]} is told apart by the lever arm of {sides[0]}: "
+            f"{_in_words(rotations[0])}; {_in_words(rotations[1])}."
+        )
+        for part in rotations:
+            if part.low == 0 and part.status != "fixed":
+                said.append(
+                    f"{part.name.capitalize()} cannot be told from 0; its upper limit is "
+                    f"{_amount(part.high, 'rad')}, and the interval is wider than 95 % where the true value is 0."
+                )
+    else:
+        said.append(
+            f"Rotation of {sides[0]} and {sides[1]} follows the data sheet: {'; '.join(map(_in_words, rotations))}."
+        )
+    translations = [parts[f"{side} translation"] for side in sides]
+    if translations[0].status == "not told apart":
+        said.append(
+            f"Translation of {sides[0]} and of {sides[1]} cannot be told apart by any data of this kind: both enter "
+            "alike, only their sum shows. The noise holds half of the variance on each side. This has no effect on X."
+        )
+    else:
+        said.append(
+            f"The translation noise is split by the data sheet: {'; '.join(map(_in_words, translations))}. The data "
+            "tell only the sum."
+        )
+    return tuple(said)
+
+
+def _amount(value: float | None, unit: str) -> str:
+    if value is None or not np.isfinite(value):
+        return "not limited"
+    return f"{np.rad2deg(value):.2g} deg" if unit == "rad" else f"{value * 1e3:.2g} mm"
+
+
+def _in_words(part: Component) -> str:
+    if part.status == "fixed":
+        return f"{part.name} {_amount(part.value, part.unit)} (fixed)"
+    if part.high is None:
+        return part.name
+    return (
+        f"{part.name} {_amount(part.value, part.unit)} (95 %: {_amount(part.low, part.unit)} to "
+        f"{_amount(part.high, part.unit)})"
+    )
