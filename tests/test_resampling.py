@@ -1,0 +1,480 @@
+"""Sandwich, hac, jackknife and bootstrap against brute force and against the sampling covariance."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import linalg, stats
+from scipy.signal import lfilter
+from support import (
+    CONFIDENCE,
+    SEED,
+    assert_same_covariance,
+    difference,
+    draw,
+    exact_motions,
+    exact_poses,
+    jacobian,
+    moved,
+    random_covariance,
+    rotations,
+    transforms,
+    whitened_eigenvalues,
+)
+
+import uq_handeye as uq
+from uq_handeye import replicates, resampling
+from uq_handeye.all_pairs import solve_all_pairs
+from uq_handeye.constraint import OnMotions, OnPoses
+from uq_handeye.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from uq_handeye.likelihood import efficient, fit, start_of
+from uq_handeye.reference import Reference
+from uq_handeye.replicates import Problem
+from uq_handeye.resampling import bootstrap, jackknife, resampled
+from uq_handeye.robot_world import mean_target
+from uq_handeye.sandwich import automatic_lags, degrees_of_freedom, hac, hac_freedom, influence_of, sandwich
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.1mm"), camera=("1mrad", "1mm"))
+SMOOTH = [name for name, method in METHODS.items() if method.smooth]
+
+
+@cache
+def simulated(n=30, trials=2000):
+    """Data sets and their fits."""
+    poses = uq.simulate(n, noise=NOISE, trials=trials, seed=SEED)
+    return poses, efficient(poses, NOISE)
+
+
+@cache
+def one_fit(n=16, weighted=False):
+    poses = uq.simulate(n, noise=NOISE, seed=SEED)
+    weights = np.random.default_rng(SEED).uniform(0.1, 1.0, n) if weighted else None
+    constraint = OnPoses(poses.robot, poses.camera, False)
+    return poses, fit(constraint, NOISE, start_of(poses, constraint, None), 1, weights)
+
+
+def some(poses, trials):
+    return uq.PosePairs(poses.robot[:trials], poses.camera[:trials])
+
+
+@cache
+def freedom_of_simulated():
+    return float(degrees_of_freedom(efficient(some(simulated()[0], 20), NOISE)).mean())
+
+
+def edge(freedom, p):
+    """How far the eigenvalues of a Wishart mean of p components stray from 1, and half as much again."""
+    return 1.5 * (2 * np.sqrt(p / freedom) + p / freedom)
+
+
+def dense(found):
+    """Whitened residuals (6n,) and J (6n, p) of one fit, by a Cholesky factor of all poses together."""
+    S = found.S if found.weights is None else found.S / found.weights[:, None, None]
+    L = np.linalg.cholesky(linalg.block_diag(*S))
+    return np.linalg.solve(L, found.residual.ravel()), np.linalg.solve(L, found.linear.J.reshape(L.shape[0], -1))
+
+
+def same_up_to(values, reference, tolerance=1e-9):
+    assert np.abs(values - reference).max() < tolerance * np.abs(reference).max()
+
+
+# --------------------------------------------------------------------------------------- against brute force
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_sandwich_is_CR2_of_the_dense_problem(weighted):
+    _, found = one_fit(weighted=weighted)
+    e, J = dense(found)
+    M = np.linalg.inv(J.T @ J)
+    H = J @ M @ J.T
+    total, expected = np.zeros((12, 12)), np.zeros((12, 12))
+    for k in range(len(e) // 6):
+        own = slice(6 * k, 6 * k + 6)
+        kept = np.eye(6) - H[own, own]
+        A = linalg.fractional_matrix_power(kept, -0.5).real
+        score = J[own].T @ A @ e[own]
+        total += M @ np.outer(score, score) @ M
+        expected += M @ J[own].T @ A @ kept @ A @ J[own] @ M
+    assert_same_covariance(sandwich(found), total, 1e-6)
+    assert_same_covariance(expected, M, 1e-6)  # unbiased under the working model
+    assert np.abs(whitened_eigenvalues(sandwich(found), M) - 1).max() > 0.05  # it is not the model's
+
+
+def test_hac_is_the_double_sum_and_its_lag_that_of_newey_and_west():
+    _, found = one_fit(n=40)
+    c = influence_of(found).contributions
+    n = len(c)
+    distance = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    for lags in (0, 1, 4, 39):
+        weights = np.maximum(1 - distance / (lags + 1), 0.0)
+        value = hac(found, lags)
+        same_up_to(value, c.T @ weights @ c)
+        assert np.linalg.eigvalsh(value / np.sqrt(np.outer(np.diag(value), np.diag(value)))).min() > -1e-9
+        w = np.maximum(1 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1), 0.0)
+        assert hac_freedom(10.0, np.asarray(lags)) == pytest.approx(10.0 / (w @ w))
+    same_up_to(hac(found, 0), sandwich(found))
+    q = int(4 * (n / 100) ** (2 / 9))
+    M_inverse = np.linalg.inv(found.covariance)
+    sigma = [sum(c[k] @ M_inverse @ c[k - j] for k in range(j, n)) / n for j in range(q + 1)]
+    s0, s1 = sigma[0] + 2 * sum(sigma[1:]), 2 * sum(j * sigma[j] for j in range(q + 1))
+    lag = int(1.1447 * ((s1 / s0) ** 2) ** (1 / 3) * n ** (1 / 3))
+    assert automatic_lags(found) == min(lag, n // 4)
+    same_up_to(hac(found), hac(found, min(lag, n // 4)))
+
+
+def test_degrees_of_freedom_are_those_of_the_double_sum():
+    _, found = one_fit(n=20)
+    at = influence_of(found)
+    e = np.eye(6 * at.n) + at.J.reshape(-1, 12) @ at.B.transpose(1, 0, 2).reshape(12, -1)
+    c = (at.B @ at.adjustment)[:, :6] @ e.reshape(at.n, 6, -1)  # (n, 6, 6n), by the whitened errors
+    c = np.linalg.solve(np.linalg.cholesky(found.covariance_X), c)
+    T = np.einsum("kax,lbx->klab", c, c)
+    double = (np.einsum("klaa->kl", T) ** 2 + np.einsum("klab,klba->kl", T, T)).sum()
+    assert degrees_of_freedom(found) == pytest.approx(42 / double, rel=1e-8)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_jackknife_leaves_out_rows_of_the_linear_problem(weighted):
+    _, found = one_fit(weighted=weighted)
+    e, J = dense(found)
+    n = len(e) // 6
+    left = [np.arange(6 * n) // 6 != k for k in range(n)]
+    moves = np.array([-np.linalg.lstsq(J[rows], e[rows], rcond=None)[0] for rows in left])
+    same_up_to(resampling.deletions(influence_of(found)), moves, 1e-6)
+    assert_same_covariance(jackknife(found), (n - 1) / n * (n - 1) * np.cov(moves.T), 1e-6)
+
+
+def test_jackknife_is_that_of_full_fits_to_first_order():
+    """The difference is of second order: ten times less noise, about ten times closer."""
+    errors = []
+    for scale in (1.0, 0.1):
+        noise = uq.PoseNoise(NOISE.robot * scale**2, NOISE.camera * scale**2)
+        poses = uq.simulate(16, noise=noise, seed=SEED)
+        found = efficient(poses, noise)
+        moves = []
+        for k in range(16):
+            rest = np.arange(16) != k
+            again = efficient(uq.PosePairs(poses.robot[rest], poses.camera[rest]), noise)
+            moves.append(np.concatenate([difference(again.X, found.X), difference(again.W, found.W)]))
+        reference = 15 / 16 * 15 * np.cov(np.array(moves).T)
+        errors.append(np.abs(whitened_eigenvalues(jackknife(found), reference) - 1).max())
+    assert errors[0] < 0.2
+    assert errors[1] < 0.3 * errors[0]
+
+
+def test_bootstrap_solves_the_linear_problem_with_repeated_rows(monkeypatch):
+    _, found = one_fit()
+    e, J = dense(found)
+    n = len(e) // 6
+    counts = np.random.default_rng(5).multinomial(n, np.full(n, 1 / n), size=40)
+    moves = []
+    for row in counts:
+        rows = np.repeat(np.arange(6 * n).reshape(n, 6), row, axis=0).ravel()
+        moves.append(-np.linalg.lstsq(J[rows], e[rows], rcond=None)[0])
+    value = bootstrap(found, 40, seed=5)
+    assert value.replicates == 40
+    assert value.singular == 0
+    assert_same_covariance(value.covariance, np.cov(np.array(moves).T), 1e-6)
+    monkeypatch.setattr(resampling, "AT_ONCE", 3000)  # some 7 draws at once
+    assert_same_covariance(bootstrap(found, 40, seed=5).covariance, value.covariance, 1e-9)
+    assert np.abs(bootstrap(found, 40, seed=6).covariance - value.covariance).max() > 0
+
+
+def test_draws_of_too_few_poses_are_counted():
+    _, found = one_fit(n=7)
+    counts = np.random.default_rng(0).multinomial(7, np.full(7, 1 / 7), size=4000)
+    value = bootstrap(found, 4000)
+    assert value.singular == ((counts > 0).sum(axis=1) < 3).sum() > 0
+    assert np.isfinite(value.covariance).all()
+    of_4dpa = resampled(one_fit(n=7)[0], "4dpa", "bootstrap", replicates=4000)
+    assert of_4dpa.details == {"replicates": 4000, "singular": value.singular}
+
+
+# --------------------------------------------------------------------------------- against the sampling covariance
+
+
+def test_with_the_true_noise_model_the_sandwich_is_unbiased_and_the_jackknife_conservative():
+    poses, found = simulated()
+    trials = len(found.X)
+    errors = np.concatenate([difference(found.X, poses.truth.X), difference(found.W, poses.truth.W)], axis=1)
+    sampled, model = errors.T @ errors / trials, found.covariance.mean(axis=0)
+    S, freedom = sandwich(found), trials * freedom_of_simulated()
+    assert_same_covariance(S.mean(axis=0), model, edge(freedom, 12))
+    assert_same_covariance(S.mean(axis=0), sampled, edge(trials, 12))
+    conservative = whitened_eigenvalues(jackknife(found).mean(axis=0), model)
+    assert 1.02 < conservative.mean() < 1.10  # measured 1.055
+    assert conservative.min() > 1 - edge(freedom, 12)
+    # residuals that are taken as they are make it too small
+    at = influence_of(found)
+    raw = (at.B @ at.residual[..., None])[..., 0]
+    assert np.abs(whitened_eigenvalues((raw.mT @ raw).mean(axis=0), model) - 1).max() > 1.3 * edge(freedom, 12)
+
+
+def test_bootstrap_has_the_size_of_the_sampling_covariance():
+    poses, _ = simulated()
+    found = efficient(some(poses, 300), NOISE)
+    ratio = whitened_eigenvalues(bootstrap(found, 150).covariance.mean(axis=0), found.covariance.mean(axis=0))
+    assert 0.92 < ratio.mean() < 1.02  # measured 0.97
+    assert ratio.min() > 0.75
+    assert ratio.max() < 1.2
+
+
+def test_hotelling_covers_and_chi_square_does_not():
+    poses, found = simulated()
+    errors = difference(found.X, poses.truth.X)
+    d2 = np.einsum("ti,ti->t", errors, np.linalg.solve(sandwich(found)[:, :6, :6], errors[..., None])[..., 0])
+    freedom = freedom_of_simulated()
+    for level in (0.68, 0.9, 0.95):
+        low, high = stats.binom.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], len(d2), level) / len(d2)
+        # the reference is an approximation: within 0.02 of the level
+        assert low - 0.02 < (d2 < Reference("Hotelling", freedom).quantile(level)).mean() < high + 0.02
+        assert (d2 < stats.chi2.ppf(level, 6)).mean() < low - 0.1
+
+
+def test_where_every_third_pose_is_worse_the_sandwich_is_right_and_the_model_is_not():
+    n, trials = 60, 1000
+    worse = np.where(np.arange(n) % 3 == 0, 25.0, 1.0)[:, None, None]
+    poses = uq.simulate(n, noise=uq.PoseNoise(NOISE.robot * worse, NOISE.camera * worse), trials=trials, seed=SEED)
+    found = efficient(poses, NOISE)
+    errors = difference(found.X, poses.truth.X)
+    sampled = errors.T @ errors / trials
+    for covariance in (sandwich(found), jackknife(found)):
+        assert_same_covariance(covariance[:, :6, :6].mean(axis=0), sampled, edge(trials, 6) + 0.05)
+    assert whitened_eigenvalues(found.covariance_X.mean(axis=0), sampled).max() < 0.3
+
+
+def test_with_autocorrelated_errors_hac_is_closer_to_the_truth():
+    """A video: a smooth path, errors with the correlation 0.8 between neighbours."""
+    n, trials, rho = 200, 300, 0.8
+    rng = np.random.default_rng(SEED)
+    X, W = (
+        transforms(rotations(np.array(v)), np.array(t))
+        for v, t in (((0.1, 2, 1), (0, 0.1, 0.1)), ((1, 0, 0.5), (1, 0, 0)))
+    )
+    s = np.linspace(0, 1, n)[:, None] * 2 * np.pi
+    G = transforms(
+        rotations(np.concatenate([np.sin(2 * s), np.cos(3 * s), 0.8 * np.sin(s + 1)], axis=1)),
+        np.concatenate([0.3 * np.sin(s), 0.3 * np.cos(2 * s), 0.5 + 0.2 * np.sin(3 * s)], axis=1),
+    )
+    C = np.linalg.inv(X) @ np.linalg.inv(G) @ W
+    white = rng.normal(size=(trials, n + 50, 6)) * np.sqrt(1 - rho**2)
+    errors = lfilter([1.0], [1.0, -rho], white, axis=1)[:, 50:] * 1e-3
+    noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    found = efficient(uq.PosePairs(np.broadcast_to(G, (trials, n, 4, 4)), moved(C, errors)), noise)
+    xi = difference(found.X, X)
+    sampled = xi.T @ xi / trials
+    shares = [np.trace(np.linalg.solve(sampled, S[:, :6, :6].mean(axis=0))) / 6 for S in (sandwich(found), hac(found))]
+    # measured 0.11 and 0.53
+    assert shares[0] < 0.3
+    assert shares[0] + 0.25 < shares[1] < 1.0
+
+
+def test_sandwich_of_4dpa_is_the_sampling_covariance():
+    poses, _ = simulated()
+    errors = difference(solve_all_pairs(poses), poses.truth.X)
+    sampled = errors.T @ errors / len(errors)
+    trials = 150
+    found = [resampled(uq.PosePairs(poses.robot[k], poses.camera[k]), "4dpa") for k in range(trials)]
+    mean = np.mean([r.covariance_X for r in found], axis=0)
+    freedom = trials * np.mean([r.freedom for r in found])
+    assert_same_covariance(mean, sampled, edge(len(errors), 6) + edge(freedom, 6))
+
+
+# ------------------------------------------------------------------------------------------------ other methods
+
+
+def solved(problem, robot, camera):
+    """X and W of poses (m, n, 4, 4), by the methods' own functions on all pairs."""
+    poses = uq.PosePairs(robot, camera, problem.poses.setup)
+    if problem.both is not None:
+        return problem.both(poses)
+    motions = uq.relative_motions(poses, "all")
+    noise = problem._noise_of_pairs(uq.relative_motions(problem.poses, "all"))
+    X = METHODS[problem.method].estimate(motions.A, motions.B, noise).X
+    return X, mean_target(poses, X)
+
+
+@pytest.mark.parametrize(
+    ("method", "setup"),
+    [(name, "eye-in-hand") for name in (*SMOOTH, *ROBOT_WORLD_METHODS)]
+    + [(name, "eye-to-hand") for name in ("4dpa", "park", "shah")],
+)
+def test_errors_of_both_sides_reach_the_estimate_through_the_residual_alone(method, setup, rng):
+    n = 5 if method == "heller" else 6
+    X, robot, camera = exact_poses(rng, n, setup)
+    problem = Problem(uq.PosePairs(robot, camera, setup), method, None, NOISE if method == "nguyen" else None)
+    r, J, B = problem.first_order()
+    assert np.abs(r).max() < 1e-6
+    W = problem.at.W
+    linear = OnPoses(robot, camera, setup == "eye-to-hand").linearise(problem.at, robot, camera)
+    for side in (0, 1):
+
+        def by_errors(xi, side=side):
+            xi = xi.reshape(-1, n, 6)
+            data = [np.broadcast_to(T, (len(xi), n, 4, 4)) for T in (robot, camera)]
+            data[side] = moved(data[side], xi)
+            found = solved(problem, *data)
+            return np.concatenate([difference(found[0], X), difference(found[1], W)], axis=1)
+
+        numerical = jacobian(by_errors, 6 * n, 1e-3)
+        closed = (B @ linear.sides[side]).transpose(1, 0, 2).reshape(12, 6 * n)
+        same_up_to(closed, numerical, 1e-4)
+    # an estimator that is consistent follows a shift of X and W
+    same_up_to(np.einsum("kpa,kaq->pq", B, J), -np.eye(12), 1e-5)
+
+
+@pytest.mark.parametrize("method", ["4dpa", "park", "li", "nguyen"])
+def test_jackknife_of_other_methods_solves_again(method):
+    poses, _ = one_fit()
+    noise = NOISE if method == "nguyen" else None
+    found = resampled(poses, method, "jackknife", noise=noise)
+    moves = []
+    whole = uq.calibrate(poses, method=method, noise=noise)
+    for k in range(poses.n):
+        rest = np.arange(poses.n) != k
+        again = uq.calibrate(uq.PosePairs(poses.robot[rest], poses.camera[rest]), method=method, noise=noise)
+        moves.append(np.concatenate([difference(again.X, whole.X), difference(again.W, whole.W)]))
+    n = poses.n
+    assert_same_covariance(found.covariance, (n - 1) / n * (n - 1) * np.cov(np.array(moves).T), 1e-5)
+    assert (found.clusters, found.cluster) == (n, "poses")
+
+
+@pytest.mark.parametrize("method", ["4dpa", "shah"])
+def test_bootstrap_of_other_methods_solves_again(method):
+    poses, _ = one_fit()
+    n = poses.n
+    X = Problem(poses, method, None, None).at.X
+    counts = np.random.default_rng(3).multinomial(n, np.full(n, 1 / n), size=15)
+    moves = []
+    for row in counts:
+        at = np.repeat(np.arange(n), row)
+        drawn = uq.PosePairs(poses.robot[at], poses.camera[at])
+        if method == "shah":
+            again, W = ROBOT_WORLD_METHODS[method](drawn)
+        else:
+            motions = uq.relative_motions(drawn, "all")
+            again = uq.solve(motions.A, motions.B)
+            W = mean_target(drawn, again)
+        moves.append(np.concatenate([difference(again, X), difference(W, mean_target(poses, X))]))
+    found = resampled(poses, method, "bootstrap", replicates=15, seed=3)
+    assert_same_covariance(found.covariance, np.cov(np.array(moves).T), 1e-5)
+
+
+def test_the_size_of_chunks_changes_nothing(monkeypatch):
+    poses, _ = one_fit()
+    cases = [("4dpa", "jackknife"), ("4dpa", "bootstrap"), ("shah", "bootstrap"), ("park", "jackknife")]
+    whole = [resampled(poses, *case, replicates=50).covariance for case in cases]
+    monkeypatch.setattr(replicates, "AT_ONCE", 7 * 16)
+    for case, covariance in zip(cases, whole, strict=True):
+        assert_same_covariance(resampled(poses, *case, replicates=50).covariance, covariance, 1e-6)
+
+
+def test_degenerate_draws_are_found_one_by_one():
+    poses, _ = one_fit(n=8)
+    counts = np.ones((20, 8), dtype=int)
+    counts[[3, 4, 17]] = [8, 0, 0, 0, 0, 0, 0, 0]
+    _, ok = Problem(poses, "shah", None, None).solve_each(counts)
+    assert np.flatnonzero(~ok).tolist() == [3, 4, 17]
+
+
+# -------------------------------------------------------------------------------------------------- on motions
+
+
+def test_on_motions_the_clusters_are_motions(rng):
+    trials, N = 1000, 25
+    _, A, B = exact_motions(rng, N)
+    noise = uq.PairNoise(random_covariance(rng), random_covariance(rng))
+    A, B = (
+        moved(np.broadcast_to(T, (trials, N, 4, 4)), draw(rng, S, (trials, N))) for T, S in ((A, noise.A), (B, noise.B))
+    )
+    found = efficient(uq.Motions(A, B), noise)
+    freedom = trials * degrees_of_freedom(efficient(uq.Motions(A[:20], B[:20]), noise)).mean()
+    assert_same_covariance(sandwich(found).mean(axis=0), found.covariance.mean(axis=0), edge(freedom, 6) + 0.02)
+    one = uq.Motions(A[0], B[0])
+    for method in ("efficient", "4dpa", "park"):
+        values = [resampled(one, method, kind, noise=noise, replicates=300) for kind in resampling.KINDS]
+        assert all(r.cluster == "motions" and r.clusters == 25 and r.covariance_W is None for r in values)
+        ratio = [whitened_eigenvalues(r.covariance_X, values[0].covariance_X) for r in values[2:]]
+        assert np.min(ratio) > 0.4
+        assert np.max(ratio) < 3.0
+
+
+def test_sensitivities_on_motions_are_numerical_ones(rng):
+    X, A, B = exact_motions(rng, 5)
+    problem = Problem(uq.Motions(A, B), "park", None, None)
+    linear = OnMotions(A, B).linearise(problem.at, A, B)
+    closed = (problem.first_order()[2] @ linear.sides[1]).transpose(1, 0, 2).reshape(6, 30)
+    numerical = jacobian(lambda xi: difference(uq.solve(A, moved(B, xi.reshape(-1, 5, 6)), method="park"), X), 30, 1e-3)
+    same_up_to(closed, numerical, 1e-6)
+
+
+# --------------------------------------------------------------------------------------------------- refusals
+
+
+def test_joint_noise_is_refused():
+    poses = uq.simulate(10, noise=NOISE, seed=SEED)
+    joint = uq.PoseNoise(camera=np.kron(np.eye(10) + 0.5, NOISE.camera))
+    for call in (sandwich, hac, jackknife, bootstrap):
+        with pytest.raises(uq.InputError, match="joint"):
+            call(efficient(poses, joint))
+    with pytest.raises(uq.InputError, match="joint"):
+        resampled(poses, "4dpa", noise=joint)
+
+
+def test_too_few_poses_and_a_pose_that_carries_all_are_refused(rng):
+    few = uq.simulate(6, noise=NOISE, seed=SEED)
+    for method in ("efficient", "4dpa"):
+        with pytest.raises(uq.InputError, match="at least 7"):
+            resampled(few, method, noise=NOISE)
+    turns = np.zeros((10, 3))
+    turns[:, 2] = np.linspace(0, 2, 10)
+    turns[4] = (1.0, 0.2, 0.3)
+    X, W = (transforms(rotations(v), v) for v in rng.normal(size=(2, 3)))
+    G = transforms(rotations(turns), rng.normal(size=(10, 3)))
+    C = np.linalg.inv(X) @ np.linalg.inv(G) @ W
+    small = uq.PoseNoise.isotropic(camera=(1e-5, 1e-5))
+    poses = uq.PosePairs(G, moved(C, 1e-5 * rng.normal(size=(10, 6))))
+    for call in (sandwich, jackknife):
+        with pytest.raises(uq.DegenerateMotionError, match=r"Without pose \(or motion\) 4 the"):
+            call(efficient(poses, small))
+
+
+def test_what_a_method_does_not_allow_is_said():
+    poses, _ = one_fit()
+    consecutive = uq.relative_motions(poses)
+    for arguments, options, message in (
+        ((poses, "tsai", "bootstrap"), {}, "Choose kind='jackknife'"),
+        ((poses, "zhao", "sandwich"), {}, "no smooth function"),
+        ((poses, "nguyen", "sandwich"), {}, "give the `noise`"),
+        ((poses, "efficient", "sandwich"), {}, "give `noise`, or the `fit`"),
+        ((consecutive, "park", "jackknife"), {}, "needs all pairs"),
+        ((consecutive, "4dpa", "bootstrap"), {}, "not available"),
+        ((uq.Motions(consecutive.A, consecutive.B), "shah", "jackknife"), {}, "needs poses"),
+        ((poses, "4dpa", "other"), {}, "Expected `kind`"),
+        ((poses, "other", "hac"), {}, "Expected `method`"),
+        (("poses", "4dpa", "hac"), {}, "Expected `data`"),
+        ((poses, "4dpa", "hac"), {"lags": 16}, "Expected `lags`"),
+        ((poses, "4dpa", "bootstrap"), {"replicates": 1}, "Expected `replicates`"),
+        ((simulated()[0], "4dpa", "hac"), {}, "one data set"),
+    ):
+        with pytest.raises(uq.InputError, match=message):
+            resampled(*arguments, **options)
+    with pytest.raises(uq.InputError, match="exact"):
+        resampled(uq.simulate(10, noise=uq.PoseNoise(camera=np.zeros((6, 6))), seed=1), "4dpa")
+    shared = uq.PairNoise.isotropic(A=("1mrad", "1mm"), B=("1mrad", "1mm"))
+    with pytest.raises(uq.InputError, match="share poses"):
+        resampled(consecutive, "efficient", noise=shared)
+    assert resampled(consecutive, "efficient", noise=NOISE).cluster == "poses"
+    assert resampled(consecutive, "park").clusters == poses.n
+
+
+def test_poses_of_weight_zero_are_no_clusters():
+    poses, _ = one_fit()
+    rest = np.arange(16) != 5
+    constraint = OnPoses(poses.robot, poses.camera, False)
+    start = start_of(poses, constraint, None)
+    found = fit(constraint, NOISE, start, 1, rest.astype(float))
+    without = fit(OnPoses(poses.robot[rest], poses.camera[rest], False), NOISE, start, 1)
+    for kind in (sandwich, jackknife):
+        assert_same_covariance(kind(found), kind(without), 1e-6)
+    assert resampled(poses, "efficient", "jackknife", fit=found).clusters == 15
