@@ -1,0 +1,194 @@
+"""Shifted pairings: found where they are, told truly, and never reported by chance."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+from support import SEED, moved, random_transforms, transforms
+
+import uq_handeye as uq
+from uq_handeye.io import read_poses
+from uq_handeye.likelihood import efficient
+from uq_handeye.pairing import _refined, _viterbi, find_shift
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
+
+
+def still_poses(n, rng):
+    return uq.simulate(n, noise=NOISE, setup=("eye-in-hand", "eye-to-hand")[n % 2], seed=rng)
+
+
+def video(n, rng, every=30):
+    """A smooth path through poses that are ``every`` frames apart, with the same noise."""
+    key = uq.simulate(n // every + 4, seed=rng)
+    knots = np.arange(len(key))
+    frames = np.linspace(0, n / every, n)
+    R = RotationSpline(knots, Rotation.from_matrix(key.robot[:, :3, :3]))(frames).as_matrix()
+    robot = transforms(R, CubicSpline(knots, key.robot[:, :3, 3])(frames))
+    camera = np.linalg.inv(robot @ key.truth.X) @ key.truth.W
+    deviations = np.sqrt([np.diag(NOISE.robot), np.diag(NOISE.camera)])
+    return uq.PosePairs(
+        *(moved(T, sd * rng.normal(size=(n, 6))) for T, sd in zip((robot, camera), deviations, strict=True))
+    )
+
+
+def without(poses, robot=(), camera=()):
+    """Rows lost in either file; the longer one is cut at its end, as a reader of pairs would."""
+    lists = [np.delete(T, list(rows), axis=0) for T, rows in ((poses.robot, robot), (poses.camera, camera))]
+    n = min(map(len, lists))
+    return uq.PosePairs(*(T[:n] for T in lists), poses.setup)
+
+
+def dirty(poses, rng):
+    """10 % of the camera poses are anything."""
+    rows = rng.choice(poses.n, poses.n // 10, replace=False)
+    camera = poses.camera.copy()
+    camera[rows] = random_transforms(rng, (len(rows),))
+    return uq.PosePairs(poses.robot, camera, poses.setup)
+
+
+@pytest.mark.parametrize("make", [still_poses, video])
+@pytest.mark.parametrize("k", [1, 2, 5, -1, -3])
+def test_whole_file(make, k):
+    rng = np.random.default_rng([SEED, k + 5])
+    poses = make(45 if make is still_poses else 150, rng)
+    for given in (poses, dirty(poses, rng)):
+        shifted = without(given, robot=range(k)) if k > 0 else without(given, camera=range(-k))
+        found = find_shift(shifted)
+        assert found.stretches == ((0, shifted.n, k),)
+        assert max(found.ratio) < 0.3
+        paired = found.apply(shifted)
+        assert paired.n == shifted.n - abs(k) == len(found.robot_rows)
+        np.testing.assert_array_equal(found.camera_rows - found.robot_rows, k)
+        assert f"belongs to camera row i {'+' if k > 0 else '-'} {abs(k)}" in found.statement
+        assert ("camera" if k > 0 else "robot") in found.statement.split("begins")[0]
+        if given is poses:  # X of the rows paired anew is that of the rig
+            truth = uq.simulate(4, setup=poses.setup).truth.X
+            np.testing.assert_allclose(efficient(paired, NOISE).X, truth, atol=0.01)
+
+
+@pytest.mark.parametrize("n", [30, 61, 200])
+def test_rows_lost_in_the_middle(n):
+    rng = np.random.default_rng([SEED, n])
+    m = int(rng.integers(8, n - 10))
+    poses = still_poses(n, rng)
+    found = find_shift(without(poses, camera=[m]))
+    assert found.stretches == ((0, m, 0), (m, n - 1, -1))
+    assert m not in found.robot_rows
+    assert f"nothing for robot row {m} (no detection?)" in found.statement
+    assert f"from robot row {m + 1} on, robot row i belongs to camera row i - 1" in found.statement
+    assert f"leave out robot row {m} and camera row {n - 2}" in found.statement
+
+    found = find_shift(without(poses, robot=[m]))
+    assert found.stretches == ((0, m, 0), (m, n - 1, 1))
+    assert f"robot file has nothing for camera row {m}" in found.statement
+    assert f"leave out robot row {n - 2} and camera row {m}" in found.statement
+    np.testing.assert_allclose(found.apply(without(poses, robot=[m])).camera, np.delete(poses.camera, m, 0)[: n - 2])
+
+
+def test_several_rows_lost():
+    rng = np.random.default_rng(SEED)
+    poses = still_poses(80, rng)
+    found = find_shift(without(poses, camera=[20, 21, 50]))
+    assert found.stretches == ((0, 20, 0), (20, 50, -2), (50, 77, -3))
+    assert "robot rows 20 to 21" in found.statement and "robot row 50" in found.statement
+    assert "leave out robot rows 20 to 21, 50 and camera rows 74 to 76" in found.statement
+    np.testing.assert_array_equal(found.robot_rows, np.setdiff1d(np.arange(77), [20, 21, 50]))
+    # one lost in each file: the rows after both belong together again
+    found = find_shift(without(poses, camera=[20], robot=[60]))
+    assert [k for _, _, k in found.stretches] == [0, -1, 0]
+
+
+def test_drop_in_a_video():
+    """Neighbouring frames are alike: the row is found to a few frames, the shift exactly."""
+    rng = np.random.default_rng(SEED)
+    found = find_shift(without(video(300, rng), camera=range(120, 125)))
+    assert [k for _, _, k in found.stretches] == [0, -5]
+    assert abs(found.stretches[1][0] - 120) <= 3
+
+
+@pytest.mark.parametrize("make", [still_poses, video])
+def test_silent_where_rows_belong_together(make):
+    for n in (8, 12, 15, 31, 60, 200):
+        for trial in range(6):
+            rng = np.random.default_rng([SEED, n, trial])
+            poses = make(n, rng)
+            assert find_shift(poses) is None
+            assert find_shift(dirty(poses, rng)) is None
+
+
+def test_silent_where_no_shift_helps():
+    """Camera rows in random order, a wrong setup, poses that never turn, frames that hardly differ."""
+    rng = np.random.default_rng(SEED)
+    for n in (15, 30, 60):
+        for _ in range(5):
+            poses = still_poses(n, rng)
+            assert find_shift(uq.PosePairs(poses.robot, poses.camera[rng.permutation(n)], poses.setup)) is None
+    # Consecutive wrong rows at the end of a file are no shift.
+    poses = still_poses(40, rng)
+    camera = poses.camera.copy()
+    camera[30:] = random_transforms(rng, (10,))
+    assert find_shift(uq.PosePairs(poses.robot, camera, poses.setup)) is None
+    robot = np.tile(poses.robot[:1], (40, 1, 1))
+    assert find_shift(uq.PosePairs(robot, np.tile(poses.camera[:1], (40, 1, 1)))) is None
+    slow = video(100, rng, every=400)
+    found = find_shift(without(slow, robot=[0]))
+    assert found is None or found.stretches[0][2] in (0, 1, 2)  # what one frame of it moves is within the noise
+    with pytest.raises(uq.InputError, match="without leading axes"):
+        find_shift(uq.simulate(20, noise=NOISE, trials=2))
+
+
+def test_path_against_all_paths():
+    """The dynamic program finds the cheapest of all paths."""
+    rng = np.random.default_rng(SEED)
+    for _ in range(10):
+        cost = rng.random((7, 3)) * 3
+        paths = np.stack(np.meshgrid(*[np.arange(3)] * 7, indexing="ij"), axis=-1).reshape(-1, 7)
+        totals = cost[np.arange(7), paths].sum(axis=1) + 3.0 * (np.diff(paths, axis=1) != 0).sum(axis=1)
+        np.testing.assert_array_equal(_viterbi(cost), paths[np.argmin(totals)])
+
+
+def test_change_begins_at_the_rows_without_partner():
+    shifts = np.arange(-2, 3)
+    cost = np.ones((20, 5))
+    cost[:9, 2], cost[11:, 0] = 0.1, 0.1  # k = 0 before row 9, -2 from row 11 on: 9 and 10 have no partner
+    for edge in (8, 9, 10, 11, 12):
+        assert _refined([(0, edge, 0), (edge, 20, -2)], cost, shifts) == [(0, 9, 0), (9, 20, -2)]
+
+
+def test_time_is_bounded():
+    rng = np.random.default_rng(SEED)
+    small, large = still_poses(30, rng), video(2000, rng)
+    find_shift(small)
+    start = time.perf_counter()
+    find_shift(small)
+    assert time.perf_counter() - start < 0.05  # 1 ms where nothing else runs
+    start = time.perf_counter()
+    assert find_shift(without(large, robot=range(20))).stretches == ((0, 1980, 20),)
+    assert time.perf_counter() - start < 15
+
+
+@needs_data
+def test_real_arm():
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "kuka_1"
+    poses = read_poses(folder / "robot.csv", folder / "camera.csv")
+    assert find_shift(poses) is None
+    for k in (1, 2, 5):
+        assert find_shift(without(poses, robot=range(k))).stretches == ((0, 30 - k, k),)
+        assert find_shift(without(poses, camera=range(k))).stretches == ((0, 30 - k, -k),)
+    for m in range(7, 23):
+        assert find_shift(without(poses, camera=[m])).stretches == ((0, m, 0), (m, 29, -1))
+    assert find_shift(without(poses, camera=[8, 20])).stretches == ((0, 8, 0), (8, 20, -1), (20, 28, -2))
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["wu_2019_as_published", "ethz_robot_arm_sync", "synthetic_camera_2"])
+def test_silent_on_real_data(name):
+    """The first is a set whose rows lag by 1 to 16 rows, and whose z is lost: no shift explains it."""
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / name
+    assert find_shift(read_poses(folder / "robot.csv", folder / "camera.csv")) is None
