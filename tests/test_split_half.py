@@ -1,0 +1,167 @@
+"""Split-half test: its rates of passing, the covariance of correlated halves, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import linalg, stats
+from support import SEED, assert_same_covariance, covers, difference, moved, random_covariance
+
+import uq_handeye as uq
+from uq_handeye.likelihood import efficient
+from uq_handeye.split_half import SPLITS, SplitHalf, _halves, _noise_part, random_splits, split_half
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
+SETUPS = ["eye-in-hand", "eye-to-hand"]
+
+
+def d2_of(noise, true, n, setup="eye-in-hand", geometries=4, trials=500, **kwargs):
+    found = [
+        split_half(uq.simulate(n, noise=true, setup=setup, trials=trials, seed=[SEED, n, k]), noise, **kwargs)
+        for k in range(geometries)
+    ]
+    return np.concatenate([test.d2 for test in found]), np.concatenate([test.passed for test in found])
+
+
+@pytest.mark.parametrize(("setup", "n"), [("eye-in-hand", 12), ("eye-to-hand", 20), ("eye-in-hand", 40)])
+def test_it_passes_as_often_as_it_says(setup, n):
+    """Between 93 and 97 % of 2000 sets at the 95 % level; a noise given 30 % too small fails."""
+    d2, passed = d2_of(NOISE, NOISE, n, setup)
+    assert 0.93 <= passed.mean() <= 0.97
+    np.testing.assert_array_equal(passed, stats.chi2.sf(d2, 6) > 0.05)
+    small = uq.PoseNoise(0.49 * NOISE.robot, 0.49 * NOISE.camera)
+    assert d2_of(small, NOISE, n, setup, geometries=1)[1].mean() < 0.85
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_every_split(split):
+    _, passed = d2_of(NOISE, NOISE, 16, geometries=2, split=split, method="efficient")
+    low, high = stats.binom.ppf([0.0005, 0.9995], 1000, 0.95) / 1000
+    assert low - 0.01 <= passed.mean() <= high + 0.01
+    for n in (7, 12):
+        poses = uq.simulate(n, seed=1)
+        first, second = _halves(poses, split, 3)
+        assert sorted([*first, *second]) == list(range(n)) and abs(len(first) - len(second)) <= 1
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_halves_of_a_joint_noise_are_correlated(rng, setup):
+    """The covariance of the difference by numerical derivatives of both estimates."""
+    n = 6
+    true = uq.simulate(n, setup=setup, seed=rng)
+    noise = uq.PoseNoise(random_covariance(rng, shape=(n,)), random_covariance(rng, 6 * n))
+    found = split_half(true, noise)
+    parts = [_noise_part(noise, half) for half in found.halves]
+
+    def shift(xi):
+        moved_robot, moved_camera = moved(true.robot, xi[:n]), moved(true.camera, xi[n:])
+        X1, X2 = (
+            efficient(uq.PosePairs(moved_robot[half], moved_camera[half], setup), part, start=true.truth.X).X
+            for half, part in zip(found.halves, parts, strict=True)
+        )
+        return difference(X1, X2)
+
+    h = 1e-5
+    unit = np.eye(12 * n).reshape(-1, 2 * n, 6)
+    D = np.stack([(shift(h * e) - shift(-h * e)) / (2 * h) for e in unit], axis=1)
+    expected = D @ linalg.block_diag(*noise.robot, noise.camera) @ D.T
+    assert_same_covariance(found.covariance, expected, 1e-3)
+    apart = sum(efficient(_rows(true, half), part).covariance_X for half, part in zip(found.halves, parts, strict=True))
+    values = linalg.eigh(apart, expected, eigvals_only=True)
+    assert np.abs(values - 1).max() > 0.02  # the sum of the covariances would be wrong
+
+
+def _rows(poses, rows):
+    return uq.PosePairs(poses.robot[rows], poses.camera[rows], poses.setup)
+
+
+def test_common_error_of_all_poses_by_monte_carlo():
+    """A shift that all camera poses share cancels in the difference: taken as independent, the test is too kind."""
+    n, shared = 12, np.diag([0.0] * 5 + [1e-4])
+    joint = uq.PoseNoise(NOISE.robot, np.kron(np.eye(n), NOISE.camera) + np.kron(np.ones((n, n)), shared))
+    poses = uq.simulate(n, noise=joint, trials=400, seed=[SEED, 0])
+    test = split_half(poses, joint)
+    assert all(covers(test.difference, test.covariance))
+    marginal = split_half(poses, uq.PoseNoise(NOISE.robot, NOISE.camera + shared))
+    seen = np.linalg.solve(marginal.covariance.mean(axis=0), np.cov(marginal.difference.T))
+    assert np.linalg.eigvals(seen).real.min() < 0.3
+
+
+def test_estimated_noise_has_the_F_distribution():
+    n, trials = 12, 2000
+    poses = uq.simulate(n, noise=NOISE, trials=trials, seed=[SEED, 5])
+    known = split_half(poses, NOISE)
+    dof = 10
+    scale = np.random.default_rng([SEED, 6]).chisquare(dof, trials) / dof
+    p_values = stats.f.sf(known.d2 / scale / 6, 6, dof)
+    found = split_half(poses, NOISE, dof=dof)
+    np.testing.assert_allclose(found.p_value, stats.f.sf(found.d2 / 6, 6, dof), rtol=1e-9)
+    assert 0.93 <= (p_values > 0.05).mean() <= 0.97
+    assert (stats.chi2.sf(known.d2 / scale, 6) > 0.05).mean() < 0.92
+
+
+def test_motions_and_poses(rng):
+    poses = uq.simulate(16, noise=NOISE, seed=rng)
+    motions = uq.relative_motions(poses, "disjoint")
+    of_motions = split_half(motions, NOISE)
+    np.testing.assert_array_equal(of_motions.X1, split_half(poses, NOISE).X1)  # the noise is that of poses
+    pairs = uq.PairNoise.isotropic(A=("0.2mrad", "0.2mm"), B=("2mrad", "2mm"))
+    found = split_half(motions, pairs)
+    assert found.possible and len(found.halves[0]) == 4
+    A, B = motions.A[found.halves[0]], motions.B[found.halves[0]]
+    np.testing.assert_allclose(found.X1, efficient(uq.Motions(A, B), pairs).X)
+
+
+def test_drift_is_found():
+    noise = uq.PoseNoise.isotropic(robot=("0.05mrad", "0.05mm"), camera=("0.2mrad", "0.2mm"))
+    poses = uq.simulate(30, noise=noise, seed=[SEED, 9])
+    X = poses.truth.X
+    later = moved(X, np.array([0, 0, 0, 0, 0, 2e-3]))
+    camera = poses.camera.copy()
+    camera[15:] = np.linalg.inv(later) @ X @ camera[15:]  # the camera slips in its bracket
+    slipped = uq.PosePairs(poses.robot, camera)
+    found = split_half(slipped, noise, split="contiguous")
+    assert not found.passed and "do not agree" in found.sentence
+    assert split_half(poses, noise, split="contiguous").p_value > 1e-3
+
+
+def test_what_is_not_possible():
+    few = split_half(uq.simulate(5, noise=NOISE, seed=1), NOISE)
+    assert not few.possible and few.passed is None and "a half has 2 poses, 3 are needed" in few.sentence
+    poses = uq.simulate(12, seed=1)
+    still = np.repeat(poses.robot[:1], 6, axis=0), np.repeat(poses.camera[:1], 6, axis=0)
+    halted = uq.PosePairs(np.concatenate([still[0], poses.robot[6:]]), np.concatenate([still[1], poses.camera[6:]]))
+    found = split_half(halted, NOISE, split="contiguous")
+    assert not found.possible and found.X1 is None and "not possible: a half of the data alone fails" in found.sentence
+    data = json.loads(json.dumps(found.to_dict()))
+    assert data["possible"] is False and SplitHalf.from_dict(data).to_dict() == data
+
+
+def test_words_and_dictionary():
+    poses = uq.simulate(20, noise=NOISE, seed=3)
+    found = split_half(poses, NOISE)
+    assert found.sentence.startswith("X of two halves of the data (interleaved, 10 and 10) differs by")
+    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    np.testing.assert_array_equal(data["X1"], found.X1)
+    assert data["passed"] == bool(found.passed)
+    assert SplitHalf.from_dict(data).to_dict() == found.to_dict()
+    many = split_half(uq.simulate(20, noise=NOISE, trials=3, seed=3), NOISE)
+    assert many.d2.shape == (3,) and "of 3 split-half tests" in many.sentence
+
+
+def test_random_splits_show_the_spread():
+    poses = uq.simulate(20, noise=NOISE, seed=[SEED, 4])
+    p_values = random_splits(poses, NOISE, count=8)
+    assert p_values.shape == (8,) and len(np.unique(p_values)) == 8 and (p_values > 1e-5).all()
+    assert random_splits(uq.simulate(4, noise=NOISE, seed=1), NOISE, count=2).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "text"), [({"method": "4dpa"}, "method"), ({"split": "odd"}, "split"), ({"dof": 0}, "dof")]
+)
+def test_errors(kwargs, text):
+    poses = uq.simulate(12, noise=NOISE, seed=1)
+    with pytest.raises(uq.InputError, match=text):
+        split_half(poses, NOISE, **kwargs)
+    with pytest.raises(uq.InputError, match="12 poses"):
+        split_half(poses, uq.PoseNoise(camera=np.stack([NOISE.camera] * 11)))
