@@ -1,0 +1,180 @@
+"""``uq-handeye plan`` as a user meets it: exit status, stdout, stderr and the file written."""
+
+import json
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uq_handeye import PoseNoise, cli, read_poses, simulate
+from uq_handeye.io import read_pose_file, write_pose_file
+from uq_handeye.planning import plan
+
+NOISE = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
+MODEL = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("session")
+    poses = simulate(10, noise=MODEL, seed=3)
+    write_pose_file(folder / "robot.csv", poses.robot)
+    write_pose_file(folder / "camera.csv", poses.camera)
+    write_pose_file(folder / "candidates.csv", simulate(12, seed=4).truth.robot)
+    return folder
+
+
+@pytest.fixture
+def run(session, capsys, monkeypatch):
+    """``run("...")`` gives exit status, stdout and stderr of plan on the files of the session."""
+    monkeypatch.chdir(session)
+
+    def call(*arguments, files=("robot.csv", "camera.csv")):
+        with warnings.catch_warnings(), pytest.raises(SystemExit) as end:
+            cli.main(["plan", *files, *map(str, arguments)])
+        return end.value.code, *capsys.readouterr()
+
+    return call
+
+
+def test_text_and_file(run, session, tmp_path):
+    status, out, err = run(*NOISE, "-k", 3, "-o", tmp_path / "next.csv")
+    assert (status, err) == (0, "")
+    found = plan(read_poses(session / "robot.csv", session / "camera.csv"), k=3, noise=MODEL)
+    assert out == found.to_text()
+    assert out.startswith("3 more poses would bring the translation of gripper_T_camera from ")
+    np.testing.assert_allclose(read_pose_file(tmp_path / "next.csv")[1], found.robot, atol=1e-14)
+
+
+def test_in_a_process_of_its_own(session):
+    program = "from uq_handeye.cli import main; main()"
+    command = [sys.executable, "-c", program, "plan", "robot.csv", "camera.csv", *NOISE, "--json"]
+    done = subprocess.run(command, cwd=session, capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(json.loads(done.stdout)["steps"]) == 5
+
+
+def test_candidates_of_ones_own(run, session):
+    arguments = (*NOISE, "--candidates", "candidates.csv", "--json", "-k", 4)
+    data = json.loads(run(*arguments)[1])
+    _, robot = read_pose_file(session / "candidates.csv")
+    rows = [step["candidate"] for step in data["steps"]]
+    assert len(set(rows)) == 4
+    assert (data["sampled"], data["n_candidates"]) == (False, 12)
+    np.testing.assert_allclose([step["robot"] for step in data["steps"]], robot[rows], atol=1e-12)
+    assert run(*arguments)[1] == run(*arguments, "--seed", 5)[1]
+    again = json.loads(run(*arguments, "-k", 20, "--repeat")[1])
+    assert len(again["steps"]) == 20
+
+
+def test_criteria(run):
+    for extra, criterion in (
+        (("--criterion", "point", "--point", "0mm,0mm,300mm"), "point"),
+        (("--criterion", "logdet"), "logdet"),
+        (("--length", "300mm"), "trace"),
+    ):
+        data = json.loads(run(*NOISE, "--json", *extra)[1])
+        assert data["criterion"] == criterion
+        assert data["length"] == (0.3 if criterion == "trace" else None)
+        assert data["point"] == ([0.0, 0.0, 0.3] if criterion == "point" else None)
+        assert "error" in run(*NOISE, *extra)[1] or criterion == "logdet"
+
+
+def test_units(run, session, tmp_path):
+    for name in ("robot", "camera", "candidates"):
+        poses = read_pose_file(session / f"{name}.csv")[1]
+        poses[:, :3, 3] *= 1000.0
+        write_pose_file(tmp_path / f"{name}.csv", poses)
+    metres = json.loads(run(*NOISE, "--json", "--candidates", "candidates.csv")[1])
+    files = (str(tmp_path / "robot.csv"), str(tmp_path / "camera.csv"))
+    given = (*NOISE, "--json", "--candidates", tmp_path / "candidates.csv", "--units", "mm")
+    scaled = json.loads(run(*given, files=files)[1])
+    assert [step["candidate"] for step in scaled["steps"]] == [step["candidate"] for step in metres["steps"]]
+    np.testing.assert_allclose(scaled["X"], metres["X"], atol=1e-12)
+
+
+def test_parallel_axes_are_where_it_helps_most(run, tmp_path):
+    poses = simulate(8, tilt=0.0, seed=1)
+    write_pose_file(tmp_path / "robot.csv", poses.robot)
+    write_pose_file(tmp_path / "camera.csv", poses.camera)
+    files = (str(tmp_path / "robot.csv"), str(tmp_path / "camera.csv"))
+    status, out, err = run(*NOISE, files=files)
+    assert (status, err) == (0, "")
+    assert "The 8 poses so far leave gripper_T_camera open: translation along" in out
+    assert "CAUTION" in out
+    data = json.loads(run(*NOISE, "--json", files=files)[1])
+    assert data["prior_std"] == 1.0
+    assert len(data["open_directions"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["-k", "0"], ["-k", "at least 1"]),
+        (["-k", "x"], ["-k", "integer"]),
+        (["--sample", "0"], ["--sample", "at least 1"]),
+        (["--sample", "1000000"], ["between 1 and 100000"]),
+        (["--seed", "-1"], ["--seed", "at least 0"]),
+        (["--sample", "3"], ["k = 5 and 3 candidates"]),
+        (["--candidates", "no.csv"], ["no.csv", "no such file"]),
+        (["--candidates", "candidates.csv", "-k", "13"], ["k = 13 and 12 candidates"]),
+        (["--criterion", "magic"], ["trace, logdet, point", "magic"]),
+        (["--criterion", "point"], ["go together"]),
+        (["--point", "0mm,0mm,1mm"], ["go together"]),
+        (["--criterion", "point", "--point", "1mm,2mm"], ["--point", "X,Y,Z"]),
+        (["--criterion", "point", "--point", "1,2,3"], ["unit"]),
+        (["--length", "1"], ["unit"]),
+        (["--length", "0mm"], ["above 0"]),
+        (["--setup", "eye"], ["eye-in-hand"]),
+        (["--camera-noise", "1mm,2deg"], ["look swapped"]),
+        (["--units", "mile"], ["mile"]),
+        (["--noise", "no.toml"], ["not both"]),
+        (["-o", "missing/next.csv"], ["missing"]),
+        (["--frobnicate"], ["--frobnicate"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_bad_usage(run, arguments, parts):
+    status, out, err = run(*NOISE, *arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("uq-handeye: error: ")
+    for part in parts:
+        assert part in err
+
+
+def test_without_noise_it_is_estimated(run):
+    status, out, _ = run()
+    assert status == 0
+    assert "the noise estimated from the poses so far" in " ".join(out.split())
+
+
+def test_noise_of_motions_is_refused(run, tmp_path):
+    file = tmp_path / "noise.toml"
+    file.write_text("[A]\nrotation = '0.02deg'\ntranslation = '0.05mm'\n")
+    status, _, err = run("--noise", file)
+    assert status == 2
+    assert "plan needs noise on poses" in err
+
+
+def test_page_shows_what_is_printed(tmp_path, monkeypatch, capsys):
+    """Every line of the example in docs/plan.md, "..." aside, is printed by its commands."""
+    page = (Path(__file__).parent.parent / "docs" / "plan.md").read_text()
+    commands, shown = (block.strip().splitlines() for block in page.split("```text")[1:3])
+    monkeypatch.chdir(tmp_path)
+    for command in commands[: commands.index("```")]:
+        with warnings.catch_warnings(), pytest.raises(SystemExit) as end:
+            cli.main(command.split()[1:])
+        assert end.value.code == 0
+        printed = capsys.readouterr().out.splitlines()
+    for line in shown[: shown.index("```")]:
+        assert line in ("...", *printed)
+
+
+def test_help(run):
+    status, out, _ = run("--help", files=())
+    assert status == 0
+    assert "Example: uq-handeye plan" in out
+    assert "15 % of its" in out
