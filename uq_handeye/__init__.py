@@ -12,7 +12,7 @@ gripper_T_camera [0.44 0.43 0.32] mm
 
 from typing import TYPE_CHECKING, Any
 
-from .calibration import Calibration, calibrate
+from .calibration import calibrate
 from .conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
@@ -24,6 +24,7 @@ from .octonion_covariance import octonion_covariance, paper_covariances, so4_cov
 from .poses import PosePairs
 from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3
 from .propagation import propagate
+from .result import Calibration
 from .simulation import simulate
 
 if TYPE_CHECKING:

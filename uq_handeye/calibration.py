@@ -1,42 +1,45 @@
-"""calibrate(): from poses or motions and their noise to X with its uncertainty, in one documented object."""
+"""calibrate(): from poses or motions, with or without their noise, to X with its uncertainty.
+
+The estimate is `likelihood` by default, started from 4DPA, whose own X and covariance stay in the result; or a
+published method (`published`). Where no noise is given it is estimated from the data (`noise_estimation`), with gross
+errors weighted down (`robust`). What looks wrong is said (`plausibility`, `pairing`, `diagnostics`).
+"""
 
 from __future__ import annotations
 
-import json
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
-from . import conventions
 from .all_pairs import AllPairs
-from .errors import DegenerateMotionError, InputError, InputWarning, NotConvergedError
-from .estimators import solve
-from .estimators.method import require_converged
-from .estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
-from .io.atomic import write_atomically
+from .analysis import Analysis
+from .errors import DegenerateMotionError, InputError, InputWarning, NotConvergedError, SingularNoiseError
+from .estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from .goodness_of_fit import effective_dof, goodness_of_fit
+from .likelihood import Fit, efficient, maximum_likelihood
 from .motions import Motions, relative_motions, spread_pairs
-from .noise import Noise, PairNoise, PoseNoise, checked_covariance, require_count
-from .noise_transport import covariance_of_poses, noise_of_pairs
-from .octonion_covariance import PAPER_SCALE
+from .noise import Noise, PairNoise, PoseNoise, require_count
+from .noise_estimation import NoiseEstimate, NoisePrior, estimate_noise
+from .pairing import find_shift
 from .plausibility import check_fit, check_motions, check_poses, check_rotations, require_signal
-from .poses import SETUPS, TARGETS, PosePairs
-from .procrustes import octonion
-from .propagation import pose_sensitivities, propagate
-from .residuals import Residuals, residuals, rotation_angles, summarise
-from .robot_world import mean_target, target_by_X, target_sensitivities
-from .se3 import Array, as_transforms, inverse, inverse_jacobian
-from .sensitivity import pose_from_octonion_jacobian
+from .pose_table import PoseTable, pose_table
+from .poses import PosePairs
+from .published import Published, fit_published
+from .reference import Reference
+from .resampling import KINDS, Resampled, resampled
+from .residuals import Residuals, median, residuals, rotation_angles, summarise
+from .result import Calibration, FourDPA
+from .robust import RobustFit, robust_fit
+from .se3 import Array
 
-CONVENTION = (
-    "xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau; rotation first, left rotation, additive "
-    "translation; rad and m; in the parent frame of X"
-)
+# Estimates at the Cramer-Rao bound; every other name is a published method.
+LIKELIHOOD = {"efficient": efficient, "ml": maximum_likelihood}
+
 # A first-order covariance of a rotation means nothing beyond this standard deviation.
 UNDETERMINED = np.radians(20.0)
 
@@ -46,226 +49,14 @@ DIAGNOSED_PAIRS = 200_000
 # Beyond this angle of X (degrees) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.
 NEAR_HALF_TURN_OF_X = 170.0
 
-_FORMAT = "uq-handeye calibration 1"
+# Poses (or motions) from which on wrong ones can be told from good ones.
+FEWEST_FOR_ROBUST = 7
 
+# Data whose median rotation residual (rad) is smaller come from a simulation without noise.
+EXACT = 1e-10
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """X of AX = XB and what is known about it.
-
-    Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,
-    ``t = t_hat + tau``, in rad and m, in the parent frame of X (gripper for eye-in-hand, base for eye-to-hand);
-    ``covariance`` is that of xi, to first order.
-    """
-
-    X: Array  # (4, 4)
-    covariance: Array | None  # (6, 6); None: not determined, no noise was given
-    method: str
-    scale: float | None
-    kind: str | None  # how the covariance was propagated: "pairs", "poses" or "literal"
-    setup: str | None  # None for motions that came without poses
-    n_poses: int | None
-    n_pairs: int
-    noise: Noise | None
-    residuals: Residuals
-    warnings: tuple[str, ...] = ()
-    W: Array | None = None  # (4, 4), the mean of G X C: base_T_target (gripper_T_target for eye-to-hand)
-    covariance_W: Array | None = None  # (6, 6), as `covariance`, in the parent frame of W; needs noise on the poses
-    iterations: int = 0  # 0: closed form
-
-    @property
-    def frame(self) -> str:
-        """The frames of X, e.g. ``gripper_T_camera``."""
-        return "X" if self.setup is None else SETUPS[self.setup]
-
-    @property
-    def frame_W(self) -> str:
-        """The frames of W, e.g. ``base_T_target``."""
-        return "W" if self.setup is None else TARGETS[self.setup]
-
-    @property
-    def std(self) -> Array | None:
-        """Standard deviations (6,) of (theta, tau), rad and m."""
-        return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
-
-    @property
-    def std_W(self) -> Array | None:
-        """Standard deviations (6,) of (theta, tau) of W, rad and m."""
-        return None if self.covariance_W is None else np.asarray(np.sqrt(np.diag(self.covariance_W)))
-
-    @property
-    def correlation(self) -> Array | None:
-        """Correlation matrix (6, 6) of (theta, tau); 0 beside a variance of 0."""
-        if self.covariance is None or self.std is None:
-            return None
-        unit = np.where(self.std > 0, self.std, 1.0)
-        correlation: Array = self.covariance / np.outer(unit, unit)
-        np.fill_diagonal(correlation, 1.0)
-        return correlation
-
-    @property
-    def inverse(self) -> Array:
-        """``inv(X)`` (4, 4), e.g. ``camera_T_gripper``."""
-        return inverse(self.X)
-
-    @property
-    def covariance_inverse(self) -> Array | None:
-        """Covariance (6, 6) of ``inv(X)`` in the same convention, in its own parent frame."""
-        if self.covariance is None:
-            return None
-        J = inverse_jacobian(self.X)
-        return np.asarray(J @ self.covariance @ J.T)
-
-    @property
-    def sigma_scale(self) -> float:
-        """The factor d at which `sigma` is given: that of the estimate, or 1e4 where it was the limit."""
-        return PAPER_SCALE if self.scale is None else self.scale
-
-    @property
-    def sigma(self) -> Array:
-        """The unit octonion (8,) of X on SO(4) (18), at `sigma_scale`."""
-        return octonion(self.X, self.sigma_scale)
-
-    @property
-    def covariance_sigma(self) -> Array | None:
-        """Covariance (8, 8) of `sigma` (48), of rank 6: the unit lengths of q_L and q_R are exact."""
-        if self.covariance is None:
-            return None
-        sigma = self.sigma
-        # sigma moves in the six directions orthogonal to (q_L, 0) and (0, q_R); there d xi / d sigma is regular.
-        normals = np.zeros((8, 2))
-        normals[:4, 0], normals[4:, 1] = sigma[:4], sigma[4:]
-        tangent = np.linalg.qr(normals, mode="complete")[0][:, 2:]
-        J = tangent @ np.linalg.inv(pose_from_octonion_jacobian(sigma, self.sigma_scale) @ tangent)
-        return np.asarray(J @ self.covariance @ J.T)
-
-    def covariance_in(self, convention: str) -> Array:
-        """The covariance in the convention of another library; see `uq_handeye.conventions`."""
-        if self.covariance is None:
-            raise InputError("The covariance is not determined: no noise was given to calibrate().")
-        return conventions.to_convention(self.covariance, self.X, convention)
-
-    @property
-    def quaternion(self) -> Array:
-        """Unit quaternion (x, y, z, w) of X, w >= 0."""
-        return np.asarray(Rotation.from_matrix(self.X[:3, :3]).as_quat(canonical=True))
-
-    @property
-    def weakest_rotation(self) -> tuple[Array, float] | None:
-        """Axis (3,) about which the rotation of X is least certain, and its standard deviation in rad."""
-        return None if self.covariance is None else _weakest(self.covariance[:3, :3])
-
-    @property
-    def weakest_translation(self) -> tuple[Array, float] | None:
-        """Direction (3,) along which the translation of X is least certain, and its standard deviation in m."""
-        return None if self.covariance is None else _weakest(self.covariance[3:, 3:])
-
-    def __repr__(self) -> str:
-        return f"Calibration({self.frame}, {self.method}, {self.n_pairs} pairs)"
-
-    def summary(self, threshold: float = 0.5) -> str:
-        """The result as text; correlations at or above ``threshold`` are listed."""
-        from .report.text import summary
-
-        return summary(self, threshold) + "".join(f"\nWarning: {text}\n" for text in self.warnings)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
-        std, correlation, J = self.std, self.correlation, self.covariance_inverse
-        return {
-            "format": _FORMAT,
-            "convention": CONVENTION,
-            "units": {"rotation": "rad", "translation": "m"},
-            "method": self.method,
-            "scale": self.scale,
-            "kind": self.kind,
-            "setup": self.setup,
-            "frame": self.frame,
-            "X": self.X.tolist(),
-            "covariance": _plain(self.covariance),
-            "std": _plain(std),
-            "correlation": _plain(correlation),
-            "quaternion_xyzw": self.quaternion.tolist(),
-            "inverse": self.inverse.tolist(),
-            "covariance_inverse": _plain(J),
-            "n_poses": self.n_poses,
-            "n_pairs": self.n_pairs,
-            "noise": noise_to_dict(self.noise),
-            "frame_W": self.frame_W,
-            "W": _plain(self.W),
-            "covariance_W": _plain(self.covariance_W),
-            "std_W": _plain(self.std_W),
-            "iterations": self.iterations,
-            "residuals": self.residuals._asdict(),
-            "warnings": list(self.warnings),
-        }
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Calibration:
-        """The inverse of `to_dict`; raises `InputError` on anything else."""
-        if not isinstance(data, dict) or data.get("format") != _FORMAT:
-            raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
-        try:
-            W = data["W"]
-            result = cls(
-                X=as_transforms(data["X"], "X", stack=False),
-                covariance=_covariance_from(data, "covariance"),
-                W=None if W is None else as_transforms(W, "W", stack=False),
-                covariance_W=_covariance_from(data, "covariance_W"),
-                iterations=_expected(data["iterations"], int),
-                method=_expected(data["method"], str),
-                scale=_expected(data["scale"], float, None),
-                kind=_expected(data["kind"], str, None),
-                setup=_expected(data["setup"], str, None),
-                n_poses=_expected(data["n_poses"], int, None),
-                n_pairs=_expected(data["n_pairs"], int),
-                noise=_noise_from_dict(data["noise"]),
-                residuals=Residuals(**data["residuals"]),
-                warnings=tuple(_expected(text, str) for text in _expected(data["warnings"], list)),
-            )
-            for name, shape in (("X", (4, 4)), ("W", (4, 4)), ("covariance", (6, 6)), ("covariance_W", (6, 6))):
-                if (value := getattr(result, name)) is not None and value.shape != shape:
-                    raise ValueError(f"{name} has the shape {value.shape}")
-            if result.setup not in (None, *SETUPS):
-                raise ValueError(f"unknown setup {result.setup!r}")
-        except KeyError as error:
-            raise InputError(f"The calibration is damaged: {error} is missing.") from error
-        except (TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
-        return result
-
-    def to_json(self, path: str | Path | None = None) -> str:
-        """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
-        if path is not None:
-            write_atomically(path, text)
-        return text
-
-    @classmethod
-    def from_json(cls, path: str | Path) -> Calibration:
-        """Read what `to_json` wrote."""
-        try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, TypeError) as error:
-            raise InputError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{path} is not JSON: {error}.") from error
-        try:
-            return cls.from_dict(data)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
-
-
-def _covariance_from(data: dict[str, Any], name: str) -> Array | None:
-    return None if data[name] is None else checked_covariance(data[name], name, joint=False)
-
-
-def _expected(value: Any, *types: type | None) -> Any:
-    """``value`` if it is of one of the types; None stands for None."""
-    known = tuple(kind for kind in types if kind is not None)
-    if (value is None and None in types) or (isinstance(value, known) and not isinstance(value, bool)):
-        return value
-    raise TypeError(f"got {value!r:.40}")
+# RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
+SUSPICIOUS = np.radians(1.0)
 
 
 def require_noise_fits(noise: Noise | None, motions: Motions) -> None:
@@ -281,39 +72,43 @@ def require_noise_fits(noise: Noise | None, motions: Motions) -> None:
         raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
 
 
-def _weakest(covariance: Array) -> tuple[Array, float]:
-    values, vectors = np.linalg.eigh(covariance)
-    axis = vectors[:, -1]
-    axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
-    return axis, float(np.sqrt(max(values[-1], 0.0)))
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """What was asked for, checked."""
 
+    motions: Motions  # of which residuals are taken, and 4DPA where `everything` is None
+    everything: AllPairs | None  # 4DPA of all pairs, without forming them
+    noise: Noise | None
+    method: str
+    scale: float | None
+    kind: str | None
+    covariance: str
+    robust: bool
+    prior: NoisePrior | None
+    seed: int
 
-def _plain(array: Array | None) -> Any:
-    return None if array is None else array.tolist()
+    @property
+    def poses(self) -> PosePairs | None:
+        return self.motions.poses
 
-
-def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
-    if noise is None:
-        return None
-    return {"type": type(noise).__name__} | {field.name: _plain(getattr(noise, field.name)) for field in fields(noise)}
-
-
-def _noise_from_dict(data: dict[str, Any] | None) -> Noise | None:
-    if data is None:
-        return None
-    if data["type"] == "PairNoise":
-        return PairNoise(data["A"], data["B"])
-    return PoseNoise(data["robot"], data["camera"])
+    @property
+    def data(self) -> PosePairs | Motions:
+        """What the likelihood is of: the poses where there are any, unless the noise is that of motions."""
+        return self.motions if self.poses is None or isinstance(self.noise, PairNoise) else self.poses
 
 
 def calibrate(
     data: PosePairs | Motions,
     *,
     noise: Noise | None = None,
-    method: str = "4dpa",
+    method: str | None = None,
     pairs: str | ArrayLike = "all",
     scale: float | None = None,
     kind: str | None = None,
+    covariance: str = "model",
+    robust: bool | None = None,
+    prior: NoisePrior | None = None,
+    seed: int = 0,
 ) -> Calibration:
     """X with its covariance, residuals and warnings.
 
@@ -321,19 +116,32 @@ def calibrate(
     ----------
     data : PosePairs or Motions
     noise : PoseNoise, PairNoise or None
-        Noise of the poses or of the motions. None gives X without covariance.
-    method : str
-        A name in `METHODS` or, for poses, in `ROBOT_WORLD_METHODS`.
+        Noise of the poses or of the motions. None estimates it from the data (`estimate_noise`): isotropic components
+        for rotation and translation of robot and camera.
+    method : str or None
+        ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; a name in `METHODS` or, for
+        poses, in `ROBOT_WORLD_METHODS`. None is ``efficient``; or ``4dpa`` where `scale` or `kind` ask for it, or where
+        the noise given leaves a part of the residuals exact, so that nothing can be weighted by its inverse.
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
-        Pairs to make of the poses (`relative_motions`); Motions come with theirs. The methods of
-        `ROBOT_WORLD_METHODS` need none; residuals are still those of the pairs.
+        Pairs to make of the poses (`relative_motions`); Motions come with theirs. ``efficient`` and ``ml`` work on the
+        poses themselves; for them, as for `ROBOT_WORLD_METHODS`, pairs serve 4DPA and the residuals alone.
     scale : float or None
         Scaling factor d of 4DPA; None is its limit (`solve`).
     kind : str or None
-        How noise is propagated (`propagate`).
+        How noise is propagated through a published method (`propagate`).
+    covariance : "model", "sandwich", "hac", "jackknife" or "bootstrap"
+        ``model``: that of the noise; the others come from the residuals of the poses and need no noise model
+        (`resampling`).
+    robust : bool or None
+        Weight gross errors down and say which (`robust`), by ``efficient`` and ``ml``. None does so where the noise is
+        estimated, which they would spoil.
+    prior : NoisePrior or None
+        What is known of the noise to be estimated, for example from a data sheet.
+    seed : int
+        Of the random subsets and bootstrap replicates.
 
-    Where poses are given, W is the mean of ``G X C`` (`robot_world`), or the estimate of a method that has its own,
-    with its covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the
+    Where poses are given, W comes with X (for a published method the mean of ``G X C``, `robot_world`), with its
+    covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the
     covariance of each pair that PoseNoise makes.
 
     Raises
@@ -342,7 +150,7 @@ def calibrate(
         Input that cannot be used.
     DegenerateMotionError
         The motions do not determine X; or their rotations do not stand out of their noise (`require_signal` in
-        `plausibility`); or with the noise given they leave its rotation open by more than 20 degrees, where a
+        `plausibility`); or with this noise they leave its rotation open by more than 20 degrees, where a
         first-order covariance means nothing: only then ``partial`` holds the `Calibration`.
     NotConvergedError
         An iterative method did not converge.
@@ -360,95 +168,273 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.44, 0.43, 0.32])
     """
-    poses = data if isinstance(data, PosePairs) else None
-    everything: AllPairs | None = None
+    job = _job(data, noise, method, pairs, scale, kind, covariance, robust, prior, seed)
+    texts = [] if job.poses is None else check_poses(job.poses)
+    if job.motions.N >= 2:
+        texts += check_rotations(job.motions, noise, job.method)
+    try:
+        try:
+            result, more = (_by_likelihood if job.method in LIKELIHOOD else _by_published)(job)
+        except SingularNoiseError:
+            if method is not None:
+                raise
+            result, more = _by_published(replace(job, method="4dpa"))
+    except (InputError, NotConvergedError):
+        for text in texts + _reasons(job):  # what looks wrong may well be the reason
+            warnings.warn(text, InputWarning, stacklevel=2)
+        raise
+    texts += more
+    texts += _shifted(job, result)
+    result = replace(result, warnings=tuple(texts))
+    for text in texts:
+        warnings.warn(text, InputWarning, stacklevel=2)
+    _require_determined(result, job)
+    return result
+
+
+def _job(
+    data: Any,
+    noise: Noise | None,
+    method: str | None,
+    pairs: str | ArrayLike,
+    scale: float | None,
+    kind: str | None,
+    covariance: str,
+    robust: bool | None,
+    prior: NoisePrior | None,
+    seed: int,
+) -> _Job:
+    if not isinstance(data, PosePairs | Motions):
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if method is None:
+        method = "efficient" if scale is None and kind in (None, "poses") else "4dpa"
+    known = [*LIKELIHOOD, *METHODS, *ROBOT_WORLD_METHODS]
+    if not isinstance(method, str) or method not in known:
+        raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
+    bound = method in LIKELIHOOD
+    if scale is not None and method != "4dpa":
+        raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
+    if bound and kind not in (None, "pairs" if isinstance(noise, PairNoise) else "poses"):
+        raise InputError(f"Expected no kind={kind!r} with method {method!r}: it is for published methods such as 4dpa.")
+    if robust and not bound:
+        raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
+    if covariance not in ("model", *KINDS):
+        raise InputError(f"Expected `covariance` to be one of model, {', '.join(KINDS)}, got {covariance!r}.")
+    if prior is not None and noise is not None:
+        raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
+    everything = None
     if isinstance(data, PosePairs):
         if data.n < 3:
             raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
         if data.robot.ndim != 3:
-            raise InputError("Expected one data set; for a batch call solve() and propagate().")
-        if isinstance(pairs, str) and pairs == "all":
-            direct = scale is None and kind in (None, "poses") and not isinstance(noise, PairNoise)
-            if method == "4dpa" and direct and (of_all := AllPairs(data)).precise:
+            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
+        if isinstance(pairs, str) and pairs == "all" and not isinstance(noise, PairNoise):
+            direct = (bound or method == "4dpa") and scale is None and kind in (None, "poses")
+            if direct and (of_all := AllPairs(data)).precise:
                 everything = of_all
-            if everything or (isinstance(method, str) and method in ROBOT_WORLD_METHODS):
-                # the pairs serve residuals and checks alone
-                pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)
+            if everything or method in ROBOT_WORLD_METHODS:
+                pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)  # they serve residuals and checks alone
         motions = relative_motions(data, pairs)
-    elif isinstance(data, Motions):
-        motions, poses = data, data.poses
+    else:
+        motions = data
         if motions.A.ndim != 3:
-            raise InputError("Expected one data set; for a batch call solve() and propagate().")
-    else:
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
     require_noise_fits(noise, motions)
-    texts = [] if poses is None else check_poses(poses)
-    if motions.N >= 2:
-        texts += check_rotations(motions, noise, method)
-    pose_noise = noise if isinstance(noise, PoseNoise) and kind in (None, "poses") else None
-    covariance = covariance_W = None
-    try:
-        fit = _fit(motions, noise, method, scale, everything, sensitive=pose_noise is not None)
-        X = fit.X
-        angle, distance = residuals(motions.A, motions.B, X)
-        require_signal(motions, noise, angle)
-        if pose_noise is not None:
-            covariance, covariance_W = (covariance_of_poses(D, pose_noise) for D in (fit.by_error, fit.by_error_W))
-            if poses is not None and method in METHODS and not METHODS[method].smooth:
-                # what is uncorrelated with the errors of the poses reaches W through X alone
-                rest = propagate(motions, pose_noise, X=X, method=method) - covariance
-                J = target_by_X(poses, X)
-                covariance, covariance_W = covariance + rest, covariance_W + J @ rest @ J.T
-        elif noise is not None:
-            covariance = propagate(motions, noise=noise, X=X, method=method, scale=scale, kind=kind)
-    except (InputError, NotConvergedError):
-        for text in texts:  # what looks wrong may well be the reason
-            warnings.warn(text, InputWarning, stacklevel=2)
-        raise
-    if poses is None:
-        texts += check_motions(motions, noise, covariance, angle, distance, X)
+    if robust is None:
+        robust = noise is None
+    return _Job(motions, everything, noise, method, scale, kind, covariance, robust and bound, prior, seed)
+
+
+def _by_likelihood(job: _Job) -> tuple[Calibration, list[str]]:
+    """`efficient` or `ml`, with 4DPA beside it."""
+    start = fit_published(job.motions, job.noise, "4dpa", None, job.everything)
+    angle, _ = residuals(job.motions.A, job.motions.B, start.X)
+    require_signal(job.motions, job.noise, angle)
+    data, noise = job.data, job.noise
+    robust: RobustFit | None = None
+    estimate: NoiseEstimate | None = None
+    if job.robust and len(data) >= FEWEST_FOR_ROBUST and (noise is not None or median(angle) > EXACT):
+        robust = robust_fit(data, noise, method=job.method, estimate=_estimator(job.prior), seed=job.seed)
+        noise = robust.noise
+    if job.noise is None:
+        at, weights = (start.X, None) if robust is None else (robust.fit.X, robust.weights)
+        estimate = estimate_noise(data, job.prior, start=at, weights=weights)
+        noise = estimate.noise
+    if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
+        assert estimate is not None
+        return _unweighted(job, start, estimate)
+    fit = LIKELIHOOD[job.method](data, noise, start.X) if robust is None else robust.fit
+    return _assembled(job, noise, fit, start, estimate, robust)
+
+
+def _estimator(prior: NoisePrior | None) -> Callable[[PosePairs | Motions, Array, Array], Noise | None]:
+    return lambda data, X, weights: estimate_noise(data, prior, start=X, weights=weights).noise
+
+
+def _assembled(
+    job: _Job, noise: Noise, fit: Fit, start: Published, estimate: NoiseEstimate | None, robust: RobustFit | None
+) -> tuple[Calibration, list[str]]:
+    data, motions, poses = job.data, job.motions, job.poses
+    reference = Reference() if estimate is None else Reference("F", effective_dof(fit, estimate))
+    covariance, covariance_W = fit.covariance_X, fit.covariance_W
+    if job.covariance != "model":
+        found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
+        covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
+    table = pose_table(fit, robust)
+    analysis = Analysis(data, noise, fit, job.method, estimate, reference.dof if estimate else None, job.seed)
+    angle, distance = residuals(motions.A, motions.B, fit.X)
+    result = replace(
+        _bare(job, fit.X, fit.W, summarise(angle, distance), noise),
+        covariance=covariance,
+        covariance_W=covariance_W,
+        iterations=fit.iterations if job.method == "ml" else 0,
+        covariance_kind=job.covariance,
+        reference=reference,
+        noise_estimate=estimate,
+        bound=fit.covariance_X,
+        fourdpa=FourDPA(start.X, start.covariances(noise)[0]),
+        fit=goodness_of_fit(fit),
+        table=table,
+        analysis=analysis,
+    )
+    texts = table.statements if robust else _wrong(job, noise, table)
+    if poses is None or isinstance(noise, PairNoise):
+        texts += check_motions(motions, None if estimate else noise, fit.covariance_X, angle, distance, fit.X)
     else:
-        texts += check_fit(poses, X, noise if isinstance(noise, PoseNoise) else None, covariance)
-    turn = float(np.degrees(rotation_angles(X[:3, :3])))
-    if method == "tsai" and turn > NEAR_HALF_TURN_OF_X:
+        assert isinstance(noise, PoseNoise)
+        kept = table.weight > 0
+        whole = bool(kept.all())
+        rest, rest_noise = (poses, noise) if whole else (poses.rows(kept), noise.rows(kept))
+        # noise that was estimated explains any residuals
+        texts += check_fit(rest, fit.X, None if estimate else rest_noise, None if estimate else fit.covariance_X)
+    return result, texts + analysis.diagnostics.warnings()
+
+
+def _wrong(job: _Job, noise: Noise, table: PoseTable) -> list[str]:
+    """Which poses a plain fit should leave out: robust estimation tells, as gross errors spoil all residuals."""
+    if not (table.distance2 > table.limit_of_all).any():
+        return []
+    with suppress(InputError, NotConvergedError):
+        found = robust_fit(job.data, noise, method="efficient", seed=job.seed)
+        table = pose_table(found.fit, found)
+        table = replace(table, flag=tuple("kept" if flag == "kept" else "outlier" for flag in table.flag))
+    return table.statements
+
+
+def _by_published(job: _Job) -> tuple[Calibration, list[str]]:
+    """A method of METHODS or ROBOT_WORLD_METHODS."""
+    motions, poses = job.motions, job.poses
+    found = fit_published(motions, job.noise, job.method, job.scale, job.everything)
+    angle, distance = residuals(motions.A, motions.B, found.X)
+    require_signal(motions, job.noise, angle)
+    noise, estimate, reference = job.noise, None, Reference()
+    if noise is None:
+        try:
+            estimate = estimate_noise(job.data, job.prior, start=found.X)
+        except (InputError, NotConvergedError) as error:  # X does without
+            return _unweighted(job, found, None, [str(error)])
+        if estimate.noise is None:
+            return _unweighted(job, found, estimate)
+        noise = estimate.noise
+        reference = Reference("F", effective_dof(efficient(job.data, noise, found.X), estimate))
+    covariance, covariance_W = found.covariances(noise, job.kind)
+    if job.covariance != "model":
+        every_pair = job.everything is not None or job.method in ROBOT_WORLD_METHODS
+        data = poses if poses is not None and every_pair else motions
+        resample = resampled(data, job.method, job.covariance, X=found.X, noise=noise, seed=job.seed)
+        covariance, covariance_W, reference = resample.covariance_X, resample.covariance_W, reference_of(resample)
+    if poses is None:
+        texts = check_motions(motions, None if estimate else noise, covariance, angle, distance, found.X)
+    else:
+        given = noise if isinstance(noise, PoseNoise) and estimate is None else None
+        texts = check_fit(poses, found.X, given, None if given is None else covariance)
+    turn = float(np.degrees(rotation_angles(found.X[:3, :3])))
+    if job.method == "tsai" and turn > NEAR_HALF_TURN_OF_X:
         texts.append(
             f"X turns by {turn:.1f} degrees. The Rodrigues vector that Tsai's method solves for grows without bound at "
             "180 degrees, and so do its errors: use another method."
         )
-    if noise is not None:
-        kind = kind or ("poses" if isinstance(noise, PoseNoise) else "pairs")
-    elif kind is not None:
-        raise InputError(f"kind={kind!r} means nothing without `noise`.")
-    result = Calibration(
-        X=X,
+    result = replace(
+        _bare(job, found.X, found.W, summarise(angle, distance), noise),
         covariance=covariance,
-        method=method,
-        scale=scale,
-        kind=kind,
+        covariance_W=covariance_W,
+        iterations=found.iterations,
+        covariance_kind=job.covariance,
+        reference=reference,
+        noise_estimate=estimate,
+    )
+    return result, texts
+
+
+def _unweighted(
+    job: _Job, found: Published, estimate: NoiseEstimate | None, texts: Sequence[str] = ()
+) -> tuple[Calibration, list[str]]:
+    """X without covariance, where the noise cannot be estimated: the data fit exactly, or not at all."""
+    angle, distance = residuals(job.motions.A, job.motions.B, found.X)
+    result = _bare(job, found.X, found.W, summarise(angle, distance), None)
+    more = [] if job.poses is None else check_fit(job.poses, found.X, None, None)
+    return replace(result, noise_estimate=estimate, kind=None), [*texts, *more]
+
+
+def _bare(job: _Job, X: Array, W: Array | None, of_pairs: Residuals, noise: Noise | None) -> Calibration:
+    """X with what does not depend on the covariance."""
+    poses = job.poses
+    return Calibration(
+        X=X,
+        W=W,
+        covariance=None,
+        method=job.method,
+        scale=job.scale,
+        kind=job.kind or ("pairs" if poses is None or isinstance(noise, PairNoise) else "poses"),
         setup=None if poses is None else poses.setup,
         n_poses=None if poses is None else poses.n,
-        n_pairs=everything.n_pairs if everything else motions.N,
+        n_pairs=job.everything.n_pairs if job.everything else job.motions.N,
         noise=noise,
-        residuals=summarise(angle, distance),
-        warnings=tuple(texts),
-        W=fit.W,
-        covariance_W=covariance_W,
-        iterations=fit.iterations,
+        residuals=of_pairs,
     )
-    for text in texts:
-        warnings.warn(text, InputWarning, stacklevel=2)
-    if (weakest := result.weakest_rotation) is not None and weakest[1] > UNDETERMINED:
-        axis, deviation = weakest
-        directions = np.zeros((1, 6))
-        directions[0, :3] = axis
-        raise DegenerateMotionError(
-            f"With this noise the motions do not determine X by method {method!r}: its rotation about "
-            f"({', '.join(f'{x:.3f}' for x in axis)}) in the frame of `A` has a first-order standard deviation of "
-            f"{np.degrees(deviation):.0f} degrees. {_advice(method, motions)}",
-            directions,
-            partial=result,
-        )
-    return result
+
+
+def reference_of(resample: Resampled) -> Reference:
+    """The distribution that goes with a covariance from residuals."""
+    return Reference() if resample.freedom is None else Reference("Hotelling", resample.freedom)
+
+
+def _reasons(job: _Job) -> list[str]:
+    """What may be wrong with data that gave no result."""
+    found: list[str] = []
+    with suppress(InputError, NotConvergedError):
+        X = fit_published(job.motions, None, "4dpa", None, job.everything).X
+        if job.poses is not None:
+            found = check_fit(job.poses, X, None, None)
+    return found + _shifted(job, None)
+
+
+def _shifted(job: _Job, result: Calibration | None) -> list[str]:
+    """Whether rows of one file are missing, where the fit gives reason to ask (or there is none)."""
+    if job.poses is None or job.poses.n < FEWEST_FOR_ROBUST:
+        return []
+    if result is not None:
+        bad = 0 if result.table is None else len(result.table.flagged)
+        if bad < max(2, 0.05 * job.poses.n) and result.residuals.rotation_rms < SUSPICIOUS:
+            return []
+    shift = find_shift(job.poses)
+    return [] if shift is None else [shift.statement]
+
+
+def _require_determined(result: Calibration, job: _Job) -> None:
+    """Raise with the result where its rotation is left open."""
+    if (weakest := result.weakest_rotation) is None or weakest[1] <= UNDETERMINED:
+        return
+    axis, deviation = weakest
+    directions = np.zeros((1, 6))
+    directions[0, :3] = axis
+    raise DegenerateMotionError(
+        f"With this noise the motions do not determine X by method {job.method!r}: its rotation about "
+        f"({', '.join(f'{x:.3f}' for x in axis)}) in the frame of `A` has a first-order standard deviation of "
+        f"{np.degrees(deviation):.0f} degrees. {_advice(job.method, job.motions)}",
+        directions,
+        partial=result,
+    )
 
 
 def _advice(method: str, motions: Motions) -> str:
@@ -459,55 +445,3 @@ def _advice(method: str, motions: Motions) -> str:
             "its axis to the noise: leave small rotations out, or use another method."
         )
     return "Add motions that turn about other axes."
-
-
-class _Fit(NamedTuple):
-    X: Array  # (4, 4)
-    W: Array | None
-    iterations: int = 0
-    by_error: Sequence[Array | None] = ()  # d xi_X / d xi_k (n, 6, 6) by robot and by camera poses
-    by_error_W: Sequence[Array | None] = ()
-
-
-def _fit(
-    motions: Motions,
-    noise: Noise | None,
-    method: str,
-    scale: float | None,
-    everything: AllPairs | None,
-    sensitive: bool,
-) -> _Fit:
-    """X and W by any method and, if ``sensitive``, their derivatives by the errors of the poses."""
-    if not isinstance(method, str):
-        raise InputError(f"Expected `method` to be a name, got {type(method).__name__}.")
-    poses = motions.poses
-    if scale is not None and method != "4dpa":
-        raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
-    if method in ROBOT_WORLD_METHODS:
-        if poses is None:
-            raise InputError(f"Method {method!r} solves G X C = W: it needs poses, got motions without poses.")
-        if noise is not None and not sensitive:
-            raise InputError(f"Method {method!r} works on poses: its covariance needs PoseNoise and kind 'poses'.")
-        both = ROBOT_WORLD_METHODS[method]
-        X, W = both(poses)
-        return _Fit(X, W, 0, *(both.sensitivities(poses) if sensitive else ()))
-    iterations = 0
-    if everything:
-        X = everything.solve()
-    elif method == "4dpa":
-        X = solve(motions.A, motions.B, scale=scale)
-    else:
-        found = find(method)
-        weights = None
-        if found.weighted and noise is not None:
-            weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(motions, noise)
-        estimate = require_converged(found, found.estimate(motions.A, motions.B, weights))
-        X, iterations = estimate.X, int(estimate.iterations)
-    if poses is None:
-        return _Fit(X, None, iterations)
-    W = mean_target(poses, X)
-    if not sensitive:
-        return _Fit(X, W, iterations)
-    assert isinstance(noise, PoseNoise)
-    D = everything.sensitivities(X) if everything else pose_sensitivities(motions, noise, X, method, scale)
-    return _Fit(X, W, iterations, D, target_sensitivities(poses, X, D))

@@ -5,7 +5,6 @@ Exit status: 0 success; 2 bad usage or bad input, with one line on stderr; 1 an 
 
 from __future__ import annotations
 
-import os
 import sys
 import warnings
 from importlib import resources
@@ -15,16 +14,37 @@ from typing import Annotated, Any
 import typer
 
 from . import __version__
-from .calibration import Calibration, calibrate
+from .calibration import LIKELIHOOD, calibrate
+from .cli_options import (
+    CameraFile,
+    CameraNoise,
+    CameraUnits,
+    JsonOption,
+    NoiseFile,
+    OutputOption,
+    PairsOption,
+    RobotFile,
+    RobotNoise,
+    RobotUnits,
+    SetupOption,
+    Units,
+    emit,
+    named_folder,
+    noise_of,
+    poses_of,
+    prior_of,
+)
+from .cli_plan import plan_command
 from .comparison import Comparison, compare
 from .errors import InputError, InputWarning, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
-from .io import pose_text, read_noise_file, read_pose_file, read_poses, write_files
-from .noise import Noise, PoseNoise
-from .poses import SETUPS, PosePairs
+from .io import pose_text, read_pose_file, read_poses, write_files
+from .noise import PoseNoise
+from .poses import SETUPS
 from .report import comparison_text, text
+from .resampling import KINDS
+from .result import Calibration
 from .simulation import simulate
-from .units import parse_deviations
 
 app = typer.Typer(
     help="Hand-eye calibration AX = XB with its uncertainty.",
@@ -40,99 +60,20 @@ DEMO_NOISE = {"robot": ("0.02deg", "0.05mm"), "camera": ("0.1deg", "0.5mm")}
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 
 
-def _named(directory: Path | None) -> Path | None:
-    """An empty name would mean the current folder."""
-    if directory is not None and str(directory) == ".":
-        raise InputError("Expected -o to name a folder, got an empty name or '.'; write for example -o result.")
-    return directory
-
-
-SetupOption = Annotated[str, typer.Option("--setup", help=f"{' or '.join(SETUPS)}.")]
-RobotNoise = Annotated[
-    str | None,
-    typer.Option("--robot-noise", metavar="ROT,TRANS", help="Standard deviations, e.g. 0.02deg,0.05mm."),
-]
-CameraNoise = Annotated[
-    str | None,
-    typer.Option("--camera-noise", metavar="ROT,TRANS", help="Standard deviations, e.g. 0.1deg,0.5mm."),
-]
-NoiseFile = Annotated[
-    Path | None, typer.Option("--noise", metavar="FILE.toml", help="Noise with full 6x6 covariances.")
-]
-RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot poses base_T_gripper, CSV.")]
-CameraFile = Annotated[Path, typer.Argument(metavar="CAMERA", help="Camera poses camera_T_target, CSV.")]
-PairsOption = Annotated[str, typer.Option("--pairs", help="Which poses make a motion: all, consecutive or disjoint.")]
-Units = Annotated[str, typer.Option("--units", help="Length unit of both files: m, mm, cm, ...")]
-RobotUnits = Annotated[str | None, typer.Option("--robot-units", help="Length unit of the robot file alone.")]
-CameraUnits = Annotated[str | None, typer.Option("--camera-units", help="Length unit of the camera file alone.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
-OutputOption = Annotated[
-    Path | None,
-    typer.Option(
-        "-o", "--output", metavar="DIR", callback=_named, help="Write result.json, ellipses.png and ellipses.svg here."
-    ),
-]
-
-
-def _deviations(value: str, name: str) -> tuple[float, float]:
-    rotation, comma, translation = value.partition(",")
-    if not comma or "," in translation:
-        raise InputError(f"Expected {name} to be ROTATION,TRANSLATION such as 0.02deg,0.05mm, got {value!r}.")
-    try:
-        return parse_deviations((rotation, translation), name)
-    except InputError as error:
-        try:
-            parse_deviations((translation, rotation), name)
-        except InputError:
-            raise error from None
-        raise InputError(
-            f"{name} {value}: rotation and translation look swapped; write {translation},{rotation}."
-        ) from None
-
-
-def _noise(robot: str | None, camera: str | None, file: Path | None) -> Noise | None:
-    if file is not None:
-        if robot is not None or camera is not None:
-            raise InputError("Give either --noise FILE or --robot-noise and --camera-noise, not both.")
-        return read_noise_file(file)
-    if robot is None and camera is None:
-        return None
-    return PoseNoise.isotropic(
-        robot=None if robot is None else _deviations(robot, "--robot-noise"),
-        camera=None if camera is None else _deviations(camera, "--camera-noise"),
-    )
-
-
-def _poses(robot: Path, camera: Path, setup: str, units: tuple[str, str]) -> PosePairs:
-    poses = read_poses(robot, camera, setup=setup, units=units)
-    if poses.n < 3:
-        raise InputError(
-            f"{robot} and {camera} hold {poses.n} poses; at least 3 poses are needed, which make 2 motions."
-        )
-    return poses
-
-
 def _print_result(result: Calibration, as_json: bool, output: Path | None, threshold: float) -> None:
     if output is not None:
         _write_result(result, output)
     if as_json:
-        _emit(result.to_json())
+        emit(result.to_json())
     else:
         # On a terminal the warnings stand above already; a file should keep them.
-        _emit(text.summary(result, threshold) if sys.stdout.isatty() else result.summary(threshold))
-
-
-def _emit(output: str) -> None:
-    """Print; a reader that closes the pipe early (`| head`) has seen enough, which is no failure."""
-    try:
-        sys.stdout.write(output)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        emit(text.summary(result, threshold) if sys.stdout.isatty() else result.summary(threshold))
 
 
 def _write_result(result: Calibration, directory: Path) -> None:
     files: dict[str, Any] = {"result.json": result.to_json()}
+    if result.table is not None:
+        files["poses.csv"] = result.table.to_dataframe().to_csv(index=False, lineterminator="\n")
     if result.covariance is not None:
         from .report.ellipses import covariance_ellipses, render  # Matplotlib is slow to import
 
@@ -141,7 +82,9 @@ def _write_result(result: Calibration, directory: Path) -> None:
         figure = covariance_ellipses(result.X, result.covariance, title=title)
         files |= {f"ellipses.{kind}": render(figure, kind) for kind in ("png", "svg")}
     write_files(directory, files)
-    for name in {"ellipses.png", "ellipses.svg"} - set(files):  # those of an earlier run are not of this result
+    for name in {"poses.csv", "ellipses.png", "ellipses.svg"} - set(
+        files
+    ):  # those of an earlier run are not of this result
         (directory / name).unlink(missing_ok=True)
 
 
@@ -154,13 +97,45 @@ def calibrate_command(
     camera_noise: CameraNoise = None,
     noise: NoiseFile = None,
     pairs: PairsOption = "all",
-    method: Annotated[str, typer.Option(help=f"Estimator: {', '.join([*METHODS, *ROBOT_WORLD_METHODS])}.")] = "4dpa",
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help=f"Estimator: {', '.join([*LIKELIHOOD, *METHODS, *ROBOT_WORLD_METHODS])}. Left out: efficient, or "
+            "4dpa where --scale or --kind ask for it."
+        ),
+    ] = None,
     scale: Annotated[
-        float | None, typer.Option(help="Scaling factor d of the paper; left out, its limit in closed form.")
+        float | None, typer.Option(help="Scaling factor d of 4dpa; left out, its limit in closed form.")
     ] = None,
     kind: Annotated[
-        str | None, typer.Option(help="Propagation: poses (default), pairs, or literal for noise on pairs.")
+        str | None,
+        typer.Option(help="Propagation of noise by published methods: poses, pairs, or literal for noise on pairs."),
     ] = None,
+    covariance: Annotated[
+        str,
+        typer.Option(help=f"Covariance of the result: model, or without a noise model {', '.join(KINDS)}."),
+    ] = "model",
+    robust: Annotated[
+        bool | None,
+        typer.Option(
+            "--robust/--no-robust",
+            help="Weight wrong detections down and name them. Left out: where the noise is estimated.",
+        ),
+    ] = None,
+    robot_prior: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROT,TRANS",
+            help="Data sheet of the robot, for noise that is estimated, e.g. ?,0.05mm; ? is unknown.",
+        ),
+    ] = None,
+    camera_prior: Annotated[
+        str | None, typer.Option(metavar="ROT,TRANS", help="The same of the camera poses, e.g. 0.1deg,?.")
+    ] = None,
+    prior_factor: Annotated[
+        float, typer.Option(help="The data sheet is right within this factor (1 sigma); 1 takes it as exact.")
+    ] = 2.0,
+    seed: Annotated[int, typer.Option(help="Seed of random subsets and bootstrap.")] = 0,
     units: Units = "m",
     robot_units: RobotUnits = None,
     camera_units: CameraUnits = None,
@@ -170,13 +145,26 @@ def calibrate_command(
 ) -> None:
     """X and its covariance from two pose files.
 
-    Example: uq-handeye calibrate robot.csv camera.csv --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
+    Example: uq-handeye calibrate robot.csv camera.csv -o result/
 
-    The files have the header timestamp,x,y,z,qx,qy,qz,qw (unit quaternion, scalar last) and are paired by row.
+    With known noise: append --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm. Without, it is estimated from the
+    data. The files have the header timestamp,x,y,z,qx,qy,qz,qw (unit quaternion, scalar last) and are paired by row.
     """
-    model = _noise(robot_noise, camera_noise, noise)
-    poses = _poses(robot, camera, setup, (robot_units or units, camera_units or units))
-    result = calibrate(poses, noise=model, method=method, pairs=pairs, scale=scale, kind=kind)
+    model = noise_of(robot_noise, camera_noise, noise)
+    prior = prior_of(robot_prior, camera_prior, prior_factor)
+    poses = poses_of(robot, camera, setup, (robot_units or units, camera_units or units))
+    result = calibrate(
+        poses,
+        noise=model,
+        method=method,
+        pairs=pairs,
+        scale=scale,
+        kind=kind,
+        covariance=covariance,
+        robust=robust,
+        prior=prior,
+        seed=seed,
+    )
     _print_result(result, as_json, output, threshold)
 
 
@@ -204,7 +192,9 @@ def compare_command(
     as_csv: Annotated[bool, typer.Option("--csv", help="Print the table as CSV.")] = False,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", callback=_named, help="Write comparison.json, .csv, .png, .svg."),
+        typer.Option(
+            "-o", "--output", metavar="DIR", callback=named_folder, help="Write comparison.json, .csv, .png, .svg."
+        ),
     ] = None,
 ) -> int:
     """All published methods on the same pairs: a table, and a figure of who agrees.
@@ -218,13 +208,13 @@ def compare_command(
         raise InputError("Give either --json or --csv, not both.")
     names = None if methods is None else _methods(methods, "--methods")
     (base,) = _methods(reference, "--reference", most=1)
-    model = _noise(robot_noise, camera_noise, noise)
-    poses = _poses(robot, camera, setup, (robot_units or units, camera_units or units))
+    model = noise_of(robot_noise, camera_noise, noise)
+    poses = poses_of(robot, camera, setup, (robot_units or units, camera_units or units))
     result = compare(poses, noise=model, methods=names, pairs=pairs, reference=base, progress=True)
     if as_json or as_csv:
-        _emit(result.to_json() if as_json else result.to_csv())
+        emit(result.to_json() if as_json else result.to_csv())
     else:  # on a terminal the warnings stand above already
-        _emit(comparison_text.table(result, warnings=not sys.stdout.isatty()))
+        emit(comparison_text.table(result, warnings=not sys.stdout.isatty()))
     if output is not None:  # after the table, which is not to be lost if this fails
         _write_comparison(result, output)
     if result.reference is None:
@@ -266,7 +256,10 @@ def demo(as_json: JsonOption = False, output: OutputOption = None) -> None:
     result = calibrate(poses, noise=PoseNoise.isotropic(**DEMO_NOISE))
     _print_result(result, as_json, output, 0.5)
     if not as_json:
-        _emit("\n" + text.against_truth(result, truth[0]))
+        emit("\n" + text.against_truth(result, truth[0]))
+
+
+app.command("plan")(plan_command)
 
 
 @app.command("simulate")
@@ -286,7 +279,7 @@ def simulate_command(
 
     Example: uq-handeye simulate -o sim/ --poses 30 --camera-noise 0.1deg,0.5mm --seed 1
     """
-    model = _noise(robot_noise, camera_noise, noise)
+    model = noise_of(robot_noise, camera_noise, noise)
     if model is not None and not isinstance(model, PoseNoise):
         raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     if seed < 0:

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import __version__
-from .calibration import CONVENTION, Calibration, calibrate, noise_to_dict, require_noise_fits
+from .calibration import calibrate, require_noise_fits
 from .comparison_row import CHI2_95, Row, against, flat, squared_distance
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
@@ -40,10 +40,12 @@ from .estimators.robot_world import RobotWorldMethod
 from .io.atomic import write_atomically
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise
+from .noise_estimation import estimate_noise
 from .noise_transport import noise_of_pairs
 from .poses import SETUPS, PosePairs
 from .report.comparison_text import table, verdict, without_numbers
 from .residuals import residuals, summarise
+from .result import CONVENTION, Calibration, noise_to_dict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,7 +78,8 @@ class Comparison:
     n_poses: int | None
     n_pairs: int  # that every method used
     n_pairs_available: int  # more than `n_pairs` where these were thinned out
-    noise: Noise | None
+    noise: Noise | None  # given or estimated
+    noise_estimated: bool = False
     warnings: tuple[str, ...] = ()  # about the data, as calibrate() gives them for the reference
 
     def __getitem__(self, method: str) -> Row:
@@ -104,7 +107,8 @@ class Comparison:
         if self.n_pairs_available > self.n_pairs:
             pairs = f"{self.n_pairs:,} of the {self.n_pairs_available:,} pairs"
         poses = "" if self.n_poses is None else f" of {self.n_poses} poses"
-        return f"{pairs}{poses}" + ("" if self.setup is None else f", {self.setup}")
+        setup = "" if self.setup is None else f", {self.setup}"
+        return f"{pairs}{poses}{setup}" + (", noise estimated from them" if self.noise_estimated else "")
 
     @property
     def own_warnings(self) -> list[str]:
@@ -148,6 +152,7 @@ class Comparison:
             "n_pairs": self.n_pairs,
             "n_pairs_available": self.n_pairs_available,
             "noise": noise_to_dict(self.noise),
+            "noise_estimated": self.noise_estimated,
             "agrees_up_to_d2": CHI2_95,
             "verdict": self.verdict,
             "warnings": list(self.warnings),
@@ -193,7 +198,8 @@ def compare(
     ----------
     data : PosePairs or Motions
     noise : PoseNoise, PairNoise or None
-        As in `calibrate`. None gives differences but no standard deviations, hence no agreement.
+        As in `calibrate`. None estimates it once for all methods; where that fails (exact data, or data that do not fit
+        together) there are differences but no standard deviations, hence no agreement.
     methods : names in `METHODS` or `ROBOT_WORLD_METHODS`, or None for all of `METHODS`
         The reference is added if it is not among them.
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
@@ -226,6 +232,7 @@ def compare(
     motions, available = _motions(data, pairs)
     require_noise_fits(noise, motions)
     poses = motions.poses
+    estimated = noise is None and (noise := _estimated(motions)) is not None
     found: dict[str, Row] = {}
     with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
         warnings.simplefilter("always")
@@ -245,6 +252,7 @@ def compare(
         n_pairs=motions.N,
         n_pairs_available=available,
         noise=noise,
+        noise_estimated=estimated,
         warnings=common,
     )
     for text in (*common, *result.own_warnings):
@@ -252,6 +260,13 @@ def compare(
     for message in {(warning.category, str(warning.message)): warning for warning in others}.values():
         warnings.warn(message.message, message.category, stacklevel=2)
     return result
+
+
+def _estimated(motions: Motions) -> Noise | None:
+    """The noise that the data show, of their poses where there are any."""
+    with suppress(InputError, NotConvergedError):
+        return estimate_noise(motions if motions.poses is None else motions.poses).noise
+    return None
 
 
 def _every() -> dict[str, Method | RobotWorldMethod]:

@@ -424,7 +424,7 @@ def _explanation(figure: Figure, comparison: Comparison, width: float, height: f
         return
     if comparison.noise is None:
         text = (
-            "Points: difference from the reference. No noise was given, so there are no bars and no ellipses, and "
+            "Points: difference from the reference. The noise is not known, so there are no bars and no ellipses, and "
             "whether a difference matters cannot be said. "
         )
     else:

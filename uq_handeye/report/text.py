@@ -8,15 +8,23 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..se3 import Array, left_jacobian, skew
+from .analysis_text import beside_lines, budget_lines, covariance_lines, diagnosis_lines, noise_lines, pose_lines
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
+    from ..result import Calibration
 
 NAMES = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
 NOT_COVERED = (
-    "The standard deviations are 1 sigma, to first order, of the noise given. Systematic errors (wrong "
-    "intrinsics,\nwrong robot kinematics) are not covered."
+    "The standard deviations are 1 sigma, to first order, of {source}. Systematic errors (wrong\n"
+    "intrinsics, wrong robot kinematics) are not covered."
 )
+_SOURCES = {
+    "model": "the noise given",
+    "sandwich": "the residuals of the poses (sandwich)",
+    "hac": "the residuals of the poses, neighbours correlated (hac)",
+    "jackknife": "the poses left out one by one (jackknife)",
+    "bootstrap": "the poses drawn with replacement (bootstrap)",
+}
 
 
 def summary(result: Calibration, threshold: float) -> str:
@@ -26,7 +34,9 @@ def summary(result: Calibration, threshold: float) -> str:
     origin = "" if result.n_poses is None else f" of {result.n_poses} poses"
     scale = "" if result.scale is None else f", d = {result.scale:g}"
     setup = "" if result.setup is None else f", {result.setup}"
-    lines = [f"{frame} by {result.method}{scale} from {result.n_pairs} pairs{origin}{setup}", ""]
+    on_poses = result.fourdpa is not None and result.W is not None
+    data = f"{result.n_poses} poses" if on_poses else f"{result.n_pairs} pairs{origin}"
+    lines = [f"{frame} by {result.method}{scale} from {data}{setup}", ""]
     if result.warnings:
         lines.insert(1, f"CAUTION: {len(result.warnings)} warning(s) say that something looks wrong.")
     lines += [*_matrix(result.X), ""]
@@ -45,7 +55,8 @@ def summary(result: Calibration, threshold: float) -> str:
     if result.std is None:
         lines += [
             "",
-            "Standard deviations: not determined, no noise was given (--robot-noise, --camera-noise).",
+            "Standard deviations: not determined. No noise was given (--robot-noise, --camera-noise), and the",
+            "residuals show none.",
         ]
     else:
         lines += [
@@ -89,15 +100,20 @@ def summary(result: Calibration, threshold: float) -> str:
             _row("translation (mm)", "xyz", 1e3 * result.W[:3, 3], _std(of_position, 1e3 * np.eye(3)), 4),
             _row("rotation vector (deg)", "xyz", np.degrees(turn), _std(of_turn, _rotvec_jacobian(turn)), 5),
         ]
+    for section in (noise_lines, beside_lines, covariance_lines, pose_lines, budget_lines, diagnosis_lines):
+        if text := section(result):
+            lines += ["", *text]
     if result.std is not None:
-        lines += ["", NOT_COVERED]
+        source = _SOURCES[result.covariance_kind]
+        if result.noise_estimate is not None and result.covariance_kind == "model":
+            source = "the noise estimated"
+        lines += ["", f"95 % of all errors lie within d^2 = {result.quantile(0.95):.1f} ({result.reference})."]
+        lines += ["", NOT_COVERED.format(source=source)]
     return "\n".join(lines) + "\n"
 
 
 def against_truth(result: Calibration, truth: Array) -> str:
     """The error of X against a known one (4, 4), and whether it lies inside the ellipsoid."""
-    from scipy.stats import chi2  # slow to import
-
     turn = Rotation.from_matrix(result.X[:3, :3] @ truth[:3, :3].T).as_rotvec()
     xi = np.concatenate([turn, result.X[:3, 3] - truth[:3, 3]])
     lines = [
@@ -106,7 +122,7 @@ def against_truth(result: Calibration, truth: Array) -> str:
     ]
     if result.covariance is not None:
         distance = float(xi @ np.linalg.solve(result.covariance, xi))
-        limit = float(chi2.ppf(0.95, 6))
+        limit = result.quantile(0.95)
         lines.append(
             f"Against the covariance: d^2 = {distance:.1f} with 6 degrees of freedom "
             f"({'inside' if distance <= limit else 'outside'} the 95 % ellipsoid, d^2 <= {limit:.1f})."

@@ -1,0 +1,437 @@
+"""Calibration: X with its uncertainty, and everything that belongs to it, in one documented object."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from . import conventions
+from .analysis import Analysis, StoredAnalysis
+from .diagnostics import Diagnostics
+from .errors import InputError
+from .goodness_of_fit import GoodnessOfFit
+from .io.atomic import write_atomically
+from .noise import Noise, PairNoise, PoseNoise, checked_covariance
+from .noise_estimation import NoiseEstimate
+from .octonion_covariance import PAPER_SCALE
+from .pose_table import PoseTable
+from .poses import SETUPS, TARGETS
+from .procrustes import octonion
+from .reference import Reference
+from .residuals import Residuals
+from .se3 import Array, as_transforms, inverse, inverse_jacobian
+from .sensitivity import pose_from_octonion_jacobian
+from .split_half import SplitHalf
+from .task_space import Budget, PointUncertainty, through_robot, through_target, through_X
+
+CONVENTION = (
+    "xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau; rotation first, left rotation, additive "
+    "translation; rad and m; in the parent frame of X"
+)
+_FORMAT = "uq-handeye calibration 2"
+
+T = TypeVar("T")
+
+
+class FourDPA(NamedTuple):
+    """What 4DPA alone makes of the same data."""
+
+    X: Array  # (4, 4)
+    covariance: Array | None  # (6, 6), to first order, at the same noise
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """X of AX = XB and what is known about it.
+
+    Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,
+    ``t = t_hat + tau``, in rad and m, in the parent frame of X (gripper for eye-in-hand, base for eye-to-hand);
+    ``covariance`` is that of xi, to first order.
+
+    `diagnostics`, `covariances`, `split_half` and `budget` are worked out when they are first asked for.
+    """
+
+    X: Array  # (4, 4)
+    covariance: Array | None  # (6, 6); None: not determined, no noise was given
+    method: str
+    scale: float | None
+    kind: str | None  # how the covariance was propagated: "pairs", "poses" or "literal"
+    setup: str | None  # None for motions that came without poses
+    n_poses: int | None
+    n_pairs: int
+    noise: Noise | None
+    residuals: Residuals
+    warnings: tuple[str, ...] = ()
+    W: Array | None = None  # (4, 4), the mean of G X C: base_T_target (gripper_T_target for eye-to-hand)
+    covariance_W: Array | None = None  # (6, 6), as `covariance`, in the parent frame of W; needs noise on the poses
+    iterations: int = 0  # 0: closed form
+    covariance_kind: str = "model"  # or "sandwich", "hac", "jackknife", "bootstrap"
+    reference: Reference = field(default_factory=Reference)  # the distribution of d^2 = xi^T covariance^-1 xi
+    noise_estimate: NoiseEstimate | None = None  # where the noise comes from the data
+    bound: Array | None = None  # (6, 6) Cramer-Rao bound at this noise and these poses; of efficient and ml
+    fourdpa: FourDPA | None = None  # 4DPA's own answer, beside efficient and ml
+    fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
+    table: PoseTable | None = None  # residual, leverage and flag of each pose
+    analysis: Analysis | StoredAnalysis | None = field(
+        default=None, repr=False
+    )  # diagnostics, other covariances, split halves, budget
+
+    @property
+    def frame(self) -> str:
+        """The frames of X, e.g. ``gripper_T_camera``."""
+        return "X" if self.setup is None else SETUPS[self.setup]
+
+    @property
+    def frame_W(self) -> str:
+        """The frames of W, e.g. ``base_T_target``."""
+        return "W" if self.setup is None else TARGETS[self.setup]
+
+    @property
+    def std(self) -> Array | None:
+        """Standard deviations (6,) of (theta, tau), rad and m."""
+        return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def std_W(self) -> Array | None:
+        """Standard deviations (6,) of (theta, tau) of W, rad and m."""
+        return None if self.covariance_W is None else np.asarray(np.sqrt(np.diag(self.covariance_W)))
+
+    @property
+    def correlation(self) -> Array | None:
+        """Correlation matrix (6, 6) of (theta, tau); 0 beside a variance of 0."""
+        if self.covariance is None or self.std is None:
+            return None
+        unit = np.where(self.std > 0, self.std, 1.0)
+        correlation: Array = self.covariance / np.outer(unit, unit)
+        np.fill_diagonal(correlation, 1.0)
+        return correlation
+
+    @property
+    def inverse(self) -> Array:
+        """``inv(X)`` (4, 4), e.g. ``camera_T_gripper``."""
+        return inverse(self.X)
+
+    @property
+    def covariance_inverse(self) -> Array | None:
+        """Covariance (6, 6) of ``inv(X)`` in the same convention, in its own parent frame."""
+        if self.covariance is None:
+            return None
+        J = inverse_jacobian(self.X)
+        return np.asarray(J @ self.covariance @ J.T)
+
+    @property
+    def sigma_scale(self) -> float:
+        """The factor d at which `sigma` is given: that of the estimate, or 1e4 where it was the limit."""
+        return PAPER_SCALE if self.scale is None else self.scale
+
+    @property
+    def sigma(self) -> Array:
+        """The unit octonion (8,) of X on SO(4) (18), at `sigma_scale`."""
+        return octonion(self.X, self.sigma_scale)
+
+    @property
+    def covariance_sigma(self) -> Array | None:
+        """Covariance (8, 8) of `sigma` (48), of rank 6: the unit lengths of q_L and q_R are exact."""
+        if self.covariance is None:
+            return None
+        sigma = self.sigma
+        # sigma moves in the six directions orthogonal to (q_L, 0) and (0, q_R); there d xi / d sigma is regular.
+        normals = np.zeros((8, 2))
+        normals[:4, 0], normals[4:, 1] = sigma[:4], sigma[4:]
+        tangent = np.linalg.qr(normals, mode="complete")[0][:, 2:]
+        J = tangent @ np.linalg.inv(pose_from_octonion_jacobian(sigma, self.sigma_scale) @ tangent)
+        return np.asarray(J @ self.covariance @ J.T)
+
+    def covariance_in(self, convention: str) -> Array:
+        """The covariance in the convention of another library; see `uq_handeye.conventions`."""
+        if self.covariance is None:
+            raise InputError("The covariance is not determined: no noise was given, and none could be estimated.")
+        return conventions.to_convention(self.covariance, self.X, convention)
+
+    @property
+    def quaternion(self) -> Array:
+        """Unit quaternion (x, y, z, w) of X, w >= 0."""
+        return np.asarray(Rotation.from_matrix(self.X[:3, :3]).as_quat(canonical=True))
+
+    @property
+    def weakest_rotation(self) -> tuple[Array, float] | None:
+        """Axis (3,) about which the rotation of X is least certain, and its standard deviation in rad."""
+        return None if self.covariance is None else _weakest(self.covariance[:3, :3])
+
+    @property
+    def weakest_translation(self) -> tuple[Array, float] | None:
+        """Direction (3,) along which the translation of X is least certain, and its standard deviation in m."""
+        return None if self.covariance is None else _weakest(self.covariance[3:, 3:])
+
+    def quantile(self, level: float = 0.95) -> float:
+        """The d^2 that a share ``level`` of all errors stays below: the squared radius of that ellipsoid."""
+        return self.reference.quantile(level)
+
+    @property
+    def efficiency(self) -> Array | None:
+        """Standard deviations (6,) of 4DPA, as multiples of the Cramer-Rao bound."""
+        if self.fourdpa is None or self.fourdpa.covariance is None or self.bound is None:
+            return None
+        return np.asarray(np.sqrt(np.diag(self.fourdpa.covariance) / np.diag(self.bound)))
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """Observability, influence, tests of the residuals, systematic errors: see `Diagnostics`."""
+        return self._analysed().diagnostics
+
+    @property
+    def covariances(self) -> dict[str, Array | None]:
+        """Covariances (6, 6) of X by name: that of the noise model, and those that need none; None: not determined."""
+        return self._analysed().covariances
+
+    @property
+    def split_half(self) -> SplitHalf:
+        """X from two halves of the poses against each other."""
+        return self._analysed().split_half
+
+    @property
+    def budget(self) -> Budget:
+        """Which share of the variance comes from which noise source."""
+        return self._analysed().budget
+
+    def _analysed(self) -> Analysis | StoredAnalysis:
+        if self.analysis is None:
+            raise InputError(
+                f"This is known for the methods efficient and ml where there is noise, not for this result of "
+                f"{self.method!r}."
+            )
+        return self.analysis
+
+    def uncertainty_at(
+        self,
+        points: ArrayLike,
+        *,
+        robot: ArrayLike | None = None,
+        camera: ArrayLike | None = None,
+        robot_covariance: ArrayLike | None = None,
+        camera_covariance: ArrayLike | None = None,
+        points_covariance: ArrayLike | None = None,
+    ) -> PointUncertainty:
+        """The uncertainty of points that the camera measures, where the calibration carries them.
+
+        Model (`task_space`): to first order, errors of X (or W), of the pose given and of the points independent.
+
+        Parameters
+        ----------
+        points : (..., 3)
+            In camera coordinates, metres.
+        robot : (..., 4, 4) or None
+            ``base_T_gripper`` when the points were seen. With it the points are expressed at the other end of the robot
+            (the base for eye-in-hand, the gripper for eye-to-hand); without, in the parent frame of X (the gripper for
+            eye-in-hand, the base for eye-to-hand).
+        camera : (..., 4, 4) or None
+            ``camera_T_target`` when the points were seen: the same frame as with `robot`, but through the target and
+            W, ``W inv(C) p``; needs neither X nor the robot pose.
+        robot_covariance, camera_covariance : (6, 6), (..., 6, 6) or None
+            Of that pose; None is exact.
+        points_covariance : (3, 3), (..., 3, 3) or None
+            Noise of the points themselves, in the camera frame.
+
+        Returns
+        -------
+        PointUncertainty
+            ``points`` (..., 3), ``covariance`` (..., 3, 3), ``std`` (..., 3), ``radius_95`` (...), ``frame``.
+        """
+        setup = self.setup or "eye-in-hand"
+        if robot is not None and camera is not None:
+            raise InputError("Give either `robot`, to go through the robot, or `camera`, to go through the target.")
+        if camera is not None:
+            if self.W is None or self.covariance_W is None:
+                raise InputError(
+                    "The way through the target needs W and its covariance: calibrate poses with PoseNoise."
+                )
+            return through_target(
+                self.W,
+                self.covariance_W,
+                points,
+                camera,
+                camera_covariance=camera_covariance,
+                setup=setup,
+                points_covariance=points_covariance,
+            )
+        if self.covariance is None:
+            raise InputError("The covariance of X is not determined, and so is that of the points.")
+        if robot is None:
+            return through_X(self.X, self.covariance, points, setup=setup, points_covariance=points_covariance)
+        return through_robot(
+            self.X,
+            self.covariance,
+            points,
+            robot,
+            robot_covariance=robot_covariance,
+            setup=setup,
+            points_covariance=points_covariance,
+        )
+
+    def __repr__(self) -> str:
+        return f"Calibration({self.frame}, {self.method}, {self.n_pairs} pairs)"
+
+    def summary(self, threshold: float = 0.5) -> str:
+        """The result as text; correlations at or above ``threshold`` are listed."""
+        from .report.text import summary
+
+        return summary(self, threshold) + "".join(f"\nWarning: {text}\n" for text in self.warnings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
+        std, correlation, J = self.std, self.correlation, self.covariance_inverse
+        return {
+            "format": _FORMAT,
+            "convention": CONVENTION,
+            "units": {"rotation": "rad", "translation": "m"},
+            "method": self.method,
+            "scale": self.scale,
+            "kind": self.kind,
+            "setup": self.setup,
+            "frame": self.frame,
+            "X": self.X.tolist(),
+            "covariance": _plain(self.covariance),
+            "std": _plain(std),
+            "correlation": _plain(correlation),
+            "quaternion_xyzw": self.quaternion.tolist(),
+            "inverse": self.inverse.tolist(),
+            "covariance_inverse": _plain(J),
+            "n_poses": self.n_poses,
+            "n_pairs": self.n_pairs,
+            "noise": noise_to_dict(self.noise),
+            "frame_W": self.frame_W,
+            "W": _plain(self.W),
+            "covariance_W": _plain(self.covariance_W),
+            "std_W": _plain(self.std_W),
+            "iterations": self.iterations,
+            "covariance_kind": self.covariance_kind,
+            "reference": {"kind": self.reference.kind, "dof": self.reference.dof},
+            "noise_estimate": None if self.noise_estimate is None else self.noise_estimate.to_dict(),
+            "bound": _plain(self.bound),
+            "efficiency": _plain(self.efficiency),
+            "4dpa": None
+            if self.fourdpa is None
+            else {"X": self.fourdpa.X.tolist(), "covariance": _plain(self.fourdpa.covariance)},
+            "fit": None if self.fit is None else asdict(self.fit),
+            "poses": None if self.table is None else self.table.to_dict(),
+            "analysis": None if self.analysis is None else self.analysis.to_dict(),
+            "residuals": self.residuals._asdict(),
+            "warnings": list(self.warnings),
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Calibration:
+        """The inverse of `to_dict`; raises `InputError` on anything else."""
+        if not isinstance(data, dict) or data.get("format") != _FORMAT:
+            raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
+        try:
+            W = data["W"]
+            result = cls(
+                X=as_transforms(data["X"], "X", stack=False),
+                covariance=_covariance_from(data, "covariance"),
+                W=None if W is None else as_transforms(W, "W", stack=False),
+                covariance_W=_covariance_from(data, "covariance_W"),
+                iterations=_expected(data["iterations"], int),
+                covariance_kind=_expected(data["covariance_kind"], str),
+                reference=Reference(**data["reference"]),
+                noise_estimate=_read(data, "noise_estimate", NoiseEstimate.from_dict),
+                bound=_covariance_from(data, "bound"),
+                fourdpa=_read(data, "4dpa", _fourdpa_from),
+                fit=_read(data, "fit", lambda values: GoodnessOfFit(**values)),
+                table=_read(data, "poses", PoseTable.from_dict),
+                analysis=_read(
+                    data, "analysis", lambda values: StoredAnalysis(values, np.asarray(data["X"], dtype=float))
+                ),
+                method=_expected(data["method"], str),
+                scale=_expected(data["scale"], float, None),
+                kind=_expected(data["kind"], str, None),
+                setup=_expected(data["setup"], str, None),
+                n_poses=_expected(data["n_poses"], int, None),
+                n_pairs=_expected(data["n_pairs"], int),
+                noise=_noise_from_dict(data["noise"]),
+                residuals=Residuals(**data["residuals"]),
+                warnings=tuple(_expected(text, str) for text in _expected(data["warnings"], list)),
+            )
+            for name, shape in (("X", (4, 4)), ("W", (4, 4)), ("covariance", (6, 6)), ("covariance_W", (6, 6))):
+                if (value := getattr(result, name)) is not None and value.shape != shape:
+                    raise ValueError(f"{name} has the shape {value.shape}")
+            if result.setup not in (None, *SETUPS):
+                raise ValueError(f"unknown setup {result.setup!r}")
+        except KeyError as error:
+            raise InputError(f"The calibration is damaged: {error} is missing.") from error
+        except (TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
+        return result
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
+        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
+        if path is not None:
+            write_atomically(path, text)
+        return text
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> Calibration:
+        """Read what `to_json` wrote."""
+        try:
+            data = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, TypeError) as error:
+            raise InputError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path} is not JSON: {error}.") from error
+        try:
+            return cls.from_dict(data)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+
+def _covariance_from(data: dict[str, Any], name: str) -> Array | None:
+    return None if data[name] is None else checked_covariance(data[name], name, joint=False)
+
+
+def _read(data: dict[str, Any], name: str, reader: Callable[[Any], T]) -> T | None:
+    return None if data[name] is None else reader(data[name])
+
+
+def _fourdpa_from(data: dict[str, Any]) -> FourDPA:
+    return FourDPA(as_transforms(data["X"], "X", stack=False), _covariance_from(data, "covariance"))
+
+
+def _expected(value: Any, *types: type | None) -> Any:
+    """``value`` if it is of one of the types; None stands for None."""
+    known = tuple(kind for kind in types if kind is not None)
+    if (value is None and None in types) or (isinstance(value, known) and not isinstance(value, bool)):
+        return value
+    raise TypeError(f"got {value!r:.40}")
+
+
+def _weakest(covariance: Array) -> tuple[Array, float]:
+    values, vectors = np.linalg.eigh(covariance)
+    axis = vectors[:, -1]
+    axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
+    return axis, float(np.sqrt(max(values[-1], 0.0)))
+
+
+def _plain(array: Array | None) -> Any:
+    return None if array is None else array.tolist()
+
+
+def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
+    if noise is None:
+        return None
+    return {"type": type(noise).__name__} | {field.name: _plain(getattr(noise, field.name)) for field in fields(noise)}
+
+
+def _noise_from_dict(data: dict[str, Any] | None) -> Noise | None:
+    if data is None:
+        return None
+    if data["type"] == "PairNoise":
+        return PairNoise(data["A"], data["B"])
+    return PoseNoise(data["robot"], data["camera"])
