@@ -20,7 +20,7 @@ def result():
 def test_is_solve_and_propagate():
     poses = uq.simulate(20, noise=NOISE, seed=1)
     for pairs in ("all", "consecutive", [[0, 5], [3, 7], [2, 9]]):
-        result = uq.calibrate(poses, noise=NOISE, pairs=pairs)
+        result = uq.calibrate(poses, noise=NOISE, method="4dpa", pairs=pairs)
         motions = uq.relative_motions(poses, pairs)
         np.testing.assert_allclose(result.X, uq.solve(motions.A, motions.B), atol=1e-14)
         np.testing.assert_allclose(result.covariance, uq.propagate(motions, NOISE), rtol=1e-10)
@@ -37,15 +37,19 @@ def test_motions_without_poses():
     assert result.kind == "pairs"
 
 
-def test_without_noise_the_covariance_is_not_determined():
+def test_exact_data_say_nothing_about_the_noise():
     result = uq.calibrate(uq.simulate(10, seed=1))
+    assert result.method == "efficient"
     assert result.covariance is result.std is result.correlation is result.covariance_inverse is None
     assert result.covariance_sigma is result.weakest_rotation is None
     assert "not determined" in result.summary()
     with pytest.raises(uq.InputError, match="not determined"):
         result.covariance_in("ros")
-    with pytest.raises(uq.InputError, match="means nothing without `noise`"):
-        uq.calibrate(uq.simulate(10, seed=1), kind="pairs")
+    for value in ("diagnostics", "covariances", "split_half", "budget"):
+        with pytest.raises(uq.InputError, match="where there is noise"):
+            getattr(result, value)
+    with pytest.raises(uq.InputError, match="not determined"):
+        result.uncertainty_at([0, 0, 1])
 
 
 def test_derived_quantities(result):
@@ -142,6 +146,12 @@ def test_json_with_changed_parts(result):
         ("n_poses", "abc"),
         ("warnings", "abc"),
         ("scale", "1e4"),
+        ("reference", {"kind": "normal", "dof": None}),
+        ("noise_estimate", {"noise": None}),
+        ("4dpa", {"X": [[1.0]], "covariance": None}),
+        ("poses", {"item": "pose"}),
+        ("analysis", {}),
+        ("fit", {"chi2": 1}),
     ):
         with pytest.raises(uq.InputError):
             uq.Calibration.from_dict(data | {key: value})
