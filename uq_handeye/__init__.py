@@ -7,19 +7,28 @@
 >>> result.X.shape, result.covariance.shape
 ((4, 4), (6, 6))
 >>> print(result.frame, (result.std[3:] * 1e3).round(2), "mm")
-gripper_T_camera [0.44 0.43 0.32] mm
+gripper_T_camera [0.34 0.34 0.28] mm
 """
 
 from typing import TYPE_CHECKING, Any
 
 from .calibration import calibrate
 from .conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
-from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
+from .errors import (
+    DegenerateMotionError,
+    InputError,
+    InputWarning,
+    MissingExtraError,
+    NotConvergedError,
+    SingularNoiseError,
+)
 from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
 from .estimators.nguyen import nguyen
 from .io import read_noise_file, read_poses
+from .likelihood import bound, efficient, maximum_likelihood
 from .motions import Motions, relative_motions
 from .noise import PairNoise, PoseNoise
+from .noise_estimation import NoiseEstimate, NoisePrior, estimate_noise
 from .octonion_covariance import octonion_covariance, paper_covariances, so4_covariance
 from .poses import PosePairs
 from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3
@@ -29,6 +38,7 @@ from .simulation import simulate
 
 if TYPE_CHECKING:
     from .comparison import Comparison, compare
+    from .planning import Plan, plan
 
 __version__ = "0.1.0"
 
@@ -43,18 +53,27 @@ __all__ = [
     "Method",
     "MissingExtraError",
     "Motions",
+    "NoiseEstimate",
+    "NoisePrior",
     "NotConvergedError",
     "PairNoise",
+    "Plan",
     "PoseNoise",
     "PosePairs",
+    "SingularNoiseError",
+    "bound",
     "calibrate",
     "compare",
+    "efficient",
+    "estimate_noise",
     "from_convention",
+    "maximum_likelihood",
     "nguyen",
     "octonion_covariance",
     "orthonormalise",
     "paper_covariances",
     "paper_from_theta",
+    "plan",
     "propagate",
     "read_noise_file",
     "read_poses",
@@ -76,6 +95,10 @@ def __getattr__(name: str) -> Any:
         from . import comparison
 
         return getattr(comparison, name)
+    if name in ("Plan", "plan"):
+        from . import planning
+
+        return getattr(planning, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

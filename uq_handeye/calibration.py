@@ -166,7 +166,7 @@ def calibrate(
     >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
     >>> result = uq.calibrate(uq.simulate(n_poses=30, noise=noise, seed=1), noise=noise)
     >>> (result.std[3:] * 1e3).round(2)  # mm
-    array([0.44, 0.43, 0.32])
+    array([0.34, 0.34, 0.28])
     """
     job = _job(data, noise, method, pairs, scale, kind, covariance, robust, prior, seed)
     texts = [] if job.poses is None else check_poses(job.poses)

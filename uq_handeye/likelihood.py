@@ -185,7 +185,7 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
     >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
     >>> poses = uq.simulate(n_poses=20, noise=noise, seed=1)
     >>> np.round(np.sqrt(np.diag(uq.bound(poses, noise))) * 1e3, 2)  # mrad, mm
-    array([0.38, 0.36, 0.42, 0.41, 0.4 , 0.42])
+    array([0.44, 0.39, 0.57, 0.5 , 0.46, 0.58])
     """
     constraint = constraint_of(data, noise)
     poses = data if isinstance(data, PosePairs) else data.poses

@@ -34,10 +34,10 @@ def noise_lines(result: Calibration) -> list[str]:
         start = f"Fit: chi-square {fit.chi2:.1f} with {fit.dof:.0f} degrees of freedom, sigma_0 = {fit.sigma0:.2f}"
         parts = f"rotation {fit.rotation_sigma0:.2f}, translation {fit.translation_sigma0:.2f}"
         if estimate is not None:
-            lines.append(f"{start} ({parts}); close to 1 by construction, as the noise comes from these residuals.")
+            lines += _wrapped(f"{start} ({parts}); close to 1 by construction, as the noise comes from them.", first="")
         else:
             verdict = "the noise given explains the residuals" if fit.p_value > 0.01 else _misfit(fit.sigma0)
-            lines.append(f"{start} ({parts}), p = {fit.p_value:.2g}: {verdict}.")
+            lines += _wrapped(f"{start} ({parts}), p = {fit.p_value:.2g}: {verdict}.", first="")
     return lines
 
 
