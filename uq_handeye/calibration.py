@@ -8,7 +8,7 @@ errors weighted down (`robust`). What looks wrong is said (`plausibility`, `pair
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -254,21 +254,22 @@ def _by_likelihood(job: _Job) -> tuple[Calibration, list[str]]:
     robust: RobustFit | None = None
     estimate: NoiseEstimate | None = None
     if job.robust and len(data) >= FEWEST_FOR_ROBUST and (noise is not None or median(angle) > EXACT):
-        robust = robust_fit(data, noise, method=job.method, estimate=_estimator(job.prior), seed=job.seed)
-        noise = robust.noise
-    if job.noise is None:
-        at, weights = (start.X, None) if robust is None else (robust.fit.X, robust.weights)
-        estimate = estimate_noise(data, job.prior, start=at, weights=weights)
+        estimates: list[NoiseEstimate] = []
+
+        def by_residuals(data: PosePairs | Motions, X: Array, weights: Array) -> Noise | None:
+            estimates.append(estimate_noise(data, job.prior, start=X, weights=weights))
+            return estimates[-1].noise
+
+        robust = robust_fit(data, noise, method=job.method, estimate=by_residuals, seed=job.seed)
+        noise, estimate = robust.noise, (estimates[-1] if estimates else None)
+    elif noise is None:
+        estimate = estimate_noise(data, job.prior, start=start.X)
         noise = estimate.noise
     if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
         assert estimate is not None
         return _unweighted(job, start, estimate)
     fit = LIKELIHOOD[job.method](data, noise, start.X) if robust is None else robust.fit
     return _assembled(job, noise, fit, start, estimate, robust)
-
-
-def _estimator(prior: NoisePrior | None) -> Callable[[PosePairs | Motions, Array, Array], Noise | None]:
-    return lambda data, X, weights: estimate_noise(data, prior, start=X, weights=weights).noise
 
 
 def _assembled(

@@ -55,6 +55,7 @@ from .noise_components import (
     paired_rows,
 )
 from .poses import PosePairs
+from .report.noise_words import noise_statement, together
 from .se3 import Array, as_transforms
 from .units import parse_angle, parse_length
 
@@ -304,7 +305,7 @@ def model_of(prior: NoisePrior, sides: tuple[str, str]) -> tuple[Model, tuple[st
             if part and np.isnan(values[:, 1]).all():
                 if k == 1:
                     continue
-                name = _together(what, sides)
+                name = together(what, sides)
             names.append(name)
             columns.append(np.eye(3)[row])
             means.append(np.log(value) if known else 0.0)
@@ -346,10 +347,6 @@ def _first_guess(rows: Rows, model: Model) -> Array:
     return np.asarray(np.where(model.known, np.exp(2.0 * model.log_mean), size @ model.mixing))
 
 
-def _together(what: str, sides: tuple[str, str]) -> str:
-    return f"{what}, {sides[0]} and {sides[1]} together"
-
-
 def _sides_of(noise: Noise) -> tuple[str, str]:
     return ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
 
@@ -357,7 +354,7 @@ def _sides_of(noise: Noise) -> tuple[str, str]:
 def _exact(sides: tuple[str, str], exact: NDArray[np.bool_], dof: float) -> NoiseEstimate:
     parts = [what for what, is_exact in zip(("rotation", "translation"), exact, strict=True) if is_exact]
     components = tuple(
-        Component(_together(what, sides), unit, 0.0, 0.0, None, "exact" if what in parts else "not estimated")
+        Component(together(what, sides), unit, 0.0, 0.0, None, "exact" if what in parts else "not estimated")
         for what, unit in (("rotation", "rad"), ("translation", "m"))
     )
     statement = (
@@ -395,7 +392,7 @@ def _report(
         ("rotation", variances[0] + variances[1], full[:2, :2].sum(), rotations),
         ("translation", variances[2], full[2, 2], translations),
     ):
-        name = _together(what, sides)
+        name = together(what, sides)
         if name in parts:
             continue
         ends = chi_square_interval(total, variance)
@@ -414,7 +411,7 @@ def _report(
     if not rotation_told:
         for name in rotations:
             parts[name] = replace(parts[name], status="not told apart")
-    whole = parts[_together("translation", sides)]
+    whole = parts[together("translation", sides)]
     for name in translations:
         if name not in parts:
             parts[name] = Component(name, "m", float(np.sqrt(0.5)) * whole.value, 0.0, whole.high, "not told apart")
@@ -422,9 +419,9 @@ def _report(
     kind = PoseNoise if sides[0] == "robot" else PairNoise
     noise: Noise = kind.isotropic(**deviations)
     order = [name for what in ("rotation", "translation")
-             for name in (_together(what, sides), *(f"{side} {what}" for side in sides))]  # fmt: skip
+             for name in (together(what, sides), *(f"{side} {what}" for side in sides))]  # fmt: skip
     components = tuple(parts[name] for name in order)
-    return NoiseEstimate(noise, components, _statement(parts, sides, rotation_told, dof), variances, full, dof)
+    return NoiseEstimate(noise, components, noise_statement(parts, sides, rotation_told, dof), variances, full, dof)
 
 
 def _component(name: str, variances: Sequence[float | Array], status: str) -> Component:
@@ -432,62 +429,4 @@ def _component(name: str, variances: Sequence[float | Array], status: str) -> Co
     value, low, high = (float(np.sqrt(x)) for x in variances)
     return Component(
         name, "rad" if "rotation" in name else "m", value, low, high if np.isfinite(high) else None, status
-    )
-
-
-def _statement(parts: dict[str, Component], sides: tuple[str, str], rotation_told: bool, dof: float) -> tuple[str, ...]:
-    """What the data can and cannot tell, in sentences."""
-    said = [f"The residuals have {dof:g} degrees of freedom."]
-    told = [_in_words(parts[_together(what, sides)]) for what in ("rotation", "translation")]
-    said.append(f"Told by the data: {told[0]}; {told[1]}.")
-    rotations = [parts[f"{side} rotation"] for side in sides]
-    if not rotation_told:
-        said.append(
-            f"Rotation of {sides[0]} and of {sides[1]} cannot be told apart: either may be 0, "
-            f"{rotations[0].name} is at most {_amount(rotations[0].high, 'rad')} and {rotations[1].name} at most "
-            f"{_amount(rotations[1].high, 'rad')}. The noise holds the most likely split."
-        )
-    elif not all(part.status in ("fixed", "prior") for part in rotations):
-        said.append(
-            f"Rotation of {sides[0]} and {sides[1]} is told apart by the lever arm of {sides[0]}: "
-            f"{_in_words(rotations[0])}; {_in_words(rotations[1])}."
-        )
-        for part in rotations:
-            if part.low == 0 and part.status != "fixed":
-                said.append(
-                    f"{part.name.capitalize()} cannot be told from 0; its upper limit is "
-                    f"{_amount(part.high, 'rad')}, and the interval is wider than 95 % where the true value is 0."
-                )
-    else:
-        said.append(
-            f"Rotation of {sides[0]} and {sides[1]} follows the data sheet: {'; '.join(map(_in_words, rotations))}."
-        )
-    translations = [parts[f"{side} translation"] for side in sides]
-    if translations[0].status == "not told apart":
-        said.append(
-            f"Translation of {sides[0]} and of {sides[1]} cannot be told apart by any data of this kind: both enter "
-            "alike, only their sum shows. The noise holds half of the variance on each side. This has no effect on X."
-        )
-    else:
-        said.append(
-            f"The translation noise is split by the data sheet: {'; '.join(map(_in_words, translations))}. The data "
-            "tell only the sum."
-        )
-    return tuple(said)
-
-
-def _amount(value: float | None, unit: str) -> str:
-    if value is None or not np.isfinite(value):
-        return "not limited"
-    return f"{np.rad2deg(value):.2g} deg" if unit == "rad" else f"{value * 1e3:.2g} mm"
-
-
-def _in_words(part: Component) -> str:
-    if part.status == "fixed":
-        return f"{part.name} {_amount(part.value, part.unit)} (fixed)"
-    if part.high is None:
-        return part.name
-    return (
-        f"{part.name} {_amount(part.value, part.unit)} (95 %: {_amount(part.low, part.unit)} to "
-        f"{_amount(part.high, part.unit)})"
     )

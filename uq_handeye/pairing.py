@@ -28,11 +28,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from .consensus import consensus, misfit
 from .constraint import OnPoses, Unknowns
 from .errors import DegenerateMotionError, InputError
 from .poses import PosePairs
 from .residuals import rotation_angles
-from .robust import consensus, misfit
 from .se3 import Array
 
 # Largest shift, in rows, and as a share of the rows.

@@ -1,0 +1,75 @@
+"""What a data set can and cannot tell about its noise, in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..noise_estimation import Component
+
+
+def noise_statement(
+    parts: dict[str, Component], sides: tuple[str, str], rotation_told: bool, dof: float
+) -> tuple[str, ...]:
+    """What the data can and cannot tell, in sentences."""
+    said = [f"The residuals have {dof:g} degrees of freedom."]
+    told = [_in_words(parts[together(what, sides)]) for what in ("rotation", "translation")]
+    said.append(f"Told by the data: {told[0]}; {told[1]}.")
+    rotations = [parts[f"{side} rotation"] for side in sides]
+    if not rotation_told:
+        said.append(
+            f"Rotation of {sides[0]} and of {sides[1]} cannot be told apart: either may be 0, "
+            f"{rotations[0].name} is at most {_amount(rotations[0].high, 'rad')} and {rotations[1].name} at most "
+            f"{_amount(rotations[1].high, 'rad')}. The noise holds the most likely split."
+        )
+    elif not all(part.status in ("fixed", "prior") for part in rotations):
+        said.append(
+            f"Rotation of {sides[0]} and {sides[1]} is told apart by the lever arm of {sides[0]}: "
+            f"{_in_words(rotations[0])}; {_in_words(rotations[1])}."
+        )
+        for part in rotations:
+            if part.low == 0 and part.status != "fixed":
+                said.append(
+                    f"{part.name.capitalize()} cannot be told from 0; its upper limit is "
+                    f"{_amount(part.high, 'rad')}, and the interval is wider than 95 % where the true value is 0."
+                )
+    else:
+        said.append(
+            f"Rotation of {sides[0]} and {sides[1]} follows the data sheet: {'; '.join(map(_in_words, rotations))}."
+        )
+    translations = [parts[f"{side} translation"] for side in sides]
+    if translations[0].status == "not told apart":
+        said.append(
+            f"Translation of {sides[0]} and of {sides[1]} cannot be told apart by any data of this kind: both enter "
+            "alike, only their sum shows. The noise holds half of the variance on each side. This has no effect on X."
+        )
+    else:
+        said.append(
+            f"The translation noise is split by the data sheet: {'; '.join(map(_in_words, translations))}. The data "
+            "tell only the sum."
+        )
+    return tuple(said)
+
+
+def _amount(value: float | None, unit: str) -> str:
+    if value is None or not np.isfinite(value):
+        return "not limited"
+    return f"{np.rad2deg(value):.2g} deg" if unit == "rad" else f"{value * 1e3:.2g} mm"
+
+
+def _in_words(part: Component) -> str:
+    if part.status == "fixed":
+        return f"{part.name} {_amount(part.value, part.unit)} (fixed)"
+    if part.high is None:
+        return part.name
+    return (
+        f"{part.name} {_amount(part.value, part.unit)} (95 %: {_amount(part.low, part.unit)} to "
+        f"{_amount(part.high, part.unit)})"
+    )
+
+
+def together(what: str, sides: tuple[str, str]) -> str:
+    """The name of a sum."""
+    return f"{what}, {sides[0]} and {sides[1]} together"
