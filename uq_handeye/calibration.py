@@ -308,7 +308,8 @@ def _assembled(
         rest, rest_noise = (poses, noise) if whole else (poses.rows(kept), noise.rows(kept))
         # noise that was estimated explains any residuals
         texts += check_fit(rest, fit.X, None if estimate else rest_noise, None if estimate else fit.covariance_X)
-    return result, texts + analysis.diagnostics.warnings()
+    texts += analysis.diagnostics.warnings()
+    return result, texts if estimate is None else texts + analysis.diagnostics.shared_errors()
 
 
 def _wrong(job: _Job, noise: Noise, table: PoseTable) -> list[str]:

@@ -96,6 +96,12 @@ class Diagnostics:
         """Those of the sentences that a user should act upon."""
         return [text for warn, text in self._findings() if warn]
 
+    def shared_errors(self) -> list[str]:
+        """What noise that was estimated from the poses of one camera cannot contain, in words."""
+        from .report.diagnosis_words import shared_errors
+
+        return shared_errors(self)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text; None stands for an infinite number."""
         return {name: _plain(value) for name, value in asdict(self).items()}

@@ -214,7 +214,8 @@ def restricted(rows: Rows, variances: Array) -> Restricted:
     factors[..., 0, -2:] = np.concatenate([by_a, by_b], axis=-1)
     factors[..., 1:4, -2:], factors[..., 4:, -2:] = along[..., _SAME, :], along * m_along[..., None]
     # one product with the table, also for several variances on the same data
-    flat = factors.reshape(*rows.table.shape[:-2], -1, factors.shape[-1]) @ rows.table
+    # (einsum, as BLAS would start threads for it, whose waiting takes 50 times as long on a busy machine)
+    flat = np.einsum("...ij,...jk->...ik", factors.reshape(*rows.table.shape[:-2], -1, factors.shape[-1]), rows.table)
     sums = _unpacked(flat.reshape(*factors.shape[:-1], -1))
     F, N, L = sums[..., 0, :, :], sums[..., 1:4, :, :], sums[..., 4:, :, :]
     scale = 1.0 / np.sqrt(np.einsum("...ii->...i", F[..., :-1, :-1]))

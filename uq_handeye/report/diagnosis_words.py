@@ -32,6 +32,20 @@ def findings(d: Diagnostics) -> list[tuple[bool, str]]:
     return found + residual_words(d) + systematic_words(d)
 
 
+def shared_errors(d: Diagnostics) -> list[str]:
+    """What noise that was estimated from one camera's poses cannot contain; nothing where it would hardly matter."""
+    focal = d.probes[0]
+    if not d.independent_camera or focal.reason or focal.shift_sd < 1:
+        return []
+    move = np.linalg.norm(focal.shift[3:]) * _MM
+    return [
+        "The standard deviations are a lower limit. Noise that is estimated from the poses does not contain what all of "
+        f"them share: the error of the camera's intrinsics, of the robot's kinematics. 0.1 % of focal length would move X "
+        f"by {move:.2g} mm, {focal.shift_sd:.2g} of its standard deviations. The joint covariance of the camera poses "
+        "would cover it."
+    ]
+
+
 def along(axis: Array, frame: str) -> str:
     k = int(np.abs(axis).argmax())
     if abs(axis[k]) > _NEAR:
