@@ -39,10 +39,10 @@ def shared_errors(d: Diagnostics) -> list[str]:
         return []
     move = np.linalg.norm(focal.shift[3:]) * _MM
     return [
-        "The standard deviations are a lower limit. Noise that is estimated from the poses does not contain what all of "
-        f"them share: the error of the camera's intrinsics, of the robot's kinematics. 0.1 % of focal length would move X "
-        f"by {move:.2g} mm, {focal.shift_sd:.2g} of its standard deviations. The joint covariance of the camera poses "
-        "would cover it."
+        "The standard deviations are a lower limit. Noise that is estimated from the poses does not contain what all "
+        "of them share: the error of the camera's intrinsics, of the robot's kinematics. 0.1 % of focal length would "
+        f"move X by {move:.2g} mm, {focal.shift_sd:.2g} of its standard deviations. The joint covariance of the camera "
+        "poses would cover it."
     ]
 
 
