@@ -1,0 +1,35 @@
+"""The guide through a real cell works word for word."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+GUIDE = Path(__file__).resolve().parents[1] / "docs" / "real_cell.md"
+
+
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+def test_the_guide_runs(tmp_path, monkeypatch, capsys):
+    blocks = re.findall(r"```(text|python)\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    assert [kind for kind, _ in blocks] == ["text", "python", "python", "python"]
+    monkeypatch.chdir(tmp_path)
+    for line in blocks[0][1].splitlines():
+        program = "from uq_handeye.cli import main; main()"
+        done = subprocess.run([sys.executable, "-c", program, *line.split()[1:]], text=True, capture_output=True)
+        assert done.returncode == 0, done.stderr
+    assert sorted(file.name for file in (tmp_path / "result").iterdir()) == [
+        "ellipses.png",
+        "ellipses.svg",
+        "poses.csv",
+        "result.json",
+    ]
+    names: dict = {}
+    for _, code in blocks[1:]:
+        exec(code, names)
+    printed = capsys.readouterr().out
+    assert "gripper_T_camera by efficient from 30 poses" in printed
+    assert "robot translation + camera translation" in printed
+    assert "robot translation + camera translation" not in names["result"].budget.sources  # the prior splits them
+    assert names["found"].frame == "gripper" and names["found"].std.shape == (2, 3)
