@@ -78,10 +78,10 @@ def test_small_rotations_are_left_to_the_pairs(rng):
         assert AllPairs(poses).precise == precise
         if not precise:
             with pytest.warns(uq.InputWarning, match="degrees at most"):
-                result = uq.calibrate(poses)
+                result = uq.calibrate(poses, method="4dpa")
             np.testing.assert_allclose(result.X, X, atol=1e-8)
         else:
-            np.testing.assert_allclose(uq.calibrate(poses).X, X, atol=1e-11)
+            np.testing.assert_allclose(uq.calibrate(poses, method="4dpa").X, X, atol=1e-11)
 
 
 def test_degenerate_poses(rng):
@@ -108,7 +108,7 @@ def test_spread_pairs(n):
 
 def test_many_poses_are_diagnosed_on_some_pairs():
     noise = uq.PoseNoise.isotropic(camera=("0.1deg", "0.5mm"))
-    result = uq.calibrate(uq.simulate(1000, noise=noise, seed=1), noise=noise)
+    result = uq.calibrate(uq.simulate(1000, noise=noise, seed=1), noise=noise, method="4dpa")
     assert result.n_pairs == 499_500
     assert result.residuals.pairs < 250_000
     assert f"over {result.residuals.pairs} of the 499500 pairs" in result.summary()

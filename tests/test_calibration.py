@@ -34,7 +34,9 @@ def test_motions_without_poses():
     noise = uq.PairNoise.isotropic(B=("1mrad", "1mm"))
     result = uq.calibrate(uq.Motions(motions.A, motions.B), noise=noise)
     assert (result.n_poses, result.n_pairs, result.frame) == (None, 19, "X")
-    assert result.kind == "pairs"
+    assert (result.kind, result.method) == ("pairs", "efficient")
+    published = uq.calibrate(uq.Motions(motions.A, motions.B), noise=noise, method="4dpa")
+    assert (published.n_poses, published.n_pairs, published.frame, published.kind) == (None, 19, "X", "pairs")
 
 
 def test_exact_data_say_nothing_about_the_noise():
@@ -65,10 +67,10 @@ def test_derived_quantities(result):
     np.testing.assert_allclose(result.covariance_inverse, J @ result.covariance @ J.T, rtol=1e-7, atol=1e-14)
 
 
-@pytest.mark.parametrize("scale", [None, 1e3, 1e5])
-def test_octonion(scale):
+@pytest.mark.parametrize(("scale", "method"), [(None, "4dpa"), (None, "efficient"), (1e3, "4dpa"), (1e5, "4dpa")])
+def test_octonion(scale, method):
     poses = uq.simulate(20, noise=NOISE, seed=1)
-    result = uq.calibrate(poses, noise=NOISE, scale=scale)
+    result = uq.calibrate(poses, noise=NOISE, scale=scale, method=method)
     d = result.sigma_scale
     assert d == (scale or 1e4)
     assert np.linalg.norm(result.sigma) == pytest.approx(1)
@@ -99,6 +101,7 @@ def test_octonion_is_that_of_the_paper_route():
     same_on_the_octonions(covariance, jacobian(lambda xi: uq.procrustes.octonion(moved(result.X, xi), 1e4), 6), result)
 
 
+@pytest.mark.filterwarnings("ignore:The standard deviations are a lower limit")
 @pytest.mark.parametrize("noise", [None, NOISE, uq.PoseNoise(camera=np.eye(120) * 1e-6)])
 @pytest.mark.parametrize("scale", [None, 1e4])
 def test_json_round_trip_without_loss(noise, scale, tmp_path):

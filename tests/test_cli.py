@@ -43,9 +43,13 @@ def test_simulate_writes_what_simulate_makes(session):
 def test_calibrate_prints_and_writes(session, tmp_path):
     done = run("calibrate", session / "robot.csv", session / "camera.csv", *NOISE, "-o", tmp_path / "out")
     assert (done.returncode, done.stderr) == (0, "")
-    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["ellipses.png", "ellipses.svg", "result.json"]
+    names = sorted(file.name for file in (tmp_path / "out").iterdir())
+    assert names == ["ellipses.png", "ellipses.svg", "poses.csv", "result.json"]
     result = uq.Calibration.from_json(tmp_path / "out" / "result.json")
     assert done.stdout == result.summary()
+    lines = (tmp_path / "out" / "poses.csv").read_text().splitlines()
+    assert lines[0] == "pose,rotation_deg,translation_mm,distance2,leverage,weight,flag"
+    np.testing.assert_allclose([float(line.split(",")[3]) for line in lines[1:]], result.table.distance2)
     assert (tmp_path / "out" / "ellipses.png").read_bytes()[:4] == b"\x89PNG"
     assert "</svg>" in (tmp_path / "out" / "ellipses.svg").read_text()
 
@@ -55,9 +59,60 @@ def test_json(session):
     data = json.loads(done.stdout)
     assert np.shape(data["X"]) == (4, 4)
     assert np.shape(data["covariance"]) == (6, 6)
-    assert data["method"] == "4dpa"
+    assert data["method"] == "efficient"
     assert data["n_pairs"] == 11
     assert "rotation first" in data["convention"]
+    assert (
+        json.loads(run("calibrate", *files_of(session), *NOISE, "--json", "--method", "4dpa").stdout)["X"] != data["X"]
+    )
+
+
+def files_of(folder):
+    return folder / "robot.csv", folder / "camera.csv"
+
+
+def test_without_noise_it_is_estimated(session):
+    """The numbers are those of the function, published methods and their kinds included."""
+    files = files_of(session)
+    poses = uq.read_poses(*files)
+    prior = uq.NoisePrior(robot=(None, "0.05mm"), camera=("0.1deg", None), factor=1.5)
+    for options, arguments in (
+        ((), {}),
+        (("--kind", "pairs"), {"kind": "pairs"}),
+        (("--method", "ml", "--no-robust"), {"method": "ml", "robust": False}),
+        (
+            ("--robot-prior", "?,0.05mm", "--camera-prior", "0.1deg,?", "--prior-factor", "1.5"),
+            {"prior": prior},
+        ),
+        (("--covariance", "bootstrap", "--seed", "5"), {"covariance": "bootstrap", "seed": 5}),
+    ):
+        done = run("calibrate", *files, *options, "--json")
+        assert done.returncode == 0, done.stderr
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", uq.InputWarning)
+            assert done.stdout == uq.calibrate(poses, **arguments).to_json()
+        assert json.loads(done.stdout)["noise_estimate"] is not None
+    text = run("calibrate", *files).stdout
+    assert "Noise, estimated from the residuals" in text and "by efficient from 12 poses" in text
+    one_line = ("quaternion ", "Warning: ")
+    assert max(len(line) for line in text.splitlines() if not line.startswith(one_line)) <= 120
+
+
+def test_robust_flag(session, tmp_path):
+    lines = (session / "camera.csv").read_text().splitlines()
+    fields = lines[5].split(",")
+    fields[1] = repr(float(fields[1]) + 0.1)
+    lines[5] = ",".join(fields)
+    (tmp_path / "camera.csv").write_text("\n".join(lines) + "\n")
+    files = session / "robot.csv", tmp_path / "camera.csv"
+    for options in ((), (*NOISE, "--robust")):
+        done = run("calibrate", *files, *options, "-o", tmp_path / "out")
+        assert done.returncode == 0
+        assert "uq-handeye: warning: 1 of 12 poses do not fit the others and took no part" in done.stderr
+        assert "pose 4 (" in done.stderr and "Warning: 1 of 12 poses" in done.stdout
+        assert (tmp_path / "out" / "poses.csv").read_text().splitlines()[5].endswith(",0.0,rejected")
+    plain = run("calibrate", *files, *NOISE)
+    assert "pose 4 (" in plain.stderr and "the estimate has them in" in plain.stderr
 
 
 def test_noise_file_equals_flags(session, tmp_path):
@@ -75,8 +130,10 @@ def test_noise_file_equals_flags(session, tmp_path):
 def test_scale_and_units(session, tmp_path):
     files = session / "robot.csv", session / "camera.csv"
     limit, scaled = (
-        json.loads(run("calibrate", *files, *NOISE, "--json", *extra).stdout) for extra in ((), ("--scale", "1e4"))
+        json.loads(run("calibrate", *files, *NOISE, "--json", *extra).stdout)
+        for extra in (("--method", "4dpa"), ("--scale", "1e4"))
     )
+    assert (limit["method"], scaled["method"]) == ("4dpa", "4dpa")
     np.testing.assert_allclose(scaled["X"], limit["X"], atol=1e-7)
     assert scaled["scale"] == 1e4
     for file in files:
@@ -88,8 +145,11 @@ def test_scale_and_units(session, tmp_path):
         (tmp_path / file.name).write_text("\n".join(rows))
     millimetres = tmp_path / "robot.csv", tmp_path / "camera.csv"
     assert "look like millimetres" in run("calibrate", *millimetres, *NOISE).stderr
-    data = json.loads(run("calibrate", *millimetres, *NOISE, "--units", "mm", "--json").stdout)
-    np.testing.assert_allclose(data["X"], limit["X"], atol=1e-12)
+    for method in ("4dpa", "efficient"):
+        options = (*NOISE, "--json", "--method", method)
+        data = json.loads(run("calibrate", *millimetres, "--units", "mm", *options).stdout)
+        in_metres = limit if method == "4dpa" else json.loads(run("calibrate", *files, *options).stdout)
+        np.testing.assert_allclose(data["X"], in_metres["X"], atol=1e-12)
 
 
 def broken(session, tmp_path, edit):
@@ -142,11 +202,19 @@ def test_bad_files(session, tmp_path, name):
         (["robot.csv", "camera.csv", "--method", "magic"], ["magic"]),
         (["robot.csv", "camera.csv", "--scale", "-1"], ["scale"]),
         (["robot.csv", "camera.csv", "--scale", "x"], ["scale"]),
-        (["robot.csv", "camera.csv", "--kind", "pairs"], ["noise"]),
+        (["robot.csv", "camera.csv", "--kind", "some"], ["kind", "some"]),
+        (["robot.csv", "camera.csv", "--kind", "literal"], ["literal", "'poses' or 'pairs'"]),
+        (["robot.csv", "camera.csv", "--kind", "pairs", "--method", "ml"], ["kind='pairs'", "published methods"]),
+        (["robot.csv", "camera.csv", "--scale", "1e4", "--method", "ml"], ["scale", "4dpa"]),
+        (["robot.csv", "camera.csv", "--robust", "--method", "park"], ["robust", "efficient or ml"]),
+        (["robot.csv", "camera.csv", "--covariance", "magic"], ["covariance", "sandwich", "magic"]),
+        (["robot.csv", "camera.csv", "--robot-prior", "1mm"], ["--robot-prior", "?,0.05mm"]),
+        (["robot.csv", "camera.csv", "--robot-prior", "?,0.05mm", "--prior-factor", "0.5"], ["factor", "0.5"]),
+        (["robot.csv", "camera.csv", "--robot-prior", "?,1mm", "--camera-noise", "1deg,1mm"], ["prior", "not both"]),
         (["robot.csv", "camera.csv", "--units", "mile"], ["mile"]),
         (["robot.csv", "camera.csv", "--frobnicate"], ["--frobnicate"]),
         (["robot.csv", "camera.csv", "--noise", "no.toml"], ["no.toml"]),
-        (["robot.csv", "camera.csv", "-o", "robot.csv"], ["robot.csv"]),
+        (["robot.csv", "camera.csv", *NOISE, "-o", "robot.csv"], ["robot.csv"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
@@ -156,6 +224,15 @@ def test_bad_usage(session, arguments, parts):
     assert done.stderr.count("\n") == 1
     for part in parts:
         assert part in done.stderr
+
+
+def test_a_folder_that_is_none_is_refused_after_the_warnings(session):
+    """Nothing is printed as a result; what looks wrong stands before the one line that says why."""
+    done = run("calibrate", "robot.csv", "camera.csv", "-o", "robot.csv", cwd=session)
+    *warned, error = done.stderr.splitlines()
+    assert (done.returncode, done.stdout) == (2, "")
+    assert all(line.startswith("uq-handeye: warning: The standard deviations are a lower limit") for line in warned)
+    assert error == "uq-handeye: error: Cannot write into robot.csv: expected a folder, got a file."
 
 
 def test_two_poses(session, tmp_path):
@@ -195,7 +272,11 @@ def test_compare_prints_json_or_csv(session):
     data = json.loads(run("compare", *files, *some, "--json").stdout)
     assert ([row["method"] for row in data["methods"]], data["n_pairs"]) == (["chou", "park", "tsai"], 11)
     assert data["reference"] == "chou"
-    assert [row["agrees"] for row in data["methods"]] == [None] * 3
+    assert data["noise_estimated"] is True
+    assert [row["agrees"] for row in data["methods"]] == [
+        row["d2"] <= data["agrees_up_to_d2"] for row in data["methods"]
+    ]
+    assert "noise estimated from them" in run("compare", *files, *some).stdout
     rows = run("compare", *files, *some, "--csv").stdout.splitlines()
     assert [row.split(",")[0] for row in rows] == ["method", "chou", "park", "tsai"]
     for arguments, part in (
@@ -275,11 +356,17 @@ def test_full_disk_behind_stdout():
     assert done.stderr == "uq-handeye: error: Cannot write the output: No space left on device.\n"
 
 
-def test_old_ellipses_do_not_stay_beside_a_new_result(session, tmp_path):
-    files = session / "robot.csv", session / "camera.csv"
-    assert run("calibrate", *files, *NOISE, "-o", tmp_path).returncode == 0
-    assert run("calibrate", *files, "-o", tmp_path).returncode == 0
-    assert [file.name for file in tmp_path.iterdir()] == ["result.json"]
+def test_old_files_do_not_stay_beside_a_new_result(session, tmp_path):
+    def written(folder, *options):
+        assert run("calibrate", *files_of(folder), *options, "-o", tmp_path / "out").returncode == 0
+        return sorted(file.name for file in (tmp_path / "out").iterdir())
+
+    assert run("simulate", "-o", tmp_path / "exact", "--poses", 12, "--seed", 3).returncode == 0
+    ellipses = ["ellipses.png", "ellipses.svg"]
+    assert written(session) == [*ellipses, "poses.csv", "result.json"]
+    assert written(session, "--method", "park") == [*ellipses, "result.json"]
+    assert written(session, *NOISE) == [*ellipses, "poses.csv", "result.json"]
+    assert written(tmp_path / "exact") == ["result.json"]  # exact data: no covariance, no table
 
 
 def test_overflow_and_seed(session):
@@ -311,7 +398,7 @@ def test_readme_shows_the_demo():
 
 def test_readme_compare_runs_word_for_word(tmp_path):
     block = re.search(
-        r"```text\n(uq-handeye simulate.*?compare.*?)```", (REPOSITORY / "README.md").read_text(), re.DOTALL
+        r"```text\n(uq-handeye simulate[^`]*?compare[^`]*?)```", (REPOSITORY / "README.md").read_text(), re.DOTALL
     )
     for line in block[1].splitlines():
         done = run(*line.split()[1:], cwd=tmp_path)

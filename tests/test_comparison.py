@@ -82,7 +82,7 @@ def test_all_methods_have_a_row_as_calibrate_gives_it(poses, everything):
         assert row.iterations == result.iterations
         assert row.converged is True
         assert row.seconds > 0
-    direct = uq.calibrate(poses, noise=NOISE)  # all pairs in O(n): the same numbers by another way
+    direct = uq.calibrate(poses, noise=NOISE, method="4dpa")  # all pairs in O(n): the same numbers by another way
     np.testing.assert_allclose(everything["4dpa"].X, direct.X, atol=1e-12)
     eigenvalues = whitened_eigenvalues(everything["4dpa"].covariance, direct.covariance)
     np.testing.assert_allclose(eigenvalues, 1, rtol=1e-6)
@@ -176,7 +176,9 @@ def test_a_covariance_that_is_refused_leaves_x(poses, monkeypatch):
         result = compare(poses, noise=NOISE, methods=FEW)
     row = result["park"]
     assert (row.failure, row.covariance, row.agrees, row.converged) == (None, None, None, True)
-    np.testing.assert_allclose(row.X, uq.calibrate(poses, method="park").X, atol=1e-12)
+    alone = uq.calibrate(poses, method="park")
+    np.testing.assert_allclose(row.X, alone.X, atol=1e-12)
+    assert (row.residuals, row.iterations) == (alone.residuals, alone.iterations)
     assert result.verdict == "2 of 2 methods agree with 4dpa at 95 %; 1 without covariance: park."
 
 
@@ -212,7 +214,7 @@ def test_numbers_that_are_not_finite_are_a_failure(poses, monkeypatch, name):
 
 
 def test_reference_that_fails(poses, monkeypatch):
-    replaced(monkeypatch, "4dpa", raises(InputError("No.")))
+    replaced(monkeypatch, "4dpa", raises(DegenerateMotionError("No.", np.eye(6))))
     result = compare(poses, noise=NOISE, methods=FEW)
     assert (result.reference, result.asked_reference) == ("tsai", "4dpa")
     assert "4dpa gave no result: the reference is tsai" in result.to_text()
@@ -266,11 +268,42 @@ def test_refuses_what_no_method_could_use(poses, arguments, match):
 
 def test_without_noise(poses):
     result = compare(poses, methods=FEW)
+    assert result.noise_estimated and not compare(poses, noise=NOISE, methods=FEW).noise_estimated
+    estimated = uq.estimate_noise(poses).noise
+    np.testing.assert_array_equal(result.noise.robot, estimated.robot)
+    np.testing.assert_array_equal(result.noise.camera, estimated.camera)
+    given = compare(poses, noise=estimated, methods=FEW)
+    for row, other in zip(result.rows, given.rows, strict=True):
+        np.testing.assert_array_equal(row.X, other.X)
+        np.testing.assert_array_equal(row.covariance, other.covariance)
+        assert (row.d2, row.agrees) == (other.d2, other.agrees)
+    assert "noise estimated from them" in result.to_text() and "noise estimated from them" not in given.to_text()
+    assert json.loads(result.to_json())["noise_estimated"] is True
+
+
+def test_exact_data_show_no_noise():
+    result = compare(uq.simulate(12, seed=5), methods=FEW)
+    assert (result.noise, result.noise_estimated) == (None, False)
     row = result["park"]
     assert (row.covariance, row.std, row.d2, row.agrees) == (None, None, None, None)
-    assert row.difference_translation > 0
+    assert row.difference_translation >= 0
     assert "cannot be said without noise" in result.verdict
     assert "+-" not in result.to_text()
+
+
+def test_the_noise_is_estimated_once(poses, monkeypatch):
+    calls = []
+    monkeypatch.setattr(module, "estimate_noise", lambda data: calls.append(data) or uq.estimate_noise(data))
+    seen = []
+    original = module.calibrate
+    monkeypatch.setattr(
+        module,
+        "calibrate",
+        lambda data, *, noise, method: seen.append(noise) or original(data, noise=noise, method=method),
+    )
+    compare(poses, methods=FEW)
+    assert len(calls) == 1 and len(seen) == len(FEW)
+    assert all(noise is seen[0] for noise in seen)
 
 
 def test_motions_with_noise_of_pairs(rng):
@@ -297,7 +330,7 @@ def test_many_poses_share_spread_pairs(monkeypatch):
 
 
 def test_most_differ_points_to_the_central_method(poses, monkeypatch):
-    good = uq.calibrate(poses, noise=NOISE)
+    good = uq.calibrate(poses, noise=NOISE, method="4dpa")
     off = moved(good.X, np.array([0, 0, 0, 0.01, 0, 0]))
     replaced(monkeypatch, "4dpa", lambda: dataclasses.replace(good, X=off))
     result = compare(poses, noise=NOISE, methods=(*FEW, "horaud"))
@@ -374,13 +407,13 @@ def test_failures_are_worded_for_a_table(poses, monkeypatch):
     result = compare(poses, methods=FEW)
     assert result["gwak"].failure == "It did not converge within 1e2 iterations."
     assert result["park"].failure == "Parallel. They show neither this nor that."
-    replaced(monkeypatch, "tsai", raises(InputError("No.")))
+    replaced(monkeypatch, "tsai", solver=Failing(InputError("No.")))
     assert compare(poses, methods=["tsai"], reference="tsai").verdict == "tsai gave no result."
 
 
 def test_no_advice_of_a_minority(poses, monkeypatch):
     """Three methods that all disagree with each other: none of them is recommended."""
-    good = uq.calibrate(poses, noise=NOISE)
+    good = uq.calibrate(poses, noise=NOISE, method="4dpa")
     for k, name in enumerate(FEW):
         shifted = dataclasses.replace(good, X=moved(good.X, np.array([0, 0, 0, 0.01 * (k // 2), 0, 0])), method=name)
         replaced(monkeypatch, name, lambda shifted=shifted: shifted)

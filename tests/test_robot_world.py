@@ -92,15 +92,21 @@ def test_statistics_of_W(method, setup):
         assert not is_consistent(errors, 1.2**2 * covariance)
 
 
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_what_is_not_determined_is_not_given(rng):
     poses = uq.simulate(n_poses=8, noise=NOISE, seed=1)
-    assert uq.calibrate(poses).W is not None and uq.calibrate(poses).covariance_W is None
+    estimated = uq.calibrate(poses, method="4dpa")
+    again = uq.calibrate(poses, noise=estimated.noise, method="4dpa")
+    np.testing.assert_array_equal(estimated.covariance_W, again.covariance_W)
+    for exact in (uq.calibrate(uq.simulate(n_poses=8, seed=1), method=method) for method in (None, "4dpa", "shah")):
+        assert exact.W is not None and exact.covariance_W is exact.std_W is None
     assert uq.calibrate(poses, noise=NOISE, kind="pairs").covariance_W is None
     pair_noise = uq.PairNoise.isotropic(A=("1mrad", "1mm"), B=("1mrad", "1mm"))
-    assert uq.calibrate(poses, noise=pair_noise).covariance_W is None
     motions = uq.relative_motions(poses)
-    alone = uq.calibrate(uq.Motions(motions.A, motions.B), noise=pair_noise)
-    assert alone.W is None and alone.covariance_W is None and alone.frame_W == "W"
+    for method in ("4dpa", "efficient"):
+        assert uq.calibrate(poses, noise=pair_noise, method=method).covariance_W is None
+        alone = uq.calibrate(uq.Motions(motions.A, motions.B), noise=pair_noise, method=method)
+        assert alone.W is None and alone.covariance_W is None and alone.frame_W == "W"
 
 
 def test_methods_on_poses_say_what_they_need():
@@ -156,5 +162,5 @@ def test_what_is_no_set_of_poses_is_refused():
         solve(poses.robot)
     with pytest.raises(uq.InputError, match="at least 3 poses, got 2"):
         solve(uq.PosePairs(poses.robot[:2], poses.camera[:2]))
-    with pytest.raises(uq.InputError, match="`method` to be a name, got list"):
+    with pytest.raises(uq.InputError, match=r"`method` to be one of .*li, shah, got \['li'\]"):
         uq.calibrate(poses, method=["li"])

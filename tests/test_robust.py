@@ -228,7 +228,7 @@ def test_clean_data_lose_nothing(method):
         ratios.append(shift @ np.linalg.solve(plain.covariance_X, shift))
         if set(found.flags) == {"kept"}:
             np.testing.assert_allclose(found.fit.covariance_X, plain.covariance_X, rtol=0.1, atol=1e-9)
-            assert found.statement == "No wrong poses found among 20."
+            assert found.rejected.size == 0
     # 2 % of the variance of X is a standard deviation 1 % above the bound
     assert np.mean(ratios) < 0.02 * 6
 
@@ -260,7 +260,7 @@ def test_motions_without_poses(known):
     noise = uq.PairNoise(B=np.diag(sd**2))
     found = robust_fit(uq.Motions(A, B), noise if known else None, estimate=isotropic_from_residuals)
     assert found.rejected.tolist() == [3, 17, 30]
-    assert found.fit.W is None and "motions rejected" in found.statement
+    assert found.fit.W is None and len(found.flags) == 40
     error = difference(found.fit.X, truth)
     assert error @ np.linalg.solve(found.fit.covariance_X, error) < 40
 
@@ -275,9 +275,8 @@ def test_noise_that_is_too_small_rejects_nobody():
     found = robust_fit(data, tenth)
     assert set(wrong) <= set(found.rejected) and len(found.rejected) <= 5
     assert 7 < found.scale < 13
-    assert "noise given is too small" in found.statement
     honest = robust_fit(data, NOISE)
-    assert honest.scale == 1.0 and "too small" not in honest.statement
+    assert honest.scale == 1.0
     assert honest.limit == FULL
     large = robust_fit(data, uq.PoseNoise(NOISE.robot * 9, NOISE.camera * 9))
     assert large.scale == 1.0
@@ -287,9 +286,7 @@ def test_says_what_became_of_each_pose():
     rng = np.random.default_rng(SEED)
     data, wrong = spoiled(uq.simulate(30, noise=NOISE, seed=rng), "random", 2, rng)
     found = robust_fit(data, NOISE)
-    for k in wrong:
-        assert f"{k} (d^2" in found.statement
-    assert found.statement.startswith("2 of 30 poses rejected")
+    assert found.rejected.tolist() == wrong.tolist()
     for flag, weight, d2 in zip(found.flags, found.weights, found.distances, strict=True):
         assert (flag == "kept") == (weight == 1) == (d2 <= found.limit)
         assert (flag == "rejected") == (weight == 0)

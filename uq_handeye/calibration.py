@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from .all_pairs import AllPairs
 from .analysis import Analysis
+from .constraint import Unknowns
 from .errors import DegenerateMotionError, InputError, InputWarning, NotConvergedError, SingularNoiseError
 from .estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from .goodness_of_fit import effective_dof, goodness_of_fit
@@ -25,14 +26,14 @@ from .likelihood import Fit, efficient, maximum_likelihood
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise, PoseNoise, require_count
 from .noise_estimation import NoiseEstimate, NoisePrior, estimate_noise
-from .pairing import find_shift
+from .pairing import find_shift, shifted_run
 from .plausibility import check_fit, check_motions, check_poses, check_rotations, require_signal
 from .pose_table import PoseTable, pose_table
 from .poses import PosePairs
 from .published import Published, fit_published
 from .reference import Reference
 from .resampling import KINDS, Resampled, resampled
-from .residuals import Residuals, median, residuals, rotation_angles, summarise
+from .residuals import Residuals, residuals, rotation_angles, summarise
 from .result import Calibration, FourDPA
 from .robust import RobustFit, robust_fit
 from .se3 import Array
@@ -50,10 +51,13 @@ DIAGNOSED_PAIRS = 200_000
 NEAR_HALF_TURN_OF_X = 170.0
 
 # Poses (or motions) from which on wrong ones can be told from good ones.
-FEWEST_FOR_ROBUST = 7
+FEWEST_FOR_ROBUST = 5
 
-# Data whose median rotation residual (rad) is smaller come from a simulation without noise.
+# Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
 EXACT = 1e-10
+
+# Probability below which residuals contradict a data sheet.
+RARE = 1e-4
 
 # RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
 SUSPICIOUS = np.radians(1.0)
@@ -176,7 +180,7 @@ def calibrate(
         try:
             result, more = (_by_likelihood if job.method in LIKELIHOOD else _by_published)(job)
         except SingularNoiseError:
-            if method is not None:
+            if method is not None or robust:
                 raise
             result, more = _by_published(replace(job, method="4dpa"))
     except (InputError, NotConvergedError):
@@ -241,19 +245,21 @@ def _job(
             raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
     require_noise_fits(noise, motions)
     if robust is None:
-        robust = noise is None
-    return _Job(motions, everything, noise, method, scale, kind, covariance, robust and bound, prior, seed)
+        count = motions.N if motions.poses is None else motions.poses.n
+        robust = bound and noise is None and count >= FEWEST_FOR_ROBUST
+    return _Job(motions, everything, noise, method, scale, kind, covariance, robust, prior, seed)
 
 
 def _by_likelihood(job: _Job) -> tuple[Calibration, list[str]]:
     """`efficient` or `ml`, with 4DPA beside it."""
     start = fit_published(job.motions, job.noise, "4dpa", None, job.everything)
-    angle, _ = residuals(job.motions.A, job.motions.B, start.X)
+    angle, distance = residuals(job.motions.A, job.motions.B, start.X)
     require_signal(job.motions, job.noise, angle)
     data, noise = job.data, job.noise
     robust: RobustFit | None = None
     estimate: NoiseEstimate | None = None
-    if job.robust and len(data) >= FEWEST_FOR_ROBUST and (noise is not None or median(angle) > EXACT):
+    exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
+    if job.robust and not exact:
         estimates: list[NoiseEstimate] = []
 
         def by_residuals(data: PosePairs | Motions, X: Array, weights: Array) -> Noise | None:
@@ -267,22 +273,33 @@ def _by_likelihood(job: _Job) -> tuple[Calibration, list[str]]:
         noise = estimate.noise
     if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
         assert estimate is not None
+        if robust is not None:  # once wrong ones are left out
+            kept = replace(start, X=robust.fit.X, W=robust.fit.W)
+            result, texts = _unweighted(job, kept, estimate)
+            table = pose_table(robust.fit, robust)
+            return replace(result, table=table), [*table.statements, *texts]
         return _unweighted(job, start, estimate)
     fit = LIKELIHOOD[job.method](data, noise, start.X) if robust is None else robust.fit
     return _assembled(job, noise, fit, start, estimate, robust)
+
+
+def _longest(motions: Motions) -> float:
+    """The longest translation, or 1 if there is none."""
+    data = (motions.A, motions.B) if motions.poses is None else (motions.poses.robot, motions.poses.camera)
+    return max(float(np.abs(T[:, :3, 3]).max()) for T in data) or 1.0
 
 
 def _assembled(
     job: _Job, noise: Noise, fit: Fit, start: Published, estimate: NoiseEstimate | None, robust: RobustFit | None
 ) -> tuple[Calibration, list[str]]:
     data, motions, poses = job.data, job.motions, job.poses
-    reference = Reference() if estimate is None else Reference("F", effective_dof(fit, estimate))
+    reference = of_model = _reference(fit, estimate)
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
     if job.covariance != "model":
         found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
         covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
     table = pose_table(fit, robust)
-    analysis = Analysis(data, noise, fit, job.method, estimate, reference.dof if estimate else None, job.seed)
+    analysis = Analysis(data, noise, fit, job.method, estimate, of_model.dof, job.seed)
     angle, distance = residuals(motions.A, motions.B, fit.X)
     result = replace(
         _bare(job, fit.X, fit.W, summarise(angle, distance), noise),
@@ -309,7 +326,26 @@ def _assembled(
         # noise that was estimated explains any residuals
         texts += check_fit(rest, fit.X, None if estimate else rest_noise, None if estimate else fit.covariance_X)
     texts += analysis.diagnostics.warnings()
-    return result, texts if estimate is None else texts + analysis.diagnostics.shared_errors()
+    if estimate is not None:
+        texts += _against_data_sheet(result) + analysis.diagnostics.shared_errors()
+        if len(data) < FEWEST_FOR_ROBUST:
+            texts.append(
+                f"With {len(data)} {table.item}s a wrong one cannot be told from the others: take at least "
+                f"{FEWEST_FOR_ROBUST}."
+            )
+    return result, texts
+
+
+def _against_data_sheet(result: Calibration) -> list[str]:
+    """Whether the residuals contradict what was taken as known of the noise."""
+    estimate, fit = result.noise_estimate, result.fit
+    if estimate is None or fit is None or not estimate.has_prior or fit.p_value > RARE:
+        return []
+    how = f"{fit.sigma0:.2g} times larger" if fit.sigma0 > 1 else f"{1 / fit.sigma0:.2g} times smaller"
+    return [
+        f"The residuals are {how} than the noise taken from the data sheet explains (chi-square test, p = "
+        f"{fit.p_value:.1g}): it is not that of these data, and the standard deviations of X are wrong by about that."
+    ]
 
 
 def _wrong(job: _Job, noise: Noise, table: PoseTable) -> list[str]:
@@ -338,7 +374,7 @@ def _by_published(job: _Job) -> tuple[Calibration, list[str]]:
         if estimate.noise is None:
             return _unweighted(job, found, estimate)
         noise = estimate.noise
-        reference = Reference("F", effective_dof(efficient(job.data, noise, found.X), estimate))
+        reference = _reference(efficient(job.data, noise, found.X), estimate)
     covariance, covariance_W = found.covariances(noise, job.kind)
     if job.covariance != "model":
         every_pair = job.everything is not None or job.method in ROBOT_WORLD_METHODS
@@ -396,6 +432,12 @@ def _bare(job: _Job, X: Array, W: Array | None, of_pairs: Residuals, noise: Nois
     )
 
 
+def _reference(fit: Fit, estimate: NoiseEstimate | None) -> Reference:
+    """The distribution that goes with the covariance of the noise; a prior that fixes all of it leaves nothing open."""
+    dof = float("inf") if estimate is None else effective_dof(fit, estimate)
+    return Reference("F", dof) if np.isfinite(dof) else Reference()
+
+
 def reference_of(resample: Resampled) -> Reference:
     """The distribution that goes with a covariance from residuals."""
     return Reference() if resample.freedom is None else Reference("Hotelling", resample.freedom)
@@ -419,8 +461,12 @@ def _shifted(job: _Job, result: Calibration | None) -> list[str]:
         bad = 0 if result.table is None else len(result.table.flagged)
         if bad < max(2, 0.05 * job.poses.n) and result.residuals.rotation_rms < SUSPICIOUS:
             return []
-    shift = find_shift(job.poses)
-    return [] if shift is None else [shift.statement]
+    if (shift := find_shift(job.poses)) is not None:
+        return [shift.statement]
+    if result is None or result.table is None or result.W is None or result.table.item == "motion":
+        return []
+    run = shifted_run(job.poses, Unknowns(result.X, result.W), result.table.weight == 0)
+    return [] if run is None else [run]
 
 
 def _require_determined(result: Calibration, job: _Job) -> None:

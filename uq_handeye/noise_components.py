@@ -59,6 +59,8 @@ _LEAST = 1e-9
 _ROUNDING = 1e-11
 # Variances below this share of the mean squared residual count as 0 where a sum of them must be positive.
 _FLOOR = 1e-9
+# Keeps information that variances near 0 make singular, to rounding, positive definite.
+_RIDGE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +221,8 @@ def restricted(rows: Rows, variances: Array) -> Restricted:
     sums = _unpacked(flat.reshape(*factors.shape[:-1], -1))
     F, N, L = sums[..., 0, :, :], sums[..., 1:4, :, :], sums[..., 4:, :, :]
     scale = 1.0 / np.sqrt(np.einsum("...ii->...i", F[..., :-1, :-1]))
-    factor = np.linalg.cholesky(F[..., :-1, :-1] * scale[..., :, None] * scale[..., None, :])
+    unit = F[..., :-1, :-1] * scale[..., :, None] * scale[..., None, :]
+    factor = np.linalg.cholesky(unit + _RIDGE * np.eye(unit.shape[-1]))
     half = np.linalg.inv(factor) * scale[..., None, :]
     C = half.mT @ half
     step = -(C @ F[..., :-1, -1:])

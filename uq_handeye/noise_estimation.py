@@ -162,6 +162,11 @@ class NoiseEstimate:
     covariance: Array  # (3, 3)
     dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
 
+    @property
+    def has_prior(self) -> bool:
+        """Whether a data sheet had a say, so that the test of the fit is one."""
+        return any(component.status in ("fixed", "prior") for component in self.components)
+
     def __getitem__(self, name: str) -> Component:
         for component in self.components:
             if component.name == name:

@@ -50,6 +50,8 @@ UNPAIRED = 0.5
 FEWEST = 6
 # Once there is a fit: squared residuals count up to FAR times the median, and stretches from this number of rows on.
 FAR, SHORT = 50.0, 3
+# Rows fit if their residuals stay below so many times the median of the good ones.
+NEIGHBOURLY = 4.0
 # What the residuals of the rows that moved must fall to; and how much worse than the other rows they may fit.
 CONFIRMED, ALIKE = 0.3, 3.0
 
@@ -124,11 +126,38 @@ def find_shift(poses: PosePairs, *, seed: int | np.random.Generator = 0) -> Shif
     before = np.sqrt(misfit(as_given, given))[robot_rows[moved]]
     fits, others = np.median(now[moved], axis=0), now[~moved]
     ratio = fits / np.maximum(np.median(before, axis=0), 1e-12)
+    if max(abs(k) for _, _, k in stretches) == most:
+        return None  # the edge of what was looked at: the true shift may lie beyond
     unlike = len(others) >= FEWEST and bool((fits > ALIKE * np.median(others, axis=0) + EXACT).any())
     if unlike or not (ratio < CONFIRMED).all():
         return None
     shift = Shift(robot_rows, camera_rows, tuple(stretches), (float(ratio[0]), float(ratio[1])), "")
     return replace(shift, statement=_statement(shift, n))
+
+
+def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_]) -> str | None:
+    """Whether wrong rows in a run, too few for `find_shift`, fit their neighbours in the run: in words, or None.
+
+    ``at`` is what the other poses agree on. Where a row is lost near an end of the file, all rows from there to the end
+    are wrong, and fit once they are moved by one.
+    """
+    inverted = poses.setup == "eye-to-hand"
+    typical = np.median(misfit(OnPoses(poses.robot[~wrong], poses.camera[~wrong], inverted), at), axis=0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int))).reshape(-1, 2)
+    for first, after in edges.tolist():
+        for shift in (-1, 1, -2, 2):
+            rows = np.arange(max(first, first - shift), min(after, after - shift))
+            if len(rows) < 2:
+                continue
+            moved = misfit(OnPoses(poses.robot[rows], poses.camera[rows + shift], inverted), at)
+            if (moved < NEIGHBOURLY**2 * typical + EXACT**2).all():
+                own, others = f"{rows[0]} to {rows[-1]}", f"{rows[0] + shift} to {rows[-1] + shift}"
+                return (
+                    f"Robot rows {own} fit the camera rows {others}, not their own: the "
+                    f"{'camera' if shift < 0 else 'robot'} file lacks a row near row {first}. Pair them anew (rows "
+                    "counted from 0)."
+                )
+    return None
 
 
 # --------------------------------------------------------------------------------------------- the path by angles

@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .calibration import calibrate
 from .candidates import MOST, predicted_camera, sample_candidates
 from .constraint import OnPoses, constraint_of, residual_covariance
 from .errors import DegenerateMotionError, InputError, NotConvergedError
@@ -225,10 +226,10 @@ def plan(
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
     if isinstance(k, bool) or not isinstance(k, int | np.integer) or k < 1:
         raise InputError(f"Expected `k` to be an integer of at least 1, got {k!r}.")
-    target, distance = _target(data, criterion, point, length)
     estimated = noise is None
     if noise is None:
-        noise = _estimated_noise(data)
+        data, noise = _estimated_noise(data)
+    target, distance = _target(data, criterion, point, length)
     constraint = constraint_of(data, noise)
     if not isinstance(constraint, OnPoses):
         raise InputError("Expected PoseNoise: planning needs the noise of poses.")
@@ -310,19 +311,21 @@ def _target(
     return None, distance
 
 
-def _estimated_noise(data: PosePairs) -> PoseNoise:
-    from .noise_estimation import estimate_noise
-
+def _estimated_noise(data: PosePairs) -> tuple[PosePairs, PoseNoise]:
+    """The noise as `calibrate` estimates it, and the poses that it keeps; its warnings name those it leaves out."""
     give = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
     try:
-        noise = estimate_noise(data).noise
+        result = calibrate(data)
+        noise = result.noise
+        if result.table is not None and result.table.rejected:
+            data = data.rows(result.table.weight > 0)
     except (DegenerateMotionError, NotConvergedError) as error:
         raise InputError(
             f"The noise cannot be estimated from the poses so far, which may leave a part of X open. {give}"
         ) from error
     if not isinstance(noise, PoseNoise):
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {give}")
-    return noise
+    return data, noise
 
 
 def _noise_of_new(noise: PoseNoise) -> PoseNoise:

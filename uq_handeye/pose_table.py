@@ -61,7 +61,7 @@ class PoseTable:
         for word, what in (
             ("rejected", "not fit the others and took no part in the estimate"),
             ("downweighted", "not fit the others well and counted less"),
-            ("outlier", "not fit the others; the estimate has them in, robust=True weights them down"),
+            ("outlier", "not fit the others; the estimate has them in, a robust one (robust=True, --robust) would not"),
         ):
             rows = [k for k in np.argsort(-self.distance2).tolist() if self.flag[k].startswith(word)]
             if not rows or (word == "outlier" and self.distance2[rows[0]] < self.limit_of_all):

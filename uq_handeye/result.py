@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
+from textwrap import fill
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -282,7 +283,7 @@ class Calibration:
         """The result as text; correlations at or above ``threshold`` are listed."""
         from .report.text import summary
 
-        return summary(self, threshold) + "".join(f"\nWarning: {text}\n" for text in self.warnings)
+        return summary(self, threshold) + "".join(f"\n{fill('Warning: ' + text, 118)}\n" for text in self.warnings)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""

@@ -60,7 +60,7 @@ class RobustFit:
     """The fit and what became of each of the n poses (or motions)."""
 
     fit: Fit
-    noise: Noise  # given or estimated
+    noise: Noise | None  # given or estimated; None: the poses kept fit exactly
     weights: Array  # (n,) in [0, 1]
     distances: Array  # (n,) d^2, chi-square(6) for good poses and true noise
     leverage: Array  # (n,) share of each pose in the estimate; the sum is 1
@@ -179,7 +179,7 @@ def robust_fit(
             "pairing of the rows, the setup (eye-in-hand or eye-to-hand), the units and the noise given."
         )
     flags = tuple(
-        "kept" if d <= limit else "rejected" if w == 0 else f"downweighted ({w:.2f})"
+        "kept" if d <= limit else "rejected" if w == 0 else f"downweighted ({min(w, 0.99):.2f})"
         for d, w in zip(distances.tolist(), weights.tolist(), strict=True)
     )
     return RobustFit(found, noise, weights, distances, leverage, flags, scale, limit, start.subsets)
@@ -222,8 +222,11 @@ def _settle(
 
 def _alternate(
     data: PosePairs | Motions, constraint: Constraint, start: Consensus, estimate: Estimator, method: str
-) -> tuple[Noise, _Settled]:
-    """Noise from the residuals of the poses kept, then weights by that noise, until the same poses are flagged."""
+) -> tuple[Noise | None, _Settled]:
+    """Noise from the residuals of the poses kept, then weights by that noise, until the same poses are flagged.
+
+    The noise is None where ``estimate`` finds none: the poses kept fit exactly.
+    """
     noise, at, weights = start.noise, start.unknowns, start.inside
     freedom = 0.5 * (6 * len(weights) - (12 if isinstance(constraint, OnPoses) else 6))
     margin = 6.0 * float(fdtri(6, freedom, 0.999)) / FULL
@@ -238,8 +241,8 @@ def _alternate(
         seen.append(good.tobytes())
         # Flagged poses would hide themselves in the noise; leaving out a good one in 1000 makes it 0.4 % smaller.
         by_residuals = estimate(data, at.X, good.astype(float))
-        if by_residuals is None:
-            raise InputError("The noise cannot be estimated from these residuals: give `noise`.")
+        if by_residuals is None:  # the poses kept fit exactly: rounding tells them from the others
+            return None, _settle(constraint, start.noise, at, good.astype(float), "efficient")
         noise = by_residuals
     if method == "ml":
         settled = _settle(constraint, noise, at, weights, method, margin)

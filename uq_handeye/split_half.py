@@ -7,7 +7,10 @@ Model: halves 1 and 2 share no pose, each has its own estimate of X (and of W). 
 
 K_12 = 0 for errors that are independent from pose to pose; S_12 is the covariance of the residuals of one half with
 those of the other, which a joint noise fills. ``d^T V^-1 d`` is chi-square(6) distributed if the noise is known. With
-a noise that is known up to a scale and was estimated with ``dof`` degrees of freedom it is ``6 F(6, dof)``.
+a noise that was estimated from all of the same data with nu degrees of freedom, d itself is a part of what the estimate
+is made of: ``d^2 / nu`` is Beta distributed, or
+
+    (d^2 / 6) / ((nu - d^2) / (nu - 6))  ~  F(6, nu - 6)
 
 The test sees errors that differ between the halves (drift, wrong kinematics, a noise given too small). What both
 halves share, such as the error of the intrinsics, it does not see.
@@ -28,7 +31,7 @@ from .constraint import constraint_of, residual_covariance
 from .errors import DegenerateMotionError, InputError, NotConvergedError
 from .likelihood import Fit, efficient, maximum_likelihood
 from .motions import Motions
-from .noise import Noise, PairNoise, PoseNoise, is_joint
+from .noise import Noise, PairNoise, is_joint
 from .poses import PosePairs
 from .se3 import Array
 
@@ -161,8 +164,10 @@ def split_half(
     if fewest < FEWEST:
         what = "poses" if isinstance(data, PosePairs) else "motions"
         return SplitHalf(split, halves, False, f"a half has {fewest} {what}, {FEWEST} are needed.")
+    if dof is not None and dof <= 6:
+        return SplitHalf(split, halves, False, f"the noise was estimated with {dof:.2g} degrees of freedom only.")
     try:
-        fits = [METHODS[method](_part(data, half), _noise_part(noise, half)) for half in halves]
+        fits = [METHODS[method](data.rows(half), noise.rows(half)) for half in halves]
     except (DegenerateMotionError, NotConvergedError) as error:
         return SplitHalf(split, halves, False, f"a half of the data alone fails. {error}")
     X1, X2 = fits[0].X, fits[1].X
@@ -175,7 +180,7 @@ def split_half(
     unit = 1.0 / np.sqrt(np.diagonal(V, axis1=-2, axis2=-1))
     scaled = V * unit[..., :, None] * unit[..., None, :]
     d2 = np.sum(d * unit * np.linalg.solve(scaled, (d * unit)[..., None])[..., 0], axis=-1)
-    p = chdtrc(6, d2) if dof is None else fdtrc(6, dof, d2 / 6)
+    p = chdtrc(6, d2) if dof is None else _p_value_of_estimated(d2, dof)
     return SplitHalf(split, halves, True, "", X1, X2, d, V, np.asarray(d2), dof, np.asarray(p))
 
 
@@ -195,6 +200,12 @@ def random_splits(
     tests = (split_half(data, noise, method=method, split="random", seed=seed + k, dof=dof) for k in range(count))
     p_values = [test.p_value for test in tests if test.p_value is not None]
     return np.stack(p_values) if p_values else np.zeros(0)
+
+
+def _p_value_of_estimated(d2: Array, dof: float) -> Array:
+    """Of d^2 (...) with noise from the same data; 0 from ``d^2 = dof`` on, which it cannot exceed."""
+    left = np.maximum(dof - d2, 1e-300)
+    return np.where(d2 < dof, fdtrc(6, dof - 6, d2 / 6 * (dof - 6) / left), 0.0)
 
 
 def _rows_of(data: PosePairs | Motions, noise: Noise) -> PosePairs | Motions:
@@ -223,32 +234,11 @@ def _halves(data: PosePairs | Motions, split: str, seed: int) -> tuple[NDArray[n
     return order[::2], order[1::2]
 
 
-def _part(data: PosePairs | Motions, rows: NDArray[np.intp]) -> PosePairs | Motions:
-    if isinstance(data, Motions):
-        return Motions(data.A[..., rows, :, :], data.B[..., rows, :, :])
-    times = None if data.timestamps is None else data.timestamps[rows]
-    return PosePairs(data.robot[..., rows, :, :], data.camera[..., rows, :, :], data.setup, times)
-
-
-def _noise_part(noise: Noise, rows: NDArray[np.intp]) -> Noise:
-    def of(S: Array | None) -> Array | None:
-        if S is None or S.shape == (6, 6):
-            return S
-        if not is_joint(S):
-            return S[rows]
-        n = len(S) // 6
-        return S.reshape(n, 6, n, 6)[rows][:, :, rows].reshape(6 * len(rows), 6 * len(rows))
-
-    if isinstance(noise, PairNoise):
-        return PairNoise(of(noise.A), of(noise.B))
-    return PoseNoise(of(noise.robot), of(noise.camera))
-
-
 def _between(fits: list[Fit], halves: tuple[NDArray[np.intp], NDArray[np.intp]], noise: Noise) -> Array:
     """K_12 (..., 6, 6) for joint noise."""
     order = np.concatenate(halves)
     first, second = (np.concatenate(sides, axis=-3) for sides in zip(*(fit.linear.sides for fit in fits), strict=True))
-    S = residual_covariance((first, second), _noise_part(noise, order))
+    S = residual_covariance((first, second), noise.rows(order))
     gains = []
     for fit in fits:
         J = fit.linear.J.reshape(*fit.linear.J.shape[:-3], -1, fit.linear.J.shape[-1])

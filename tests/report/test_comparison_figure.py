@@ -234,7 +234,7 @@ def test_an_undetermined_method_is_hollow_and_does_not_squash_the_others(agreein
 
 @pytest.mark.parametrize("seed", range(4))
 def test_names_cover_no_point_and_their_leaders_do_not_cross(seed):
-    comparison = compare(uq.simulate(15, noise=NOISE, seed=seed))
+    comparison = no_noise(compare(uq.simulate(15, noise=NOISE, seed=seed)))
     figure = comparison_figure(comparison)
     figure.draw_without_rendering()
     renderer = figure.canvas.get_renderer()

@@ -33,18 +33,18 @@ def noise_lines(result: Calibration) -> list[str]:
         fit = result.fit
         start = f"Fit: chi-square {fit.chi2:.1f} with {fit.dof:.0f} degrees of freedom, sigma_0 = {fit.sigma0:.2f}"
         parts = f"rotation {fit.rotation_sigma0:.2f}, translation {fit.translation_sigma0:.2f}"
-        if estimate is not None:
+        if estimate is not None and not estimate.has_prior:
             lines += _wrapped(f"{start} ({parts}); close to 1 by construction, as the noise comes from them.", first="")
         else:
-            verdict = "the noise given explains the residuals" if fit.p_value > 0.01 else _misfit(fit.sigma0)
+            verdict = "the noise explains the residuals" if fit.p_value > 0.01 else _misfit(fit.sigma0)
             lines += _wrapped(f"{start} ({parts}), p = {fit.p_value:.2g}: {verdict}.", first="")
     return lines
 
 
 def _misfit(sigma0: float) -> str:
     if sigma0 > 1:
-        return f"the residuals are {sigma0:.2g} times what the noise given explains; standard deviations are too small"
-    return f"the residuals are {1 / sigma0:.2g} times smaller than the noise given explains"
+        return f"the residuals are {sigma0:.2g} times what the noise explains; standard deviations are too small"
+    return f"the residuals are {1 / sigma0:.2g} times smaller than the noise explains"
 
 
 def _given(result: Calibration) -> list[str]:

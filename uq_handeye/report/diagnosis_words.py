@@ -109,7 +109,8 @@ def residual_words(d: Diagnostics) -> list[tuple[bool, str]]:
         found.append(
             (True, f"Neighbouring residuals are correlated (lag 1: {a.correlation[0]:.2f}, p = {a.p_value:.1g}): {d.n} "
              f"{d.item}s count as {a.effective_number:.0f} independent ones, and the standard deviations of X are "
-             f"about {max(a.growth, 1.0):.2g} times too small. Use covariance='hac'.")
+             f"about {max(a.growth, 1.0):.2g} times too small. The covariance 'hac' makes up for a part of that; for "
+             f"all of it, leave out {d.item}s in between.")
         )  # fmt: skip
     else:
         found.append((False, f"Neighbouring residuals show no correlation (lag 1: {a.correlation[0]:.2f} +- "

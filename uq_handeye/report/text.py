@@ -37,8 +37,9 @@ def summary(result: Calibration, threshold: float) -> str:
     on_poses = result.fourdpa is not None and result.W is not None
     data = f"{result.n_poses} poses" if on_poses else f"{result.n_pairs} pairs{origin}"
     lines = [f"{frame} by {result.method}{scale} from {data}{setup}", ""]
-    if result.warnings:
-        lines.insert(1, f"CAUTION: {len(result.warnings)} warning(s) say that something looks wrong.")
+    usual = [] if result.analysis is None else result.analysis.diagnostics.shared_errors()
+    if wrong := [text for text in result.warnings if text not in usual]:
+        lines.insert(1, f"CAUTION: {len(wrong)} warning(s) say that something looks wrong.")
     lines += [*_matrix(result.X), ""]
 
     rotation = Rotation.from_matrix(result.X[:3, :3])
@@ -107,7 +108,11 @@ def summary(result: Calibration, threshold: float) -> str:
         source = _SOURCES[result.covariance_kind]
         if result.noise_estimate is not None and result.covariance_kind == "model":
             source = "the noise estimated"
-        lines += ["", f"95 % of all errors lie within d^2 = {result.quantile(0.95):.1f} ({result.reference})."]
+        limit = result.quantile(0.95)
+        if np.isfinite(limit):
+            lines += ["", f"95 % of all errors lie within d^2 = {limit:.1f} ({result.reference})."]
+        else:
+            lines += ["", f"There is no 95 % ellipsoid from so few poses ({result.reference})."]
         lines += ["", NOT_COVERED.format(source=source)]
     return "\n".join(lines) + "\n"
 
