@@ -9,7 +9,7 @@ from support import SEED, assert_same_covariance, covers, difference, moved, ran
 
 import uq_handeye as uq
 from uq_handeye.likelihood import efficient
-from uq_handeye.split_half import SPLITS, SplitHalf, _halves, _noise_part, random_splits, split_half
+from uq_handeye.split_half import SPLITS, SplitHalf, _halves, random_splits, split_half
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SETUPS = ["eye-in-hand", "eye-to-hand"]
@@ -51,7 +51,7 @@ def test_halves_of_a_joint_noise_are_correlated(rng, setup):
     true = uq.simulate(n, setup=setup, seed=rng)
     noise = uq.PoseNoise(random_covariance(rng, shape=(n,)), random_covariance(rng, 6 * n))
     found = split_half(true, noise)
-    parts = [_noise_part(noise, half) for half in found.halves]
+    parts = [noise.rows(half) for half in found.halves]
 
     def shift(xi):
         moved_robot, moved_camera = moved(true.robot, xi[:n]), moved(true.camera, xi[n:])
@@ -87,17 +87,19 @@ def test_common_error_of_all_poses_by_monte_carlo():
     assert np.linalg.eigvals(seen).real.min() < 0.3
 
 
-def test_estimated_noise_has_the_F_distribution():
-    n, trials = 12, 2000
+def test_estimated_noise_has_the_distribution_of_a_part_of_its_residuals():
+    n, trials, dof = 12, 2000, 20
     poses = uq.simulate(n, noise=NOISE, trials=trials, seed=[SEED, 5])
     known = split_half(poses, NOISE)
-    dof = 10
-    scale = np.random.default_rng([SEED, 6]).chisquare(dof, trials) / dof
-    p_values = stats.f.sf(known.d2 / scale / 6, 6, dof)
-    found = split_half(poses, NOISE, dof=dof)
-    np.testing.assert_allclose(found.p_value, stats.f.sf(found.d2 / 6, 6, dof), rtol=1e-9)
+    # a scale from residuals of which the difference of the halves is one part
+    scale = (known.d2 + np.random.default_rng([SEED, 6]).chisquare(dof - 6, trials)) / dof
+    d2 = known.d2 / scale
+    p_values = stats.f.sf(d2 / 6 * (dof - 6) / (dof - d2), 6, dof - 6)
+    found = split_half(poses, NOISE, dof=100.0)
+    expected = stats.f.sf(found.d2 / 6 * 94 / np.maximum(100 - found.d2, 1e-9), 6, 94)
+    np.testing.assert_allclose(found.p_value, expected, rtol=1e-9)
     assert 0.93 <= (p_values > 0.05).mean() <= 0.97
-    assert (stats.chi2.sf(known.d2 / scale, 6) > 0.05).mean() < 0.92
+    assert (stats.f.sf(d2 / 6, 6, dof) > 0.05).mean() > 0.98  # as if the scale were from other data
 
 
 def test_motions_and_poses(rng):
@@ -165,3 +167,32 @@ def test_errors(kwargs, text):
         split_half(poses, NOISE, **kwargs)
     with pytest.raises(uq.InputError, match="12 poses"):
         split_half(poses, uq.PoseNoise(camera=np.stack([NOISE.camera] * 11)))
+
+
+@pytest.mark.parametrize("n", [10, 20])
+def test_estimated_noise_passes_as_often_as_it_should(n):
+    """The halves are part of what the noise is estimated from: an F test that ignores it passes nearly always."""
+    from scipy.special import fdtrc
+
+    from uq_handeye.goodness_of_fit import effective_dof
+
+    noise = uq.PoseNoise.isotropic(robot=("0.1deg", "0.1mm"), camera=("0.1deg", "0.3mm"))
+    trials = 200
+    many = uq.simulate(n, noise=noise, trials=trials, seed=[SEED, 17, n])
+    passed, naive = 0, 0
+    for k in range(trials):
+        poses = uq.PosePairs(many.robot[k], many.camera[k])
+        estimate = uq.estimate_noise(poses)
+        dof = effective_dof(efficient(poses, estimate.noise), estimate)
+        found = split_half(poses, estimate.noise, dof=dof)
+        passed += bool(found.passed)
+        naive += fdtrc(6, dof, float(found.d2) / 6) > 0.05
+    low, high = stats.binom.ppf([0.0005, 0.9995], trials, 0.95)
+    assert low <= passed <= high
+    assert naive > passed
+
+
+def test_too_little_to_estimate_from():
+    noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    found = split_half(uq.simulate(8, noise=noise, seed=1), noise, dof=5.0)
+    assert not found.possible and "5 degrees of freedom only" in found.reason
