@@ -18,6 +18,7 @@ import subprocess  # noqa: E402
 import sys  # noqa: E402
 import threading  # noqa: E402
 import timeit  # noqa: E402
+import warnings  # noqa: E402
 from collections.abc import Callable  # noqa: E402
 
 import numpy as np  # noqa: E402
@@ -93,6 +94,12 @@ def peak_extra_mb(function: Callable[[], object]) -> float:
     return peak - start
 
 
+def calibrated(poses: uq.PosePairs, options: dict) -> uq.Calibration:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", uq.InputWarning)
+        return uq.calibrate(poses, **options)
+
+
 def main() -> None:
     rng = np.random.default_rng(0)
     covariance = np.diag([1e-6] * 3 + [1e-7] * 3) + 1e-8
@@ -114,21 +121,27 @@ def main() -> None:
 
         rows.append((f"solve + propagate, N = {N}", median_ms(both), goal * machine, ""))
     motions = uq.Motions(*random_motions(60, rng))
-    rows.append(("calibrate, N = 60 motions", median_ms(lambda: uq.calibrate(motions, noise=noise)), machine, ""))
+    by_4dpa = median_ms(lambda: uq.calibrate(motions, noise=noise, method="4dpa"))
+    rows.append(("calibrate by 4dpa, N = 60 motions", by_4dpa, machine, ""))
     poses_noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
     poses = uq.simulate(n_poses=61, noise=poses_noise, seed=0)
     rows.append(
         (
-            "calibrate, 61 poses, consecutive pairs",
-            median_ms(lambda: uq.calibrate(poses, noise=poses_noise, pairs="consecutive")),
+            "calibrate by 4dpa, 61 poses, consecutive",
+            median_ms(lambda: uq.calibrate(poses, noise=poses_noise, method="4dpa", pairs="consecutive")),
             machine,
             "",
         )
     )
     many = uq.simulate(n_poses=500, noise=poses_noise, seed=0)
-    rows.append(
-        ("calibrate, 500 poses, all pairs", median_ms(lambda: uq.calibrate(many, noise=poses_noise)), float("nan"), "")
-    )
+    for n, goal in ((60, 1.0), (600, float("nan")), (6000, float("nan"))):
+        session = uq.simulate(n_poses=n, noise=poses_noise, seed=0)
+        time = median_ms(lambda session=session: uq.efficient(session, poses_noise))
+        rows.append((f"efficient with 12x12, {n} poses", time, goal * machine, "goal: GTSAM 8.3" if n == 60 else ""))
+    session = uq.simulate(n_poses=60, noise=poses_noise, seed=0)
+    for label, options in (("noise given", {"noise": poses_noise}), ("noise estimated, robust", {})):
+        time = median_ms(lambda options=options: calibrated(session, options))
+        rows.append((f"calibrate, 60 poses, {label}", time, float("nan"), ""))
     rows.append(
         (
             "X and covariance of all 124,750 pairs, O(n)",
