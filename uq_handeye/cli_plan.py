@@ -89,6 +89,8 @@ def plan_command(
             raise InputError(f"Expected {name} to be at least {least}, got {value}.")
     if point is not None and point.count(",") != 2:
         raise InputError(f"Expected --point to be X,Y,Z with units such as 0mm,0mm,300mm, got {point!r}.")
+    if point is not None and criterion != "point":
+        raise InputError(f"--point goes with --criterion point, got --criterion {criterion}.")
     of_robot = robot_units or units
     poses = poses_of(robot, camera, setup, (of_robot, camera_units or units))
     found = plan(
