@@ -1,6 +1,7 @@
 """calibrate() and its result: numbers that belong together, lossless JSON, honest failures."""
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -165,9 +166,68 @@ def test_json_with_changed_parts(result):
         uq.Calibration.from_json(None)
 
 
+def leaves(data, path=()):
+    """Paths to every part of plain data; of lists the last."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for name, part in items:
+        if not isinstance(name, int) or name == len(data) - 1:
+            yield (*path, name)
+            yield from leaves(part, (*path, name))
+
+
+def replaced(data, path, value):
+    found = data.copy()
+    found[path[0]] = value if len(path) == 1 else replaced(data[path[0]], path[1:], value)
+    return found
+
+
+@pytest.mark.parametrize("bad", [None, "x", -1, [], {}, 1e400, 10**400, True], ids=lambda bad: str(bad)[:6])
+@pytest.mark.parametrize("options", [{}, {"method": "park"}], ids=["estimated", "park"])
+def test_no_damage_passes_that_shows_up_later(options, bad):
+    """Each part of a file replaced: refused when it is read, or a result that can be printed and written again."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", uq.InputWarning)
+        data = json.loads(uq.calibrate(uq.simulate(8, noise=NOISE, seed=1), **options).to_json())
+    refused = 0
+    paths = list(leaves(data))
+    for path in paths:
+        try:
+            found = uq.Calibration.from_dict(replaced(data, path, bad))
+        except uq.InputError:
+            refused += 1
+            continue
+        assert "X" not in path or bad == -1, path
+        assert found.summary() and found.to_json()
+    assert refused > 0.3 * len(paths)
+    if isinstance(bad, float | str | list | dict):
+        assert refused > 0.7 * len(paths)
+
+
+def test_numbers_that_are_none(result, tmp_path):
+    text = result.to_json()
+    for constant in ("NaN", "Infinity", "-Infinity", "1e999"):
+        file = tmp_path / "result.json"
+        file.write_text(text.replace('"n_pairs": 190', f'"n_pairs": {constant}'))
+        with pytest.raises(uq.InputError, match=r"is not JSON|is not finite"):
+            uq.Calibration.from_json(file)
+    data = result.to_dict()
+    assert uq.Calibration.from_dict(data | {"comment": "more is no damage"}).to_json() == text
+    with pytest.raises(uq.InputError, match=r"calibration\.std.* does not fit the rest"):
+        uq.Calibration.from_dict(data | {"std": [2 * x for x in data["std"]]})
+    with pytest.raises(uq.InputError, match="covariance_kind is 'magic'"):
+        uq.Calibration.from_dict(data | {"covariance_kind": "magic"})
+
+
+def test_a_file_of_many_poses_is_small():
+    many = uq.simulate(1687, noise=NOISE, seed=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", uq.InputWarning)
+        assert len(uq.calibrate(many, noise=NOISE).to_json()) < 1.5e6
+
+
 def test_summary_states_units_and_numbers(result):
     text = result.summary(threshold=0.3)
-    for part in ("gripper_T_camera", "(mm)", "(deg)", "quaternion", "Weakest: rotation", "camera_T_gripper"):
+    for part in ("gripper_T_camera", "(mm)", "(deg)", "quaternion", "known to ", "equally certain", "camera_T_gripper"):
         assert part in text
     assert f"{1e3 * result.X[0, 3]:.4f} +- " in text
     assert "not covered" in text

@@ -431,8 +431,7 @@ def test_json_round_trip_and_summary(name):
         assert again.diagnostics.sentences() == result.diagnostics.sentences()
         np.testing.assert_allclose(again.budget.shares, result.budget.shares)
         assert again.budget.sources == result.budget.sources
-    lines = [line for line in result.summary().splitlines() if not line.startswith(("Warning: ", "quaternion "))]
-    assert max(map(len, lines)) <= 120
+    assert max(map(len, result.summary().splitlines())) <= 120
     assert "nan" not in result.summary().lower().split() and "None" not in result.summary()
 
 
@@ -546,8 +545,12 @@ def test_uncertainty_that_is_not_determined(poses, given):
     _, alone = motions_alone()
     motions = quietly(alone, noise=PAIR_NOISE)
     assert motions.uncertainty_at(p).covariance.shape == (3, 3)
-    with pytest.raises(uq.InputError, match="needs W"):
-        motions.uncertainty_at(p, camera=poses.camera[0])
+    assert motions.uncertainty_at(p).frame == "parent frame of X"
+    for name in ("robot", "camera"):
+        with pytest.raises(uq.InputError, match=f"Expected no `{name}`: .*came without poses"):
+            motions.uncertainty_at(p, **{name: poses.camera[0]})
+        with pytest.raises(uq.InputError, match=f"the pose `{name}` beside `{name}_covariance`"):
+            given.uncertainty_at(p, **{f"{name}_covariance": np.eye(6)})
     exact = uq.calibrate(uq.PosePairs(poses.truth.robot, poses.truth.camera))
     for options in ({}, {"robot": poses.robot[0]}, {"camera": poses.camera[0]}):
         with pytest.raises(uq.InputError):
@@ -573,7 +576,10 @@ def test_the_summary_has_every_section(given, estimated, poses):
     everywhere = (
         "gripper_T_camera by efficient from 20 poses, eye-in-hand",
         "translation (mm)",
-        "Weakest: rotation about",
+        "gripper_T_camera is known ",
+        "sigma_0: 1 before the fit (prior), ",
+        "  rotation vector (deg)",
+        "The robot turns about three axes: shares ",
         "Residuals of AX = XB over the pairs",
         "camera_T_gripper (inverse of X)",
         "base_T_target (the target, as all poses see it)",
@@ -597,8 +603,30 @@ def test_the_summary_has_every_section(given, estimated, poses):
     assert "to first order, of the noise given" in given.summary()
     assert "to first order, of the noise estimated" in estimated.summary()
     spoiled = quietly(with_wrong(poses, 4)).summary()
-    assert "CAUTION: " in spoiled and "stand out (numbered from 0" in spoiled and "Warning: 1 of 20 poses" in spoiled
+    assert "CAUTION: " in spoiled and "stand out (numbered from 0" in spoiled and "CAUTION: 1 of 20 poses" in spoiled
     assert "No pose stands out" in quietly(uq.simulate(8, noise=NOISE, seed=1), noise=NOISE).summary()
+
+
+def test_the_summary_answers_first_and_says_each_thing_once(poses):
+    result = quietly(with_wrong(poses, 4))
+    lines = result.summary().splitlines()
+    assert lines[1].startswith("gripper_T_camera is known ")
+    first = [k for k, line in enumerate(lines) if line.startswith("CAUTION: ")]
+    matrix = next(k for k, line in enumerate(lines) if line.startswith("   "))
+    assert len(first) == len(result.warnings) and max(first) < matrix
+    assert lines.index("camera_T_gripper (inverse of X)") > lines.index("Diagnostics:")
+    flat = " ".join(" ".join(lines).split())
+    for text in result.warnings:
+        assert flat.count(f"CAUTION: {text}") == 1
+
+
+def test_the_summary_of_joint_noise():
+    n = 12
+    noise = uq.PoseNoise(NOISE.robot, np.kron(np.eye(n) + 0.5, NOISE.camera))
+    flat = " ".join(quietly(uq.simulate(n, noise=noise, seed=1), noise=noise).summary().split())
+    assert flat.count("The noise is joint over the poses") == 1
+    assert "sandwich, hac, jackknife, bootstrap: not determined: " in flat
+    assert "camera (rotation and translation) " in flat and "camera rotation " not in flat
 
 
 # ---------------------------------------------------------------------------------------------------------- motions
@@ -727,3 +755,79 @@ def test_garbage_comes_with_a_hint(name, hint, noise):
         assert "X does not explain the poses: the target seems to move by" in said
     else:
         assert re.search(hint, said), said
+
+
+# ----------------------------------------------------------------------------------------- requests, copies, drift
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"robust": "yes"}, "`robust` to be True, False or None, got 'yes'"),
+        ({"robust": 1}, "`robust`"),
+        ({"seed": -1}, "`seed` to be an integer of at least 0, got -1"),
+        ({"seed": "a"}, "`seed`.*'a'"),
+        ({"seed": True}, "`seed`"),
+        ({"seed": 1.0}, "`seed`"),
+        ({"noise": None, "prior": (1, 2)}, "`prior` to be a NoisePrior or None, got tuple"),
+        ({"noise": "1mm"}, "`noise` to be PoseNoise, PairNoise or None, got str"),
+        ({"method": "efficient", "noise": uq.PoseNoise.isotropic(camera=("1mrad", "0mm"))}, "residuals exact"),
+        ({"robust": True, "noise": uq.PoseNoise.isotropic(camera=("1mrad", "0mm"))}, "residuals exact"),
+    ],
+)
+def test_refuses_options_of_a_wrong_type(poses, options, message):
+    with pytest.raises(uq.InputError, match=message):
+        quietly(poses, **({"noise": NOISE} | options))
+
+
+def test_numpy_numbers_are_numbers(poses):
+    assert quietly(poses, noise=NOISE, robust=np.bool_(True), seed=np.int64(3)).table is not None
+
+
+@pytest.mark.parametrize("rows", [[*range(22), *range(18)], [*range(20)] * 2])
+@pytest.mark.parametrize("noise", [None, NOISE])
+def test_copied_rows_are_an_answer_and_accuse_nobody(rows, noise):
+    poses = uq.simulate(22, noise=NOISE, seed=SEED)
+    found = quietly(uq.PosePairs(poses.robot[rows], poses.camera[rows]), noise=noise, robust=True)
+    assert len(found.table.flagged) <= 2 and not found.table.rejected
+    xi = difference(found.X, poses.truth.X)
+    assert xi @ np.linalg.solve(found.covariance, xi) / 2 < found.quantile(0.999)  # a copy counts as a pose
+
+
+def test_plain_where_most_poses_do_not_determine_x(poses, monkeypatch):
+    """The robust fit cannot; the plain one can, and says that wrong poses were not looked for."""
+
+    def refuse(*_, **__):
+        raise uq.DegenerateMotionError("the poses that agree are still", np.eye(6))
+
+    monkeypatch.setattr("uq_handeye.calibration.robust_fit", refuse)
+    with pytest.warns(uq.InputWarning) as said:
+        found = uq.calibrate(poses)
+    assert any("Wrong poses were not looked for" in str(warning.message) for warning in said)
+    plain = quietly(poses, robust=False)
+    np.testing.assert_array_equal(found.X, plain.X)
+    assert any(text.startswith("Wrong poses were not looked for") for text in found.warnings)
+    with pytest.raises(uq.DegenerateMotionError, match="are still"):
+        quietly(poses, robust=True)
+    with pytest.raises(uq.DegenerateMotionError, match="are still"):  # a wrong pose shows in the plain fit
+        quietly(with_wrong(uq.simulate(30, noise=NOISE, seed=SEED), 3, 2.0))
+
+
+def test_halves_that_contradict_each_other_are_a_warning(poses):
+    noise = uq.PoseNoise.isotropic(robot=("0.05mrad", "0.05mm"), camera=("0.2mrad", "0.2mm"))
+    clean = uq.simulate(40, noise=noise, seed=[SEED, 9])
+    X, camera = clean.truth.X, clean.camera.copy()
+    camera[20:] = np.linalg.inv(moved(X, np.array([0, 0, 0, 0, 0, 2e-3]))) @ X @ camera[20:]  # slips in its bracket
+    found = quietly(uq.PosePairs(clean.robot, camera), noise=noise)
+    assert found.split_in_time.p_value < 1e-3 and found.split_in_time.sentence in found.warnings
+    assert found.split_in_time is found.analysis.split_in_time
+    whole = quietly(clean, noise=noise)
+    assert whole.split_half.possible and not any("two halves" in text for text in whole.warnings)
+
+
+def test_a_data_sheet_that_is_wrong_in_one_part_says_which():
+    poses = uq.simulate(40, noise=uq.PoseNoise.isotropic(camera=("1mrad", "0.1mm")), seed=SEED)
+    found = quietly(poses, prior=uq.NoisePrior(robot=(0, 0), camera=("1mrad", "1mm"), factor=1))
+    said = [text for text in found.warnings if "data sheet explains" in text]
+    assert len(said) == 1 and re.search(r"the translation residuals \d+(\.\d+)? times smaller than", said[0])
+    assert found.fit.translation_sigma0 < 0.5

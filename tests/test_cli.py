@@ -94,8 +94,7 @@ def test_without_noise_it_is_estimated(session):
         assert json.loads(done.stdout)["noise_estimate"] is not None
     text = run("calibrate", *files).stdout
     assert "Noise, estimated from the residuals" in text and "by efficient from 12 poses" in text
-    one_line = ("quaternion ", "Warning: ")
-    assert max(len(line) for line in text.splitlines() if not line.startswith(one_line)) <= 120
+    assert max(map(len, text.splitlines())) <= 120
 
 
 def test_robust_flag(session, tmp_path):
@@ -109,7 +108,7 @@ def test_robust_flag(session, tmp_path):
         done = run("calibrate", *files, *options, "-o", tmp_path / "out")
         assert done.returncode == 0
         assert "uq-handeye: warning: 1 of 12 poses do not fit the others and took no part" in done.stderr
-        assert "pose 4 (" in done.stderr and "Warning: 1 of 12 poses" in done.stdout
+        assert "pose 4 (" in done.stderr and "CAUTION: 1 of 12 poses" in done.stdout
         assert (tmp_path / "out" / "poses.csv").read_text().splitlines()[5].endswith(",0.0,rejected")
     plain = run("calibrate", *files, *NOISE)
     assert "pose 4 (" in plain.stderr and "the estimate has them in" in plain.stderr

@@ -123,7 +123,7 @@ def test_parallel_axes_are_where_it_helps_most(run, tmp_path):
         (["--candidates", "candidates.csv", "-k", "13"], ["k = 13 and 12 candidates"]),
         (["--criterion", "magic"], ["trace, logdet, point", "magic"]),
         (["--criterion", "point"], ["go together"]),
-        (["--point", "0mm,0mm,1mm"], ["go together"]),
+        (["--point", "0mm,0mm,1mm"], ["--point goes with --criterion point", "got --criterion trace"]),
         (["--criterion", "point", "--point", "1mm,2mm"], ["--point", "X,Y,Z"]),
         (["--criterion", "point", "--point", "1,2,3"], ["unit"]),
         (["--length", "1"], ["unit"]),

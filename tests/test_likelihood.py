@@ -561,3 +561,12 @@ def test_bound_refuses_what_does_not_fit(rng):
         bound(poses, uq.PoseNoise(camera=np.eye(42)))
     with pytest.raises(uq.InputError, match="give the Motions"):
         bound(poses, uq.PairNoise(A=np.eye(6)))
+
+
+@pytest.mark.parametrize("function", [uq.likelihood.efficient, uq.likelihood.maximum_likelihood, uq.bound])
+@pytest.mark.parametrize("noise", [None, "1mm", np.eye(6)])
+def test_noise_and_data_of_a_wrong_type(function, noise):
+    with pytest.raises(uq.InputError, match=f"`noise` to be PoseNoise or PairNoise, got {type(noise).__name__}"):
+        function(uq.simulate(5, seed=1), noise)
+    with pytest.raises(uq.InputError, match="`data` to be PosePairs or Motions, got ndarray"):
+        function(np.eye(4), uq.PoseNoise(camera=1e-6 * np.eye(6)))

@@ -240,6 +240,25 @@ def test_priors():
     assert {c.status for c in both.components} == {"prior"}
 
 
+def test_what_the_data_sheet_decides_is_not_told_by_the_data():
+    poses = uq.simulate(30, noise=WEAK_ROBOT, seed=2)
+    everything = ("0.02deg", "0.05mm"), ("0.1deg", "0.5mm")
+    for prior in (NoisePrior(*everything, factor=1), NoisePrior(*everything, factor=1.01)):
+        said = " ".join(estimate_noise(poses, prior).statement)
+        assert said.startswith("From the data sheet: rotation, robot and camera together 0.1 deg")
+        assert "Told by the data" not in said and "Translation of robot and camera follows the data sheet" in said
+    loose = " ".join(estimate_noise(poses, NoisePrior(*everything)).statement)
+    assert "From the data sheet" not in loose and "Told by the data: rotation" in loose
+    # A fixed part that makes up all of a sum; it is no lower than that part.
+    large = estimate_noise(poses, NoisePrior(robot=(None, "0.8mm"), factor=1))
+    assert large[TOGETHER[1]].status == "prior" and large[TOGETHER[1]].low >= 8e-4
+    assert any(text.startswith("From the data sheet: translation") for text in large.statement)
+    assert any(text.startswith("Told by the data: rotation") for text in large.statement)
+    # A side that is exact leaves all of the rotation to the other one.
+    exact = estimate_noise(poses, NoisePrior(robot=("0deg", "0mm"), factor=1))
+    assert exact["robot rotation"].status == "fixed" and exact["camera rotation"].status == "estimated"
+
+
 @pytest.mark.parametrize(
     "arguments", [{"factor": 0.5}, {"robot": ("0deg", "1mm")}, {"camera": (None, "-1mm")}, {"robot": "1mm"}]
 )

@@ -86,7 +86,7 @@ def test_a_robust_fit_says_what_became_of_each_pose():
     assert text.startswith("2 of 30 poses do not fit the others and took no part in the estimate: ")
     for k in wrong:
         turn, shift = np.degrees(table.rotation[k]), 1e3 * table.translation[k]
-        assert f"pose {k} ({turn:.2g} degrees, {shift:.3g} mm, d^2 = {table.distance2[k]:.3g})" in text
+        assert f"pose {k} ({turn:.2g} degrees, {shift:.3g} mm, d^2 = {table.distance2[k]:.0f})" in text
         assert shift == pytest.approx(50, rel=0.1)  # the residual of a rejected pose is what is wrong with it
     assert "stays below d^2 = 22.5" in text
 

@@ -7,7 +7,7 @@ from support import SEED, difference, mean_interval, moved, random_covariance, r
 
 import uq_handeye as uq
 from uq_handeye import likelihood
-from uq_handeye.constraint import Linearised, Unknowns, block_diagonal, constraint_of
+from uq_handeye.constraint import Linearised, OnPoses, Unknowns, block_diagonal, constraint_of
 from uq_handeye.robust import FULL, NOTHING, consensus, pose_distances, robust_fit, robust_weights
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -313,12 +313,39 @@ def test_refuses():
         robust_fit(poses, NOISE, method="median")
     with pytest.raises(uq.InputError, match="`noise`, or a function"):
         robust_fit(poses, None)
-    with pytest.raises(uq.InputError, match="more than 3 poses"):
+    with pytest.raises(uq.InputError, match="`noise` to be PoseNoise, PairNoise or None, got str"):
+        robust_fit(poses, "1mm")
+    with pytest.raises(uq.InputError, match="more than 3 poses to tell wrong ones from good ones, got 3"):
         robust_fit(uq.PosePairs(poses.robot[:3], poses.camera[:3]), NOISE)
     with pytest.raises(uq.InputError, match="one data set"):
         robust_fit(uq.simulate(12, noise=NOISE, trials=2, seed=SEED), NOISE)
-    with pytest.raises(uq.InputError, match="cannot be estimated"):
-        robust_fit(poses, None, estimate=lambda data, X, weights: None)
+    assert robust_fit(poses, None, estimate=lambda data, X, weights: None).noise is None  # exact data, it says
     still = uq.PosePairs(np.tile(poses.robot[:1], (6, 1, 1)), np.tile(poses.camera[:1], (6, 1, 1)))
     with pytest.raises(uq.DegenerateMotionError):
         robust_fit(still, NOISE)
+
+
+@pytest.mark.parametrize("rows", [[*range(22), *range(18)], [*range(20)] * 2, [*range(21), *[3] * 19]])
+@pytest.mark.parametrize("wrong", [False, True])
+def test_copies_are_no_consensus(rows, wrong):
+    """Exact copies agree for every X: they must neither decide what the others are judged by, nor hide a wrong pose."""
+    poses = uq.simulate(22, noise=NOISE, seed=SEED)
+    camera = poses.camera[rows].copy()
+    bad = [k for k, row in enumerate(rows) if row == 7] if wrong else []
+    camera[bad] = moved(camera[bad], np.tile([0.2, 0.0, 0.1, 0.1, 0.0, 0.0], (len(bad), 1)))
+    found = robust_fit(uq.PosePairs(poses.robot[rows], camera), NOISE)
+    assert set(bad) <= set(found.rejected) and len(found.rejected) <= len(bad) + 1
+    xi = difference(found.fit.X, poses.truth.X)
+    assert xi @ np.linalg.solve(found.fit.covariance_X, xi) < 20 * stats.chi2.ppf(0.999, 6)  # a copy counts as a pose
+    start = consensus(OnPoses(poses.robot[rows], camera, False), NOISE, 0)
+    assert start.inside.shape == (40,) and not start.inside[bad].any()
+    first = np.array([rows.index(row) for row in rows])
+    np.testing.assert_array_equal(start.inside, start.inside[first])
+    assert np.linalg.norm(difference(start.unknowns.X, poses.truth.X)) < 0.02
+
+
+def test_copies_of_too_few_poses():
+    poses = uq.simulate(2, noise=NOISE, seed=SEED)
+    rows = [0, 1] * 5
+    with pytest.raises(uq.DegenerateMotionError, match="Only 2 of the rows differ"):
+        robust_fit(uq.PosePairs(poses.robot[rows], poses.camera[rows]), NOISE)

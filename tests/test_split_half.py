@@ -9,7 +9,7 @@ from support import SEED, assert_same_covariance, covers, difference, moved, ran
 
 import uq_handeye as uq
 from uq_handeye.likelihood import efficient
-from uq_handeye.split_half import SPLITS, SplitHalf, _halves, random_splits, split_half
+from uq_handeye.split_half import SPLITS, SplitHalf, _halves, split_half
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SETUPS = ["eye-in-hand", "eye-to-hand"]
@@ -114,6 +114,13 @@ def test_motions_and_poses(rng):
     np.testing.assert_allclose(found.X1, efficient(uq.Motions(A, B), pairs).X)
 
 
+def test_halves_may_start_from_all_data():
+    poses = uq.simulate(16, noise=NOISE, seed=[SEED, 11])
+    own, given = (split_half(poses, NOISE, start=start) for start in (None, efficient(poses, NOISE).X))
+    assert np.abs(given.difference - own.difference).max() < 1e-3 * np.sqrt(np.diag(own.covariance)).min()
+    assert given.d2 == pytest.approx(own.d2, rel=1e-3)
+
+
 def test_drift_is_found():
     noise = uq.PoseNoise.isotropic(robot=("0.05mrad", "0.05mm"), camera=("0.2mrad", "0.2mm"))
     poses = uq.simulate(30, noise=noise, seed=[SEED, 9])
@@ -137,6 +144,8 @@ def test_what_is_not_possible():
     assert not found.possible and found.X1 is None and "not possible: a half of the data alone fails" in found.sentence
     data = json.loads(json.dumps(found.to_dict()))
     assert data["possible"] is False and SplitHalf.from_dict(data).to_dict() == data
+    with pytest.raises(uq.InputError, match="`possible` contradict"):
+        SplitHalf.from_dict(data | {"possible": True})
 
 
 def test_words_and_dictionary():
@@ -147,15 +156,10 @@ def test_words_and_dictionary():
     np.testing.assert_array_equal(data["X1"], found.X1)
     assert data["passed"] == bool(found.passed)
     assert SplitHalf.from_dict(data).to_dict() == found.to_dict()
+    with pytest.raises(uq.InputError, match="X1 has the shape"):
+        SplitHalf.from_dict(data | {"X1": [1.0]})
     many = split_half(uq.simulate(20, noise=NOISE, trials=3, seed=3), NOISE)
     assert many.d2.shape == (3,) and "of 3 split-half tests" in many.sentence
-
-
-def test_random_splits_show_the_spread():
-    poses = uq.simulate(20, noise=NOISE, seed=[SEED, 4])
-    p_values = random_splits(poses, NOISE, count=8)
-    assert p_values.shape == (8,) and len(np.unique(p_values)) == 8 and (p_values > 1e-5).all()
-    assert random_splits(uq.simulate(4, noise=NOISE, seed=1), NOISE, count=2).shape == (0,)
 
 
 @pytest.mark.parametrize(

@@ -272,3 +272,18 @@ def test_errors_of_budgets(rng):
     noise = uq.PoseNoise(camera=np.stack([np.eye(6)] * 4))
     with pytest.raises(uq.InputError, match="rows of the derivatives"):
         budget_of_sensitivities(None, np.zeros((3, 6, 6)), noise, np.eye(4))
+
+
+@pytest.mark.parametrize("bad", [-1e-6 * np.eye(6), np.triu(np.ones((6, 6))), np.ones((6, 6)) - 0.5 * np.eye(6)])
+def test_covariances_of_points_are_checked(bad):
+    T, p = np.eye(4), [0.1, 0.0, 0.5]
+    good = 1e-6 * np.eye(6)
+    for call in (
+        lambda: through_X(T, bad, p),
+        lambda: through_X(T, good, p, points_covariance=bad[:3, :3]),
+        lambda: through_robot(T, good, p, T, robot_covariance=bad),
+        lambda: through_target(T, good, p, T, camera_covariance=np.stack([good, bad])),
+    ):
+        with pytest.raises(uq.InputError, match=r"(robot|camera|points)_covariance|`X`"):
+            call()
+    assert through_X(T, good, p, setup=None).frame == "parent frame of X"

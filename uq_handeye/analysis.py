@@ -78,7 +78,7 @@ class Analysis:
         if self.fit.weights is not None and (self.fit.weights == 0).any():
             keep = np.flatnonzero(self.fit.weights > 0)
             data, noise = data.rows(keep), noise.rows(keep)
-        return split_half(data, noise, method=self.method, split=split, dof=self.dof)
+        return split_half(data, noise, method=self.method, split=split, dof=self.dof, start=self.fit.X)
 
     @cached_property
     def budget(self) -> Budget:
@@ -87,15 +87,7 @@ class Analysis:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text."""
-        shares = self.budget.to_dict()
-        return {
-            "diagnostics": self.diagnostics.to_dict(),
-            "covariances": {name: None if S is None else S.tolist() for name, S in self.covariances.items()},
-            "reasons": self.reasons,
-            "split_half": self.split_half.to_dict(),
-            "split_in_time": self.split_in_time.to_dict(),
-            "budget": {name: shares[name] for name in ("sources", "components", "covariances", "group_shares")},
-        }
+        return _to_dict(self)
 
 
 def _not_told_apart(estimate: NoiseEstimate) -> list[list[str]]:
@@ -105,23 +97,46 @@ def _not_told_apart(estimate: NoiseEstimate) -> list[list[str]]:
     return [group for group in groups if len(group) > 1]
 
 
+@dataclass(frozen=True, eq=False)
 class StoredAnalysis:
     """An `Analysis` read from a file: the same names, no data behind them; its budget is not divided by pose."""
 
-    def __init__(self, data: dict[str, Any], X: Array) -> None:
-        self._data = data
-        self.diagnostics = Diagnostics.from_dict(data["diagnostics"])
-        self.covariances: dict[str, Array | None] = {
+    diagnostics: Diagnostics
+    covariances: dict[str, Array | None]
+    reasons: dict[str, str]
+    split_half: SplitHalf
+    split_in_time: SplitHalf
+    budget: Budget
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], X: Array) -> StoredAnalysis:
+        """What `Analysis.to_dict` wrote, for the X that it belongs to."""
+        covariances = {
             name: None if S is None else checked_covariance(S, name, joint=False)
             for name, S in data["covariances"].items()
         }
-        self.reasons: dict[str, str] = dict(data["reasons"])
-        self.split_half, self.split_in_time = (
-            SplitHalf.from_dict(data[name]) for name in ("split_half", "split_in_time")
-        )
         parts = np.asarray(data["budget"]["covariances"], dtype=float)
-        self.budget = Budget(tuple(data["budget"]["sources"]), parts, np.zeros((0, *parts.shape[1:])), X)
+        return cls(
+            Diagnostics.from_dict(data["diagnostics"]),
+            covariances,
+            dict(data["reasons"]),
+            SplitHalf.from_dict(data["split_half"]),
+            SplitHalf.from_dict(data["split_in_time"]),
+            Budget(tuple(data["budget"]["sources"]), parts, np.zeros((0, *parts.shape[1:])), X),
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        """As it was read."""
-        return self._data
+        """As `Analysis.to_dict`."""
+        return _to_dict(self)
+
+
+def _to_dict(of: Analysis | StoredAnalysis) -> dict[str, Any]:
+    shares = of.budget.to_dict()
+    return {
+        "diagnostics": of.diagnostics.to_dict(),
+        "covariances": {name: None if S is None else S.tolist() for name, S in of.covariances.items()},
+        "reasons": of.reasons,
+        "split_half": of.split_half.to_dict(),
+        "split_in_time": of.split_in_time.to_dict(),
+        "budget": {name: shares[name] for name in ("sources", "components", "covariances", "group_shares")},
+    }

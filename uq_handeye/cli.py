@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from . import __version__
-from .calibration import LIKELIHOOD, calibrate
+from .calibration import calibrate
 from .cli_options import (
     CameraFile,
     CameraNoise,
@@ -39,6 +39,7 @@ from .comparison import Comparison, compare
 from .errors import InputError, InputWarning, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
 from .io import pose_text, read_pose_file, read_poses, write_files
+from .likelihood import ESTIMATORS
 from .noise import PoseNoise
 from .poses import SETUPS
 from .report import comparison_text, text
@@ -100,7 +101,7 @@ def calibrate_command(
     method: Annotated[
         str | None,
         typer.Option(
-            help=f"Estimator: {', '.join([*LIKELIHOOD, *METHODS, *ROBOT_WORLD_METHODS])}. Left out: efficient, or "
+            help=f"Estimator: {', '.join([*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS])}. Left out: efficient, or "
             "4dpa where --scale or --kind ask for it."
         ),
     ] = None,

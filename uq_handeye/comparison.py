@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import __version__
-from .calibration import calibrate, require_noise_fits
+from .calibration import calibrate
 from .comparison_row import CHI2_95, Row, against, flat, squared_distance
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
@@ -45,8 +45,10 @@ from .noise_transport import noise_of_pairs
 from .poses import SETUPS, PosePairs
 from .published import fit_published
 from .report.comparison_text import table, verdict, without_numbers
+from .request import require_noise_fits
 from .residuals import residuals, summarise
-from .result import CONVENTION, Calibration, noise_to_dict
+from .result import CONVENTION, Calibration
+from .result_file import noise_to_dict
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,11 +6,13 @@ anything.
 Random smallest subsets (3 poses, 2 motions), 4DPA on each; the subsets under which 60 % of the poses have the
 smallest rotation and translation residuals (least quantile of squares, Rousseeuw, J. Am. Stat. Assoc. 79, 1984) are
 improved on those 60 % (concentration steps of Rousseeuw and van Driessen, Data Min. Knowl. Disc. 12, 2006), and the one
-with the smallest trimmed sum of squares is taken.
+with the smallest trimmed sum of squares is taken. Exact copies of a row fit each other, whatever X is: only the first
+of them is looked at.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -49,6 +51,11 @@ class Consensus(NamedTuple):
 
 def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random.Generator) -> Consensus:
     """X and W that at least 60 % of the poses fit best; raises `DegenerateMotionError` if no subset determines X."""
+    first, copy_of = _distinct(constraint)
+    if len(first) < len(copy_of):
+        rows = replace(constraint, first=constraint.first[first], second=constraint.second[first])
+        found = consensus(rows, None if noise is None else _independent(noise).rows(first), seed)
+        return found._replace(inside=found.inside[copy_of], noise=found.noise if noise is None else noise)
     n = constraint.first.shape[-3]
     on_poses = isinstance(constraint, OnPoses)
     majority = min(n, max(4 if on_poses else 3, int(np.ceil(MAJORITY * n))))
@@ -81,10 +88,28 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
     return Consensus(at, inside, noise, len(hypotheses.X))
 
 
+def _distinct(constraint: Constraint) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The rows that are no copies of one before, and for each of the n rows which of them it equals."""
+    both = np.stack([constraint.first[:, :3], constraint.second[:, :3]], axis=1).reshape(-1, 24)
+    order = np.lexsort(both.T)
+    new = np.append(True, (both[order[1:]] != both[order[:-1]]).any(axis=1))
+    number = np.empty(len(both), dtype=np.intp)
+    number[order] = np.cumsum(new) - 1
+    first = np.full(int(new.sum()), len(both))
+    np.minimum.at(first, number, np.arange(len(both)))
+    rank = np.argsort(np.argsort(first))
+    return np.sort(first), rank[number]
+
+
 def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
     """X (T, 4, 4) and W of smallest subsets, without those that do not determine X."""
     on_poses = isinstance(constraint, OnPoses)
     n, size = constraint.first.shape[-3], 3 if on_poses else 2
+    if n < size:
+        raise DegenerateMotionError(
+            f"Only {n} of the rows differ: {size} different {'poses' if on_poses else 'motions'} are needed.",
+            np.eye(6),
+        )
     few = n <= (13 if on_poses else 25)  # no more than about SUBSETS subsets in all
     if few:
         index = np.array(list(combinations(range(n), size)))

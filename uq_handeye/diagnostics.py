@@ -10,6 +10,8 @@ rows their whitened J and r) X moves by the block of X of ``C B_i^T (I - B_i C B
 linearised problem (R. D. Cook, Technometrics 1977, for rows of several numbers that may be correlated). The
 information that row i brings to X alone is ``tr(C_XX^-1 C_X B_i^T B_i C_X^T) / 6``, C_X the rows of C that belong to X.
 
+A shift d of X is stated "in standard deviations" as its length ``sqrt(d^T C_XX^-1 d)`` over all six directions.
+
 The tests of the residuals are in `residual_patterns`, errors that all rows share in `scale_errors`, the sentences in
 `report.diagnosis_words`.
 """
@@ -34,6 +36,8 @@ from .scale_errors import ScaleError, inflation, scale_errors, shared_lengths
 from .se3 import Array, skew
 
 _MM, _DEG = 1e3, 180.0 / np.pi
+# Of motions that come without poses.
+UNKNOWN_FRAME = "parent frame of X"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +63,7 @@ class Influence:
     share: Array  # (n,), sums to 1
     effective_number: float  # 1 / sum share^2
     shift: Array  # (n, 6) of X, rad and m; infinite where X is not determined without the row
-    shift_sd: Array  # (n,) the component of the shift that is largest in standard deviations of X
+    shift_sd: Array  # (n,) sqrt(shift^T C_XX^-1 shift): in standard deviations of X
     cook: Array  # (n,) shift^T C_XX^-1 shift / 6
     p_value: Array  # (n,) of the row's residual given all others, chi-square(6) if the noise is right
 
@@ -78,7 +82,7 @@ class Diagnostics:
 
     n: int
     item: str  # "pose" or "motion"
-    independent_camera: bool  # the camera noise is taken as independent from row to row
+    independent_camera: bool  # the camera has noise, taken as independent from row to row
     sigma_0: float  # root of chi-square of the fit by its degrees of freedom
     spectrum: Spectrum
     influence: Influence
@@ -174,7 +178,8 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
     factor = fit.factor if fit.weights is None else cholesky_of(weighted(fit.S, fit.weights))
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
     white = whiten(factor, stacked)
-    freedom = max(6 * n - fit.covariance.shape[-1], 1)
+    counted = float(n if fit.weights is None else fit.weights.sum())
+    freedom = max(6 * counted - fit.covariance.shape[-1], 1.0)
     sigma_0 = float(np.sqrt(np.sum(white[..., -1] ** 2) / freedom))
 
     # Tests must not take the noise of the poses for a pattern: that of the corrected ones is independent of residuals.
@@ -183,14 +188,14 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
     lengths = shared_lengths(first, second, data, poses, on_poses)
     tests = residual_tests(fit, poses if on_poses else None, second, joint)
     camera = noise.B if isinstance(noise, PairNoise) else noise.camera
-    eye_to_hand = poses is not None and poses.setup == "eye-to-hand"
+    frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
     distance = float(np.sqrt(np.mean(np.sum(second[:, :3, 3] ** 2, axis=-1))))
     return Diagnostics(
         n=n,
         item="pose" if on_poses else "motion",
-        independent_camera=camera is None or not is_joint(camera),
+        independent_camera=camera is not None and not is_joint(camera),
         sigma_0=sigma_0,
-        spectrum=_spectrum(fit.covariance_X, "base" if eye_to_hand else "gripper", distance, on_poses),
+        spectrum=_spectrum(fit.covariance_X, frame, distance, on_poses),
         influence=_influence(fit.covariance, *_own_parts(white, factor, stacked, joint)),
         diversity=_diversity(data, poses),
         autocorrelation=tests[0],
@@ -248,7 +253,7 @@ def _influence(C: Array, B: Array, e: Array) -> Influence:
     p_value = np.where(needed, 1.0, chdtrc(6, np.sum(turned * rotated, axis=1)))
     shift = (by_X.mT @ (vectors @ rotated[..., None]))[..., 0]
     cook = np.sum((shift @ to_unit.T) ** 2, axis=1) / 6
-    shift_sd = (np.abs(shift) / np.sqrt(np.diagonal(C)[:6])).max(axis=1)
+    shift_sd = np.sqrt(6 * cook)
     shift[needed] = shift_sd[needed] = cook[needed] = np.inf
     return Influence(share, float(1.0 / np.sum(share**2)), shift, shift_sd, cook, p_value)
 

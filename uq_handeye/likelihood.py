@@ -11,10 +11,11 @@ One step (Gauss-Helmert) linearises r at guesses of X, W and the errors v. With 
 
 The first step from 4DPA's X, with v = 0, is that of T5: at the bound to first order in the errors. It takes the
 derivatives at measured data, whose noise biases X and makes ``I_F^-1`` too small where rotation noise times a lever
-exceeds the translation noise (10 mrad and 0.1 mm: NEES 7 to 58 of 6). ``efficient`` therefore takes a second one, with
-the derivatives at the poses as the first corrected them, after which nothing measurable changes. ``ml`` goes on until
-it stands still: there the conditions of the constrained maximum hold exactly. The covariance of both is ``I_F^-1``,
-where the last step was taken; its block of X (the Schur complement on X) is marginal over W.
+exceeds the translation noise (motions with 10 mrad and 0.1 mm in `studies.efficiency`: mean NEES 8 and 12, not 6).
+``efficient`` therefore takes a second one, with the derivatives at the poses as the first corrected them. What further
+steps change is small beside the deviations, but for the largest noise there. ``ml`` goes on until it stands still:
+there the conditions of the constrained maximum hold exactly. The covariance of both is ``I_F^-1``, where the last step
+was taken; its block of X (the Schur complement on X) is marginal over W.
 
 Exact sides (noise None) and covariances that are joint over poses (T4b) need no special case, as Sigma is never
 inverted; S must be. Leading axes are independent problems.
@@ -41,9 +42,9 @@ from .constraint import (
     covariances_of,
     residual_covariance,
 )
-from .errors import DegenerateMotionError, NotConvergedError, SingularNoiseError
+from .errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
 from .motions import Motions
-from .noise import Noise, is_joint
+from .noise import Noise, PairNoise, PoseNoise, is_joint
 from .poses import PosePairs
 from .procrustes import solve_limit
 from .robot_world import mean_target
@@ -128,11 +129,11 @@ def efficient(data: PosePairs | Motions, noise: Noise, start: Array | None = Non
     Raises
     ------
     InputError
-        Noise that does not fit the data or leaves a part of the residuals exact.
+        Noise that is none, does not fit the data or leaves a part of the residuals exact.
     DegenerateMotionError
         The data do not determine X (or W).
     """
-    constraint = constraint_of(data, noise)
+    constraint = _checked(data, noise)
     return fit(constraint, noise, start_of(data, constraint, start), CLOSED_FORM_STEPS)
 
 
@@ -146,7 +147,7 @@ def maximum_likelihood(data: PosePairs | Motions, noise: Noise, start: Array | N
     NotConvergedError
         ``partial`` holds the `Fit` that was reached, with a flag for each problem.
     """
-    constraint = constraint_of(data, noise)
+    constraint = _checked(data, noise)
     found = fit(constraint, noise, start_of(data, constraint, start), steps=MOST_STEPS)
     if not found.converged.all():
         failed = int(found.converged.size - found.converged.sum())
@@ -165,8 +166,8 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
 
     Model: the errors of the poses (or, with PairNoise, of the motions) are Gaussian with the covariance given; the true
     poses and W are unknown nuisances. The bound belongs to true values: those of simulated poses that carry their
-    truth; else X and the poses as maximum likelihood corrects them; where ``X`` is given, X and the data as they are
-    (noise of 10 mrad in them moves the bound by 1 %, of 30 mrad by 4 %).
+    truth; else X and the poses as maximum likelihood corrects them; where ``X`` is given, X and the data as they are,
+    whose noise then moves the bound.
 
     Parameters
     ----------
@@ -187,7 +188,7 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
     >>> np.round(np.sqrt(np.diag(uq.bound(poses, noise))) * 1e3, 2)  # mrad, mm
     array([0.44, 0.39, 0.57, 0.5 , 0.46, 0.58])
     """
-    constraint = constraint_of(data, noise)
+    constraint = _checked(data, noise)
     poses = data if isinstance(data, PosePairs) else data.poses
     if isinstance(constraint, OnPoses) and X is None and poses is not None and poses.truth is not None:
         truth = poses.truth
@@ -200,6 +201,19 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
         linear = constraint.linearise(at, constraint.first, constraint.second)
     factor = cholesky_of(residual_covariance(linear.sides, noise))
     return inverse_information(gram(whiten(factor, linear.J)))[..., :6, :6]
+
+
+# Estimates at the Cramer-Rao bound by name; every other name is a published method.
+ESTIMATORS = {"efficient": efficient, "ml": maximum_likelihood}
+
+
+def _checked(data: PosePairs | Motions, noise: Noise) -> Constraint:
+    """The constraint, once data and noise are known to be some."""
+    if not isinstance(data, PosePairs | Motions):
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if not isinstance(noise, PoseNoise | PairNoise):
+        raise InputError(f"Expected `noise` to be PoseNoise or PairNoise, got {type(noise).__name__}.")
+    return constraint_of(data, noise)
 
 
 def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None) -> Unknowns:

@@ -55,7 +55,6 @@ from .noise_components import (
     paired_rows,
 )
 from .poses import PosePairs
-from .report.noise_words import noise_statement, together
 from .se3 import Array, as_transforms
 from .units import parse_angle, parse_length
 
@@ -319,6 +318,11 @@ def model_of(prior: NoisePrior, sides: tuple[str, str]) -> tuple[Model, tuple[st
     return Model(mixing, offset, np.array(means), np.array(deviations)), tuple(names)
 
 
+def together(what: str, sides: tuple[str, str]) -> str:
+    """The name of a sum."""
+    return f"{what}, {sides[0]} and {sides[1]} together"
+
+
 def variance_components(
     data: PosePairs | Motions, model: Model, *, start: Array | None = None, weights: Array | None = None
 ) -> Found:
@@ -404,14 +408,12 @@ def _report(
         if all(parts[part].status == "fixed" for part in own if part in parts) and own[0] in parts:
             parts[name] = _component(name, [total] * 3, "fixed")
         else:
-            status = (
-                "prior"
-                if all(part in parts and parts[part].status in ("prior", "fixed") for part in own)
-                else "estimated"
-            )
-            parts[name] = _component(name, (total, *ends), status)
-    rotation_told = all(parts[name].status in ("prior", "fixed") for name in rotations) or any(
-        parts[name].low > 0 for name in rotations
+            known_of_all = all(part in parts and parts[part].status in ("prior", "fixed") for part in own)
+            fixed = sum(parts[part].value ** 2 for part in own if part in parts and parts[part].status == "fixed")
+            status = "prior" if known_of_all or fixed > 0.5 * total else "estimated"
+            parts[name] = _component(name, (total, max(ends[0], fixed), ends[1]), status)
+    rotation_told = all(parts[name].status == "prior" for name in rotations) or any(
+        parts[name].low > 0 or parts[name].status == "fixed" for name in rotations
     )
     if not rotation_told:
         for name in rotations:
@@ -425,8 +427,32 @@ def _report(
     noise: Noise = kind.isotropic(**deviations)
     order = [name for what in ("rotation", "translation")
              for name in (together(what, sides), *(f"{side} {what}" for side in sides))]  # fmt: skip
+    from .report.noise_words import noise_statement
+
     components = tuple(parts[name] for name in order)
-    return NoiseEstimate(noise, components, noise_statement(parts, sides, rotation_told, dof), variances, full, dof)
+    sheet = _from_data_sheet(parts, sides, covariance, dict(zip(names, range(len(names)), strict=True)), prior)
+    return NoiseEstimate(noise, components, noise_statement(parts, sides, rotation_told, sheet), variances, full, dof)
+
+
+def _from_data_sheet(
+    parts: dict[str, Component], sides: tuple[str, str], covariance: Array, column: dict[str, int], prior: NoisePrior
+) -> frozenset[str]:
+    """Components and sums that the data sheet decides: half or more of its own spread is left, in variances."""
+    found = set()
+    for what in ("rotation", "translation"):
+        own = [f"{side} {what}" for side in sides]
+        statuses = [parts[name].status for name in own]
+        for names in (own[:1], own[1:], own):
+            name = names[0] if len(names) == 1 else together(what, sides)
+            if all(parts[one].status in ("fixed", "prior") for one in names):
+                columns = [column[one] for one in names if one in column]
+                before = sum((2 * np.log(prior.factor) * parts[one].value ** 2) ** 2 for one in names if one in column)
+                decided = covariance[np.ix_(columns, columns)].sum() >= 0.5 * before
+            else:  # a fixed part that makes up most of a sum
+                decided = len(names) == 2 and "fixed" in statuses and parts[name].status == "prior"
+            if decided:
+                found.add(name)
+    return frozenset(found)
 
 
 def _component(name: str, variances: Sequence[float | Array], status: str) -> Component:

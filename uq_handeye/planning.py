@@ -43,7 +43,8 @@ from .noise import PoseNoise, is_joint
 from .planning_selection import covariance_of, exchanged, greedy, value
 from .planning_start import PRIOR, so_far
 from .poses import SETUPS, PosePairs
-from .result import CONVENTION, noise_to_dict
+from .result import CONVENTION
+from .result_file import noise_to_dict
 from .se3 import Array, as_transforms, skew
 from .units import parse_length
 

@@ -10,6 +10,7 @@ from scipy.special import chdtri
 
 from .errors import InputError
 from .likelihood import Fit
+from .report.numbers import digits
 from .robust import FULL, RobustFit, pose_distances
 from .se3 import Array
 
@@ -67,8 +68,8 @@ class PoseTable:
             if not rows or (word == "outlier" and self.distance2[rows[0]] < self.limit_of_all):
                 continue
             named = ", ".join(
-                f"{self.item} {k} ({np.degrees(self.rotation[k]):.2g} degrees, {1e3 * self.translation[k]:.3g} mm, "
-                f"d^2 = {self.distance2[k]:.3g})"
+                f"{self.item} {k} ({digits(np.degrees(self.rotation[k]), 2)} degrees, "
+                f"{digits(1e3 * self.translation[k])} mm, d^2 = {digits(self.distance2[k])})"
                 for k in rows[:MOST_NAMED]
             )
             more = f" and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""

@@ -20,13 +20,10 @@ linearised problem; W is estimated again, being among the unknowns):
 (B. Efron, Ann. Statist. 7 (1979) 1-26; pairs bootstrap.) A draw may hold too few different poses to determine X; such
 draws are counted and the covariance is that of the others.
 
-Measured, simulated poses, true noise model, 12 unknowns: mean of the variances over the true ones (range over all
-directions of (xi_X, xi_W)); a few percent of the range are Monte Carlo error.
-
-    poses   sandwich             jackknife            bootstrap            hac, automatic lags
-    10      1.01 (0.94 to 1.06)  1.25 (1.02 to 1.55)  1.04 (0.85 to 1.32)  0.89 (0.81 to 0.98)
-    30      1.00 (0.96 to 1.03)  1.06 (0.99 to 1.11)  0.97 (0.88 to 1.05)  0.90 (0.86 to 0.94)
-    60      1.00 (0.98 to 1.02)  1.03 (0.99 to 1.06)  0.99 (0.94 to 1.06)  0.96 (0.93 to 0.98)
+On 30 simulated poses with the true noise model (tests/test_resampling.py) the sandwich is in the mean the sampling
+covariance, the variances of the jackknife are 2 to 10 % larger, those of the bootstrap between 8 % smaller and 2 %
+larger, each in the mean over all directions. With fewer poses, of more leverage each, the jackknife's are larger still.
+`studies.real_cell` prints how often the 95 % ellipsoid of each kind holds the truth.
 """
 
 from __future__ import annotations
@@ -42,7 +39,7 @@ from scipy.spatial.transform import Rotation
 
 from .errors import DegenerateMotionError, InputError
 from .estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from .likelihood import Fit, efficient, maximum_likelihood
+from .likelihood import ESTIMATORS, Fit
 from .motions import Motions
 from .noise import Noise
 from .poses import PosePairs
@@ -51,7 +48,6 @@ from .sandwich import DISPENSABLE, Influence, given_lags, hac_freedom, influence
 from .se3 import Array, as_transforms
 
 KINDS = ("sandwich", "hac", "jackknife", "bootstrap")
-LIKELIHOOD = ("efficient", "ml")
 
 # A draw whose information is below this share of that of all poses, in some direction, is near singular.
 NEAR_SINGULAR = 1e-6
@@ -246,7 +242,7 @@ def resampled(
     """
     if kind not in KINDS:
         raise InputError(f"Expected `kind` to be one of {', '.join(KINDS)}, got {kind!r}.")
-    known = (*LIKELIHOOD, *METHODS, *ROBOT_WORLD_METHODS)
+    known = (*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS)
     if not isinstance(method, str) or method not in known:
         raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
     if not isinstance(data, PosePairs | Motions):
@@ -254,7 +250,7 @@ def resampled(
     first = data.robot if isinstance(data, PosePairs) else data.A
     if first.ndim != 3:
         raise InputError("Expected one data set; for a batch call sandwich(), hac(), jackknife() or bootstrap().")
-    if method in LIKELIHOOD:
+    if method in ESTIMATORS:
         return _of_fit(data, method, kind, fit, noise, lags, replicates, seed)
     at = None if X is None else as_transforms(X, "X", stack=False)
     return _of_method(Problem(data, method, at, noise), kind, lags, replicates, seed)
@@ -273,7 +269,7 @@ def _of_fit(
     if fit is None:
         if noise is None:
             raise InputError(f"Method {method!r} weights by the noise: give `noise`, or the `fit`.")
-        fit = efficient(data, noise) if method == "efficient" else maximum_likelihood(data, noise)
+        fit = ESTIMATORS[method](data, noise)
     if fit.W is None and isinstance(data, Motions) and data.poses is not None:
         raise InputError(
             "The fit was made on motions that share poses, so that no two of them are independent. Fit on the poses: "

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc, fdtrc, ndtr
 
-from .likelihood import Fit, gram, inverse_information
+from .likelihood import Fit, cholesky_of, gram, inverse_information, weighted, whiten
 from .poses import PosePairs
 from .se3 import Array
 
@@ -71,6 +71,10 @@ def residual_tests(
     fit: Fit, poses: PosePairs | None, second: Array, joint: bool
 ) -> tuple[Autocorrelation, Normality, Regression]:
     white, J = fit.white
+    if joint and fit.weights is not None:  # a joint S would carry a rejected pose into the rows of the others
+        factor = cholesky_of(weighted(fit.S, fit.weights))
+        stacked = whiten(factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
+        white, J = stacked[..., -1], stacked[..., :-1]
     n = len(white)
     rows = np.arange(n) if fit.weights is None else np.flatnonzero(fit.weights > 0.5)
     if poses is not None and poses.timestamps is not None:
@@ -78,7 +82,7 @@ def residual_tests(
     reason = ""
     if len(rows) < FEWEST:
         reason = f"{len(rows)} rows are too few: {FEWEST} are needed"
-    elif np.sqrt(np.mean(white**2)) < 1e-6:
+    elif np.sqrt(np.mean(white[rows] ** 2)) < 1e-6:
         reason = "the residuals are zero next to the noise"
     of_order = reason or ("rows of a joint covariance have no order once they are whitened" if joint else "")
     if reason:
@@ -86,8 +90,6 @@ def residual_tests(
         normality = Normality(reason, none, 0.0, 1.0, 1.0, 1.0)
         regression = Regression(reason, 0.0, 0.0, 1.0)
     else:
-        if joint:
-            rows = np.arange(n)
         r, U = standardised(white[rows], J[rows])
         skewness, kurtosis, p = normality_of(r)
         normality = Normality("", skewness, float(kurtosis), *(float(value) for value in p))

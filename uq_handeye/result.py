@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from textwrap import fill
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +17,7 @@ from .diagnostics import Diagnostics
 from .errors import InputError
 from .goodness_of_fit import GoodnessOfFit
 from .io.atomic import write_atomically
-from .noise import Noise, PairNoise, PoseNoise, checked_covariance
+from .noise import Noise
 from .noise_estimation import NoiseEstimate
 from .octonion_covariance import PAPER_SCALE
 from .pose_table import PoseTable
@@ -27,9 +25,11 @@ from .poses import SETUPS, TARGETS
 from .procrustes import octonion
 from .reference import Reference
 from .residuals import Residuals
-from .se3 import Array, as_transforms, inverse, inverse_jacobian
+from .result_file import FourDPA, noise_to_dict, parts_of
+from .se3 import Array, inverse, inverse_jacobian
 from .sensitivity import pose_from_octonion_jacobian
 from .split_half import SplitHalf
+from .stored import misfit, not_finite, unequal
 from .task_space import Budget, PointUncertainty, through_robot, through_target, through_X
 
 CONVENTION = (
@@ -37,15 +37,6 @@ CONVENTION = (
     "translation; rad and m; in the parent frame of X"
 )
 _FORMAT = "uq-handeye calibration 2"
-
-T = TypeVar("T")
-
-
-class FourDPA(NamedTuple):
-    """What 4DPA alone makes of the same data."""
-
-    X: Array  # (4, 4)
-    covariance: Array | None  # (6, 6), to first order, at the same noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +185,13 @@ class Calibration:
 
     @property
     def split_half(self) -> SplitHalf:
-        """X from two halves of the poses against each other."""
+        """X from the even and from the odd rows against each other."""
         return self._analysed().split_half
+
+    @property
+    def split_in_time(self) -> SplitHalf:
+        """X from the first and from the last rows against each other, which finds drift."""
+        return self._analysed().split_in_time
 
     @property
     def budget(self) -> Budget:
@@ -244,11 +240,26 @@ class Calibration:
         -------
         PointUncertainty
             ``points`` (..., 3), ``covariance`` (..., 3, 3), ``std`` (..., 3), ``radius_95`` (...), ``frame``.
+
+        Raises
+        ------
+        InputError
+            Wrong shapes or numbers; a covariance that is not positive semidefinite, or whose pose is not given; poses
+            for a calibration of motions that came without any; an X or W whose covariance is not determined.
         """
-        setup = self.setup or "eye-in-hand"
+        setup = self.setup
+        for name, pose, noise in (("robot", robot, robot_covariance), ("camera", camera, camera_covariance)):
+            if pose is None and noise is not None:
+                raise InputError(f"Expected the pose `{name}` beside `{name}_covariance`, which is that of this pose.")
+            if pose is not None and setup is None:
+                raise InputError(
+                    f"Expected no `{name}`: this calibration is of motions that came without poses, so that X is known "
+                    "in its own frame alone."
+                )
         if robot is not None and camera is not None:
             raise InputError("Give either `robot`, to go through the robot, or `camera`, to go through the target.")
         if camera is not None:
+            assert setup is not None
             if self.W is None or self.covariance_W is None:
                 raise InputError(
                     "The way through the target needs W and its covariance: calibrate poses with PoseNoise."
@@ -266,6 +277,7 @@ class Calibration:
             raise InputError("The covariance of X is not determined, and so is that of the points.")
         if robot is None:
             return through_X(self.X, self.covariance, points, setup=setup, points_covariance=points_covariance)
+        assert setup is not None
         return through_robot(
             self.X,
             self.covariance,
@@ -283,7 +295,7 @@ class Calibration:
         """The result as text; correlations at or above ``threshold`` are listed."""
         from .report.text import summary
 
-        return summary(self, threshold) + "".join(f"\n{fill('Warning: ' + text, 118)}\n" for text in self.warnings)
+        return summary(self, threshold)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
@@ -329,45 +341,24 @@ class Calibration:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Calibration:
-        """The inverse of `to_dict`; raises `InputError` on anything else."""
+        """The inverse of `to_dict`; raises `InputError` on anything else: parts that are missing, of another type, not
+        finite, or that do not belong to each other."""
         if not isinstance(data, dict) or data.get("format") != _FORMAT:
             raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
         try:
-            W = data["W"]
-            result = cls(
-                X=as_transforms(data["X"], "X", stack=False),
-                covariance=_covariance_from(data, "covariance"),
-                W=None if W is None else as_transforms(W, "W", stack=False),
-                covariance_W=_covariance_from(data, "covariance_W"),
-                iterations=_expected(data["iterations"], int),
-                covariance_kind=_expected(data["covariance_kind"], str),
-                reference=Reference(**data["reference"]),
-                noise_estimate=_read(data, "noise_estimate", NoiseEstimate.from_dict),
-                bound=_covariance_from(data, "bound"),
-                fourdpa=_read(data, "4dpa", _fourdpa_from),
-                fit=_read(data, "fit", lambda values: GoodnessOfFit(**values)),
-                table=_read(data, "poses", PoseTable.from_dict),
-                analysis=_read(
-                    data, "analysis", lambda values: StoredAnalysis(values, np.asarray(data["X"], dtype=float))
-                ),
-                method=_expected(data["method"], str),
-                scale=_expected(data["scale"], float, None),
-                kind=_expected(data["kind"], str, None),
-                setup=_expected(data["setup"], str, None),
-                n_poses=_expected(data["n_poses"], int, None),
-                n_pairs=_expected(data["n_pairs"], int),
-                noise=_noise_from_dict(data["noise"]),
-                residuals=Residuals(**data["residuals"]),
-                warnings=tuple(_expected(text, str) for text in _expected(data["warnings"], list)),
-            )
-            for name, shape in (("X", (4, 4)), ("W", (4, 4)), ("covariance", (6, 6)), ("covariance_W", (6, 6))):
-                if (value := getattr(result, name)) is not None and value.shape != shape:
-                    raise ValueError(f"{name} has the shape {value.shape}")
-            if result.setup not in (None, *SETUPS):
-                raise ValueError(f"unknown setup {result.setup!r}")
+            if (where := not_finite(data, "calibration")) is not None:
+                raise ValueError(f"{where} is not finite")
+            result = cls(**parts_of(data))
+            if (where := misfit(result, cls, "calibration")) is not None:
+                raise TypeError(f"{where} is of the wrong type")
+            with np.errstate(divide="raise", over="raise", invalid="raise"):
+                again = result.to_dict()
+                if (where := not_finite(again, "calibration") or unequal(again, data, "calibration")) is not None:
+                    raise ValueError(f"{where} does not fit the rest")
+                result.summary()
         except KeyError as error:
             raise InputError(f"The calibration is damaged: {error} is missing.") from error
-        except (TypeError, ValueError, AttributeError) as error:
+        except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
             raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
         return result
 
@@ -382,7 +373,7 @@ class Calibration:
     def from_json(cls, path: str | Path) -> Calibration:
         """Read what `to_json` wrote."""
         try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
+            data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse)
         except (OSError, TypeError) as error:
             raise InputError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
         except (ValueError, RecursionError) as error:
@@ -391,26 +382,6 @@ class Calibration:
             return cls.from_dict(data)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-
-
-def _covariance_from(data: dict[str, Any], name: str) -> Array | None:
-    return None if data[name] is None else checked_covariance(data[name], name, joint=False)
-
-
-def _read(data: dict[str, Any], name: str, reader: Callable[[Any], T]) -> T | None:
-    return None if data[name] is None else reader(data[name])
-
-
-def _fourdpa_from(data: dict[str, Any]) -> FourDPA:
-    return FourDPA(as_transforms(data["X"], "X", stack=False), _covariance_from(data, "covariance"))
-
-
-def _expected(value: Any, *types: type | None) -> Any:
-    """``value`` if it is of one of the types; None stands for None."""
-    known = tuple(kind for kind in types if kind is not None)
-    if (value is None and None in types) or (isinstance(value, known) and not isinstance(value, bool)):
-        return value
-    raise TypeError(f"got {value!r:.40}")
 
 
 def _weakest(covariance: Array) -> tuple[Array, float]:
@@ -424,15 +395,5 @@ def _plain(array: Array | None) -> Any:
     return None if array is None else array.tolist()
 
 
-def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
-    if noise is None:
-        return None
-    return {"type": type(noise).__name__} | {field.name: _plain(getattr(noise, field.name)) for field in fields(noise)}
-
-
-def _noise_from_dict(data: dict[str, Any] | None) -> Noise | None:
-    if data is None:
-        return None
-    if data["type"] == "PairNoise":
-        return PairNoise(data["A"], data["B"])
-    return PoseNoise(data["robot"], data["camera"])
+def _refuse(constant: str) -> None:
+    raise ValueError(f"it holds {constant}")

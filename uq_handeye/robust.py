@@ -39,7 +39,7 @@ from .constraint import Constraint, OnPoses, Unknowns, constraint_of
 from .errors import InputError, NotConvergedError
 from .likelihood import CLOSED_FORM_STEPS, MOST_STEPS, Fit, cholesky_of, fit, weighted
 from .motions import Motions
-from .noise import Noise
+from .noise import Noise, PairNoise, PoseNoise
 from .poses import PosePairs
 from .se3 import Array
 
@@ -145,7 +145,7 @@ def robust_fit(
     Raises
     ------
     InputError
-        Fewer than 4 poses (3 motions); the noise cannot be estimated; or fewer than half of the poses agree.
+        Fewer than 4 poses (3 motions); noise that is none or does not fit; or fewer than half of the poses agree.
     DegenerateMotionError
         The poses that agree do not determine X.
     NotConvergedError
@@ -155,14 +155,15 @@ def robust_fit(
         raise InputError(f"Expected `method` to be 'efficient' or 'ml', got {method!r}.")
     if noise is None and estimate is None:
         raise InputError("Expected `noise`, or a function `estimate` that finds it from the residuals.")
+    if noise is not None and not isinstance(noise, PoseNoise | PairNoise):
+        raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
     constraint = constraint_of(data, noise)
     kind, fewest = ("poses", 3) if isinstance(constraint, OnPoses) else ("motions", 2)
     n = constraint.first.shape[-3]
-    if constraint.first.ndim != 3 or n <= fewest:
-        raise InputError(
-            f"Expected more than {fewest} {kind} of one data set to tell wrong ones from good ones, got "
-            f"{constraint.first.shape[:-2]}."
-        )
+    if constraint.first.ndim != 3:
+        raise InputError(f"Expected one data set, got leading axes {constraint.first.shape[:-3]}.")
+    if n <= fewest:
+        raise InputError(f"Expected more than {fewest} {kind} to tell wrong ones from good ones, got {n}.")
     start = consensus(constraint, noise, seed)
     if noise is not None:
         settled = _settle(constraint, noise, start.unknowns, start.inside, method)

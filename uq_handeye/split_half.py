@@ -29,16 +29,17 @@ from scipy.special import chdtrc, fdtrc
 
 from .constraint import constraint_of, residual_covariance
 from .errors import DegenerateMotionError, InputError, NotConvergedError
-from .likelihood import Fit, efficient, maximum_likelihood
+from .likelihood import ESTIMATORS, Fit
 from .motions import Motions
 from .noise import Noise, PairNoise, is_joint
 from .poses import PosePairs
 from .se3 import Array
 
-METHODS = {"efficient": efficient, "ml": maximum_likelihood}
 SPLITS = ("interleaved", "contiguous", "random", "angles")
 LEVEL = 0.95
 FEWEST = 3
+# The numbers of one test.
+_SHAPES = {"X1": (4, 4), "X2": (4, 4), "difference": (6,), "covariance": (6, 6), "d2": (), "p_value": ()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +106,12 @@ class SplitHalf:
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SplitHalf:
         """The inverse of `to_dict`, of one problem."""
-        numbers = {
-            name: None if data[name] is None else np.asarray(data[name], dtype=float)
-            for name in ("X1", "X2", "difference", "covariance", "d2", "p_value")
-        }
+        numbers = {name: None if data[name] is None else np.asarray(data[name], dtype=float) for name in _SHAPES}
+        for name, value in numbers.items():
+            if (value is None) if data["possible"] else (value is not None):
+                raise InputError(f"The split-half test is damaged: {name} and `possible` contradict each other.")
+            if value is not None and value.shape != _SHAPES[name]:
+                raise InputError(f"The split-half test is damaged: {name} has the shape {value.shape}.")
         first, second = (np.asarray(half, dtype=np.intp) for half in data["halves"])
         return cls(data["split"], (first, second), data["possible"], data["reason"], dof=data["dof"], **numbers)
 
@@ -121,6 +124,7 @@ def split_half(
     split: str = "interleaved",
     seed: int = 0,
     dof: float | None = None,
+    start: Array | None = None,
 ) -> SplitHalf:
     """X from two halves of the data, and whether they agree within their covariances.
 
@@ -136,6 +140,8 @@ def split_half(
         Choose one before the result is known: that one decides.
     dof : float or None
         Degrees of freedom with which the scale of the noise was estimated; None if the noise is known.
+    start : (..., 4, 4) or None
+        X of all data, from which the estimates of both halves start; None starts each from its own 4DPA.
 
     Raises
     ------
@@ -151,8 +157,8 @@ def split_half(
     >>> split_half(uq.simulate(n_poses=20, noise=noise, seed=3), noise).possible
     True
     """
-    if method not in METHODS:
-        raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {method!r}.")
+    if method not in ESTIMATORS:
+        raise InputError(f"Expected `method` to be one of {', '.join(ESTIMATORS)}, got {method!r}.")
     if split not in SPLITS:
         raise InputError(f"Expected `split` to be one of {', '.join(SPLITS)}, got {split!r}.")
     if dof is not None and not (np.isfinite(dof) and dof > 0):
@@ -167,7 +173,7 @@ def split_half(
     if dof is not None and dof <= 6:
         return SplitHalf(split, halves, False, f"the noise was estimated with {dof:.2g} degrees of freedom only.")
     try:
-        fits = [METHODS[method](data.rows(half), noise.rows(half)) for half in halves]
+        fits = [ESTIMATORS[method](data.rows(half), noise.rows(half), start) for half in halves]
     except (DegenerateMotionError, NotConvergedError) as error:
         return SplitHalf(split, halves, False, f"a half of the data alone fails. {error}")
     X1, X2 = fits[0].X, fits[1].X
@@ -182,24 +188,6 @@ def split_half(
     d2 = np.sum(d * unit * np.linalg.solve(scaled, (d * unit)[..., None])[..., 0], axis=-1)
     p = chdtrc(6, d2) if dof is None else _p_value_of_estimated(d2, dof)
     return SplitHalf(split, halves, True, "", X1, X2, d, V, np.asarray(d2), dof, np.asarray(p))
-
-
-def random_splits(
-    data: PosePairs | Motions,
-    noise: Noise,
-    *,
-    method: str = "efficient",
-    count: int = 20,
-    seed: int = 0,
-    dof: float | None = None,
-) -> Array:
-    """p-values of that many random splits, to show their spread; not independent, and no decision.
-
-    (m, ...) of the m <= count splits that are possible.
-    """
-    tests = (split_half(data, noise, method=method, split="random", seed=seed + k, dof=dof) for k in range(count))
-    p_values = [test.p_value for test in tests if test.p_value is not None]
-    return np.stack(p_values) if p_values else np.zeros(0)
 
 
 def _p_value_of_estimated(d2: Array, dof: float) -> Array:

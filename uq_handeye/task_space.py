@@ -29,7 +29,7 @@ from scipy.special import chdtri
 from .constraint import covariances_of
 from .errors import InputError
 from .likelihood import Fit, cholesky_of, weighted
-from .noise import Noise, PairNoise, is_joint, require_count
+from .noise import Noise, PairNoise, checked_covariance, is_joint, require_count
 from .poses import SETUPS
 from .se3 import Array, as_numbers, as_transforms, inverse, inverse_jacobian, skew
 
@@ -75,7 +75,7 @@ def points_covariance(X: Any, covariance: Any, points: Any) -> Array:
 
 
 def through_X(
-    X: Any, covariance: Any, points: Any, *, setup: str = "eye-in-hand", points_covariance: Any = None
+    X: Any, covariance: Any, points: Any, *, setup: str | None = "eye-in-hand", points_covariance: Any = None
 ) -> PointUncertainty:
     """Points (..., 3) in camera coordinates, expressed in the parent frame of X.
 
@@ -84,17 +84,17 @@ def through_X(
     X, covariance : (4, 4), (6, 6)
     points : (..., 3)
         Metres, in the camera frame.
-    setup : "eye-in-hand" or "eye-to-hand"
-        Names the frame: gripper or base.
+    setup : "eye-in-hand", "eye-to-hand" or None
+        Names the frame: gripper or base; None, for motions that came without poses, "parent frame of X".
     points_covariance : (3, 3), (..., 3, 3) or None
         Noise of the points themselves, in the camera frame.
 
     Raises
     ------
     InputError
-        Wrong shapes or numbers, an unknown setup.
+        Wrong shapes or numbers, covariances that are not positive semidefinite, an unknown setup.
     """
-    parent, _ = _frames(setup)
+    parent = "parent frame of X" if setup is None else _frames(setup)[0]
     p = _points(points)
     return PointUncertainty(*_carried(*_pose(X, covariance, "X"), p, _point_noise(points_covariance, p)), parent)
 
@@ -180,6 +180,7 @@ def _pose(T: Any, covariance: Any, name: str) -> tuple[Array, Array]:
     S = as_numbers(covariance, f"covariance of {name}")
     if S.ndim < 2 or S.shape[-2:] != (6, 6) or not np.isfinite(S).all():
         raise InputError(f"Expected the covariance of `{name}` to be finite numbers (..., 6, 6), got shape {S.shape}.")
+    checked_covariance(S.reshape(-1, 6, 6), f"{name}_covariance" if name in ("robot", "camera") else name, joint=False)
     return as_transforms(T, name, stack=False), S
 
 
@@ -198,6 +199,9 @@ def _point_noise(covariance: Any, points: Array) -> Array | None:
         raise InputError(
             f"Expected `points_covariance` to be finite numbers (3, 3) or {(*points.shape, 3)}, got shape {S.shape}."
         )
+    padded = np.zeros((S.size // 9, 6, 6))
+    padded[:, 3:, 3:] = S.reshape(-1, 3, 3)
+    checked_covariance(padded, "points_covariance", joint=False)
     return S
 
 

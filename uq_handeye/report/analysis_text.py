@@ -6,16 +6,22 @@ import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from ..noise import PairNoise, marginals
+from ..noise import PairNoise, is_joint, marginals
 from ..se3 import Array
+from .diagnosis_words import SYSTEMATIC, independent_words, joint_words, spectrum_words
+from .numbers import digits, probability, rotvec_jacobian, row, std_of
 
 if TYPE_CHECKING:
+    from ..goodness_of_fit import GoodnessOfFit
     from ..result import Calibration
 
 WIDTH = 118
 # Poses that a text lists; the table of the result has them all.
 MOST_LISTED = 12
+# A part of the residuals is off beyond so many standard deviations of its sigma_0, and by this share.
+FAR, MUCH = 4.0, 0.1
 
 
 def noise_lines(result: Calibration) -> list[str]:
@@ -25,26 +31,45 @@ def noise_lines(result: Calibration) -> list[str]:
     if estimate is not None:
         lines.append("Noise, estimated from the residuals (standard deviation per axis, 95 % interval):")
         lines += [f"  {component}" for component in estimate.components]
-        lines += [line for text in estimate.statement for line in _wrapped(text)]
+        lines += [line for text in estimate.statement for line in wrapped(text)]
     elif result.noise is not None:
         lines.append("Noise as given (standard deviation per axis, mean over axes and poses):")
         lines += _given(result)
     if result.fit is not None:
-        fit = result.fit
-        start = f"Fit: chi-square {fit.chi2:.1f} with {fit.dof:.0f} degrees of freedom, sigma_0 = {fit.sigma0:.2f}"
-        parts = f"rotation {fit.rotation_sigma0:.2f}, translation {fit.translation_sigma0:.2f}"
-        if estimate is not None and not estimate.has_prior:
-            lines += _wrapped(f"{start} ({parts}); close to 1 by construction, as the noise comes from them.", first="")
-        else:
-            verdict = "the noise explains the residuals" if fit.p_value > 0.01 else _misfit(fit.sigma0)
-            lines += _wrapped(f"{start} ({parts}), p = {fit.p_value:.2g}: {verdict}.", first="")
+        lines += _fit_lines(result.fit, by_construction=estimate is not None and not estimate.has_prior)
+    elif estimate is not None and estimate.noise is not None:
+        lines.append(f"  The residuals have {estimate.dof:.0f} degrees of freedom.")
+    return lines
+
+
+def _fit_lines(fit: GoodnessOfFit, by_construction: bool) -> list[str]:
+    start = f"Fit: chi-square {fit.chi2:.1f} with {fit.dof:.0f} degrees of freedom"
+    if by_construction:
+        text = f"{start}; near their number by construction, as the noise comes from them."
+    else:
+        verdict = "the noise explains the residuals" if fit.p_value > 0.01 else _misfit(fit.sigma0)
+        text = f"{start}, {probability(fit.p_value, 2)}: {verdict}."
+    parts = {"rotation": fit.rotation_sigma0, "translation": fit.translation_sigma0}
+    lines = wrapped(text, first="")
+    lines += wrapped(
+        f"sigma_0: 1 before the fit (prior), {fit.sigma0:.2f} after the fit (posterior; "
+        f"{', '.join(f'{name} {value:.2f}' for name, value in parts.items())}).",
+        first="",
+    )
+    # Each part has about half of the degrees of freedom, and its sigma_0 the deviation 1 / sqrt(2 dof / 2).
+    least = max(FAR / np.sqrt(fit.dof), MUCH)
+    off = [name for name, value in parts.items() if abs(value - 1) > least]
+    if off and (by_construction or fit.p_value > 0.01):
+        how = " and ".join(f"{name} {digits(parts[name])} times" for name in off)
+        text = f"The residuals are not what this noise makes of them ({how} as large): the model of the noise is wrong."
+        lines += wrapped(text)
     return lines
 
 
 def _misfit(sigma0: float) -> str:
     if sigma0 > 1:
-        return f"the residuals are {sigma0:.2g} times what the noise explains; standard deviations are too small"
-    return f"the residuals are {1 / sigma0:.2g} times smaller than the noise explains"
+        return f"the residuals are {digits(sigma0, 2)} times what the noise explains; standard deviations are too small"
+    return f"the residuals are {digits(1 / sigma0, 2)} times smaller than the noise explains"
 
 
 def _given(result: Calibration) -> list[str]:
@@ -68,11 +93,12 @@ def beside_lines(result: Calibration) -> list[str]:
     if beside is None or beside.covariance is None or efficiency is None:
         return []
     sd = np.sqrt(np.diag(beside.covariance))
-    t, s = 1e3 * beside.X[:3, 3], 1e3 * sd[3:]
-    position = "   ".join(f"{'xyz'[k]} {t[k]:.4f} +- {s[k]:.3g}" for k in range(3))
+    turn = Rotation.from_matrix(beside.X[:3, :3]).as_rotvec()
+    of_turn = std_of(beside.covariance[:3, :3], rotvec_jacobian(turn))
     return [
         "4DPA alone, on the same data:",
-        f"  translation (mm)       {position}",
+        f"  {row('translation (mm)', 'xyz', 1e3 * beside.X[:3, 3], 1e3 * sd[3:], 4)}",
+        f"  {row('rotation vector (deg)', 'xyz', np.degrees(turn), of_turn, 5)}",
         f"  standard deviations    {efficiency.min():.2f} to {efficiency.max():.2f} times the Cramer-Rao bound, which "
         f"{result.method} attains",
     ]
@@ -86,21 +112,24 @@ def covariance_lines(result: Calibration) -> list[str]:
     lines = ["Standard deviations by           rotation x, y, z (deg)        translation x, y, z (mm)"]
     meaning = {
         "model": "model (the noise)",
-        "sandwich": "sandwich, by pose",
+        "sandwich": f"sandwich, by {'pose' if result.table is None else result.table.item}",
         "hac": "hac, for neighbours",
         "jackknife": "jackknife",
         "bootstrap": "bootstrap",
     }
+    without: dict[str, list[str]] = {}  # kinds by the reason
     for kind, S in analysis.covariances.items():
+        if S is None:
+            without.setdefault(analysis.reasons[kind], []).append(kind)
+            continue
         mark = "*" if kind == result.covariance_kind else " "
         label = f"{mark} {meaning.get(kind, kind):28s}"
-        if S is None:
-            lines += _wrapped(f"{label} not determined: {analysis.reasons[kind]}", indent="    ")
-            continue
         sd = np.sqrt(np.diag(S))
         turn = " ".join(f"{np.degrees(x):9.4g}" for x in sd[:3])
         move = " ".join(f"{1e3 * x:9.4g}" for x in sd[3:])
         lines.append(f"{label} {turn}   {move}")
+    for reason, kinds in without.items():
+        lines += wrapped(f"  {', '.join(kinds)}: not determined: {reason}", indent="    ", first="")
     return [*lines, "* is the covariance of the result; all but the first need no noise model."]
 
 
@@ -118,7 +147,7 @@ def pose_lines(result: Calibration) -> list[str]:
     ]
     for k in order[:MOST_LISTED]:
         turn, move = np.degrees(table.rotation[k]), 1e3 * table.translation[k]
-        away = f"{turn:.3g} deg, {move:.3g} mm, d^2 = {table.distance2[k]:.4g}"
+        away = f"{digits(turn)} deg, {digits(move)} mm, d^2 = {digits(table.distance2[k], 4)}"
         lines.append(f"  {table.item} {k}: {away}, {table.flag[k]}")
     if len(order) > MOST_LISTED:
         lines.append(f"  and {len(order) - MOST_LISTED} more; see the table of the result")
@@ -131,13 +160,26 @@ def budget_lines(result: Calibration) -> list[str]:
     if analysis is None:
         return []
     budget = analysis.budget
-    shares: dict[str, Array] = budget.group_shares
-    width = max(len(name) for name in budget.sources)
+    kinds = ("rotation", "translation")
+    shares = np.stack([budget.group_shares[f"X {kind}"] for kind in kinds], axis=-1)  # (sources, 2)
+    # Where errors are coupled, the shares of one side may be beyond 100 % and below 0: only their sum means something.
+    coupled = [side for side in ("robot", "camera", "A", "B") if _coupled(result, side, budget.sources)]
+    rows: dict[str, Array] = {}
+    for source, share in zip(budget.sources, shares, strict=True):
+        side = source.split()[0]
+        name = f"{side} (rotation and translation)" if side in coupled else source
+        rows[name] = rows.get(name, 0.0) + share
+    width = max(len(name) for name in rows)
     lines = ["Share of the variance of X by its source:"]
-    for k, source in enumerate(budget.sources):
-        parts = (f"{100 * shares[f'X {kind}'][k]:5.1f} % of {kind}" for kind in ("rotation", "translation"))
-        lines.append(f"  {source:{width}s}  {'   '.join(parts)}")
+    for name, share in rows.items():
+        parts = (f"{100 * part:5.1f} % of {kind}" for part, kind in zip(share, kinds, strict=True))
+        lines.append(f"  {name:{width}s}  {'   '.join(parts)}")
     return lines
+
+
+def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:
+    S = getattr(result.noise, side, None)
+    return f"{side} coupling" in sources or (S is not None and is_joint(S))
 
 
 def diagnosis_lines(result: Calibration) -> list[str]:
@@ -145,9 +187,18 @@ def diagnosis_lines(result: Calibration) -> list[str]:
     analysis = result.analysis
     if analysis is None:
         return []
-    texts = [*analysis.diagnostics.sentences(), analysis.split_half.sentence, analysis.split_in_time.sentence]
-    return ["Diagnostics:", *(line for text in texts for line in _wrapped(f"- {text}", indent="    ", first="  "))]
+    found = analysis.diagnostics
+    # Said elsewhere in the summary: what warns above, the directions among the numbers, what is not covered at the end.
+    said = {*result.warnings, SYSTEMATIC, *(text for _, text in spectrum_words(found.spectrum))}
+    if said.intersection(found.shared_errors()):
+        said.add(independent_words(found))
+    texts = [joint_words(found.spectrum), *(text for text in found.sentences() if text not in said)]
+    halves = [analysis.split_half.sentence, analysis.split_in_time.sentence]
+    texts += [text for text in halves if text not in said]
+    above = " (see the cautions above)" if {*found.warnings(), *halves}.intersection(result.warnings) else ""
+    title = f"Diagnostics{above}:"
+    return [title, *(line for text in texts for line in wrapped(f"- {text}", indent="    ", first="  "))]
 
 
-def _wrapped(text: str, indent: str = "  ", first: str | None = None) -> list[str]:
+def wrapped(text: str, indent: str = "  ", first: str | None = None) -> list[str]:
     return textwrap.wrap(text, WIDTH, initial_indent=indent if first is None else first, subsequent_indent=indent)

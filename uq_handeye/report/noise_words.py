@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from ..noise_estimation import Component
+from ..noise_estimation import Component, together
+from .numbers import digits
 
 
 def noise_statement(
-    parts: dict[str, Component], sides: tuple[str, str], rotation_told: bool, dof: float
+    parts: dict[str, Component], sides: tuple[str, str], rotation_told: bool, sheet: frozenset[str]
 ) -> tuple[str, ...]:
-    """What the data can and cannot tell, in sentences."""
-    said = [f"The residuals have {dof:g} degrees of freedom."]
-    told = [_in_words(parts[together(what, sides)]) for what in ("rotation", "translation")]
-    said.append(f"Told by the data: {told[0]}; {told[1]}.")
+    """What the data can and cannot tell, in sentences; ``sheet`` names what the data sheet decides."""
+    said = []
+    sums = [parts[together(what, sides)] for what in ("rotation", "translation")]
+    for start, which in (
+        ("Told by the data", [part for part in sums if part.name not in sheet]),
+        ("From the data sheet", [part for part in sums if part.name in sheet]),
+    ):
+        if which:
+            said.append(f"{start}: {'; '.join(map(_in_words, which))}.")
     rotations = [parts[f"{side} rotation"] for side in sides]
     if not rotation_told:
         said.append(
@@ -25,9 +28,10 @@ def noise_statement(
             f"{_amount(rotations[1].high, 'rad')}. The noise holds the most likely split."
         )
     elif not all(part.status in ("fixed", "prior") for part in rotations):
+        known = any(part.status in ("fixed", "prior") for part in rotations)
         said.append(
-            f"Rotation of {sides[0]} and {sides[1]} is told apart by the lever arm of {sides[0]}: "
-            f"{_in_words(rotations[0])}; {_in_words(rotations[1])}."
+            f"Rotation of {sides[0]} and {sides[1]} is told apart by {'the data sheet and ' if known else ''}the lever "
+            f"arm of {sides[0]}: {_in_words(rotations[0])}; {_in_words(rotations[1])}."
         )
         for part in rotations:
             if part.low == 0 and part.status != "fixed":
@@ -36,15 +40,15 @@ def noise_statement(
                     f"{_amount(part.high, 'rad')}, and the interval is wider than 95 % where the true value is 0."
                 )
     else:
-        said.append(
-            f"Rotation of {sides[0]} and {sides[1]} follows the data sheet: {'; '.join(map(_in_words, rotations))}."
-        )
+        said.append(_both("rotation", rotations, sides, sheet))
     translations = [parts[f"{side} translation"] for side in sides]
     if translations[0].status == "not told apart":
         said.append(
             f"Translation of {sides[0]} and of {sides[1]} cannot be told apart by any data of this kind: both enter "
             "alike, only their sum shows. The noise holds half of the variance on each side. This has no effect on X."
         )
+    elif sums[1].name in sheet:
+        said.append(_both("translation", translations, sides, sheet))
     else:
         said.append(
             f"The translation noise is split by the data sheet: {'; '.join(map(_in_words, translations))}. The data "
@@ -53,10 +57,15 @@ def noise_statement(
     return tuple(said)
 
 
+def _both(what: str, parts: list[Component], sides: tuple[str, str], sheet: frozenset[str]) -> str:
+    how = "follows the data sheet" if all(part.name in sheet for part in parts) else "is estimated with the data sheet"
+    return f"{what.capitalize()} of {sides[0]} and {sides[1]} {how}: {'; '.join(map(_in_words, parts))}."
+
+
 def _amount(value: float | None, unit: str) -> str:
     if value is None or not np.isfinite(value):
         return "not limited"
-    return f"{np.rad2deg(value):.2g} deg" if unit == "rad" else f"{value * 1e3:.2g} mm"
+    return f"{digits(np.rad2deg(value), 2)} deg" if unit == "rad" else f"{digits(value * 1e3, 2)} mm"
 
 
 def _in_words(part: Component) -> str:
@@ -68,8 +77,3 @@ def _in_words(part: Component) -> str:
         f"{part.name} {_amount(part.value, part.unit)} (95 %: {_amount(part.low, part.unit)} to "
         f"{_amount(part.high, part.unit)})"
     )
-
-
-def together(what: str, sides: tuple[str, str]) -> str:
-    """The name of a sum."""
-    return f"{what}, {sides[0]} and {sides[1]} together"

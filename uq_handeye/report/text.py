@@ -7,8 +7,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..se3 import Array, left_jacobian, skew
-from .analysis_text import beside_lines, budget_lines, covariance_lines, diagnosis_lines, noise_lines, pose_lines
+from ..diagnostics import UNKNOWN_FRAME
+from ..se3 import Array, skew
+from .analysis_text import (
+    beside_lines,
+    budget_lines,
+    covariance_lines,
+    diagnosis_lines,
+    noise_lines,
+    pose_lines,
+    wrapped,
+)
+from .diagnosis_words import direction_words
+from .numbers import digits, rotvec_jacobian, row, std_of
 
 if TYPE_CHECKING:
     from ..result import Calibration
@@ -16,7 +27,7 @@ if TYPE_CHECKING:
 NAMES = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
 NOT_COVERED = (
     "The standard deviations are 1 sigma, to first order, of {source}. Systematic errors (wrong\n"
-    "intrinsics, wrong robot kinematics) are not covered."
+    "intrinsics, wrong robot kinematics, a wrong target) are not covered."
 )
 _SOURCES = {
     "model": "the noise given",
@@ -28,93 +39,133 @@ _SOURCES = {
 
 
 def summary(result: Calibration, threshold: float) -> str:
-    """X, its inverse, standard deviations, correlations at or above ``threshold``, residuals, weakest direction."""
-    frame = result.frame
-    inverse_name = "_T_".join(reversed(frame.split("_T_"))) if "_T_" in frame else f"inv({frame})"
+    """How well X is known and what is wrong first; then X, noise, fit, poses, diagnostics; other forms of X last.
+
+    Correlations at or above ``threshold`` are listed.
+    """
     origin = "" if result.n_poses is None else f" of {result.n_poses} poses"
     scale = "" if result.scale is None else f", d = {result.scale:g}"
     setup = "" if result.setup is None else f", {result.setup}"
     on_poses = result.fourdpa is not None and result.W is not None
     data = f"{result.n_poses} poses" if on_poses else f"{result.n_pairs} pairs{origin}"
-    lines = [f"{frame} by {result.method}{scale} from {data}{setup}", ""]
-    usual = [] if result.analysis is None else result.analysis.diagnostics.shared_errors()
-    if wrong := [text for text in result.warnings if text not in usual]:
-        lines.insert(1, f"CAUTION: {len(wrong)} warning(s) say that something looks wrong.")
-    lines += [*_matrix(result.X), ""]
+    lines = [f"{result.frame} by {result.method}{scale} from {data}{setup}", *_answer(result)]
+    cautions = [wrapped(f"CAUTION: {text}", first="") for text in result.warnings]
+    for block in (*cautions, _numbers(result, threshold)):
+        lines += ["", *block]
+    for section in (beside_lines, noise_lines):
+        if text := section(result):
+            lines += ["", *text]
+    lines += ["", *_pair_lines(result)]
+    for section in (pose_lines, covariance_lines, budget_lines, diagnosis_lines, _scope_lines, _other_forms):
+        if text := section(result):
+            lines += ["", *text]
+    return "\n".join(lines) + "\n"
 
-    rotation = Rotation.from_matrix(result.X[:3, :3])
-    covariance = result.covariance
-    theta = None if covariance is None else covariance[:3, :3]
-    tau = None if covariance is None else covariance[3:, 3:]
-    rotvec = rotation.as_rotvec()
-    quaternion = result.quaternion
-    lines += [
-        _row("translation (mm)", "xyz", 1e3 * result.X[:3, 3], _std(tau, 1e3 * np.eye(3)), 4),
-        _row("rotation vector (deg)", "xyz", np.degrees(rotvec), _std(theta, _rotvec_jacobian(rotvec)), 5),
-        _row("quaternion", "xyzw", quaternion, _std(theta, _quaternion_jacobian(quaternion)), 7),
-    ]
-    if result.std is None:
-        lines += [
-            "",
-            "Standard deviations: not determined. No noise was given (--robot-noise, --camera-noise), and the",
-            "residuals show none.",
-        ]
+
+def _answer(result: Calibration) -> list[str]:
+    """One sentence: how well X is known."""
+    if result.weakest_rotation is None or result.weakest_translation is None:
+        return wrapped(
+            f"How well {result.frame} is known is not determined: no noise was given (--robot-noise, --camera-noise), "
+            "and the residuals show none.",
+            first="",
+        )
+    move, turn = 1e3 * result.weakest_translation[1], np.degrees(result.weakest_rotation[1])
+    text = f"{digits(move, 2)} mm and {digits(turn, 2)} deg (1 sigma, worst axis)"
+    source = f"to first order of {_source(result)}"
+    shared = [] if result.analysis is None else result.analysis.diagnostics.shared_errors()
+    if shared and set(shared) <= set(result.warnings):
+        text = f"{result.frame} is known at best to {text}, {source}: that does not contain the errors that all poses "
+        text += "share, such as those of the camera's intrinsics."
     else:
-        lines += [
-            _row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5),
-            "",
-            *_correlations(result, threshold),
-        ]
-        for what, unit, factor, weakest in (
-            ("rotation about", "deg", 180 / np.pi, result.weakest_rotation),
-            ("translation along", "mm", 1e3, result.weakest_translation),
-        ):
-            if weakest is not None:
-                axis, deviation = weakest
-                direction = ", ".join(f"{x:+.2f}" for x in axis)
-                lines.append(
-                    f"Weakest: {what} ({direction}) of the {frame.split('_T_')[0]} frame, "
-                    f"+- {_digits(factor * deviation)} {unit}"
-                )
+        text = f"{result.frame} is known to {text}, {source}."
+    return wrapped(text, first="")
+
+
+def _source(result: Calibration) -> str:
+    if result.noise_estimate is not None and result.covariance_kind == "model":
+        return "the noise estimated"
+    return _SOURCES[result.covariance_kind]
+
+
+def _numbers(result: Calibration, threshold: float) -> list[str]:
+    """X and its deviations, correlations and directions."""
+    rotvec = Rotation.from_matrix(result.X[:3, :3]).as_rotvec()
+    theta, tau = _blocks(result.covariance)
+    lines = [
+        *_matrix(result.X),
+        "",
+        row("translation (mm)", "xyz", 1e3 * result.X[:3, 3], std_of(tau, 1e3 * np.eye(3)), 4),
+        row("rotation vector (deg)", "xyz", np.degrees(rotvec), std_of(theta, rotvec_jacobian(rotvec)), 5),
+    ]
+    if result.std is None or theta is None or tau is None:
+        return lines
+    lines.append(row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5))
+    parent = result.frame.split("_T_")[0] if "_T_" in result.frame else UNKNOWN_FRAME
+    for name, S, factor in (("translation", tau, 1e3), ("rotation", theta, 180 / np.pi)):
+        values, vectors = np.linalg.eigh(S)
+        sd = factor * np.sqrt(np.maximum(values[::-1], 0.0))
+        axis = vectors[:, -1] * np.sign(vectors[np.abs(vectors[:, -1]).argmax(), -1])
+        text = direction_words(name, sd, axis, parent)
+        lines += wrapped(f"{text[0].upper()}{text[1:]}.", first="")
+    return [*lines, *_correlations(result, threshold)]
+
+
+def _pair_lines(result: Calibration) -> list[str]:
     r = result.residuals
     looked_at = "the" if r.pairs == result.n_pairs else f"{r.pairs} of the {result.n_pairs}"
-    lines += [
-        "",
+    return [
         f"Residuals of AX = XB over {looked_at} pairs (how well X explains them, not how accurate it is):",
         _residuals("rotation", "deg", 180 / np.pi, r.rotation_rms, r.rotation_median, r.rotation_max),
         _residuals("translation", "mm", 1e3, r.translation_rms, r.translation_median, r.translation_max),
+    ]
+
+
+def _scope_lines(result: Calibration) -> list[str]:
+    """What the standard deviations mean."""
+    if result.std is None:
+        return []
+    limit = result.quantile(0.95)
+    if np.isfinite(limit):
+        within = f"95 % of all errors lie within d^2 = {limit:.1f} ({result.reference})."
+    else:
+        within = f"There is no 95 % ellipsoid from so few poses ({result.reference})."
+    if result.analysis is not None:
+        within += " Moves of X above are such a d, in standard deviations."
+    return [*wrapped(within, first=""), "", NOT_COVERED.format(source=_source(result))]
+
+
+def _other_forms(result: Calibration) -> list[str]:
+    """The inverse of X, its quaternion, and W."""
+    frame = result.frame
+    inverse_name = "_T_".join(reversed(frame.split("_T_"))) if "_T_" in frame else f"inv({frame})"
+    of_quaternion = std_of(_blocks(result.covariance)[0], _quaternion_jacobian(result.quaternion))
+    lines = [
+        f"{frame} as quaternion",
+        row("quaternion", "xyzw", result.quaternion, of_quaternion, 7, width=10),
         "",
         f"{inverse_name} (inverse of X)",
         "",
         *_matrix(result.inverse),
     ]
     if result.W is not None:
-        known = result.covariance_W
+        theta, tau = _blocks(result.covariance_W)
         turn = Rotation.from_matrix(result.W[:3, :3]).as_rotvec()
-        of_turn, of_position = (None, None) if known is None else (known[:3, :3], known[3:, 3:])
         lines += [
             "",
             f"{result.frame_W} (the target, as all poses see it)",
             "",
             *_matrix(result.W),
             "",
-            _row("translation (mm)", "xyz", 1e3 * result.W[:3, 3], _std(of_position, 1e3 * np.eye(3)), 4),
-            _row("rotation vector (deg)", "xyz", np.degrees(turn), _std(of_turn, _rotvec_jacobian(turn)), 5),
+            row("translation (mm)", "xyz", 1e3 * result.W[:3, 3], std_of(tau, 1e3 * np.eye(3)), 4),
+            row("rotation vector (deg)", "xyz", np.degrees(turn), std_of(theta, rotvec_jacobian(turn)), 5),
         ]
-    for section in (noise_lines, beside_lines, covariance_lines, pose_lines, budget_lines, diagnosis_lines):
-        if text := section(result):
-            lines += ["", *text]
-    if result.std is not None:
-        source = _SOURCES[result.covariance_kind]
-        if result.noise_estimate is not None and result.covariance_kind == "model":
-            source = "the noise estimated"
-        limit = result.quantile(0.95)
-        if np.isfinite(limit):
-            lines += ["", f"95 % of all errors lie within d^2 = {limit:.1f} ({result.reference})."]
-        else:
-            lines += ["", f"There is no 95 % ellipsoid from so few poses ({result.reference})."]
-        lines += ["", NOT_COVERED.format(source=source)]
-    return "\n".join(lines) + "\n"
+    return lines
+
+
+def _blocks(covariance: Array | None) -> tuple[Array | None, Array | None]:
+    """Of theta and of tau."""
+    return (None, None) if covariance is None else (covariance[:3, :3], covariance[3:, 3:])
 
 
 def against_truth(result: Calibration, truth: Array) -> str:
@@ -122,8 +173,8 @@ def against_truth(result: Calibration, truth: Array) -> str:
     turn = Rotation.from_matrix(result.X[:3, :3] @ truth[:3, :3].T).as_rotvec()
     xi = np.concatenate([turn, result.X[:3, 3] - truth[:3, 3]])
     lines = [
-        f"Truth: X is off by {_digits(np.degrees(float(np.linalg.norm(turn))))} deg and "
-        f"{_digits(1e3 * float(np.linalg.norm(xi[3:])))} mm."
+        f"Truth: X is off by {digits(np.degrees(float(np.linalg.norm(turn))))} deg and "
+        f"{digits(1e3 * float(np.linalg.norm(xi[3:])))} mm."
     ]
     if result.covariance is not None:
         distance = float(xi @ np.linalg.solve(result.covariance, xi))
@@ -139,34 +190,9 @@ def _matrix(T: Array) -> list[str]:
     return ["  " + " ".join(f"{x + 0.0:13.9f}" for x in row) for row in np.where(np.abs(T) < 5e-10, 0.0, T)]
 
 
-def _row(label: str, names: str, values: Array | None, std: Array | None, decimals: int) -> str:
-    parts = []
-    for k, name in enumerate(names):
-        value = "" if values is None else f" {values[k] + 0.0:.{decimals}f}"
-        deviation = "" if std is None else f" +- {_digits(std[k])}"
-        parts.append(f"{name}{value}{deviation}")
-    return f"{label:22s} " + "   ".join(parts)
-
-
 def _residuals(name: str, unit: str, factor: float, *values: float) -> str:
-    rms, median, largest = (_digits(factor * value) for value in values)
+    rms, median, largest = (digits(factor * value) for value in values)
     return f"  {name:12s} RMS {rms} {unit}, median {median}, max {largest}"
-
-
-def _digits(value: float) -> str:
-    """Three significant digits without an exponent where that is short."""
-    if value == 0 or 1e-4 <= abs(value) < 1e6:
-        return f"{value:.3g}" if value == 0 or abs(value) < 100 else f"{value:.0f}"
-    return f"{value:.2e}"
-
-
-def _std(covariance: Array | None, J: Array) -> Array | None:
-    return None if covariance is None else np.sqrt(np.clip(np.diag(J @ covariance @ J.T), 0.0, None))
-
-
-def _rotvec_jacobian(rotvec: Array) -> Array:
-    """Degrees of the rotation vector per rad of left rotation: ``J_l(rotvec)^-1``."""
-    return np.asarray(np.degrees(np.linalg.inv(left_jacobian(rotvec))))
 
 
 def _quaternion_jacobian(q: Array) -> Array:
@@ -184,5 +210,5 @@ def _correlations(result: Calibration, threshold: float) -> list[str]:
         if abs(correlation[i, j]) >= threshold
     ]
     if not strong:
-        return [f"Correlations: none reaches {threshold:g}.", ""]
-    return [f"Correlations from {threshold:g} up:", *(text for _, text in sorted(strong, reverse=True)), ""]
+        return [f"Correlations: none reaches {threshold:g}."]
+    return [f"Correlations from {threshold:g} up:", *(text for _, text in sorted(strong, reverse=True))]
