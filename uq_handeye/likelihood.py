@@ -270,7 +270,11 @@ def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Arra
 
     What is left of their noise is, to first order, uncorrelated with the residuals.
     """
-    errors = _errors(fit.linear.sides, noise, fit.factor, fit.white[0][..., None])
+    factor, white = fit.factor, fit.white[0][..., None]
+    if fit.weights is not None and fit.S.shape[-1] != 6:  # a wrong pose must not reach the others through their noise
+        factor = cholesky_of(weighted(fit.S, fit.weights))
+        white = whiten(factor, fit.residual[..., None])
+    errors = _errors(fit.linear.sides, noise, factor, white)
     one, other = (T if v is None else perturb(T, -v) for T, v in zip((first, second), errors, strict=True))
     return one, other
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 # Poses that a sentence names.
-MOST_NAMED = 10
+MOST_NAMED = 5
 
 
 @dataclass(frozen=True, eq=False)
