@@ -75,8 +75,8 @@ class Analysis:
 
     def _split(self, split: str) -> SplitHalf:
         data, noise = self.data, self.noise
-        if self.fit.weights is not None and (self.fit.weights == 0).any():
-            keep = np.flatnonzero(self.fit.weights > 0)
+        if self.fit.weights is not None and (self.fit.weights < 1).any():  # halves know no weights
+            keep = np.flatnonzero(self.fit.weights == 1)
             data, noise = data.rows(keep), noise.rows(keep)
         return split_half(data, noise, method=self.method, split=split, dof=self.dof, start=self.fit.X)
 

@@ -126,12 +126,11 @@ def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
         A, B = first, second
     usable = _determined(A, B)
     if not usable.any():
-        X = solve_limit(*_all_motions(constraint))  # raises and says why, if all together do not determine X either
+        solve_limit(*_all_motions(constraint))  # raises and says why, if all together do not determine X either
         raise DegenerateMotionError(
             f"No {size} {'poses' if on_poses else 'motions'} determine X by themselves, so that wrong ones "
             "cannot be told from good ones. Turn the robot about two different axes, by 30 degrees and more.",
             np.eye(6),
-            X,
         )
     X = solve_limit(A[usable], B[usable])
     if not on_poses:

@@ -14,8 +14,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import InputError
 from .likelihood import gram
 from .se3 import Array
+
+# Smallest eigenvalue of information scaled to a unit diagonal that is more than rounding.
+SINGULAR = 1e-15
 
 # Exchanges must improve the criterion by this share (the determinant's logarithm by this much).
 _WORTH = 1e-9
@@ -81,7 +85,13 @@ def covariance_of(information: Array) -> Array:
     """The covariance (..., p, p) of regular information whose entries differ much in size."""
     unit = 1.0 / np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
     scale = unit[..., :, None] * unit[..., None, :]
-    result = np.linalg.inv(information * scale) * scale
+    values, vectors = np.linalg.eigh(information * scale)
+    if not (values[..., 0] > SINGULAR).all():
+        raise InputError(
+            "The noise is too small for poses that leave a part of X open: rounding hides what is known. Give noise of "
+            "1e-6 rad and m or more, or poses that determine X."
+        )
+    result = (vectors / values[..., None, :]) @ vectors.mT * scale
     return np.asarray(0.5 * (result + result.mT))
 
 

@@ -81,8 +81,8 @@ class PoseTable:
         if self.scale > 1:
             said.append(
                 f"The noise given is too small: most residuals are {self.scale:.2g} times as large as it allows. They "
-                f"were judged by {self.scale:.2g} times the noise; the standard deviations of X are too small by the "
-                "same factor."
+                f"were judged by {self.scale:.2g} times the noise; the standard deviations of X are too small by "
+                "about that factor."
             )
         return said
 

@@ -54,7 +54,8 @@ class Published:
             # what is uncorrelated with the errors of the poses reaches W through X alone
             rest = propagate(motions, noise, X=self.X, method=method) - covariance
             J = target_by_X(poses, self.X)
-            covariance, covariance_W = covariance + rest, covariance_W + J @ rest @ J.T
+            added = J @ rest @ J.T
+            covariance, covariance_W = covariance + rest, covariance_W + 0.5 * (added + added.T)
         return covariance, covariance_W
 
 

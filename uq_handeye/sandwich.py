@@ -134,9 +134,14 @@ class Influence:
         l, so that the double sum is one of products of two single sums.
         """
         p = self.J.shape[-1]
-        half = np.asarray(
-            np.linalg.cholesky(self.covariance), dtype=float
-        )  # in these units the covariance of all unknowns is 1, ...
+        try:  # in these units the covariance of all unknowns is 1, ...
+            half = np.asarray(np.linalg.cholesky(self.covariance), dtype=float)
+        except np.linalg.LinAlgError:
+            raise DegenerateMotionError(
+                "The poses hardly determine X and W by this method: the covariance of their residuals' influence is "
+                "singular to rounding. Turn the robot about different axes, by 30 degrees and more.",
+                np.eye(6),
+            ) from None
         J = times(self.J, half)
         B = times(self.B.mT, np.linalg.inv(half).mT).mT  # ... and that of X, its first 6 rows, too
         F = B[..., :6, :] @ self.adjustment

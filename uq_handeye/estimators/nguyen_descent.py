@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..se3 import Array
+from .method import require
 from .rows import EYE
 
 Stop = Literal["scaled", "published"]
@@ -103,7 +104,13 @@ class Descent:
 
     def _full_step(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The full step, its length in standard deviations, and whether it is so short that the iteration converged."""
-        step = np.asarray(np.linalg.solve(self.information, self.gradient[:, :, None])[:, :, 0], dtype=float)
+        try:
+            solved = np.linalg.solve(self.information, self.gradient[:, :, None])
+        except np.linalg.LinAlgError:  # say which problem it is
+            singular = np.linalg.matrix_rank(self.information) < self.information.shape[-1]
+            require(~singular, "the information about X is singular: its motions leave a direction open.")
+            raise
+        step = np.asarray(solved[:, :, 0], dtype=float)
         length = np.sqrt(np.maximum((step * self.gradient).sum(axis=-1), 0.0))
         if self.rule.stop == "published":
             return step, length, np.sqrt((step * step).sum(axis=-1)) < self.published
