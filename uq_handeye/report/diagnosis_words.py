@@ -141,7 +141,7 @@ def residual_words(d: Diagnostics) -> list[tuple[bool, str]]:
                  f"thin the {d.item}s for the rest.")
             )  # fmt: skip
     else:
-        found.append((False, f"Neighbouring residuals show no correlation (lag 1: {a.correlation[0]:.2f} +- "
+        found.append((False, f"Neighbouring residuals show no significant correlation (lag 1: {a.correlation[0]:.2f} +- "
                              f"{a.standard_error[0]:.2f})."))  # fmt: skip
     if m.reason:
         found.append((False, f"Normality of the residuals was not tested: {m.reason}."))
@@ -155,7 +155,7 @@ def residual_words(d: Diagnostics) -> list[tuple[bool, str]]:
         found.append((True, f"The residuals are not Gaussian ({probability(m.p_value)}): {', '.join(says)}. Outliers "
                             "or noise that differs from pose to pose can be the cause."))  # fmt: skip
     else:
-        found.append((False, f"The residuals look Gaussian (p = {m.p_value:.2f})."))
+        found.append((False, f"The residuals do not differ significantly from Gaussian ones (p = {m.p_value:.2g})."))
     if g.reason:
         found.append((False, f"The residuals were not regressed on the {d.item}s: {g.reason}."))
     elif g.p_value < RARE_PATTERN:
