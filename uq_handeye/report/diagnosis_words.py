@@ -141,8 +141,8 @@ def residual_words(d: Diagnostics) -> list[tuple[bool, str]]:
                  f"thin the {d.item}s for the rest.")
             )  # fmt: skip
     else:
-        found.append((False, f"Neighbouring residuals show no significant correlation (lag 1: {a.correlation[0]:.2f} +- "
-                             f"{a.standard_error[0]:.2f})."))  # fmt: skip
+        lag_1 = f"lag 1: {a.correlation[0]:.2f} +- {a.standard_error[0]:.2f}"
+        found.append((False, f"Neighbouring residuals show no significant correlation ({lag_1})."))
     if m.reason:
         found.append((False, f"Normality of the residuals was not tested: {m.reason}."))
     elif m.p_value < RARE:
