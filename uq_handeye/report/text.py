@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..diagnostics import UNKNOWN_FRAME
+from ..residual_patterns import RARE
 from ..se3 import Array, skew
 from .analysis_text import (
     beside_lines,
@@ -79,6 +80,10 @@ def _answer(result: Calibration) -> list[str]:
         text += "share, such as those of the camera's intrinsics."
     else:
         text = f"{result.frame} is known to {text}, {source}."
+    if result.analysis is not None and result.covariance_kind != "hac":
+        found = result.analysis.diagnostics.autocorrelation
+        if not found.reason and found.p_value < RARE and found.growth > 1.1:
+            text += f" Neighbouring poses are not independent: about {digits(found.growth, 2)} times as much is nearer the truth."
     return wrapped(text, first="")
 
 
