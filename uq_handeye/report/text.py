@@ -83,7 +83,8 @@ def _answer(result: Calibration) -> list[str]:
     if result.analysis is not None and result.covariance_kind != "hac":
         found = result.analysis.diagnostics.autocorrelation
         if not found.reason and found.p_value < RARE and found.growth > 1.1:
-            text += f" Neighbouring poses are not independent: about {digits(found.growth, 2)} times as much is nearer the truth."
+            times = digits(found.growth, 2)
+            text += f" Neighbouring poses are not independent: about {times} times as much is nearer the truth."
     return wrapped(text, first="")
 
 
