@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import uq_handeye as uq
+from studies.geometries import random_transforms
 from uq_handeye.all_pairs import solve_all_pairs
 from uq_handeye.constraint import constraint_of
 from uq_handeye.likelihood import Fit, bound, efficient, fit, maximum_likelihood, start_of
@@ -90,17 +91,6 @@ class Draws(NamedTuple):
     X: Array
     exact: Data
     blocks: Iterator[Data]
-
-
-def random_transforms(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """Axes uniform on the sphere, angles uniform in 0.4 to 2.6 rad, translations normal with 0.5 m per axis."""
-    axis = rng.normal(size=(*shape, 3))
-    axis *= rng.uniform(0.4, 2.6, (*shape, 1)) / np.linalg.norm(axis, axis=-1, keepdims=True)
-    T = np.zeros((*shape, 4, 4))
-    T[..., :3, :3] = Rotation.from_rotvec(axis.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
-    T[..., :3, 3] = 0.5 * rng.normal(size=(*shape, 3))
-    T[..., 3, 3] = 1.0
-    return T
 
 
 def disturbed(rng: np.random.Generator, T: Array, S: Array | None, trials: int) -> Array:

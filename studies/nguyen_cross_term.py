@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
+from studies.geometries import random_transforms
 from uq_handeye.estimators.nguyen import nguyen
 from uq_handeye.estimators.nguyen_derivatives import NguyenDerivatives
 from uq_handeye.estimators.nguyen_descent import Stop
@@ -21,17 +22,6 @@ from uq_handeye.se3 import Array, inverse, perturb
 SEED = 2018
 KINDS: tuple[CrossTerm, ...] = ("derived", "published")
 STOPS: tuple[Stop, ...] = ("scaled", "published")
-
-
-def poses(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """Axes uniform on the sphere, angles uniform in 0.4 to 2.6 rad, translations normal with 0.5 m per axis."""
-    axis = rng.normal(size=(*shape, 3))
-    axis *= rng.uniform(0.4, 2.6, (*shape, 1)) / np.linalg.norm(axis, axis=-1, keepdims=True)
-    T = np.zeros((*shape, 4, 4))
-    T[..., :3, :3] = Rotation.from_rotvec(axis.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
-    T[..., :3, 3] = 0.5 * rng.normal(size=(*shape, 3))
-    T[..., 3, 3] = 1.0
-    return T
 
 
 def noisy(rng: np.random.Generator, T: Array, sd: Array) -> Array:
@@ -100,7 +90,7 @@ def own_geometries() -> None:
         ]
     ):
         rng = np.random.default_rng([SEED, 1, row])
-        X, B = poses(rng, (trials, 1)), poses(rng, (trials, N))
+        X, B = random_transforms(rng, (trials, 1)), random_transforms(rng, (trials, N))
         A, X = X @ B @ inverse(X), X[:, 0]
         sd = deviations(rotation, translation)
         noise = uq.PairNoise(np.diag(sd**2), np.diag(sd**2))
@@ -121,7 +111,7 @@ def one_geometry() -> None:
         [(False, 1e-3, 1e-3), (False, 1e-2, 1e-4), (True, 1e-3, 1e-4), (True, 1e-2, 1e-4)]
     ):
         rng = np.random.default_rng([SEED, 2, row])
-        X, B = poses(rng, ()), poses(rng, (60,))
+        X, B = random_transforms(rng, ()), random_transforms(rng, (60,))
         if star:
             B[:, :3, 3] = [0.3, 0.0, 0.4]
         A = X @ B @ inverse(X)
@@ -146,7 +136,7 @@ def units() -> None:
     print("|---|---|---|---|---|")
     for row, (rotation, translation) in enumerate([(1e-2, 1e-3), (0.3, 0.1)]):
         rng = np.random.default_rng([SEED, 3, row])
-        X, B = poses(rng, ()), poses(rng, (60,))
+        X, B = random_transforms(rng, ()), random_transforms(rng, (60,))
         A = X @ B @ inverse(X)
         sd = deviations(rotation, translation)
         a, b = (noisy(rng, np.broadcast_to(T, (150, 60, 4, 4)), sd) for T in (A, B))

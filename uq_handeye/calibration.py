@@ -2,8 +2,7 @@
 
 The estimate is `likelihood` by default, started from 4DPA, whose own X and covariance stay in the result; or a
 published method (`published`). Where no noise is given it is estimated from the data (`noise_estimation`), with gross
-errors weighted down (`robust`). What looks wrong is said (`plausibility`, `pairing`, `diagnostics`, `split_half`; the
-two split-half tests take 3 ms at 60 poses and 17 ms at 1687, a fifteenth of the whole there).
+errors weighted down (`robust`). What looks wrong is said (`plausibility`, `pairing`, `diagnostics`, `split_half`).
 """
 
 from __future__ import annotations
@@ -338,6 +337,8 @@ def _unweighted(
     angle, distance = residuals(job.motions.A, job.motions.B, found.X)
     result = _bare(job, found.X, found.W, summarise(angle, distance), None)
     more = [] if job.poses is None else check_fit(job.poses, found.X, None, None)
+    if job.covariance != "model":
+        more.append(f"There is no covariance {job.covariance!r}: without noise there is nothing to make it of.")
     return replace(result, noise_estimate=estimate, kind=None), [*texts, *more]
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
+from scipy.special import chdtri, gammaincinv
 
 from .constraint import Constraint, OnMotions, OnPoses, Unknowns
 from .errors import DegenerateMotionError
@@ -28,7 +28,7 @@ from .procrustes import orthonormalise, solve_limit
 from .se3 import CHUNK, Array, inverse, vee
 
 # The 1 - 1e-6 quantile of chi-square(6).
-NOTHING = 38.258336
+NOTHING = float(chdtri(6, 1e-6))
 # Share of the poses that the start relies on.
 MAJORITY = 0.6
 # Random subsets: with 40 % wrong poses 0.6^3 of them are clean, 65 on average, and fewer than 20 of them with a

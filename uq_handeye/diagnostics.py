@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
 from .errors import InputError
-from .likelihood import Fit, cholesky_of, corrected, weighted, whiten
+from .likelihood import Fit, corrected, whiten
 from .motions import Motions
 from .noise import Noise, PairNoise, is_joint
 from .poses import PosePairs
@@ -175,7 +175,7 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
     if count != n:
         raise InputError(f"Expected `data` to be what was fitted, {n} rows, got {count}.")
     joint = fit.S.shape[-1] != 6
-    factor = fit.factor if fit.weights is None else cholesky_of(weighted(fit.S, fit.weights))
+    factor = fit.weighted_factor
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
     white = whiten(factor, stacked)
     counted = float(n if fit.weights is None else fit.weights.sum())

@@ -32,7 +32,7 @@ import numpy as np
 from scipy.special import gammainc, gammaincc
 
 from .errors import InputError
-from .likelihood import Fit, cholesky_of, weighted, whiten
+from .likelihood import Fit, whiten
 from .noise import is_joint
 from .se3 import Array
 
@@ -64,8 +64,7 @@ def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
     if dof <= 0:
         raise InputError(f"Expected residuals to judge the noise by, got {dof:g} degrees of freedom.")
     # The weights belong into S before it is whitened: a joint S would carry a rejected pose into the others' rows.
-    factor = fit.factor if fit.weights is None else cholesky_of(weighted(fit.S, w))
-    chi2 = float(np.sum(whiten(factor, fit.residual[..., None]) ** 2))
+    chi2 = float(np.sum(whiten(fit.weighted_factor, fit.residual[..., None]) ** 2))
     tails = float(gammainc(dof / 2, chi2 / 2)), float(gammaincc(dof / 2, chi2 / 2))
     S, J, e = fit.S, fit.linear.J, fit.residual
     if is_joint(S):

@@ -108,6 +108,11 @@ class Fit:
         return cholesky_of(self.S)
 
     @cached_property
+    def weighted_factor(self) -> Array:
+        """The same of S with the robust weights in it."""
+        return self.factor if self.weights is None else cholesky_of(weighted(self.S, self.weights))
+
+    @cached_property
     def white(self) -> tuple[Array, Array]:
         """``L^-1 residual`` (..., n, 6) and ``L^-1 J`` (..., n, 6, p)."""
         whitened = whiten(self.factor, np.concatenate([self.linear.J, self.residual[..., None]], axis=-1))
@@ -272,7 +277,7 @@ def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Arra
     """
     factor, white = fit.factor, fit.white[0][..., None]
     if fit.weights is not None and fit.S.shape[-1] != 6:  # a wrong pose must not reach the others through their noise
-        factor = cholesky_of(weighted(fit.S, fit.weights))
+        factor = fit.weighted_factor
         white = whiten(factor, fit.residual[..., None])
     errors = _errors(fit.linear.sides, noise, factor, white)
     one, other = (T if v is None else perturb(T, -v) for T, v in zip((first, second), errors, strict=True))

@@ -39,14 +39,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
+from scipy.special import chdtri, gammaincinv
 
 from .constraint import Linearised
 from .likelihood import SINGULAR, inverse_information
 from .se3 import Array, skew
 
 # Of chi-square with one degree of freedom: a profile interval ends where the deviance has grown by this (95 %).
-QUANTILE = 3.841458820694124
+QUANTILE = float(chdtri(1, 0.05))
 # The maximum is reached where the next step would gain less than this in the log-likelihood.
 GAIN = 1e-8
 MOST_STEPS = 60

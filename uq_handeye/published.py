@@ -64,8 +64,6 @@ def fit_published(
 ) -> Published:
     """X and W; ``noise`` weights the methods that take weights. Raises as `calibrate` does."""
     poses = motions.poses
-    if scale is not None and method != "4dpa":
-        raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
     if method in ROBOT_WORLD_METHODS:
         if poses is None:
             raise InputError(f"Method {method!r} solves G X C = W: it needs poses, got motions without poses.")

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc, fdtrc, ndtr
 
-from .likelihood import Fit, cholesky_of, gram, inverse_information, weighted, whiten
+from .likelihood import Fit, gram, inverse_information, whiten
 from .poses import PosePairs
 from .se3 import Array
 
@@ -72,8 +72,7 @@ def residual_tests(
 ) -> tuple[Autocorrelation, Normality, Regression]:
     white, J = fit.white
     if joint and fit.weights is not None:  # a joint S would carry a rejected pose into the rows of the others
-        factor = cholesky_of(weighted(fit.S, fit.weights))
-        stacked = whiten(factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
+        stacked = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
         white, J = stacked[..., -1], stacked[..., :-1]
     n = len(white)
     rows = np.arange(n) if fit.weights is None else np.flatnonzero(fit.weights > 0.5)

@@ -32,19 +32,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.special import betaincinv, fdtri, gammaincinv
+from scipy.special import betaincinv, chdtri, fdtri, gammaincinv
 
 from .consensus import NOTHING, Consensus, consensus, robust_variance
 from .constraint import Constraint, OnPoses, Unknowns, constraint_of
 from .errors import InputError, NotConvergedError
-from .likelihood import CLOSED_FORM_STEPS, MOST_STEPS, Fit, cholesky_of, fit, weighted
+from .likelihood import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise
 from .poses import PosePairs
 from .se3 import Array
 
 # The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NOTHING it does not count at all.
-FULL = 22.457744
+FULL = float(chdtri(6, 1e-3))
 # Weights stand still below this change; and the largest number of steps.
 STILL, MOST_REWEIGHTED = 1e-6, 100
 # Steps before the scale is held and the weights are damped.
@@ -99,7 +99,7 @@ def pose_distances(fit: Fit) -> tuple[Array, Array]:
         squares = np.where(left > 1e-9, along**2 / np.where(left > 1e-9, variance, 1.0), 0.0)
         return np.asarray(squares.sum(axis=-1)), leverage
     w = np.maximum(weights, 1e-12)[..., None]  # as `weighted` does
-    half = np.asarray(solve_triangular(cholesky_of(weighted(fit.S, weights)), np.eye(6 * n), lower=True))
+    half = np.asarray(solve_triangular(fit.weighted_factor, np.eye(6 * n), lower=True))
     columns = half.reshape(*half.shape[:-1], n, 6)
     own = np.moveaxis(columns, -2, -3)  # L^-1 by the columns of pose i: (..., n, 6n, 6)
     Q = own.mT @ (half @ fit.linear.J.reshape(*fit.linear.J.shape[:-3], 6 * n, p))[..., None, :, :]

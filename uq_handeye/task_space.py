@@ -28,7 +28,7 @@ from scipy.special import chdtri
 
 from .constraint import covariances_of
 from .errors import InputError
-from .likelihood import Fit, cholesky_of, weighted
+from .likelihood import Fit
 from .noise import Noise, PairNoise, checked_covariance, is_joint, require_count
 from .poses import SETUPS
 from .se3 import Array, as_numbers, as_transforms, inverse, inverse_jacobian, skew
@@ -325,7 +325,7 @@ def budget(fit: Fit, noise: Noise, *, merged: Sequence[Sequence[str]] = ()) -> B
     if fit.covariance.ndim != 2:
         raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
     J = fit.linear.J
-    factor = fit.factor if fit.weights is None else cholesky_of(weighted(fit.S, fit.weights))
+    factor = fit.weighted_factor
     if factor.shape[-1] == 6:
         gain = np.linalg.solve(factor.mT, np.linalg.solve(factor, J))
     else:

@@ -1,0 +1,238 @@
+"""What a calibration says and keeps: files and back, points, budget, text."""
+
+import json
+
+import numpy as np
+import pytest
+from calibration_cases import NOISE, PAIR_NOISE, SETUPS, motions_alone, quietly, with_wrong
+from support import (
+    SEED,
+    assert_same_covariance,
+    jacobian,
+    moved,
+    random_covariance,
+)
+
+import uq_handeye as uq
+
+# ------------------------------------------------------------------------------------------------------------- JSON
+
+
+def cases():
+    poses = uq.simulate(20, noise=NOISE, seed=SEED)
+    _, alone = motions_alone()
+    return {
+        "efficient": (poses, {"noise": NOISE}),
+        "ml": (poses, {"noise": NOISE, "method": "ml"}),
+        "robust": (with_wrong(poses, 4), {"noise": NOISE, "robust": True}),
+        "estimated": (poses, {}),
+        "estimated, wrong ones": (with_wrong(poses, 4), {}),
+        "prior": (poses, {"prior": uq.NoisePrior(robot=(None, "0.05mm"))}),
+        "eye-to-hand": (uq.simulate(20, noise=NOISE, setup="eye-to-hand", seed=SEED), {"noise": NOISE}),
+        "motions": (alone, {"noise": PAIR_NOISE}),
+        "motions, estimated": (alone, {}),
+        "sandwich": (poses, {"covariance": "sandwich"}),
+        "4dpa": (poses, {"noise": NOISE, "method": "4dpa"}),
+        "park, estimated": (poses, {"method": "park"}),
+        "shah": (poses, {"noise": NOISE, "method": "shah"}),
+    }
+
+
+@pytest.mark.parametrize("name", cases())
+def test_json_round_trip_and_summary(name):
+    data, options = cases()[name]
+    result = quietly(data, **options)
+    text = result.to_json()
+    again = uq.Calibration.from_dict(json.loads(text))
+    assert again.to_json() == text
+    assert again.summary() == result.summary()
+    for field in ("X", "covariance", "W", "covariance_W", "bound", "efficiency"):
+        value, read = getattr(result, field), getattr(again, field)
+        assert (value is None) == (read is None)
+        if value is not None:
+            np.testing.assert_array_equal(read, value)
+    assert again.reference == result.reference and again.fit == result.fit and again.warnings == result.warnings
+    if result.analysis is not None:
+        assert again.split_half.sentence == result.split_half.sentence
+        assert again.diagnostics.sentences() == result.diagnostics.sentences()
+        np.testing.assert_allclose(again.budget.shares, result.budget.shares)
+        assert again.budget.sources == result.budget.sources
+    assert max(map(len, result.summary().splitlines())) <= 120
+    assert "nan" not in result.summary().lower().split() and "None" not in result.summary()
+
+
+def test_damaged_parts_are_refused(estimated):
+    data = json.loads(estimated.to_json())
+    changes = [
+        (key, value) for key in ("fit", "poses", "analysis", "noise_estimate", "4dpa") for value in ("abc", [], 3)
+    ]
+    changes += [
+        ("reference", {"kind": "F", "dof": None}),
+        ("reference", {"kind": "F", "dof": -3}),
+        ("reference", "F"),
+        ("bound", [[1.0]]),
+        ("covariance_kind", 3),
+        ("fit", {**data["fit"], "more": 1}),
+        ("4dpa", {"X": np.eye(3).tolist(), "covariance": None}),
+        ("poses", data["poses"] | {"weight": [1.0]}),
+        ("poses", data["poses"] | {"distance2": [None] * 20}),
+        ("noise_estimate", data["noise_estimate"] | {"components": [{"name": "x"}]}),
+        *[
+            ("analysis", data["analysis"] | {part: value})
+            for part in ("diagnostics", "covariances", "split_half", "split_in_time", "budget", "reasons")
+            for value in ("abc", 3)
+        ],
+        ("analysis", data["analysis"] | {"covariances": {"model": [[1.0]]}}),
+        ("analysis", data["analysis"] | {"budget": {"sources": ["a"]}}),
+    ]
+    for key, value in changes:
+        with pytest.raises(uq.InputError):
+            uq.Calibration.from_dict(data | {key: value})
+    for key in data["analysis"]:
+        with pytest.raises(uq.InputError, match="damaged"):
+            uq.Calibration.from_dict(data | {"analysis": {k: v for k, v in data["analysis"].items() if k != key}})
+
+
+# ------------------------------------------------------------------------------------------------------- task space
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+@pytest.mark.parametrize("way", ["X", "robot", "target"])
+def test_uncertainty_of_points(way, setup, rng):
+    """Against a numerical derivative of the chain of poses, and a Monte Carlo of it."""
+    poses = uq.simulate(20, noise=NOISE, setup=setup, seed=SEED)
+    result = quietly(poses, noise=NOISE)
+    T = poses.robot[3] if way == "robot" else poses.camera[3]
+    S_T, S_p, p = random_covariance(rng), random_covariance(rng, 3), np.array([0.1, -0.05, 0.6])
+    options = {"points_covariance": S_p}
+    if way == "robot":
+        options |= {"robot": T, "robot_covariance": S_T}
+    elif way == "target":
+        options |= {"camera": T, "camera_covariance": S_T}
+    found = result.uncertainty_at(p, **options)
+
+    def carried(x):
+        """Of errors (m, 15): of X or W, of the pose, of the point."""
+        points = (p + x[:, 12:])[..., None]
+        pose = moved(np.tile(T, (len(x), 1, 1)), x[:, 6:12])
+        if way == "target":
+            chain = moved(np.tile(result.W, (len(x), 1, 1)), x[:, :6]) @ np.linalg.inv(pose)
+        else:
+            chain = moved(np.tile(result.X, (len(x), 1, 1)), x[:, :6])
+        if way == "robot":
+            chain = (pose if setup == "eye-in-hand" else np.linalg.inv(pose)) @ chain
+        return (chain[:, :3, :3] @ points)[..., 0] + chain[:, :3, 3]
+
+    S = np.zeros((15, 15))
+    S[:6, :6] = result.covariance_W if way == "target" else result.covariance
+    if way != "X":
+        S[6:12, 6:12] = S_T
+    S[12:, 12:] = S_p
+    J = jacobian(carried, 15)
+    assert_same_covariance(found.covariance, J @ S @ J.T, 1e-6)
+    np.testing.assert_allclose(found.points, carried(np.zeros((1, 15)))[0], atol=1e-14)
+    near, far = ("gripper", "base") if setup == "eye-in-hand" else ("base", "gripper")
+    assert found.frame == (near if way == "X" else far)
+    values, vectors = np.linalg.eigh(S)
+    errors = carried((rng.normal(size=(20_000, 15)) * np.sqrt(np.clip(values, 0, None))) @ vectors.T) - found.points
+    # eigenvalues of a covariance from 20,000 samples scatter by 1 %
+    assert_same_covariance(np.cov(errors.T), found.covariance, 0.06)
+    assert (np.linalg.norm(errors, axis=1) < found.radius_95).mean() > 0.945
+    np.testing.assert_allclose(found.std, np.sqrt(np.diag(found.covariance)))
+
+
+def test_uncertainty_that_is_not_determined(poses, given):
+    p = [0, 0, 0.5]
+    with pytest.raises(uq.InputError, match=r"either `robot`.*or `camera`"):
+        given.uncertainty_at(p, robot=np.eye(4), camera=np.eye(4))
+    with pytest.raises(uq.InputError, match="`points`"):
+        given.uncertainty_at([0, 0])
+    with pytest.raises(uq.InputError, match="robot"):
+        given.uncertainty_at(p, robot=np.eye(3))
+    with pytest.raises(uq.InputError, match="needs W"):
+        quietly(poses, noise=NOISE, kind="pairs").uncertainty_at(p, camera=poses.camera[0])
+    _, alone = motions_alone()
+    motions = quietly(alone, noise=PAIR_NOISE)
+    assert motions.uncertainty_at(p).covariance.shape == (3, 3)
+    assert motions.uncertainty_at(p).frame == "parent frame of X"
+    for name in ("robot", "camera"):
+        with pytest.raises(uq.InputError, match=f"Expected no `{name}`: .*came without poses"):
+            motions.uncertainty_at(p, **{name: poses.camera[0]})
+        with pytest.raises(uq.InputError, match=f"the pose `{name}` beside `{name}_covariance`"):
+            given.uncertainty_at(p, **{f"{name}_covariance": np.eye(6)})
+    exact = uq.calibrate(uq.PosePairs(poses.truth.robot, poses.truth.camera))
+    for options in ({}, {"robot": poses.robot[0]}, {"camera": poses.camera[0]}):
+        with pytest.raises(uq.InputError):
+            exact.uncertainty_at(p, **options)
+
+
+def test_budget_does_not_split_what_is_not_known(given, estimated):
+    assert set(given.budget.sources) == {f"{a} {b}" for a in ("robot", "camera") for b in ("rotation", "translation")}
+    open_ = [c.name for c in estimated.noise_estimate.components if c.status == "not told apart"]
+    assert {"robot translation", "camera translation"} <= set(open_)
+    assert "robot translation + camera translation" in estimated.budget.sources
+    assert not {"robot translation", "camera translation"} & set(estimated.budget.sources)
+    for result in (given, estimated):
+        assert_same_covariance(result.budget.covariance[:6, :6], result.bound, 1e-4)
+        for shares in result.budget.group_shares.values():
+            assert shares.sum() == pytest.approx(1.0)
+
+
+# ------------------------------------------------------------------------------------------------------------- text
+
+
+def test_the_summary_has_every_section(given, estimated, poses):
+    everywhere = (
+        "gripper_T_camera by efficient from 20 poses, eye-in-hand",
+        "translation (mm)",
+        "gripper_T_camera is known ",
+        "sigma_0: 1 before the fit (prior), ",
+        "  rotation vector (deg)",
+        "The robot turns about three axes: shares ",
+        "Residuals of AX = XB over the pairs",
+        "camera_T_gripper (inverse of X)",
+        "base_T_target (the target, as all poses see it)",
+        "Fit: chi-square",
+        "4DPA alone, on the same data:",
+        "times the Cramer-Rao bound",
+        "Standard deviations by",
+        "* model (the noise)",
+        "bootstrap",
+        "Share of the variance of X by its source:",
+        "Diagnostics:",
+        "95 % of all errors lie within d^2",
+        "Systematic errors (wrong",
+    )
+    for result in (given, estimated):
+        for part in everywhere:
+            assert part in result.summary(), part
+    assert "Noise as given" in given.summary() and "robot: rotation 0.02 deg, translation 0.05 mm" in given.summary()
+    assert "chi-square with 6 degrees of freedom" in given.summary()
+    assert "Noise, estimated from the residuals" in estimated.summary() and "6 F(6, " in estimated.summary()
+    assert "to first order, of the noise given" in given.summary()
+    assert "to first order, of the noise estimated" in estimated.summary()
+    spoiled = quietly(with_wrong(poses, 4)).summary()
+    assert "CAUTION: " in spoiled and "stand out (numbered from 0" in spoiled and "CAUTION: 1 of 20 poses" in spoiled
+    assert "No pose stands out" in quietly(uq.simulate(8, noise=NOISE, seed=1), noise=NOISE).summary()
+
+
+def test_the_summary_answers_first_and_says_each_thing_once(poses):
+    result = quietly(with_wrong(poses, 4))
+    lines = result.summary().splitlines()
+    assert lines[1].startswith("gripper_T_camera is known ")
+    first = [k for k, line in enumerate(lines) if line.startswith("CAUTION: ")]
+    matrix = next(k for k, line in enumerate(lines) if line.startswith("   "))
+    assert len(first) == len(result.warnings) and max(first) < matrix
+    assert lines.index("camera_T_gripper (inverse of X)") > lines.index("Diagnostics:")
+    flat = " ".join(" ".join(lines).split())
+    for text in result.warnings:
+        assert flat.count(f"CAUTION: {text}") == 1
+
+
+def test_the_summary_of_joint_noise():
+    n = 12
+    noise = uq.PoseNoise(NOISE.robot, np.kron(np.eye(n) + 0.5, NOISE.camera))
+    flat = " ".join(quietly(uq.simulate(n, noise=noise, seed=1), noise=noise).summary().split())
+    assert flat.count("The noise is joint over the poses") == 1
+    assert "sandwich, hac, jackknife, bootstrap: not determined: " in flat
+    assert "camera (rotation and translation) " in flat and "camera rotation " not in flat

@@ -1,0 +1,283 @@
+"""What calibrate() makes of wrong detections, shifted rows, copies, garbage and options that fit nothing."""
+
+import json
+import re
+import warnings
+
+import numpy as np
+import pytest
+from calibration_cases import LOWER_LIMIT, NOISE, SETUPS, quietly, with_wrong
+from scipy import stats
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+from support import (
+    SEED,
+    difference,
+    draw,
+    moved,
+    nees,
+    random_transforms,
+    transforms,
+)
+
+import uq_handeye as uq
+from uq_handeye.likelihood import bound, efficient
+
+# ------------------------------------------------------------------------------------------------------- robustness
+
+
+@pytest.mark.parametrize("options", [{}, {"noise": NOISE, "robust": True}, {"method": "ml"}])
+@pytest.mark.parametrize("setup", SETUPS)
+def test_a_wrong_detection_is_found_and_named(options, setup):
+    clean = uq.simulate(20, noise=NOISE, setup=setup, seed=SEED)
+    data, rest = with_wrong(clean, 4), np.delete(np.arange(20), 4)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = uq.calibrate(data, **options)
+    assert [str(warning.message) for warning in caught] == list(result.warnings)
+    assert result.warnings[0].startswith(
+        "1 of 20 poses do not fit the others and took no part in the estimate: pose 4 ("
+    )
+    assert result.table.rejected == [4] and result.table.weight[4] == 0 and result.table.flag[4] == "rejected"
+    assert any("pose 4 (" in text for text in result.warnings)
+    reference = quietly(clean.rows(rest), **{**options, "robust": False})
+    shift = difference(result.X, reference.X)
+    # 0: the good poses count in full; but for one in 1000 that is weighted down
+    assert shift @ np.linalg.solve(reference.covariance, shift) < 0.5
+    assert np.sqrt(nees(difference(result.X, clean.truth.X)[None], result.covariance))[0] < 6
+    data_out = json.loads(result.to_json())
+    assert data_out["poses"]["flag"][4] == "rejected" and any("pose 4 (" in text for text in data_out["warnings"])
+    assert "pose 4: " in result.summary() and "rejected" in result.summary()
+    assert result.to_dict()["n_poses"] == 20
+
+
+def test_a_plain_fit_names_a_gross_error_and_keeps_it(poses):
+    data = with_wrong(poses, 4)
+    for options in ({"noise": NOISE}, {"noise": NOISE, "robust": False}):
+        result = quietly(data, **options)
+        np.testing.assert_allclose(result.X, efficient(data, NOISE).X, atol=1e-9)
+        assert (result.table.weight == 1).all() and "outlier" in result.table.flag
+        (text,) = [text for text in result.warnings if "robust=True" in text]
+        assert text.startswith("1 of 20 poses do not fit the others; the estimate has them in") and "pose 4 (" in text
+    data = with_wrong(poses, 4, metres=0.2)
+    spoilt, robust = (
+        nees(difference(quietly(data, noise=NOISE, robust=r).X, poses.truth.X)[None], bound(poses, NOISE))[0]
+        for r in (False, True)
+    )
+    assert robust < stats.chi2.ppf(0.9999, 6) < spoilt / 5
+
+
+def test_clean_data_are_silent_and_whole():
+    """Nobody is rejected without a word: table, warnings and JSON tell the same."""
+    silent = 0
+    for seed in range(10):
+        result = quietly(uq.simulate(20, noise=NOISE, seed=np.random.default_rng([SEED, seed])))
+        flagged = result.table.flagged
+        assert [k for k, w in enumerate(result.table.weight) if w < 1] == flagged
+        for k in flagged:
+            assert any(f"pose {k} (" in text for text in result.warnings)
+        assert json.loads(result.to_json())["warnings"] == list(result.warnings)
+        silent += all(LOWER_LIMIT in text for text in result.warnings)
+    # 20 poses at one in 1000, and a few tests at one in 1000
+    assert silent >= stats.binom.ppf(0.0005, 10, 0.95)
+
+
+def smooth(n, rng, every=12, still=0):
+    """A smooth path with noise, ``every`` poses from one view to the next; ``still`` poses at rest at its start."""
+    key = uq.simulate(n // every + 4, seed=rng)
+    knots = np.arange(len(key))
+    frames = np.clip((np.arange(n) - still) / every, 0, None)
+    R = RotationSpline(knots, Rotation.from_matrix(key.robot[:, :3, :3]))(frames).as_matrix()
+    robot = transforms(R, CubicSpline(knots, key.robot[:, :3, 3])(frames))
+    camera = np.linalg.inv(robot @ key.truth.X) @ key.truth.W
+    return uq.PosePairs(moved(robot, draw(rng, NOISE.robot, (n,))), moved(camera, draw(rng, NOISE.camera, (n,))))
+
+
+@pytest.mark.parametrize("noise", [None, NOISE])
+@pytest.mark.parametrize("still", [0, 15])
+def test_a_shifted_pairing_is_said(noise, still):
+    poses = smooth(90, np.random.default_rng(SEED), still=still)
+    shifted = uq.PosePairs(poses.robot, np.roll(poses.camera, 1, axis=0))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            result = uq.calibrate(shifted, noise=noise)
+        except (uq.InputError, uq.NotConvergedError):
+            result = None
+    texts = [str(warning.message) for warning in caught]
+    assert any("row" in text and "shift" in text for text in texts), texts
+    if result is not None:
+        assert list(result.warnings) == texts
+    assert not any("shift" in text for text in quietly(poses, noise=noise).warnings)
+
+
+def test_static_views_rolled_by_one_are_said(poses):
+    shifted = uq.PosePairs(poses.robot, np.roll(poses.camera, 1, axis=0))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with pytest.raises((uq.InputError, uq.NotConvergedError)):
+            uq.calibrate(shifted)
+    texts = [str(warning.message) for warning in caught]
+    assert any("belong together" in text for text in texts) and any("shift" in text for text in texts), texts
+
+
+# ---------------------------------------------------------------------------------------------------------- garbage
+
+
+def garbage():
+    poses = uq.simulate(20, noise=NOISE, seed=SEED)
+    rng = np.random.default_rng(SEED)
+    robot, camera = poses.robot, poses.camera
+
+    def scaled(T, factor):
+        T = T.copy()
+        T[:, :3, 3] *= factor
+        return T
+
+    turned = Rotation.from_matrix(camera[:, :3, :3]).as_quat()
+    reordered = camera.copy()
+    reordered[:, :3, :3] = Rotation.from_quat(np.roll(turned, 1, axis=1)).as_matrix()
+    still = np.tile(robot[:1], (20, 1, 1))
+    return {
+        "camera times 10": (robot, scaled(camera, 10)),
+        "camera over 10": (robot, scaled(camera, 0.1)),
+        "robot in mm": (scaled(robot, 1000), camera),
+        "camera in mm": (robot, scaled(camera, 1000)),
+        "inverse camera": (robot, np.linalg.inv(camera)),
+        "inverse robot": (np.linalg.inv(robot), camera),
+        "quaternion order": (robot, reordered),
+        "no relation": (robot, random_transforms(rng, (20,))),
+        "all random": (random_transforms(rng, (20,)), random_transforms(rng, (20,))),
+        "permuted": (robot, camera[rng.permutation(20)]),
+        "same file": (robot, robot),
+        "robot at rest": (still, camera),
+        "both at rest": (still, np.tile(camera[:1], (20, 1, 1))),
+    }
+
+
+@pytest.mark.parametrize("noise", [None, NOISE])
+@pytest.mark.parametrize("name", garbage())
+def test_garbage_is_an_error_or_a_warning(name, noise):
+    data = uq.PosePairs(*garbage()[name])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            result = uq.calibrate(data, noise=noise)
+        except (uq.InputError, uq.NotConvergedError) as error:
+            result, refusal = None, str(error)
+    if result is None:
+        assert len(refusal) > 40 and "nan" not in refusal.lower().split()
+        return
+    assert {warning.category for warning in caught} == {uq.InputWarning}
+    assert result.warnings
+    for value in (result.X, result.covariance, result.W, result.covariance_W, result.bound):
+        assert value is None or np.isfinite(value).all()
+    result.to_json()  # which refuses NaN
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("camera times 10", r"multiplied by 0\.(0999|1)"),
+        ("camera over 10", r"multiplied by (9\.99|10)"),
+        ("robot in mm", "--robot-units mm"),
+        ("camera in mm", "--camera-units mm"),
+        ("inverse camera", "camera file holds inverse poses"),
+        ("inverse robot", "the setup is eye-to-hand, or the robot file holds inverse poses"),
+        ("quaternion order", "scalar of the quaternion first"),
+        ("same file", "same file was given twice"),
+    ],
+)
+@pytest.mark.parametrize("noise", [None, NOISE])
+def test_garbage_comes_with_a_hint(name, hint, noise):
+    """Also where it ends in an error: what looks wrong is warned of first."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            uq.calibrate(uq.PosePairs(*garbage()[name]), noise=noise)
+        except (uq.InputError, uq.NotConvergedError) as error:
+            caught_error = str(error)
+        else:
+            caught_error = ""
+    said = " ".join([*(str(warning.message) for warning in caught), caught_error])
+    if name == "quaternion order" and noise is None:
+        # noise that is estimated puts all of it down to the rotations: translations alone give X, and it is right
+        assert "X does not explain the poses: the target seems to move by" in said
+    else:
+        assert re.search(hint, said), said
+
+
+# ----------------------------------------------------------------------------------------- requests, copies, drift
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"robust": "yes"}, "`robust` to be True, False or None, got 'yes'"),
+        ({"robust": 1}, "`robust`"),
+        ({"seed": -1}, "`seed` to be an integer of at least 0, got -1"),
+        ({"seed": "a"}, "`seed`.*'a'"),
+        ({"seed": True}, "`seed`"),
+        ({"seed": 1.0}, "`seed`"),
+        ({"noise": None, "prior": (1, 2)}, "`prior` to be a NoisePrior or None, got tuple"),
+        ({"noise": "1mm"}, "`noise` to be PoseNoise, PairNoise or None, got str"),
+        ({"method": "efficient", "noise": uq.PoseNoise.isotropic(camera=("1mrad", "0mm"))}, "residuals exact"),
+        ({"robust": True, "noise": uq.PoseNoise.isotropic(camera=("1mrad", "0mm"))}, "residuals exact"),
+    ],
+)
+def test_refuses_options_of_a_wrong_type(poses, options, message):
+    with pytest.raises(uq.InputError, match=message):
+        quietly(poses, **({"noise": NOISE} | options))
+
+
+def test_numpy_numbers_are_numbers(poses):
+    assert quietly(poses, noise=NOISE, robust=np.bool_(True), seed=np.int64(3)).table is not None
+
+
+@pytest.mark.parametrize("rows", [[*range(22), *range(18)], [*range(20)] * 2])
+@pytest.mark.parametrize("noise", [None, NOISE])
+def test_copied_rows_are_an_answer_and_accuse_nobody(rows, noise):
+    poses = uq.simulate(22, noise=NOISE, seed=SEED)
+    found = quietly(uq.PosePairs(poses.robot[rows], poses.camera[rows]), noise=noise, robust=True)
+    assert len(found.table.flagged) <= 2 and not found.table.rejected
+    xi = difference(found.X, poses.truth.X)
+    assert xi @ np.linalg.solve(found.covariance, xi) / 2 < found.quantile(0.999)  # a copy counts as a pose
+
+
+def test_plain_where_most_poses_do_not_determine_x(poses, monkeypatch):
+    """The robust fit cannot; the plain one can, and says that wrong poses were not looked for."""
+
+    def refuse(*_, **__):
+        raise uq.DegenerateMotionError("the poses that agree are still", np.eye(6))
+
+    monkeypatch.setattr("uq_handeye.calibration.robust_fit", refuse)
+    with pytest.warns(uq.InputWarning) as said:
+        found = uq.calibrate(poses)
+    assert any("Wrong poses were not looked for" in str(warning.message) for warning in said)
+    plain = quietly(poses, robust=False)
+    np.testing.assert_array_equal(found.X, plain.X)
+    assert any(text.startswith("Wrong poses were not looked for") for text in found.warnings)
+    with pytest.raises(uq.DegenerateMotionError, match="are still"):
+        quietly(poses, robust=True)
+    with pytest.raises(uq.DegenerateMotionError, match="are still"):  # a wrong pose shows in the plain fit
+        quietly(with_wrong(uq.simulate(30, noise=NOISE, seed=SEED), 3, 2.0))
+
+
+def test_halves_that_contradict_each_other_are_a_warning(poses):
+    noise = uq.PoseNoise.isotropic(robot=("0.05mrad", "0.05mm"), camera=("0.2mrad", "0.2mm"))
+    clean = uq.simulate(40, noise=noise, seed=[SEED, 9])
+    X, camera = clean.truth.X, clean.camera.copy()
+    camera[20:] = np.linalg.inv(moved(X, np.array([0, 0, 0, 0, 0, 2e-3]))) @ X @ camera[20:]  # slips in its bracket
+    found = quietly(uq.PosePairs(clean.robot, camera), noise=noise)
+    assert found.split_in_time.p_value < 1e-3 and found.split_in_time.sentence in found.warnings
+    assert found.split_in_time is found.analysis.split_in_time
+    whole = quietly(clean, noise=noise)
+    assert whole.split_half.possible and not any("two halves" in text for text in whole.warnings)
+
+
+def test_a_data_sheet_that_is_wrong_in_one_part_says_which():
+    poses = uq.simulate(40, noise=uq.PoseNoise.isotropic(camera=("1mrad", "0.1mm")), seed=SEED)
+    found = quietly(poses, prior=uq.NoisePrior(robot=(0, 0), camera=("1mrad", "1mm"), factor=1))
+    said = [text for text in found.warnings if "data sheet explains" in text]
+    assert len(said) == 1 and re.search(r"the translation residuals \d+(\.\d+)? times smaller than", said[0])
+    assert found.fit.translation_sigma0 < 0.5
