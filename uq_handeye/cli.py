@@ -127,11 +127,11 @@ def calibrate_command(
         str | None,
         typer.Option(
             metavar="ROT,TRANS",
-            help="Data sheet of the robot, for noise that is estimated, e.g. ?,0.05mm; ? is unknown.",
+            help="Data sheet of the robot, for noise that is estimated, e.g. '?,0.05mm'; ? is unknown.",
         ),
     ] = None,
     camera_prior: Annotated[
-        str | None, typer.Option(metavar="ROT,TRANS", help="The same of the camera poses, e.g. 0.1deg,?.")
+        str | None, typer.Option(metavar="ROT,TRANS", help="The same of the camera poses, e.g. '0.1deg,?'.")
     ] = None,
     prior_factor: Annotated[
         float, typer.Option(help="The data sheet is right within this factor (1 sigma); 1 takes it as exact.")
