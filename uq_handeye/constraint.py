@@ -29,16 +29,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from .errors import InputError
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise, is_joint, require_count
 from .poses import PosePairs
-from .se3 import Array, block, inverse, inverse_jacobian, perturb, skew, vee
-
-# Beyond this angle (rad) the axial vector of a rotation loses digits.
-NEAR_HALF_TURN = 2.5
+from .se3 import Array, block, inverse, inverse_jacobian, logarithm, perturb, skew
 
 _EYE = np.eye(3)
 _EYE6 = np.eye(6)
@@ -84,7 +80,7 @@ class OnPoses:
         R_G, R_X, t_C = G[..., :3, :3], X[..., :3, :3], second[..., :3, 3:]
         turned = R_G @ R_X
         r = np.empty((*np.broadcast_shapes(G.shape[:-2], X.shape[:-2]), 6))
-        r[..., :3] = _logarithm(turned @ second[..., :3, :3] @ W[..., :3, :3].mT)
+        r[..., :3] = logarithm(turned @ second[..., :3, :3] @ W[..., :3, :3].mT)
         arm = R_X @ t_C
         lever = R_G @ (arm + X[..., :3, 3:])
         r[..., 3:] = (lever + G[..., :3, 3:] - W[..., :3, 3:])[..., 0]
@@ -110,7 +106,7 @@ class OnMotions:
         X = at.X[..., None, :, :]
         R_A, R_X, t_X = first[..., :3, :3], X[..., :3, :3], X[..., :3, 3:]
         r = np.empty((*np.broadcast_shapes(first.shape[:-2], X.shape[:-2]), 6))
-        r[..., :3] = _logarithm(R_A @ R_X @ (R_X @ second[..., :3, :3]).mT)
+        r[..., :3] = logarithm(R_A @ R_X @ (R_X @ second[..., :3, :3]).mT)
         arm = R_X @ second[..., :3, 3:]
         lever = R_A @ t_X
         r[..., 3:] = (lever + first[..., :3, 3:] - arm - t_X)[..., 0]
@@ -174,15 +170,3 @@ def block_diagonal(blocks: Array) -> Array:
     for k in range(n):
         result[..., k, :, k, :] = blocks[..., k, :, :]
     return result.reshape(*blocks.shape[:-3], 6 * n, 6 * n)
-
-
-def _logarithm(R: Array) -> Array:
-    """Rotation vectors (..., 3): ``angle / sin(angle)`` times the axial vector, SciPy's where half a turn is near."""
-    axial = 0.5 * vee(R)
-    sine = np.sqrt((axial * axial).sum(axis=-1))
-    angle = np.arctan2(sine, 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0))
-    if angle.max(initial=0.0) > NEAR_HALF_TURN:
-        return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1]))
-    # sin(angle) / angle is 1 to rounding where angle^2 / 6 is
-    ratio = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-12)
-    return np.asarray(axial * ratio[..., None])

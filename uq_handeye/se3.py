@@ -29,6 +29,9 @@ ORTHOGONALITY_TOLERANCE = 2e-4
 # Translations beyond this overflow when multiplied.
 TOO_LONG = 1e75
 
+# Beyond this angle (rad) the axial vector of a rotation loses digits.
+NEAR_HALF_TURN = 2.5
+
 # Pairs or poses that are looked at together: small enough for the cache, large enough for NumPy.
 CHUNK = 8192
 
@@ -58,6 +61,21 @@ def inverse(T: Array) -> Array:
     result[..., :3, 3:] = -R_transposed @ T[..., :3, 3:]
     result[..., 3, 3] = 1.0
     return result
+
+
+def logarithm(R: Array) -> Array:
+    """Rotation vectors (..., 3) of rotations (..., 3, 3).
+
+    ``angle / sin(angle)`` times the axial vector, which keeps the digits of small angles; SciPy's near half a turn.
+    """
+    axial = 0.5 * vee(R)
+    sine = np.sqrt((axial * axial).sum(axis=-1))
+    angle = np.arctan2(sine, 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0))
+    if angle.max(initial=0.0) > NEAR_HALF_TURN:
+        return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1]))
+    # sin(angle) / angle is 1 to rounding where angle^2 / 6 is
+    ratio = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-12)
+    return np.asarray(axial * ratio[..., None])
 
 
 def left_jacobian(theta: ArrayLike) -> Array:

@@ -119,20 +119,20 @@ def simulate(
     truth = Truth(X_true.copy(), W_true.copy(), robot, camera)
     if noise is not None:
         batch = () if trials is None else (trials,)
-        robot = _disturbed(robot, noise.robot, "robot", batch, rng)
-        camera = _disturbed(camera, noise.camera, "camera", batch, rng)
+        require_count(noise.robot, n_poses, "robot", "poses")
+        require_count(noise.camera, n_poses, "camera", "poses")
+        robot = disturbed(robot, noise.robot, batch, rng)
+        camera = disturbed(camera, noise.camera, batch, rng)
     elif trials is not None:
         robot, camera = (np.broadcast_to(T, (trials, *T.shape)) for T in (robot, camera))
     return PosePairs(robot, camera, setup, np.arange(float(n_poses)), truth)
 
 
-def _disturbed(
-    T: Array, covariance: Array | None, name: str, batch: tuple[int, ...], rng: np.random.Generator
-) -> Array:
+def disturbed(T: Array, covariance: Array | None, batch: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Exact poses or motions (n, 4, 4) with noise drawn on them (`PoseNoise`, `PairNoise`): (*batch, n, 4, 4)."""
     n = len(T)
     if covariance is None:
         return np.array(np.broadcast_to(T, (*batch, n, 4, 4)))
-    require_count(covariance, n, name, "poses")
     L = factor(covariance)
     if is_joint(covariance):
         xi = (rng.standard_normal((*batch, 6 * n)) @ L.T).reshape(*batch, n, 6)
