@@ -154,9 +154,10 @@ def experiment(
     if motions.N < 2:
         raise InputError(f"Expected at least 2 motions to determine X, got {motions.N}.")
     require_noise_fits(noise, motions)
+    assert isinstance(noise, PairNoise)  # motions without poses take no other
     if poses is not None and poses.truth is not None:
         true_poses = PosePairs(poses.truth.robot, poses.truth.camera, poses.setup)
-        of_truth = relative_motions(true_poses, motions.pairs)
+        of_truth = relative_motions(true_poses, "all" if motions.pairs is None else motions.pairs)
         return Experiment(Motions(of_truth.A, of_truth.B), poses.truth.X, None, noise, method, scale)
     A, B, X = _exact_motions(motions, noise)
     return Experiment(Motions(A, B), X, None, noise, method, scale)

@@ -30,8 +30,8 @@ from ..se3 import Array, logarithm
 BLOCK, FEWEST = 16_384, 32
 # Determinant of H over that of the matrix of equal singular values and equal norm, below which the SVD decides.
 FLAT = 1e-4
-# Squared angles up to which so many terms of the series of a and b are exact to rounding.
-SERIES = ((8e-5, 3), (2e-2, 5))
+# Squared angles up to which so many terms of the series of a and b leave out less than 1e-11 of the noise itself.
+SERIES = ((3e-5, 2), (2e-2, 5))
 
 # (-1)^k / (2k + 1)! and (-1)^k / (2k + 2)!
 _SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(5)]
@@ -73,7 +73,7 @@ def fourdpa_on_drawn(
         for start in range(0, N, pairs):
             part = slice(start, start + pairs)
             _add_moments(total, constant[:, :, :, part], linear[:, part], rng)
-    return _errors(moments, N, X[:3, 3])
+    return errors_by_moments(moments, N, X[:3, 3])
 
 
 def _linear(T: Array, L: Array | None) -> Array:
@@ -129,10 +129,9 @@ def _add_moments(total: Array, constant: Array, linear: Array, rng: np.random.Ge
     w += scaled
     w += t
 
-    H, K = total
-    H += np.einsum("knm,lnm->klm", u[:, 0], u[:, 1])
-    K += np.einsum("knm,lnm->klm", u[:, 0], w[:, 1])
-    K += np.einsum("knm,lnm->klm", w[:, 0], u[:, 1])
+    H_and_wv = np.einsum("sknm,lnm->sklm", work[3:5, :, 0], u[:, 1])
+    total += H_and_wv
+    total[1] += np.einsum("knm,lnm->klm", u[:, 0], w[:, 1])
 
 
 def _coefficients(square: Array, a: Array, b: Array, cosine: Array) -> tuple[Array, Array, Array]:
@@ -166,7 +165,7 @@ def _cross(x: Array, y: Array, out: Array, work: Array) -> None:
     out -= work
 
 
-def _errors(moments: Array, N: int, t_X: Array) -> tuple[Array, NDArray[np.bool_]]:
+def errors_by_moments(moments: Array, N: int, t_X: Array) -> tuple[Array, NDArray[np.bool_]]:
     """xi (T, 6) from the moments (2, 3, 3, T) of 2u, 2w."""
     H, K = moments
     T = H.shape[-1]
@@ -177,16 +176,21 @@ def _errors(moments: Array, N: int, t_X: Array) -> tuple[Array, NDArray[np.bool_
         return _by_polar(H / size, K, size, t_X), ok
     if regular.any():
         errors[regular] = _by_polar(H[..., regular] / size[regular], K[..., regular], size[regular], t_X)
-    full = np.zeros((T, 6, 6))
-    full[:, :3, :3], full[:, :3, 3:] = H.transpose(2, 0, 1), K.transpose(2, 0, 1)
-    for trial in np.flatnonzero(~regular):
-        try:
-            X = solve_moments(full[trial], 4 * N)
-        except InputError:
-            ok[trial] = False
-            continue
-        errors[trial, :3] = logarithm(X[:3, :3])
-        errors[trial, 3:] = X[:3, 3] - t_X
+    rest = np.flatnonzero(~regular)
+    full = np.zeros((len(rest), 6, 6))
+    full[:, :3, :3], full[:, :3, 3:] = H[..., rest].transpose(2, 0, 1), K[..., rest].transpose(2, 0, 1)
+    try:
+        X = solve_moments(full, 4 * N)
+    except InputError:  # one by one, as some leave X open
+        X = np.broadcast_to(np.eye(4), (len(rest), 4, 4)).copy()
+        for k, trial in enumerate(rest):
+            try:
+                X[k] = solve_moments(full[k], 4 * N)
+            except InputError:
+                ok[trial] = False
+    errors[rest, :3] = logarithm(X[:, :3, :3])
+    errors[rest, 3:] = X[:, :3, 3] - t_X
+    errors[~ok] = 0.0
     return errors, ok
 
 
@@ -204,7 +208,7 @@ def _cofactors(M: Array) -> Array:
     other = entries.take(k, axis=0)
     other *= entries.take(m, axis=0)
     result -= other
-    return result.reshape(M.shape)
+    return np.asarray(result.reshape(M.shape))
 
 
 def _by_polar(H: Array, K: Array, size: Array, t_X: Array) -> Array:

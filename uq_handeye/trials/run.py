@@ -25,6 +25,7 @@ from ..procrustes import solve_4dpa
 from ..propagation import propagate
 from ..se3 import Array, logarithm
 from ..simulation import disturbed
+from .efficient_pairs import efficient_on_drawn
 from .experiment import Experiment
 from .fourdpa_pairs import fourdpa_on_drawn
 
@@ -71,8 +72,6 @@ def run(experiment: Experiment, rng: np.random.Generator, trials: int, each: boo
     truth, noise = experiment.truth, experiment.noise
     if isinstance(truth, Motions) and isinstance(noise, PairNoise):
         if experiment.method == "efficient":
-            from .efficient_pairs import efficient_on_drawn
-
             errors, covariances, ok = efficient_on_drawn(truth.A, truth.B, experiment.X, noise, rng, trials)
             return Trials(errors, ok, covariances if each else None)
         if experiment.method == "4dpa" and experiment.scale is None and not each:

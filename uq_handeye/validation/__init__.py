@@ -1,0 +1,1 @@
+"""The claim of a covariance put to the test: simulated trials, the posterior, and everything side by side."""
