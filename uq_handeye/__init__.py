@@ -39,6 +39,9 @@ from .simulation import simulate
 if TYPE_CHECKING:
     from .comparison import Comparison, compare
     from .planning import Plan, plan
+    from .validation.cross_check import CrossCheck, cross_check
+    from .validation.monte_carlo import MonteCarlo, monte_carlo
+    from .validation.posterior import Posterior, sample_posterior
 
 __version__ = "0.1.0"
 
@@ -47,11 +50,13 @@ __all__ = [
     "ROBOT_WORLD_METHODS",
     "Calibration",
     "Comparison",
+    "CrossCheck",
     "DegenerateMotionError",
     "InputError",
     "InputWarning",
     "Method",
     "MissingExtraError",
+    "MonteCarlo",
     "Motions",
     "NoiseEstimate",
     "NoisePrior",
@@ -60,14 +65,17 @@ __all__ = [
     "Plan",
     "PoseNoise",
     "PosePairs",
+    "Posterior",
     "SingularNoiseError",
     "bound",
     "calibrate",
     "compare",
+    "cross_check",
     "efficient",
     "estimate_noise",
     "from_convention",
     "maximum_likelihood",
+    "monte_carlo",
     "nguyen",
     "octonion_covariance",
     "orthonormalise",
@@ -79,6 +87,7 @@ __all__ = [
     "read_poses",
     "register",
     "relative_motions",
+    "sample_posterior",
     "se3_from_so4",
     "simulate",
     "so4_covariance",
@@ -89,17 +98,27 @@ __all__ = [
 ]
 
 
+# What few programs need is loaded when it is first asked for.
+_LATER = {
+    "Comparison": "comparison",
+    "compare": "comparison",
+    "Plan": "planning",
+    "plan": "planning",
+    "CrossCheck": "validation.cross_check",
+    "cross_check": "validation.cross_check",
+    "MonteCarlo": "validation.monte_carlo",
+    "monte_carlo": "validation.monte_carlo",
+    "Posterior": "validation.posterior",
+    "sample_posterior": "validation.posterior",
+}
+
+
 def __getattr__(name: str) -> Any:
-    """What few programs need is loaded when it is first asked for."""
-    if name in ("Comparison", "compare"):
-        from . import comparison
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
 
-        return getattr(comparison, name)
-    if name in ("Plan", "plan"):
-        from . import planning
-
-        return getattr(planning, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_LATER[name]}", __name__), name)
 
 
 def __dir__() -> list[str]:

@@ -15,6 +15,7 @@ import typer
 
 from . import __version__
 from .calibration import calibrate
+from .cli_cross_check import cross_check_command
 from .cli_options import (
     CameraFile,
     CameraNoise,
@@ -35,6 +36,8 @@ from .cli_options import (
     prior_of,
 )
 from .cli_plan import plan_command
+from .cli_posterior import posterior_command
+from .cli_validate import validate_command
 from .comparison import Comparison, compare
 from .errors import InputError, InputWarning, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
@@ -261,6 +264,9 @@ def demo(as_json: JsonOption = False, output: OutputOption = None) -> None:
 
 
 app.command("plan")(plan_command)
+app.command("validate")(validate_command)
+app.command("posterior")(posterior_command)
+app.command("cross-check")(cross_check_command)
 
 
 @app.command("simulate")

@@ -43,6 +43,7 @@ Units = Annotated[str, typer.Option("--units", help="Length unit of both files: 
 RobotUnits = Annotated[str | None, typer.Option("--robot-units", help="Length unit of the robot file alone.")]
 CameraUnits = Annotated[str | None, typer.Option("--camera-units", help="Length unit of the camera file alone.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+WorkersOption = Annotated[int | None, typer.Option("--workers", help="Processes. Left out: one per core.")]
 OutputOption = Annotated[
     Path | None,
     typer.Option(
@@ -111,6 +112,11 @@ def poses_of(robot: Path, camera: Path, setup: str, units: tuple[str, str]) -> P
             f"{robot} and {camera} hold {poses.n} poses; at least 3 poses are needed, which make 2 motions."
         )
     return poses
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def emit(output: str) -> None:

@@ -113,7 +113,7 @@ def covariance_ellipses(
     offset = None if truth is None else _error(_one_pose(truth, "truth"), pose)
 
     reach, common = _reach(covariances, points, offset)
-    units = [_unit(value, "rad" if k < 3 else "m") for k, value in enumerate(reach)]
+    units = [display_unit(value, "rad" if k < 3 else "m") for k, value in enumerate(reach)]
     scale = np.array([factor for factor, _ in units])
     axis_labels = [f"${symbol}$ ({unit})" for symbol, (_, unit) in zip(SYMBOLS, units, strict=True)]
 
@@ -133,7 +133,7 @@ def covariance_ellipses(
 
     for axis, i, j in panels:
         _draw(axis, i, j, covariances, points, offset, scale)
-        _frame(axis, (reach[i] / scale[i], reach[j] / scale[j]))
+        limited(axis, (reach[i] / scale[i], reach[j] / scale[j]))
         axis.set_xlabel(axis_labels[i], fontsize=9)
         axis.set_ylabel(axis_labels[j], fontsize=9)
     _legend(figure, covariances, len(points) > 0, offset is not None, pose)
@@ -212,7 +212,7 @@ def _reach(covariances: Mapping[str, Array], points: Array, offset: Array | None
     return 1.12 * reach, common
 
 
-def _unit(reach: float, base: str) -> tuple[float, str]:
+def display_unit(reach: float, base: str) -> tuple[float, str]:
     """A factor and a unit in which ``reach`` lies between 1 and 1000, if there is such a prefix."""
     exponent = min(0, 3 * int(np.floor(np.log10(reach) / 3)))
     if exponent in PREFIXES and reach < 1e4:
@@ -262,7 +262,7 @@ def _correlation(S: Array, i: int, j: int) -> float | None:
     return None if s[i] == 0 or s[j] == 0 else float(np.clip(S[i, j] / s[i] / s[j], -1.0, 1.0))
 
 
-def _frame(axis: Axes, reach: tuple[float, float]) -> None:
+def limited(axis: Axes, reach: tuple[float, float]) -> None:
     """Limits and few, round ticks; a square panel."""
     axis.set_xlim(-reach[0], reach[0])
     axis.set_ylim(-reach[1], reach[1])

@@ -75,7 +75,6 @@ class Consistency:
     coverage_p_values: Array | None  # (3, 5)
     eigenvalues: Array | None  # (6,) of sampled against predicted covariance, ascending: ratios of variances
     directions: Array | None  # (6, 6) row k: weights of the errors, in predicted standard deviations, of eigenvalue k
-    eigenvalue_interval: Array | None  # (2,) holds all six with probability `confidence` if the covariance is true
     likelihood_ratio: float | None  # with Bartlett's correction, chi-square with 21 degrees of freedom
     kurtosis: float | None  # E d^4 over that of Gaussian errors of the sampled covariance, minus 1
     kurtosis_error: float | None  # its standard error if the errors are Gaussian
@@ -119,6 +118,13 @@ class Consistency:
     def bias_sd(self) -> Array | None:
         """The bias in sampled standard deviations (6,); None where errors do not vary."""
         return None if self.bias is None or self.std is None or not self.std.all() else self.bias / self.std
+
+    @cached_property
+    def eigenvalue_interval(self) -> Array | None:
+        """(2,) holds all six eigenvalues with probability `confidence` if the covariance is true."""
+        if self.eigenvalues is None:
+            return None
+        return np.array(extreme_eigenvalues(self.sums.count - 1, self.confidence))
 
     @property
     def overall(self) -> float | None:
@@ -201,7 +207,7 @@ def consistency(sums: Sums, predicted: ArrayLike | None, confidence: float = 0.9
         lower_factor(predicted, "predicted")
     p_values: dict[str, float] = {}
     found: dict[str, Any] = _moments(sums) | _nees(sums, confidence, p_values) | _coverage(sums, confidence, p_values)
-    found |= _spread(sums.count, predicted, found["covariance"], confidence, p_values)
+    found |= _spread(sums.count, predicted, found["covariance"], p_values)
     found |= _kurtosis(sums, predicted, found)
     return Consistency(
         sums=sums,
@@ -261,11 +267,9 @@ def _coverage(sums: Sums, confidence: float, p_values: dict[str, float]) -> dict
     return {"coverage": k / T, "coverage_interval": np.stack([low, high], axis=-1), "coverage_p_values": p}
 
 
-def _spread(
-    T: int, predicted: Array | None, covariance: Array | None, confidence: float, p_values: dict[str, float]
-) -> dict[str, Any]:
+def _spread(T: int, predicted: Array | None, covariance: Array | None, p_values: dict[str, float]) -> dict[str, Any]:
     """Sampled against predicted covariance."""
-    names = ("eigenvalues", "directions", "eigenvalue_interval", "likelihood_ratio")
+    names = ("eigenvalues", "directions", "likelihood_ratio")
     if predicted is None or covariance is None or T < FEWEST:
         return dict.fromkeys(names)
     from scipy.linalg import eigh
@@ -278,12 +282,11 @@ def _spread(
     rho = 1 - (2 * 6 + 1 - 2 / (6 + 1)) / (6 * n)
     ratio = rho * n * float(np.sum(values - np.log(values) - 1))
     p_values[LIKELIHOOD_RATIO] = float(chdtrc(21, ratio))
-    interval = np.array(_extreme_eigenvalues(n, confidence))
-    return dict(zip(names, (values, directions, interval, ratio), strict=True))
+    return dict(zip(names, (values, directions, ratio), strict=True))
 
 
 @lru_cache(maxsize=64)
-def _extreme_eigenvalues(n: int, confidence: float) -> tuple[float, float]:
+def extreme_eigenvalues(n: int, confidence: float) -> tuple[float, float]:
     """Quantiles of the smallest and the largest eigenvalue of W / n, W ~ Wishart(n, I_6), from `DRAWS` draws."""
     rng = np.random.default_rng(102)
     L = np.tril(rng.standard_normal((DRAWS, 6, 6)), -1)

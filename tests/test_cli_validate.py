@@ -1,0 +1,181 @@
+"""``uq-handeye validate`` as a user meets it: exit status, stdout, stderr, and what is left in the folder."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import warnings
+
+import numpy as np
+import pytest
+from monte_carlo_cases import NOISE
+
+from uq_handeye import cli, cli_validate, read_poses, simulate
+from uq_handeye.io import write_pose_file
+from uq_handeye.validation.monte_carlo import monte_carlo
+
+OPTIONS = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
+PROGRAM = "from uq_handeye.cli import main; main()"
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("session")
+    poses = simulate(10, noise=NOISE, seed=3)
+    write_pose_file(folder / "robot.csv", poses.robot)
+    write_pose_file(folder / "camera.csv", poses.camera)
+    return folder
+
+
+@pytest.fixture
+def run(session, capsys, monkeypatch):
+    """``run("...")`` gives exit status, stdout and stderr of validate on the files of the session."""
+    monkeypatch.chdir(session)
+
+    def call(*arguments, files=("robot.csv", "camera.csv")):
+        with warnings.catch_warnings(), pytest.raises(SystemExit) as end:
+            cli.main(["validate", *files, *map(str, arguments)])
+        return end.value.code, *capsys.readouterr()
+
+    return call
+
+
+def expected(session, **options):
+    return monte_carlo(read_poses(session / "robot.csv", session / "camera.csv"), noise=NOISE, **options)
+
+
+def test_text(run, session):
+    status, out, err = run(*OPTIONS, "--trials", 1000, "--seed", 4)
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert lines[0] == "Monte Carlo of gripper_T_camera by efficient: 1,000 trials, seed 4"
+    assert "mean NEES" in lines[1]
+    summary = expected(session, method="efficient", trials=1000, seed=4).summary()
+    timed = next(k for k, line in enumerate(lines) if "trials/s" in line)
+    assert lines[:timed] == summary.splitlines()[:timed]
+
+
+def test_json_figure_and_folder(run, session, tmp_path):
+    arguments = (*OPTIONS, "--trials", 1500, "--method", "4dpa", "--json", "-o", tmp_path / "run")
+    status, out, err = run(*arguments, "--figure", tmp_path / "figure.svg")
+    assert (status, err) == (0, "")
+    data = json.loads(out)
+    assert json.loads((tmp_path / "run" / "result.json").read_text()) == data
+    assert data["covariance"] == expected(session, trials=1500).covariance.tolist()
+    assert "<svg" in (tmp_path / "figure.svg").read_text()
+    status, out, err = run(*arguments)
+    assert status == 2 and "is not empty" in err and "--resume" in err
+    status, out, err = run(*arguments, "--resume")
+    again = json.loads(out)
+    assert (status, again["resumed"], again["covariance"]) == (0, 1500, data["covariance"])
+
+
+def test_several_methods(run, tmp_path):
+    options = ("--trials", 300, "--method", "4dpa,park", "--method", "Efficient", "--workers", 1)
+    status, out, err = run(*OPTIONS, *options, "-o", tmp_path / "run", "--figure", tmp_path / "f.png")
+    assert (status, err) == (0, "")
+    assert [line for line in out.splitlines() if line.startswith("Monte Carlo")] == [
+        f"Monte Carlo of gripper_T_camera by {name}: 300 trials, seed 0" for name in ("4dpa", "park", "efficient")
+    ]
+    assert sorted(os.listdir(tmp_path / "run")) == ["4dpa", "efficient", "park"]
+    assert sorted(os.listdir(tmp_path)) == ["f-4dpa.png", "f-efficient.png", "f-park.png", "run"]
+    status, out, _ = run(*OPTIONS, *options, "--json")
+    assert [part["method"] for part in json.loads(out)["methods"]] == ["4dpa", "park", "efficient"]
+
+
+def test_noise_from_the_data_and_covariance_of_each(run):
+    status, out, _ = run("--trials", 500, "--covariance", "each", "--json")
+    data = json.loads(out)
+    assert (status, data["noise_estimated"], data["tested"], data["origin"]) == (0, True, "each", "fit to the data")
+
+
+def test_digits(run):
+    status, out, err = run(*OPTIONS, "--digits", 1, "--trials", 10_000, "--method", "4dpa")
+    assert (status, err) == (0, "")
+    assert "NOT COMPLETE: all trials done, but not stable: 1 block of trials, 11 are needed." in " ".join(out.split())
+
+
+def test_all_cores_unless_told(run, monkeypatch):
+    asked = []
+
+    def instead(*args, workers, **kwargs):
+        asked.append(workers)
+        return monte_carlo(*args, **kwargs)
+
+    monkeypatch.setattr("uq_handeye.validation.monte_carlo.monte_carlo", instead)
+    run(*OPTIONS, "--trials", 100)
+    run(*OPTIONS, "--trials", 100, "--workers", 3)
+    assert asked == [cli_validate.cores(), 3]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--method", "best"), "--method to name methods among efficient, ml, tsai"),
+        (("--method", ","), "--method to name methods"),
+        (("--covariance", "mine"), "--covariance to be model or each"),
+        (("--trials", "0"), "`trials` to be a whole number of at least 1"),
+        (("--trials", "many"), "--trials"),
+        (("--workers", "0"), "`workers`"),
+        (("--resume",), "--resume needs the folder"),
+        (("-o", "robot.csv"), "expected a folder, got a file"),
+        (("--figure", "figure.txt"), ".png or .svg"),
+        (("--sweep-noise", "1,x"), "--sweep-noise to be numbers"),
+        (("--sweep-noise", "1,3", "--digits", "2"), "--sweep-noise goes without --digits"),
+    ],
+    ids=str,
+)
+def test_bad_usage_is_one_line(run, arguments, words):
+    status, out, err = run(*OPTIONS, "--trials", 100, *arguments)
+    assert status == 2 and words in err and len(err.splitlines()) == 1 and "Traceback" not in err
+    assert out == ""
+
+
+@pytest.mark.filterwarnings("ignore")  # of distributed
+def test_a_scheduler_that_is_not_there(run, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("uq_handeye.validation.workers.CONNECT", 0.5)
+    status, out, err = run(*OPTIONS, "--scheduler", "tcp://127.0.0.1:9")
+    assert (status, out) == (2, "") and "Cannot reach the Dask scheduler" in err.splitlines()[-1]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_prints_what_is_done_and_can_be_resumed(session, tmp_path, workers):
+    """SIGINT to the whole group, as a terminal sends it: no worker may complain."""
+    command = [sys.executable, "-c", PROGRAM, "validate", "robot.csv", "camera.csv", *OPTIONS, "--method", "4dpa"]
+    command += ["--seed", "5", "-o", str(tmp_path / "run"), "--workers", str(workers)]
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    process = subprocess.Popen(
+        [*command, "--trials", "100000000"],
+        cwd=session,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        end = time.monotonic() + 30
+        while len(list(tmp_path.glob("run/chunks/*.npz"))) < 8 and time.monotonic() < end:
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert (process.returncode, err) == (130, "")
+    assert out.splitlines()[1].startswith("NOT COMPLETE: interrupted.")
+    done = int(re.search(r": ([\d,]+) trials", out)[1].replace(",", ""))
+    left = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert done >= 1000 and (left["trials"], left["complete"]) == (done, False)
+    with np.load(tmp_path / "run" / "chunks" / "000000.npz") as file:
+        np.testing.assert_array_equal(file["errors"], expected(session, trials=1000, seed=5).errors)
+
+
+def test_no_bar_in_a_pipe_and_no_noise(session):
+    command = [sys.executable, "-c", PROGRAM, "validate", "robot.csv", "camera.csv", *OPTIONS, "--trials", "200"]
+    done = subprocess.run(command, cwd=session, capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "\x1b" not in done.stdout

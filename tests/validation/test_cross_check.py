@@ -1,0 +1,405 @@
+"""The cross-check: every row against an independent reference, every relation with healthy and wrong covariances."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+from support import (
+    EQUATION_70,
+    SEED,
+    assert_same_covariance,
+    draw,
+    exact_motions,
+    moved,
+    random_covariance,
+    whitened_eigenvalues,
+)
+
+import uq_handeye as uq
+from uq_handeye.report.cross_check_text import WIDTH
+from uq_handeye.validation import cross_check_rows, posterior
+from uq_handeye.validation.cross_check import cross_check
+from uq_handeye.validation.relations import CONFIDENCE, Evidence, chance, ratios, relations
+
+NOISE_70 = uq.PairNoise(*EQUATION_70)
+ON_POSES = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+T = 10_000
+
+
+def motions(seed=SEED, N=60):
+    """True X and motions, and measured ones with the noise (70)."""
+    rng = np.random.default_rng(seed)
+    X, A, B = exact_motions(rng, N)
+    return X, A, B, uq.Motions(*(moved(M, draw(rng, S, (N,))) for M, S in zip((A, B), EQUATION_70, strict=True)))
+
+
+@pytest.fixture(scope="module")
+def paper():
+    """The paper's experiment (70), with few trials and the posterior."""
+    return cross_check(motions()[3], noise=NOISE_70, trials=800, seed=SEED)
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return cross_check(
+        uq.simulate(12, noise=ON_POSES, seed=SEED), noise=ON_POSES, trials=800, seed=SEED, posterior=False
+    )
+
+
+def test_a_healthy_problem_shows_no_broken_relation(paper, poses):
+    assert paper.broken == poses.broken == ()
+    assert [r.holds for r in paper.relations if r.law] == [True] * 8
+    assert paper.to_text().startswith("All 8 relations hold.\n")
+    assert [row.key for row in paper.rows] == [
+        "4dpa-pairs",
+        "4dpa-literal",
+        "nguyen-own",
+        "nguyen-first-order",
+        "efficient",
+        "ml",
+        "bound",
+        "4dpa-sampled",
+        "nguyen-sampled",
+        "efficient-sampled",
+        "ml-sampled",
+        "posterior",
+    ]
+    assert [row.key for row in poses.rows] == [
+        *("4dpa-pairs", "4dpa-poses"),
+        *(row.key for row in paper.rows[1:-1]),
+    ]
+    # pairs share poses: what Nguyen and Pham's own covariances promise is no matter of the bound
+    assert poses.relation("nguyen-not-below-bound").holds is None
+    assert poses.relation("shared-poses").holds is True
+    assert "posterior" not in [row.key for row in poses.rows] and poses.posterior is None
+
+
+def test_formulas_at_the_truth(poses):
+    simulated = uq.simulate(12, noise=ON_POSES, seed=SEED)
+    truth = simulated.truth
+    exact = uq.relative_motions(uq.PosePairs(truth.robot, truth.camera), "all")
+    for kind in ("pairs", "poses"):
+        reference = uq.propagate(exact, ON_POSES, X=truth.X, kind=kind)
+        assert_same_covariance(poses.row(f"4dpa-{kind}").covariance, reference, 1e-9)
+    reference = uq.propagate(exact, ON_POSES, X=truth.X, method="nguyen")
+    assert_same_covariance(poses.row("nguyen-first-order").covariance, reference, 1e-6)
+    assert_same_covariance(poses.row("bound").covariance, uq.bound(simulated, ON_POSES), 1e-9)
+    assert_same_covariance(poses.row("efficient").covariance, uq.efficient(simulated, ON_POSES).covariance_X, 1e-9)
+    assert_same_covariance(poses.row("ml").covariance, uq.maximum_likelihood(simulated, ON_POSES).covariance_X, 1e-9)
+
+
+def test_formulas_of_motions():
+    """(45) and Nguyen and Pham's own, where the truth is known to us."""
+    X, A, B, _ = motions()
+    check = cross_check(uq.Motions(A, B), noise=NOISE_70, trials=100, posterior=False)
+    literal = uq.propagate(A, B, NOISE_70, X=X, kind="literal")
+    assert np.allclose(check.row("4dpa-literal").covariance, literal, rtol=1e-4, atol=1e-4 * np.abs(literal).max())
+    own = uq.nguyen(A, B, NOISE_70)
+    covariance = check.row("nguyen-own").covariance
+    assert np.allclose(covariance[:3, :3], own.Sigma_R, rtol=1e-6) and np.allclose(
+        covariance[3:, 3:], own.Sigma_t, rtol=1e-6
+    )
+    assert not covariance[:3, 3:].any()
+    assert "no cross-covariance" in check.row("nguyen-own").note
+
+
+def test_numbers_of_a_row(paper):
+    row, errors = paper.row("4dpa-pairs"), paper.runs["4dpa"].errors
+    P = row.covariance
+    assert np.allclose(row.std**2, np.diag(P))
+    assert np.isclose(row.trace_rotation, np.trace(P[:3, :3])) and np.isclose(
+        row.trace_translation, np.trace(P[3:, 3:])
+    )
+    assert np.isclose(row.log_determinant, np.log(np.linalg.eigvalsh(P)).sum())
+    nees = np.einsum("ti,ti->t", errors, np.linalg.solve(P, errors.T).T)
+    assert np.isclose(row.nees, nees.mean())
+    assert np.allclose(row.nees_interval, stats.chi2.ppf([0.005, 0.995], 6 * len(errors)) / len(errors))
+    assert row.consistent is True
+    assert np.allclose(paper.row("4dpa-sampled").covariance, np.cov(errors.T))
+    assert paper.row("4dpa-sampled").nees is None and paper.row("4dpa-sampled").trials == 800
+    # the bound is judged by the trials of ml, and so is the posterior, which adds the error of its own samples
+    assert paper.row("bound").method == paper.row("posterior").method == "ml"
+    widths = [np.ptp(paper.row(key).nees_interval) for key in ("bound", "posterior")]
+    assert widths[0] < widths[1] < 2 * widths[0]
+    # taken as independent, the covariance of pairs that share poses must be seen to be wrong
+    assert replace(row, nees=6.9).consistent is False
+
+
+def test_literal_covariance_is_singular(paper):
+    row = paper.row("4dpa-literal")
+    assert row.singular and row.log_determinant is None and row.nees is None
+    assert "Singular" in row.note
+    assert not paper.row("bound").singular
+    # by at least sqrt(N) too small, where all pairs have the same noise
+    sampled = paper.row("4dpa-sampled").std
+    assert (sampled / row.std > np.sqrt(60) * 0.85).all()
+
+
+def test_ratios_are_whitened_eigenvalues():
+    rng = np.random.default_rng(SEED)
+    S, P = random_covariance(rng), random_covariance(rng)
+    r = ratios(S, P)
+    expected = np.sqrt(whitened_eigenvalues(S, P))
+    assert np.allclose([r.least, r.largest], expected[[0, -1]])
+    assert np.isclose(r.overall, np.sqrt(np.trace(np.linalg.solve(P, S)) / 6))
+    assert (r.low, r.high, r.spread) == (1.0, 1.0, 0.0)
+    part = ratios(S, P, part=slice(3, 6))
+    assert np.isclose(part.largest, np.sqrt(whitened_eigenvalues(S[3:, 3:], P[3:, 3:])[-1]))
+
+
+def wishart(rng, P, samples):
+    """The covariance of so many draws about their mean."""
+    return np.atleast_2d(stats.wishart(samples - 1, P / (samples - 1)).rvs(random_state=rng))
+
+
+@pytest.mark.parametrize("samples", [100, T])
+def test_chance(samples):
+    rng = np.random.default_rng(SEED)
+    P = random_covariance(rng)
+    found = [ratios(wishart(rng, P, samples), P, samples) for _ in range(400)]
+    low, high = chance(samples)
+    outside = sum(r.least < low or r.largest > high for r in found)
+    assert outside <= stats.binom.ppf(0.999, 400, 2 * (1 - CONFIDENCE))
+    assert sum(abs(r.overall - 1) > r.spread for r in found) <= stats.binom.ppf(0.999, 400, 2 * (1 - CONFIDENCE))
+    assert max(r.largest for r in found) > 1 + 0.6 * (high - 1)  # and no wider than need be
+    assert all(r.equal for r in found)
+    # heavy tails widen it
+    assert chance(samples, 0.5)[1] > high > chance(samples, -0.1)[1] * (1 - 1e-12)
+
+
+def evidence(rng, wrong=None, scale=1.0, samples=T, on_poses=False):
+    """What a healthy problem shows, with the covariance sampled of ``wrong`` from another than the predicted one."""
+    bound = random_covariance(rng)
+    worse = bound + random_covariance(rng, sd=2e-3)
+    true = {"4dpa": worse, "nguyen": bound + random_covariance(rng, sd=5e-4), "efficient": bound, "ml": bound}
+    own = np.zeros((6, 6))
+    own[:3, :3], own[3:, 3:] = 1.2 * bound[:3, :3], 1.1 * bound[3:, 3:]
+    covariances = {
+        "4dpa-pairs": worse / (9.0 if on_poses else 1.0),
+        "4dpa-literal": worse / 400,
+        "nguyen-own": own,
+        "nguyen-first-order": true["nguyen"],
+        "efficient": bound,
+        "ml": bound,
+        "bound": bound,
+        "posterior": wishart(rng, bound * (scale if wrong == "posterior" else 1.0), samples),
+    }
+    if on_poses:
+        covariances["4dpa-poses"] = worse
+    runs = {}
+    for method, P in true.items():
+        sampled = wishart(rng, P * (scale if method == wrong else 1.0), samples)
+        judged = SimpleNamespace(sums=SimpleNamespace(count=samples), kurtosis=0.0)
+        runs[method] = SimpleNamespace(covariance=sampled, consistency=judged, failures=0, trials=samples)
+    return Evidence(covariances, {}, runs, samples, on_poses, on_poses, True, 60)
+
+
+def broken(e):
+    return {r.name for r in relations(e) if r.law and r.holds is False}
+
+
+@pytest.mark.parametrize("samples", [200, T])
+@pytest.mark.parametrize("on_poses", [False, True])
+def test_healthy_covariances_break_nothing(samples, on_poses):
+    rng = np.random.default_rng([SEED, samples, on_poses])
+    alarms = sum(bool(broken(evidence(rng, samples=samples, on_poses=on_poses))) for _ in range(100))
+    assert alarms <= 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "names"),
+    [
+        ("4dpa", {"4dpa-first-order"}),
+        ("nguyen", {"nguyen-first-order"}),
+        ("efficient", {"efficient-bound"}),
+        ("ml", {"ml-bound"}),
+        ("posterior", {"posterior-bound"}),
+    ],
+)
+def test_a_standard_deviation_10_percent_off_is_named(wrong, names):
+    rng = np.random.default_rng(SEED)
+    for _ in range(20):
+        assert broken(evidence(rng, wrong, 1.1**2)) == names
+        found = broken(evidence(rng, wrong, 0.85**2))
+        below = {"none-below-bound"} if wrong in ("efficient", "ml") else set()
+        assert names | below <= found
+    # what is real but small is no alarm
+    assert sum(bool(broken(evidence(rng, wrong, 1.02**2))) for _ in range(20)) == 0
+
+
+def test_one_direction_alone_is_named():
+    rng = np.random.default_rng(SEED)
+    e = evidence(rng)
+    bound = e.covariances["bound"]
+    L = np.linalg.cholesky(bound)
+    direction = L @ np.eye(6)[:, :1]
+    changed = bound + (1 / 1.15**2 - 1) * direction @ direction.T
+    assert broken(e._replace(covariances={**e.covariances, "bound": changed})) >= {"efficient-bound", "ml-bound"}
+
+
+def test_what_pairs_share():
+    rng = np.random.default_rng(SEED)
+    e = evidence(rng, on_poses=True)
+    assert {r.name: r.holds for r in relations(e)}["shared-poses"] is True
+    same = {**e.covariances, "4dpa-pairs": e.covariances["4dpa-poses"]}
+    assert broken(e._replace(covariances=same)) == {"shared-poses"}  # all pairs must show it
+    (chosen,) = [r for r in relations(e._replace(covariances=same, all_pairs=False)) if r.name == "shared-poses"]
+    assert chosen.holds is None and "no difference" in chosen.text
+
+
+def test_claims_are_no_laws():
+    rng = np.random.default_rng(SEED)
+    e = evidence(rng)
+    by_name = {r.name: r for r in relations(e)}
+    assert by_name["nguyen-near-bound"].holds and by_name["nguyen-below-4dpa"].holds
+    low = e.covariances["nguyen-own"].copy()
+    low[3:, 3:] /= 4
+    found = {r.name: r for r in relations(e._replace(covariances={**e.covariances, "nguyen-own": low}))}
+    assert found["nguyen-near-bound"].holds is False and "translation" in found["nguyen-near-bound"].advice
+    low[:3, :3] /= 4
+    assert broken(e._replace(covariances={**e.covariances, "nguyen-own": low})) == {"nguyen-not-below-bound"}
+    high = 1e4 * e.covariances["nguyen-own"]
+    found = {r.name: r for r in relations(e._replace(covariances={**e.covariances, "nguyen-own": high}))}
+    assert found["nguyen-below-4dpa"].holds is False and not found["nguyen-below-4dpa"].law
+    literal = {**e.covariances, "4dpa-literal": e.covariances["4dpa-pairs"]}
+    assert broken(e._replace(covariances=literal)) == {"literal-too-small"}
+
+
+def test_large_noise_is_named_in_the_text():
+    rng = np.random.default_rng(3)
+    _, A, B = exact_motions(rng, 60)
+    S = np.diag(np.repeat([0.4, 0.1], 3) ** 2)
+    check = cross_check(uq.Motions(A, B), noise=uq.PairNoise(S, S), trials=500, posterior=False)
+    assert "4dpa-first-order" in check.broken
+    text = check.to_text()
+    assert text.startswith("BROKEN: ")
+    assert "NOT SO" in text and "--sweep-noise" in text and "[BROKEN]" in text
+    assert check.row("4dpa-pairs").consistent is False and "!" in text
+    failures = check.row("nguyen-sampled").failures
+    assert failures > 0 and f"{failures} of 500 trials gave no estimate" in " ".join(text.split())
+
+
+def test_what_cannot_be_worked_out_says_why():
+    """Exact translations: there is no bound, no efficient estimate, no posterior."""
+    _, A, B, _ = motions()
+    noise = uq.PairNoise(A=np.diag([1e-6] * 3 + [0.0] * 3))
+    check = cross_check(uq.Motions(A, B), noise=noise, trials=100)
+    for key in ("efficient", "ml", "bound", "efficient-sampled", "ml-sampled", "posterior"):
+        row = check.row(key)
+        assert row.covariance is None and "exact" in row.note and row.std is None and row.consistent is None
+    assert check.relation("ml-bound").holds is None and "Cramer-Rao bound: none" in check.relation("ml-bound").text
+    assert check.relation("4dpa-first-order").holds is True
+    text = check.to_text()
+    assert "none, see below" in text and "Not judged" in text
+    json.loads(check.to_json())
+
+
+def test_a_posterior_that_did_not_converge(monkeypatch, poses):
+    def refuse(*args, **kwargs):
+        raise uq.NotConvergedError("The posterior has not converged: no.")
+
+    monkeypatch.setattr(posterior, "sample_posterior", refuse)
+    check = cross_check(uq.simulate(12, noise=ON_POSES, seed=SEED), noise=ON_POSES, trials=100)
+    row = check.row("posterior")
+    assert row.covariance is None and row.note == "The posterior has not converged: no."
+    assert check.relation("posterior-bound").holds is None and check.broken == ()
+
+
+def test_very_many_pairs(monkeypatch):
+    monkeypatch.setattr(cross_check_rows, "MOST_PAIRS", 60)
+    monkeypatch.setattr(cross_check_rows, "MOST", 2000)
+    data = uq.simulate(12, noise=ON_POSES, seed=SEED)  # 66 pairs
+    check = cross_check(data, noise=ON_POSES, trials=300, posterior=False)
+    assert "66 pairs are too many" in check.row("nguyen-sampled").note
+    assert "66 pairs are too many" in check.relation("nguyen-first-order").text
+    assert check.row("nguyen-own").covariance is not None
+    assert check.row("ml-sampled").trials == 166 and "166 trials in place of 300" in check.row("ml-sampled").note
+    assert check.row("4dpa-pairs").covariance is not None and check.relation("4dpa-first-order").holds
+    assert "166 trials in place of 300" in check.to_text()
+    monkeypatch.setattr(cross_check_rows, "MOST_PAIRS_ONCE", 65)
+    check = cross_check(data, noise=ON_POSES, trials=100, posterior=False)
+    for key in ("4dpa-pairs", "4dpa-literal", "nguyen-own", "nguyen-first-order"):
+        assert "66 pairs are too many" in check.row(key).note
+    assert check.relation("shared-poses").holds is None and check.broken == ()
+
+
+def test_interrupted(monkeypatch):
+    real = cross_check_rows.monte_carlo
+
+    def once(*args, **kwargs):
+        return replace(real(*args, **kwargs), complete=False, reason="interrupted")
+
+    monkeypatch.setattr(cross_check_rows, "monte_carlo", once)
+    check = cross_check(uq.simulate(12, noise=ON_POSES, seed=SEED), noise=ON_POSES, trials=100)
+    assert "interrupted" in check.row("4dpa-sampled").note and list(check.runs) == ["4dpa"]
+    assert check.row("ml-sampled").covariance is None and "Not run" in check.row("ml-sampled").note
+    assert "Not run" in check.row("posterior").note and check.posterior is None
+
+
+def test_noise_on_pairs_of_poses_and_estimated_noise():
+    data = uq.simulate(10, noise=ON_POSES, seed=SEED)
+    check = cross_check(data, noise=uq.PairNoise.isotropic(B=("1mrad", "1mm")), trials=100, posterior=False)
+    assert (check.n, check.pairs, check.origin) == (45, 45, "truth of the simulation")
+    assert "4dpa-poses" not in [row.key for row in check.rows] and check.broken == ()
+    measured = uq.PosePairs(data.robot, data.camera)
+    check = cross_check(measured, trials=100, posterior=False)
+    assert check.noise_estimated and check.origin == "fit to the data" and check.frame == "gripper_T_camera"
+    assert "estimated from the data" in check.to_text()
+
+
+@pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
+def test_a_real_data_set():
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "kuka_1"
+    check = cross_check(uq.read_poses(folder / "robot.csv", folder / "camera.csv"), trials=300, posterior=False)
+    assert check.broken == () and check.relation("shared-poses").holds
+    assert check.row("4dpa-pairs").nees > 50 and check.row("4dpa-poses").consistent
+
+
+def test_the_same_seed_gives_the_same_numbers(poses):
+    data = uq.simulate(12, noise=ON_POSES, seed=SEED)
+    again = cross_check(data, noise=ON_POSES, trials=800, seed=SEED, posterior=False)
+    for one, other in zip(poses.rows, again.rows, strict=True):
+        assert np.array_equal(one.covariance, other.covariance) and one.nees == other.nees
+
+
+def test_output(paper, tmp_path):
+    plain = json.loads(paper.to_json(tmp_path / "check.json"))
+    assert plain == json.loads((tmp_path / "check.json").read_text())
+    assert np.allclose(plain["rows"][0]["covariance"], paper.rows[0].covariance)
+    assert plain["broken"] == [] and plain["units"]["rotation"] == "rad" and plain["frame"] == "X"
+    assert {r["name"] for r in plain["relations"]} == {r.name for r in paper.relations}
+    table = paper.to_dataframe()
+    assert list(table.index) == [row.key for row in paper.rows]
+    assert np.allclose(table.loc["bound", "std_translation_z"], paper.row("bound").std[5])
+    assert table.loc["4dpa-sampled", "trials"] == 800 and table.loc["bound", "nees_low"] < 6
+    text = paper.summary()
+    assert text == paper.to_text()
+    assert [line for line in text.splitlines() if len(line) > WIDTH] == []
+    assert all(relation.statement in " ".join(text.split()) for relation in paper.relations)
+    assert "12 rows" in repr(paper) and "all relations hold" in repr(paper)
+
+
+def test_wrong_input(poses):
+    data = uq.simulate(8, noise=ON_POSES, seed=SEED)
+    for name, value in (("trials", 99), ("trials", True), ("trials", 1e4), ("seed", -1), ("workers", 0)):
+        with pytest.raises(uq.InputError, match=f"`{name}`"):
+            cross_check(data, noise=ON_POSES, posterior=False, **{name: value})
+    with pytest.raises(uq.InputError, match="`data`"):
+        cross_check(np.eye(4), noise=ON_POSES)
+    with pytest.raises(uq.InputError, match="no noise to draw"):
+        cross_check(uq.simulate(8, seed=SEED))
+    with pytest.raises(uq.InputError, match="key of a row"):
+        poses.row("4DPA")
+    with pytest.raises(uq.InputError, match="name of a relation"):
+        poses.relation("T8")
+    rng = np.random.default_rng(SEED)
+    _, A, _ = exact_motions(rng, 5)
+    turned = np.broadcast_to(np.eye(4), A.shape).copy()
+    turned[:, :3, 3] = rng.normal(size=(5, 3))
+    with pytest.raises(uq.DegenerateMotionError):
+        cross_check(uq.Motions(turned, turned), noise=uq.PairNoise.isotropic(A=("1mrad", "1mm")), posterior=False)

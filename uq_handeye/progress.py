@@ -1,0 +1,32 @@
+"""A progress bar on stderr, where that is a terminal: what is done, how fast, and how long it will still take."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def progress_bar(label: str, total: int | None, unit: str, show: bool = True) -> Iterator[Callable[[int], None]]:
+    """Gives a function to be told how many more are done; nothing is shown in a pipe, or unless ``show``.
+
+    The bar goes away at the end. ``total`` None: not known beforehand.
+    """
+    if not (show and sys.stderr.isatty()):
+        yield lambda more: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Done(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            of = "" if task.total is None else f"/{int(task.total):,}"
+            rate = "" if not task.speed else f", {task.speed:,.0f}/s"
+            return Text(f"{int(task.completed):,}{of} {unit}{rate}", no_wrap=True)
+
+    columns = (TextColumn("{task.description}"), BarColumn(16), Done(), TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda more: bar.advance(task, more)

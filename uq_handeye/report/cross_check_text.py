@@ -1,0 +1,145 @@
+"""A cross-check as plain text: whether all relations hold, the table of covariances, the relations with numbers."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..noise import PoseNoise
+from ..validation.relations import TOLERANCE
+from .numbers import digits
+
+if TYPE_CHECKING:
+    from ..validation.cross_check import CrossCheck
+    from ..validation.cross_check_rows import Row
+    from ..validation.relations import Relation
+
+WIDTH = 118
+_M = 1e3  # mrad and mm
+
+
+def to_text(check: CrossCheck) -> str:
+    """The verdict, one line per covariance, every relation, and what the columns mean."""
+    lines = [*_wrapped(verdict(check))]
+    for relation in check.relations:
+        if relation.name in check.broken:
+            text = f"- {relation.statement}: NOT SO. {_sentence(relation.text)} {relation.advice}"
+            lines += textwrap.wrap(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+    noise = "estimated from the data" if check.noise_estimated else "as given"
+    of = f"{check.n:,} motions"
+    if isinstance(check.noise, PoseNoise):
+        of = f"{check.n:,} poses, {check.pairs:,} pairs"
+    lines += [
+        "",
+        *_wrapped(
+            f"{check.frame}: {of}; noise {noise}, drawn around the {check.origin}; {check.trials:,} trials, "
+            f"seed {check.seed}; {digits(check.seconds)} s in all"
+        ),
+    ]
+    lines += ["", *_table(check.rows), ""]
+    notes: dict[str, list[str]] = {}
+    for row in check.rows:
+        if row.note:
+            notes.setdefault(row.note, []).append(row.label)
+    for note, labels in notes.items():
+        lines += _wrapped(f"{'; '.join(labels)}: {note}", "  ")
+    lines += [*_wrapped(_legend(check.rows)), "", "Relations"]
+    for relation in check.relations:
+        lines += _wrapped(f"[{_state(relation)}] {relation.statement}.")
+        lines += textwrap.wrap(_sentence(relation.text), WIDTH, initial_indent="    ", subsequent_indent="    ")
+        if relation.advice and relation.name not in check.broken:
+            lines += textwrap.wrap(relation.advice, WIDTH, initial_indent="    -> ", subsequent_indent="       ")
+    return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def verdict(check: CrossCheck) -> str:
+    """Whether all relations hold, or how many do not; claims, and what cannot be judged, behind it."""
+    laws = [relation for relation in check.relations if relation.law]
+    told = [relation for relation in laws if relation.holds is not None]
+    if not told:
+        text = "No relation could be judged."
+    elif check.broken:
+        text = f"BROKEN: {len(check.broken)} of {len(told)} relations."
+    elif len(told) == 1:
+        text = "The only relation that could be judged holds."
+    else:
+        text = f"All {len(told)} relations hold."
+    if untold := [relation.statement for relation in laws if relation.holds is None]:
+        text += f" Not judged: {'; '.join(untold)}."
+    if failed := [relation.statement for relation in check.relations if not relation.law and relation.holds is False]:
+        text += f" Claimed, but not so here: {'; '.join(failed)}."
+    return text
+
+
+def _table(rows: tuple[Row, ...]) -> list[str]:
+    width = max(len(row.label) for row in rows)
+    head = (
+        f"{'':{width}s}{'1 sigma, rotation (mrad)':>24s}{'1 sigma, transl. (mm)':>24s} "
+        f"{'trace R':>8s} {'trace t':>8s} {'ln':>6s} {'mean':>8s}  {'time':>6s}"
+    )
+    axes = "".join(f"{axis:>8s}" for axis in "xyz")
+    names = f"{'':{width}s}{axes}{axes} {'mrad^2':>8s} {'mm^2':>8s} {'det':>6s} {'NEES':>8s}  {'s':>6s}"
+    lines, kind = [head, names], ""
+    for row in rows:
+        if row.kind != kind:
+            kind = row.kind
+            lines.append("-" * len(names))
+        lines.append(f"{row.label:{width}s}{_cells(row)}")
+    return lines
+
+
+def _cells(row: Row) -> str:
+    seconds = f"{row.seconds:.2f}" if row.seconds >= 0.01 else "< 0.01"
+    if row.std is None or row.trace_rotation is None or row.trace_translation is None:
+        return f"{'none, see below':>24s}{seconds:>66s}"
+    deviations = "".join(f"{_figures(value * _M):>8s}" for value in row.std)
+    determinant = "-" if row.log_determinant is None else f"{row.log_determinant:.1f}"
+    nees = "-" if row.nees is None else f"{row.nees:.2f}" if row.nees < 1e4 else f"{row.nees:.1e}"
+    traces = "".join(f" {_figures(value * _M**2):>8s}" for value in (row.trace_rotation, row.trace_translation))
+    return f"{deviations}{traces} {determinant:>6s} {nees:>8s}{_mark(row)} {seconds:>6s}"
+
+
+def _mark(row: Row) -> str:
+    """Behind a NEES that a true covariance does not have."""
+    if row.nees is None or row.consistent is not False:
+        return " "
+    return "~" if abs(np.sqrt(row.nees / 6) - 1) < TOLERANCE else "!"
+
+
+def _figures(value: float) -> str:
+    """Three figures in at most seven characters."""
+    if 0.01 <= value < 1e3:
+        return f"{value:#.3g}".rstrip(".")
+    return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e") if value else "0"
+
+
+def _legend(rows: tuple[Row, ...]) -> str:
+    intervals = sorted({row.nees_interval for row in rows if row.nees_interval is not None})
+    where = ""
+    if intervals:
+        low, high = intervals[-1]  # of the most trials
+        where = f" (99 %: {low:.2f} to {high:.2f}" + (", wider for fewer trials)" if len(intervals) > 1 else ")")
+    return (
+        "NEES: of the Monte Carlo errors of the same method (of ml for bound and posterior), 6 if the covariance is "
+        f"true{where}; ! marks another, ~ one where this is less than {100 * TOLERANCE:g} % of a standard deviation. "
+        "det: in rad and m. Formulas are to first order at the truth around which noise is drawn; efficient and ml are "
+        "what these report at the data. Axes are those of the frame of X."
+    )
+
+
+def _state(relation: Relation) -> str:
+    if relation.holds is None:
+        return "not judged"
+    if relation.law:
+        return "holds" if relation.holds else "BROKEN"
+    return "claim, so here" if relation.holds else "claim, not so here"
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}." if not text.endswith(".") else f"{text[:1].upper()}{text[1:]}"
+
+
+def _wrapped(text: str, indent: str = "") -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=2 * indent, break_on_hyphens=False)
