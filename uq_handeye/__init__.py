@@ -39,9 +39,11 @@ from .simulation import simulate
 if TYPE_CHECKING:
     from .comparison import Comparison, compare
     from .planning import Plan, plan
+    from .sigma_point_covariance import SigmaPoints, sigma_points
     from .validation.cross_check import CrossCheck, cross_check
     from .validation.monte_carlo import MonteCarlo, monte_carlo
     from .validation.posterior import Posterior, sample_posterior
+    from .validation.sweep import Sweep, sweep
 
 __version__ = "0.1.0"
 
@@ -66,7 +68,9 @@ __all__ = [
     "PoseNoise",
     "PosePairs",
     "Posterior",
+    "SigmaPoints",
     "SingularNoiseError",
+    "Sweep",
     "bound",
     "calibrate",
     "compare",
@@ -89,10 +93,12 @@ __all__ = [
     "relative_motions",
     "sample_posterior",
     "se3_from_so4",
+    "sigma_points",
     "simulate",
     "so4_covariance",
     "so4_from_se3",
     "solve",
+    "sweep",
     "theta_from_paper",
     "to_convention",
 ]
@@ -100,25 +106,23 @@ __all__ = [
 
 # What few programs need is loaded when it is first asked for.
 _LATER = {
-    "Comparison": "comparison",
-    "compare": "comparison",
-    "Plan": "planning",
-    "plan": "planning",
-    "CrossCheck": "validation.cross_check",
-    "cross_check": "validation.cross_check",
-    "MonteCarlo": "validation.monte_carlo",
-    "monte_carlo": "validation.monte_carlo",
-    "Posterior": "validation.posterior",
-    "sample_posterior": "validation.posterior",
+    "comparison": ("Comparison", "compare"),
+    "planning": ("Plan", "plan"),
+    "sigma_point_covariance": ("SigmaPoints", "sigma_points"),
+    "validation.cross_check": ("CrossCheck", "cross_check"),
+    "validation.monte_carlo": ("MonteCarlo", "monte_carlo"),
+    "validation.posterior": ("Posterior", "sample_posterior"),
+    "validation.sweep": ("Sweep", "sweep"),
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LATER:
+    module = next((module for module, names in _LATER.items() if name in names), None)
+    if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module(f".{_LATER[name]}", __name__), name)
+    return getattr(import_module(f".{module}", __name__), name)
 
 
 def __dir__() -> list[str]:

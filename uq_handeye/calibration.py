@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .analysis import Analysis
 from .constraint import Unknowns
@@ -22,7 +22,7 @@ from .errors import DegenerateMotionError, InputError, InputWarning, NotConverge
 from .estimators.registry import ROBOT_WORLD_METHODS
 from .goodness_of_fit import effective_dof, goodness_of_fit
 from .likelihood import ESTIMATORS, Fit, efficient
-from .motions import Motions
+from .motions import Motions, relative_motions
 from .noise import Noise, PairNoise, PoseNoise
 from .noise_estimation import NoiseEstimate, NoisePrior, estimate_noise
 from .pairing import find_shift, shifted_run
@@ -87,9 +87,10 @@ def calibrate(
         Scaling factor d of 4DPA; None is its limit (`solve`).
     kind : str or None
         How noise is propagated through a published method (`propagate`).
-    covariance : "model", "sandwich", "hac", "jackknife" or "bootstrap"
-        ``model``: that of the noise; the others come from the residuals of the poses and need no noise model
-        (`resampling`).
+    covariance : "model", "sigma-points", "sandwich", "hac", "jackknife" or "bootstrap"
+        ``model``: that of the noise, to first order; ``sigma-points``: the same beyond first order, about the true X
+        and of X alone (`sigma_point_covariance`); the others come from the residuals of the poses and need no noise
+        model (`resampling`).
     robust : bool or None
         Weight gross errors down and say which (`robust`), by ``efficient`` and ``ml``. None does so where the noise is
         estimated, which they would spoil.
@@ -214,7 +215,10 @@ def _assembled(
     data, motions, poses = job.data, job.motions, job.poses
     reference = of_model = _reference(fit, estimate)
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
-    if job.covariance != "model":
+    if job.covariance == "sigma-points":
+        kept = None if robust is None else np.flatnonzero(robust.weights)
+        covariance, covariance_W = _by_sigma_points(job, noise, kept), None
+    elif job.covariance != "model":
         found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
         covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
     table = pose_table(fit, robust)
@@ -302,7 +306,9 @@ def _by_published(job: Job) -> tuple[Calibration, list[str]]:
         noise = estimate.noise
         reference = _reference(efficient(job.data, noise, found.X), estimate)
     covariance, covariance_W = found.covariances(noise, job.kind)
-    if job.covariance != "model":
+    if job.covariance == "sigma-points":
+        covariance, covariance_W = _by_sigma_points(job, noise, None), None
+    elif job.covariance != "model":
         every_pair = job.everything is not None or job.method in ROBOT_WORLD_METHODS
         data = poses if poses is not None and every_pair else motions
         resample = resampled(data, job.method, job.covariance, X=found.X, noise=noise, seed=job.seed)
@@ -358,6 +364,22 @@ def _bare(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise: Noise
         noise=noise,
         residuals=of_pairs,
     )
+
+
+def _by_sigma_points(job: Job, noise: Noise, kept: NDArray[np.intp] | None) -> Array:
+    """The mean square error of X beyond first order, around the data as fitted; ``kept``: those with any weight."""
+    from .sigma_point_covariance import sigma_points
+
+    data: PosePairs | Motions = job.motions
+    if job.poses is not None and not isinstance(noise, PairNoise):
+        measured = PosePairs(job.poses.robot, job.poses.camera, job.poses.setup)  # without the truth of a simulation
+        every_pair = job.everything is not None or job.method in (*ESTIMATORS, *ROBOT_WORLD_METHODS)
+        data = measured if every_pair else relative_motions(measured, job.motions.pairs)
+    else:
+        data = Motions(job.motions.A, job.motions.B)
+    if kept is not None:
+        data, noise = data.rows(kept), noise.rows(kept)
+    return sigma_points(data, noise=noise, method=job.method, scale=job.scale, seed=job.seed).mean_square
 
 
 def _reference(fit: Fit, estimate: NoiseEstimate | None) -> Reference:

@@ -46,7 +46,7 @@ from .likelihood import ESTIMATORS
 from .noise import PoseNoise
 from .poses import SETUPS
 from .report import comparison_text, text
-from .resampling import KINDS
+from .resampling import KINDS as OF_RESIDUALS
 from .result import Calibration
 from .simulation import simulate
 
@@ -117,7 +117,10 @@ def calibrate_command(
     ] = None,
     covariance: Annotated[
         str,
-        typer.Option(help=f"Covariance of the result: model, or without a noise model {', '.join(KINDS)}."),
+        typer.Option(
+            help="Covariance of the result: model, sigma-points (beyond first order), or without noise model "
+            f"{', '.join(OF_RESIDUALS)}."
+        ),
     ] = "model",
     robust: Annotated[
         bool | None,

@@ -16,7 +16,10 @@ from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise, PoseNoise, require_count
 from .noise_estimation import NoisePrior
 from .poses import PosePairs
-from .resampling import KINDS
+from .resampling import KINDS as OF_RESIDUALS
+
+# Covariances of the result: of the noise, to first order and beyond; and of the residuals.
+COVARIANCES = ("model", "sigma-points", *OF_RESIDUALS)
 
 # All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
 DIAGNOSED_PAIRS = 200_000
@@ -93,8 +96,10 @@ def request(
         raise InputError(f"Expected `robust` to be True, False or None, got {robust!r}.")
     if robust and not bound:
         raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
-    if covariance not in ("model", *KINDS):
-        raise InputError(f"Expected `covariance` to be one of model, {', '.join(KINDS)}, got {covariance!r}.")
+    if covariance not in COVARIANCES:
+        raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {covariance!r}.")
+    if covariance == "sigma-points" and kind is not None:
+        raise InputError(f"Expected no kind={kind!r} with covariance='sigma-points': it is of first order alone.")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"Expected `seed` to be an integer of at least 0, got {seed!r}.")
     if prior is not None and not isinstance(prior, NoisePrior):

@@ -64,7 +64,7 @@ class Calibration:
     W: Array | None = None  # (4, 4), the mean of G X C: base_T_target (gripper_T_target for eye-to-hand)
     covariance_W: Array | None = None  # (6, 6), as `covariance`, in the parent frame of W; needs noise on the poses
     iterations: int = 0  # 0: closed form
-    covariance_kind: str = "model"  # or "sandwich", "hac", "jackknife", "bootstrap"
+    covariance_kind: str = "model"  # one of `request.COVARIANCES`
     reference: Reference = field(default_factory=Reference)  # the distribution of d^2 = xi^T covariance^-1 xi
     noise_estimate: NoiseEstimate | None = None  # where the noise comes from the data
     bound: Array | None = None  # (6, 6) Cramer-Rao bound at this noise and these poses; of efficient and ml

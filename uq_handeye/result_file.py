@@ -15,7 +15,7 @@ from .noise_estimation import NoiseEstimate
 from .pose_table import PoseTable
 from .poses import SETUPS
 from .reference import Reference
-from .resampling import KINDS
+from .request import COVARIANCES
 from .residuals import Residuals
 from .se3 import Array, as_transforms
 
@@ -26,7 +26,7 @@ _PLAIN = ("iterations", "covariance_kind", "method", "scale", "kind", "setup", "
 _COVARIANCES = ("covariance", "covariance_W", "bound")
 _KNOWN = {
     "method": (*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS),
-    "covariance_kind": ("model", *KINDS),
+    "covariance_kind": COVARIANCES,
     "kind": (None, "pairs", "poses", "literal"),
     "setup": (None, *SETUPS),
 }

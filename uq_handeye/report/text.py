@@ -32,6 +32,7 @@ NOT_COVERED = (
 )
 _SOURCES = {
     "model": "the noise given",
+    "sigma-points": "the noise given",
     "sandwich": "the residuals of the poses (sandwich)",
     "hac": "the residuals of the poses, neighbours correlated (hac)",
     "jackknife": "the poses left out one by one (jackknife)",
@@ -73,7 +74,8 @@ def _answer(result: Calibration) -> list[str]:
         )
     move, turn = 1e3 * result.weakest_translation[1], np.degrees(result.weakest_rotation[1])
     text = f"{digits(move, 2)} mm and {digits(turn, 2)} deg (1 sigma, worst axis)"
-    source = f"to first order of {_source(result)}"
+    order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
+    source = f"{order} of {_source(result)}"
     shared = [] if result.analysis is None else result.analysis.diagnostics.shared_errors()
     if shared and set(shared) <= set(result.warnings):
         text = f"{result.frame} is known at best to {text}, {source}: that does not contain the errors that all poses "
@@ -89,7 +91,7 @@ def _answer(result: Calibration) -> list[str]:
 
 
 def _source(result: Calibration) -> str:
-    if result.noise_estimate is not None and result.covariance_kind == "model":
+    if result.noise_estimate is not None and result.covariance_kind in ("model", "sigma-points"):
         return "the noise estimated"
     return _SOURCES[result.covariance_kind]
 

@@ -1,0 +1,201 @@
+"""Where first order ends: limits against independent trials, sigma points beyond them, the words, and the figure."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+from support import SEED, exact_motions, nees
+
+import uq_handeye as uq
+from uq_handeye.errors import InputError
+from uq_handeye.report.sweep_text import verdict
+from uq_handeye.trials.experiment import experiment
+from uq_handeye.trials.run import run
+from uq_handeye.validation.sweep import CLOSE, Limit, MethodSweep, sweep
+from uq_handeye.validation.sweep_level import KINDS, Level, Verdict, coverage_limits, judged
+
+
+def star(sd, N=30):
+    """Motions of nearly one common translation, and noise on both sides, mostly of rotation."""
+    rng = np.random.default_rng([70, 30])  # where first order ends depends on the geometry
+    X, _, B = exact_motions(rng, N)
+    B[:, :3, 3] = [0.3, 0.0, 0.4] + 0.01 * rng.normal(size=(N, 3))
+    S = np.diag(np.repeat([sd, 1e-4], 3) ** 2)
+    return uq.Motions(X @ B @ np.linalg.inv(X), B), uq.PairNoise(S, S)
+
+
+@pytest.fixture(scope="module")
+def found():
+    motions, noise = star(0.03)
+    return sweep(motions, noise=noise, methods=["4dpa"], factors=[0.1, 1, 10, 1000], trials=2000, seed=SEED)
+
+
+def mean_nees(motions, noise, factor, seed):
+    """Of trials of its own, in the first-order covariance."""
+    scaled = uq.PairNoise(factor * noise.A, factor * noise.B)
+    problem = experiment(motions, scaled, "4dpa")
+    errors = run(problem, np.random.default_rng([SEED, seed]), 4000).errors
+    return [nees(errors[:, part], problem.predicted()[part, part]).mean() for part in (slice(6), slice(3), slice(3, 6))]
+
+
+def test_first_order_holds_below_its_limit_and_fails_beyond(found):
+    motions, noise = star(0.03)
+    limit = found["4dpa"].limit("first order")
+    assert 1 < limit.holds < limit.fails < 1000
+    assert limit.fails / limit.holds <= CLOSE * (1 + 1e-9)
+    inside = mean_nees(motions, noise, limit.holds / 4, 1)
+    outside = mean_nees(motions, noise, 2 * limit.fails, 2)
+    assert np.abs(np.array(inside) / [6, 3, 3] - 1).max() < 0.21
+    assert np.abs(np.array(outside) / [6, 3, 3] - 1).max() > 0.21
+
+
+def test_sigma_points_reach_farther(found):
+    first, second = (found["4dpa"].limit(kind) for kind in KINDS)
+    assert second.holds > 3 * first.fails
+    at = found["4dpa"].at(first.fails)
+    assert not at.first_order.holds and at.sigma_points.holds
+    assert abs(at.sigma_points.mean_nees[0] - 6) < 0.4 < at.first_order.mean_nees[0] - 6
+    least, largest = at.sigma_points.worst
+    assert 0.9 < least < largest < 1.1 < at.first_order.worst[1]
+
+
+def test_heavy_tails_are_said():
+    """Errors of which few make up the spread, held against their own mean square: no covariance serves."""
+    rng = np.random.default_rng([SEED, 40])
+    errors, ok = heavy_errors(rng), np.ones(4000, dtype=bool)
+    first = judged("first order", errors, ok, 0.1 * np.eye(6), 0.1)
+    second = judged("sigma points", errors, ok, errors.T @ errors / 4000, 0.1)
+    level = Level(1.0, first, second)
+    assert level.heavy and not second.holds
+    assert abs(second.mean_nees[0] - 6) < 1e-9 and "95 % ellipsoid" in second.reason
+    text = verdict(MethodSweep("m", (level,)))
+    assert text.startswith("m: your noise is outside of first order. The ") and "errors are 3." in text
+    assert "Sigma points do not hold at your noise: the 95 % ellipsoid holds" in text
+    assert "The errors have heavy tails" in text and "use another method" in text
+    gaussian = rng.normal(size=(4000, 6))
+    fine = judged("sigma points", gaussian, ok, gaussian.T @ gaussian / 4000, 0.1)
+    assert fine.holds and not Level(1.0, fine, fine).heavy
+
+
+def heavy_errors(rng):
+    """(4000, 6) with unit mean square, of two sizes."""
+    return rng.normal(size=(4000, 6)) * np.sqrt(rng.choice([0.25, 4], size=(4000, 1), p=[0.8, 0.2]))
+
+
+def test_the_user_is_told_whether_the_noise_is_inside(found):
+    text = " ".join(found.summary().split())
+    limit = found["4dpa"].limit("first order")
+    assert f"4dpa: first order holds up to {np.sqrt(limit.holds):.2g} times your noise" in text
+    assert "your own noise is inside" in text or "your own noise is well inside" in text
+    assert "Beyond, it fails:" in text and "Sigma points hold" in text
+    motions, noise = star(0.5)
+    outside = sweep(motions, noise=noise, methods=["4dpa"], factors=[0.001], trials=400, seed=SEED)
+    text = " ".join(outside.summary().split())
+    assert "4dpa: your noise is outside of first order." in text
+    assert "Use covariance='sigma-points'" in text or "Sigma points do not hold at your noise" in text
+
+
+def test_a_wrong_covariance_would_be_noticed(found):
+    """Deviations that are 15 % off at factor 1 fail by the same rule."""
+    from uq_handeye.validation.chunks import Work, chunk_size
+
+    motions, noise = star(0.03)
+    problem = experiment(motions, noise, "4dpa")
+    covariance = problem.predicted()
+    chunks = Work(problem, SEED, 2000, chunk_size(problem), covariance)
+    parts = [chunks.compute(k) for k in range(chunks.count)]
+    errors, ok = (np.concatenate([getattr(part, name) for part in parts]) for name in ("errors", "ok"))
+    assert judged("first order", errors, ok, covariance, 0.1).holds
+    for factor, word in ((1 / 1.15**2, "times as large"), (1.15**2, "times as large")):
+        wrong = judged("first order", errors, ok, factor * covariance, 0.1)
+        assert not wrong.holds and word in wrong.reason
+    assert not judged("first order", errors, np.arange(2000) % 50 > 0, covariance, 0.1).holds
+
+
+def test_coverage_limits_are_those_of_wrong_deviations():
+    for size in (3, 6):
+        few, many = coverage_limits(size, 0.1)
+        edge = stats.chi2.ppf(0.95, size)
+        assert few == pytest.approx(stats.chi2.cdf(edge / 1.21, size))
+        assert many == pytest.approx(stats.chi2.cdf(edge * 1.21, size))
+
+
+def test_limits_of_all_shapes():
+    def levels(*holds):
+        made = (Verdict("", None, None, None if ok else "It fails.") for ok in holds)
+        return MethodSweep("m", tuple(Level(10.0**k, one, one) for k, one in enumerate(made)))
+
+    assert levels(True, True).limit("first order") == Limit(10.0, None)
+    assert levels(False, True).limit("first order") == Limit(None, 1.0)
+    # one that holds again beyond a failure is no reason to trust it
+    assert levels(True, False, True).limit("sigma points") == Limit(1.0, 10.0)
+
+
+def test_factor_one_is_the_monte_carlo_of_the_same_seed(found):
+    from uq_handeye.validation.monte_carlo import monte_carlo
+
+    motions, noise = star(0.03)
+    same = monte_carlo(motions, noise=noise, method="4dpa", trials=2000, seed=SEED)
+    np.testing.assert_allclose(found["4dpa"].own.first_order.mean_nees[0], same.mean_nees, rtol=1e-9)
+
+
+def test_workers_change_no_digit(found):
+    motions, noise = star(0.03)
+    other = sweep(motions, noise=noise, methods=["4dpa"], factors=[0.1, 1, 10, 1000], trials=2000, seed=SEED, workers=2)
+    assert other.to_json() == found.to_json()
+
+
+def test_poses_and_several_methods():
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    poses = uq.simulate(n_poses=12, noise=noise, seed=SEED)
+    seen = uq.PosePairs(poses.robot, poses.camera)
+    found = sweep(seen, noise=None, methods=["4dpa", "shah"], factors=[4], trials=300, seed=SEED)
+    assert found.noise_estimated and found.around == "fit to the data"
+    assert all(one.own.first_order.holds for one in found.methods)
+    assert "first order holds at all levels tried, up to 2 times your noise" in " ".join(found.summary().split())
+
+
+def test_points_without_an_estimate_fail_in_words():
+    motions, noise = star(0.5)
+    found = sweep(motions, noise=noise, methods=["nguyen"], factors=[], trials=100, seed=SEED)
+    own = found["nguyen"].own
+    assert "give no X" in own.first_order.reason and own.failed > 0.01
+    assert own.sigma_points.covariance is None and "sigma points give no X" in own.sigma_points.reason
+    assert "Sigma points do not hold at your noise" in " ".join(found.summary().split())
+    json.loads(found.to_json())
+
+
+def test_everything_can_be_written(found, tmp_path):
+    data = json.loads(found.to_json(tmp_path / "sweep.json"))
+    assert data["methods"][0]["limits"]["first order"]["holds"] == found["4dpa"].limit("first order").holds
+    assert (tmp_path / "sweep.json").read_text() == found.to_json()
+    frame = found.to_dataframe()
+    assert len(frame) == 2 * len(found["4dpa"].levels)
+    assert frame[frame.kind == "first order"].holds.tolist() == [
+        level.first_order.holds for level in found["4dpa"].levels
+    ]
+    for kind, start in (("png", b"\x89PNG"), ("svg", b"<?xml")):
+        path = found.figure(tmp_path / f"sweep.{kind}")
+        assert path.read_bytes().startswith(start)
+        assert found.figure(tmp_path / f"again.{kind}").read_bytes() == path.read_bytes()
+    with pytest.raises(InputError, match=r"\.png or \.svg"):
+        found.figure(tmp_path / "sweep.pdf")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ({"factors": [0]}, "`factors`"),
+        ({"factors": ["much"]}, "`factors`"),
+        ({"trials": 10}, "`trials`"),
+        ({"workers": 0}, "`workers`"),
+        ({"tolerance": 1.5}, "`tolerance`"),
+        ({"methods": []}, "`methods`"),
+        ({"methods": ["none"]}, "`method`"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, name):
+    motions, noise = star(0.01)
+    with pytest.raises(InputError, match=name):
+        sweep(motions, noise=noise, **arguments)
