@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .validation.cross_check import CrossCheck, cross_check
     from .validation.monte_carlo import MonteCarlo, monte_carlo
     from .validation.posterior import Posterior, sample_posterior
+    from .validation.posterior_density import ScalePrior
     from .validation.sweep import Sweep, sweep
 
 __version__ = "0.1.0"
@@ -68,6 +69,7 @@ __all__ = [
     "PoseNoise",
     "PosePairs",
     "Posterior",
+    "ScalePrior",
     "SigmaPoints",
     "SingularNoiseError",
     "Sweep",
@@ -112,6 +114,7 @@ _LATER = {
     "validation.cross_check": ("CrossCheck", "cross_check"),
     "validation.monte_carlo": ("MonteCarlo", "monte_carlo"),
     "validation.posterior": ("Posterior", "sample_posterior"),
+    "validation.posterior_density": ("ScalePrior",),
     "validation.sweep": ("Sweep", "sweep"),
 }
 

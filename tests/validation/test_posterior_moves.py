@@ -1,0 +1,100 @@
+"""The proposal and the moves: known targets, a wrong Hastings factor that shows, the first maximum."""
+
+import emcee
+import numpy as np
+import pytest
+from scipy import stats
+from support import SEED, random_covariance
+
+from uq_handeye.validation import posterior_moves
+from uq_handeye.validation.posterior_moves import DOF, SHARES, Proposal, fitted, maximum_of, moves_of
+
+# A target that is neither symmetric nor near the proposals below: independent Gumbel and logistic coordinates.
+TARGET = (stats.gumbel_r(), stats.logistic())
+
+
+def log_target(y):
+    a, b = y.T
+    return -a - np.exp(-a) - b - 2.0 * np.logaddexp(0.0, -b)
+
+
+def wide():
+    return Proposal(np.array([1.0, -0.5]), np.array([[1.6, 0.0], [0.4, 2.0]]))
+
+
+def deviations(moves, steps=1000, walkers=64):
+    """How far mean and variance of the samples are from those of the target, in standard deviations of their errors."""
+    random = np.random.RandomState(SEED % 2**32)
+    sampler = emcee.EnsembleSampler(walkers, 2, log_target, moves=moves, vectorize=True)
+    state = emcee.State(random.normal(size=(walkers, 2)), random_state=random.get_state())
+    state = sampler.run_mcmc(state, 100)
+    sampler.reset()
+    sampler.run_mcmc(state, steps)
+    y = sampler.get_chain()
+    found = []
+    for k, one in enumerate(TARGET):
+        for power, expected in ((1, 0.0), (2, one.var())):
+            of_walkers = ((y[..., k] - one.mean()) ** power).mean(axis=0)  # walkers are independent but for the moves
+            found.append((of_walkers.mean() - expected) / (of_walkers.std(ddof=1) / np.sqrt(walkers)))
+    return np.array(found)
+
+
+def test_target():
+    y = np.linspace(-2.0, 3.0, 7)
+    expected = TARGET[0].logpdf(y) + TARGET[1].logpdf(y)
+    np.testing.assert_allclose(log_target(np.stack([y, y], axis=1)), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("shares", [(1.0, 0.0, 0.0), (0.5, 0.4, 0.1), SHARES])
+def test_targets_stay_as_they_are(shares):
+    assert np.abs(deviations(moves_of(wide(), shares))).max() < 4.5
+
+
+def test_a_wrong_hastings_factor_shows(monkeypatch):
+    monkeypatch.setattr(posterior_moves.Proposal, "log_density", lambda self, y: np.zeros(len(y)))
+    assert np.abs(deviations(moves_of(wide(), (1.0, 0.0, 0.0)))).max() > 10.0
+
+
+def test_proposal_against_scipy(rng):
+    S = random_covariance(rng, 4, sd=1.0)
+    proposal = Proposal(rng.normal(size=4), np.linalg.cholesky(S))
+    y = rng.normal(size=(6, 4))
+    reference = stats.multivariate_t(proposal.location, S, df=DOF)
+    expected = reference.logpdf(y)
+    found = proposal.log_density(y)
+    np.testing.assert_allclose(found - found[0], expected - expected[0], rtol=1e-10, atol=1e-10)
+    draws = proposal.draw(np.random.RandomState(SEED % 2**32), 4000)
+    z = np.linalg.solve(proposal.factor, (draws - proposal.location).T)
+    # |z|^2 / d of a multivariate t is F distributed
+    assert stats.kstest((z**2).mean(axis=0), stats.f(4, DOF).cdf).pvalue > 1e-3
+    assert stats.kstest(z[0], stats.t(DOF).cdf).pvalue > 1e-3
+    assert stats.kstest(z[0] * 1.5, stats.t(DOF).cdf).pvalue < 1e-3
+
+
+def test_fitted(rng):
+    y = rng.normal(size=(500, 3))
+    found = fitted(y, Proposal(np.zeros(3), np.eye(3)))
+    np.testing.assert_allclose(found.location, y.mean(axis=0))
+    np.testing.assert_allclose(found.factor @ found.factor.T, np.cov(y.T))
+    least = Proposal(np.ones(3), 2 * np.eye(3))
+    assert fitted(np.zeros((500, 3)), least) is least
+
+
+def test_maximum_of_a_gaussian(rng):
+    S, middle = random_covariance(rng, 5, sd=1.0, spread=2.0), 4.0 * rng.normal(size=5)
+    inverse = np.linalg.inv(S)
+    found = maximum_of(lambda y: -0.5 * np.einsum("ki,ij,kj->k", y - middle, inverse, y - middle), 5)
+    np.testing.assert_allclose(found.location, middle, atol=0.1)
+    np.testing.assert_allclose(found.factor @ found.factor.T, S, rtol=1e-5, atol=1e-6)
+
+
+def test_maximum_where_the_density_is_not_concave():
+    found = maximum_of(lambda y: -3.0 * np.log1p(((y - [6.0, -4.0]) ** 2).sum(axis=1) / 4.0), 2)
+    np.testing.assert_allclose(found.location, [6.0, -4.0], atol=0.1)
+
+
+def test_maximum_beside_impossible_values():
+    """Scales out of range have the density 0; Newton stays where it is possible."""
+    found = maximum_of(lambda y: np.where(y[:, 0] > 2.5, -np.inf, -0.5 * (y[:, 0] - 2.0) ** 2), 1)
+    assert np.isfinite(found.factor).all()
+    assert abs(found.location[0] - 2.0) < 0.1
