@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .analysis import Analysis
 from .constraint import Unknowns
@@ -216,8 +216,7 @@ def _assembled(
     reference = of_model = _reference(fit, estimate)
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
     if job.covariance == "sigma-points":
-        kept = None if robust is None else np.flatnonzero(robust.weights)
-        covariance, covariance_W = _by_sigma_points(job, noise, kept), None
+        covariance, covariance_W = _by_sigma_points(job, noise, robust), None
     elif job.covariance != "model":
         found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
         covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
@@ -366,18 +365,19 @@ def _bare(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise: Noise
     )
 
 
-def _by_sigma_points(job: Job, noise: Noise, kept: NDArray[np.intp] | None) -> Array:
-    """The mean square error of X beyond first order, around the data as fitted; ``kept``: those with any weight."""
+def _by_sigma_points(job: Job, noise: Noise, robust: RobustFit | None) -> Array:
+    """The mean square error of X beyond first order, around the data as fitted, without those of no weight."""
     from .sigma_point_covariance import sigma_points
 
     data: PosePairs | Motions = job.motions
     if job.poses is not None and not isinstance(noise, PairNoise):
         measured = PosePairs(job.poses.robot, job.poses.camera, job.poses.setup)  # without the truth of a simulation
         every_pair = job.everything is not None or job.method in (*ESTIMATORS, *ROBOT_WORLD_METHODS)
-        data = measured if every_pair else relative_motions(measured, job.motions.pairs)
+        data = measured if every_pair or job.motions.pairs is None else relative_motions(measured, job.motions.pairs)
     else:
         data = Motions(job.motions.A, job.motions.B)
-    if kept is not None:
+    if robust is not None:
+        kept = np.flatnonzero(robust.weights)
         data, noise = data.rows(kept), noise.rows(kept)
     return sigma_points(data, noise=noise, method=job.method, scale=job.scale, seed=job.seed).mean_square
 

@@ -133,7 +133,7 @@ def answer(work: Work, indices: Sequence[int]) -> Answer:
 
 def one_thread() -> Any:
     """A context in which linear algebra keeps to one thread."""
-    from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
+    from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController().limit(limits=1)
 
