@@ -2,15 +2,16 @@ r"""Trials of 4DPA in its limit on motions with noise of their own: hardly slowe
 
 Model: true motions ``A_i X = X B_i``; measured ``R = exp([theta]x) R_true``, ``t = t_true + tau`` with
 ``xi = (theta, tau) = L z``, z standard normal, independent from motion to motion (rad, m). X of T2 (`procrustes`) needs
-of each motion only ``2u = vee(R)`` and ``2w = t + R^T t``. With the true R, t, ``s = |theta|``, ``phi = R^T theta``,
-``t' = R^T (t + tau)``, ``a = sin(s)/s``, ``b = (1 - cos(s))/s^2`` and Rodrigues' formula, exactly for any angle
+of each motion only u and w. With the quaternion ``q = (q_0, q_v)`` of R
 
-    2u = cos(s) vee(R) + a (tr(R) I - R) theta + b phi x theta
-    2w = t + tau + cos(s) t' - a phi x t' + b (phi . t') phi
+    u = vee(R) / 2 = 2 q_0 q_v
+    w = (t + R^T t) / 2 = q_0 (q_0 t - q_v x t) + (q_v . t) q_v
+    q = cos(s/2) q_true + sin(s/2) / (s/2) g,    g = (0, theta/2) q_true,    s/2 = |theta|/2 = |g|
 
-where everything linear in z comes from one small matrix product per motion. The moments ``H = sum u v^T`` and
-``K = sum (u z^T + w v^T)`` over the motions give X; B is turned by the true R_X, so that the rotation nearest to H is
-the rotation error ``exp([theta_X]x)`` itself. Trials are the last axis of all arrays; a block of them stays in cache.
+where g and tau, all that is linear in z, come from one small matrix product per motion; exact for any angle. The
+moments ``H = sum u v^T`` and ``K = sum (u z^T + w v^T)`` over the motions give X; B is turned by the true R_X, so that
+the rotation nearest to H is the rotation error ``exp([theta_X]x)`` itself. Trials are the last axis of all arrays; a
+block of them stays in cache.
 """
 
 from __future__ import annotations
@@ -19,24 +20,26 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..noise import PairNoise
 from ..procrustes import solve_moments
 from ..scratch import scratch
-from ..se3 import Array, logarithm
+from ..se3 import Array, logarithm, skew
 
 # Motions of both sides in all trials of a block, and the fewest trials worth a call.
 BLOCK, FEWEST = 16_384, 32
 # Determinant of H over that of the matrix of equal singular values and equal norm, below which the SVD decides.
 FLAT = 1e-4
-# Squared angles up to which so many terms of the series of a and b leave out less than 1e-11 of the noise itself.
-SERIES = ((3e-5, 2), (2e-2, 5))
+# Squared half angles up to which so many terms of the series leave out less than 1e-11 of the noise itself.
+SERIES = ((1e-5, 2), (5e-3, 4))
 
-# (-1)^k / (2k + 1)! and (-1)^k / (2k + 2)!
-_SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(5)]
-_VERSINE = [(-1) ** k / math.factorial(2 * k + 2) for k in range(5)]
-_FEATURES = 15
+# (-1)^k / (2k + 1)! and (-1)^k / (2k)!
+_SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(4)]
+_COSINE = [(-1) ** k / math.factorial(2 * k) for k in range(5)]
+_FEATURES = 7
+_ROOT = math.sqrt(2.0)
 # Cofactor (i, j) is the product of two entries less that of two others.
 _COFACTORS = np.array(
     [[3 * ((i + p) % 3) + (j + q) % 3 for i in range(3) for j in range(3)] for p, q in ((1, 1), (2, 2), (1, 2), (2, 1))]
@@ -56,13 +59,14 @@ def fourdpa_on_drawn(
     turned[:, :3, :3] = R_X @ B[:, :3, :3] @ R_X.T
     turned[:, :3, 3] = B[:, :3, 3] @ R_X.T
     turned[:, 3, 3] = 1.0
-    R, t = np.stack([A, turned])[..., :3, :3], np.stack([A, turned])[..., :3, 3]
-    vector = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]])
-    constant = np.stack([vector, np.einsum("snji,snj->isn", R, t), t.transpose(2, 0, 1)])[..., None]
+    sides = np.stack([A, turned])
+    q = Rotation.from_matrix(sides[..., :3, :3].reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(2, N, 4)
+    # with sqrt(2) q and t / 2, u and w need no further factors
+    constant = np.concatenate([_ROOT * q, 0.5 * sides[..., :3, 3]], axis=-1).transpose(2, 0, 1)[..., None]
     both = np.zeros((6, 6))
     both[:3, :3] = both[3:, 3:] = R_X
     L_A, L_B = noise.factors
-    linear = np.stack([_linear(A, L_A), _linear(turned, None if L_B is None else both @ L_B)])
+    linear = np.stack([_linear(q[0], L_A), _linear(q[1], None if L_B is None else both @ L_B)])
     moments = np.empty((2, 3, 3, trials))
     pairs = max(1, min(N, BLOCK // (2 * FEWEST)))
     step = max(FEWEST, BLOCK // (2 * N))
@@ -72,88 +76,78 @@ def fourdpa_on_drawn(
         total[:] = 0.0
         for start in range(0, N, pairs):
             part = slice(start, start + pairs)
-            _add_moments(total, constant[:, :, :, part], linear[:, part], rng)
+            _add_moments(total, constant[:, :, part], linear[:, part], rng)
     return errors_by_moments(moments, N, X[:3, 3])
 
 
-def _linear(T: Array, L: Array | None) -> Array:
-    """``(theta, phi, (tr(R) I - R) theta, R^T tau, tau)`` as a matrix (N, 15, 6) times z."""
-    R = T[:, :3, :3]
-    F = np.zeros((len(T), _FEATURES, 6))
+def _linear(q: Array, L: Array | None) -> Array:
+    """``(sqrt(2) g, tau / 2)`` of motions with quaternions (N, 4) as matrices (N, 7, 6) times z."""
+    F = np.zeros((len(q), _FEATURES, 6))
     if L is None:
         return F
-    F[:, :3, :3] = F[:, 12:, 3:] = np.eye(3)
-    F[:, 3:6, :3] = F[:, 9:12, 3:] = R.mT
-    F[:, 6:9, :3] = np.trace(R, axis1=1, axis2=2)[:, None, None] * np.eye(3) - R
+    F[:, 0, :3] = -q[:, 1:]
+    F[:, 1:4, :3] = q[:, :1, None] * np.eye(3) - skew(q[:, 1:])  # theta x q_v = -[q_v]x theta
+    F[:, :4, :3] *= 0.5 * _ROOT
+    F[:, 4:, 3:] = 0.5 * np.eye(3)
     return F @ L
 
 
 def _add_moments(total: Array, constant: Array, linear: Array, rng: np.random.Generator) -> None:
     """H and K (2, 3, 3, m) of one draw of some motions, added to ``total``.
 
-    ``constant`` (3, 3, 2, N, 1) holds vee(R), R^T t and t of the true motions, ``linear`` what multiplies z.
+    ``constant`` (7, 2, N, 1) holds sqrt(2) q and t / 2 of the true motions, ``linear`` (2, N, 7, 6) what multiplies z.
     """
-    vector, t_rotated, t = constant
     N, m = linear.shape[1], total.shape[-1]
     z = scratch("z", 2, N, 6, m)
     rng.standard_normal(out=z)
     features = scratch("features", _FEATURES, 2, N, m)
     np.matmul(linear, z, out=features.transpose(1, 2, 0, 3))
-    theta, phi, turned, shift, tau = features.reshape(5, 3, 2, N, m)
+    q, t = features[:4], features[4:]
+    work = scratch("work", 12, 2, N, m)
+    half, sinc, cosine, products = work[0], work[1], work[2], work[3:7]
 
-    work = scratch("work", 7, 3, 2, N, m)
-    product, one, scaled, u, w = work[0], work[1], work[2], work[3], work[4]
-    np.multiply(theta, theta, out=product)
-    square = np.add(product[0], product[1], out=work[5, 0])
-    square += product[2]
-    a, b, cosine = _coefficients(square, work[5, 1], work[5, 2], work[6, 0])
+    np.multiply(q, q, out=products)
+    np.add.reduce(products, axis=0, out=half)
+    half *= 0.5
+    _sinc_and_cosine(half, sinc, cosine)
+    q *= sinc
+    np.multiply(constant[:4], cosine, out=products)
+    q += products
+    t += constant[4:]
 
-    turned *= a
-    _cross(phi, theta, u, product)
-    u *= b
-    u += turned
-    np.multiply(vector, cosine, out=one)
-    u += one
+    scalar, vector = q[0], q[1:]
+    uw = work[6:].reshape(2, 3, 2, N, m)
+    u, w = uw
+    products, dot = work[1:4], work[4]
+    np.multiply(vector, t, out=products)
+    np.add.reduce(products, axis=0, out=dot)
+    _cross(vector, t, u, products)  # u is not needed yet
+    np.multiply(t, scalar, out=w)
+    w -= u
+    w *= scalar
+    np.multiply(vector, dot, out=products)
+    w += products
+    np.multiply(vector, scalar, out=u)
 
-    shift += t_rotated
-    np.multiply(phi, shift, out=product)
-    dot = np.add(product[0], product[1], out=work[6, 1])
-    dot += product[2]
-    dot *= b
-    _cross(phi, shift, w, product)
-    w *= a
-    np.subtract(tau, w, out=w)
-    np.multiply(shift, cosine, out=scaled)
-    w += scaled
-    np.multiply(phi, dot, out=scaled)
-    w += scaled
-    w += t
-
-    H_and_wv = np.einsum("sknm,lnm->sklm", work[3:5, :, 0], u[:, 1])
-    total += H_and_wv
+    total += np.einsum("sknm,lnm->sklm", uw[:, :, 0], u[:, 1])
     total[1] += np.einsum("knm,lnm->klm", u[:, 0], w[:, 1])
 
 
-def _coefficients(square: Array, a: Array, b: Array, cosine: Array) -> tuple[Array, Array, Array]:
-    """``sin(s)/s``, ``(1 - cos s)/s^2`` and ``cos s`` of ``s^2``, in the arrays given."""
+def _sinc_and_cosine(square: Array, sinc: Array, cosine: Array) -> None:
+    """``sin(h)/h`` and ``cos h`` of ``h^2``, into the arrays given."""
     largest = square.max()
     terms = next((count for limit, count in SERIES if largest < limit), 0)
-    if terms:
-        for out, series in ((a, _SINC), (b, _VERSINE)):
-            np.multiply(square, series[terms - 1], out=out)
-            for coefficient in series[terms - 2 : 0 : -1]:
-                out += coefficient
-                out *= square
-            out += series[0]
-        np.multiply(b, square, out=cosine)
-        np.subtract(1.0, cosine, out=cosine)
-        return a, b, cosine
-    half = 0.5 * np.sqrt(square + 1e-300)
-    sine = np.sin(half) / half
-    np.multiply(np.cos(half), sine, out=a)
-    np.multiply(0.5 * sine, sine, out=b)
-    np.subtract(1.0, b * square, out=cosine)
-    return a, b, cosine
+    if not terms:
+        h = np.sqrt(square + 1e-300)
+        np.divide(np.sin(h), h, out=sinc)
+        np.cos(h, out=cosine)
+        return
+    for out, series in ((sinc, _SINC[:terms]), (cosine, _COSINE[: terms + 1])):
+        np.multiply(square, series[-1], out=out)
+        for coefficient in series[-2:0:-1]:
+            out += coefficient
+            out *= square
+        out += series[0]
 
 
 def _cross(x: Array, y: Array, out: Array, work: Array) -> None:
@@ -166,7 +160,7 @@ def _cross(x: Array, y: Array, out: Array, work: Array) -> None:
 
 
 def errors_by_moments(moments: Array, N: int, t_X: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """xi (T, 6) from the moments (2, 3, 3, T) of 2u, 2w."""
+    """xi (T, 6) from the moments H and K (2, 3, 3, T) of N motions, and which trials determine it."""
     H, K = moments
     T = H.shape[-1]
     errors, ok = np.zeros((T, 6)), np.ones(T, dtype=bool)
@@ -180,12 +174,12 @@ def errors_by_moments(moments: Array, N: int, t_X: Array) -> tuple[Array, NDArra
     full = np.zeros((len(rest), 6, 6))
     full[:, :3, :3], full[:, :3, 3:] = H[..., rest].transpose(2, 0, 1), K[..., rest].transpose(2, 0, 1)
     try:
-        X = solve_moments(full, 4 * N)
+        X = solve_moments(4 * full, N)
     except InputError:  # one by one, as some leave X open
         X = np.broadcast_to(np.eye(4), (len(rest), 4, 4)).copy()
         for k, trial in enumerate(rest):
             try:
-                X[k] = solve_moments(full[k], 4 * N)
+                X[k] = solve_moments(4 * full[k], N)
             except InputError:
                 ok[trial] = False
     errors[rest, :3] = logarithm(X[:, :3, :3])
