@@ -72,8 +72,12 @@ class OnPoses:
     second: Array
     inverted: bool  # eye-to-hand: G is the inverse of the robot pose
 
-    def linearise(self, at: Unknowns, first: Array, second: Array) -> Linearised:
-        """At the unknowns and the (measured or corrected) poses."""
+    def residual(self, at: Unknowns, first: Array, second: Array) -> Array:
+        """r (..., n, 6) at the unknowns and the (measured or corrected) poses."""
+        return self._closed(at, first, second)[0]
+
+    def _closed(self, at: Unknowns, first: Array, second: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """r, and of what it is made: R_G, R_G R_X, R_X t_C and R_G (R_X t_C + t_X)."""
         assert at.W is not None
         X, W = at.X[..., None, :, :], at.W[..., None, :, :]
         G = inverse(first) if self.inverted else first
@@ -84,6 +88,11 @@ class OnPoses:
         arm = R_X @ t_C
         lever = R_G @ (arm + X[..., :3, 3:])
         r[..., 3:] = (lever + G[..., :3, 3:] - W[..., :3, 3:])[..., 0]
+        return r, R_G, turned, arm, lever
+
+    def linearise(self, at: Unknowns, first: Array, second: Array) -> Linearised:
+        """At the unknowns and the (measured or corrected) poses."""
+        r, R_G, turned, arm, lever = self._closed(at, first, second)
         J = np.zeros((*r.shape, 12))
         J[..., :3, :3] = J[..., 3:, 3:6] = R_G
         J[..., 3:, :3] = -R_G @ skew(arm[..., 0])
@@ -101,8 +110,12 @@ class OnMotions:
     first: Array
     second: Array
 
-    def linearise(self, at: Unknowns, first: Array, second: Array) -> Linearised:
-        """At X and the (measured or corrected) motions."""
+    def residual(self, at: Unknowns, first: Array, second: Array) -> Array:
+        """r (..., n, 6) at X and the (measured or corrected) motions."""
+        return self._closed(at, first, second)[0]
+
+    def _closed(self, at: Unknowns, first: Array, second: Array) -> tuple[Array, Array, Array]:
+        """r, and of what it is made: R_X t_B and R_A t_X."""
         X = at.X[..., None, :, :]
         R_A, R_X, t_X = first[..., :3, :3], X[..., :3, :3], X[..., :3, 3:]
         r = np.empty((*np.broadcast_shapes(first.shape[:-2], X.shape[:-2]), 6))
@@ -110,8 +123,13 @@ class OnMotions:
         arm = R_X @ second[..., :3, 3:]
         lever = R_A @ t_X
         r[..., 3:] = (lever + first[..., :3, 3:] - arm - t_X)[..., 0]
-        turn = R_A - _EYE
-        turned = np.broadcast_to(-R_X, (*r.shape[:-1], 3, 3))
+        return r, arm, lever
+
+    def linearise(self, at: Unknowns, first: Array, second: Array) -> Linearised:
+        """At X and the (measured or corrected) motions."""
+        r, arm, lever = self._closed(at, first, second)
+        turn = first[..., :3, :3] - _EYE
+        turned = np.broadcast_to(-at.X[..., None, :3, :3], (*r.shape[:-1], 3, 3))
         sides = (block(_EYE, 0.0, -skew(lever[..., 0]), _EYE), block(turned, 0.0, 0.0, turned))
         return Linearised(r, block(turn, 0.0, skew(arm[..., 0]), turn), sides)
 

@@ -11,12 +11,11 @@ What is exact and what is not:
 
 - r is the full residual of X, not linearised in X; its data are those that maximum likelihood corrected, and v are the
   errors it took off. So the density has its maximum at the estimate of `ml`, whose derivatives are not biased by noise.
-- S and D are held at the estimate. Against the posterior with every latent motion integrated by importance sampling
-  (60 pairs, geometry of studies.efficiency) its mean is off by 0.003 standard deviations at most for the noise (70),
-  1 mrad + 0.1 mm and 10 mrad + 0.1 mm, by 0.03 for 10 mrad + 10 mm, its standard deviations by less than 1 %. To let S
-  and D follow X, with its log-determinant and the measured data, would bring nothing for the noise (70) and be off by
-  0.04 for 10 mrad + 10 mm, by 1 to 4 for 10 mrad + 0.1 mm, where noise sits in the lever arms. log det S(X) alone moves
-  the mean by 0.03 at most in these cases.
+- S and D are held at the estimate. Against the posterior with every latent motion integrated by importance sampling,
+  the mean is off by less than 0.02 standard deviations for 1 mrad + 0.1 mm and 10 mrad + 0.1 mm, by less than 0.1 for
+  10 mrad + 10 mm, the standard deviations by less than 3 % (12 motions, tests/validation/test_posterior_density.py). To
+  let S and D follow X at the measured data would move it by several standard deviations for 10 mrad + 0.1 mm, where
+  the noise sits in the lever arms. Where S changes within the posterior, this density is no check.
 - On poses W, with a flat prior, is integrated out: of W about its best value for each X, to first order in what is left
   of the residual. As S is held, ``dr/dW = -I`` makes the determinant of that integral the same for every X.
 
@@ -168,9 +167,9 @@ class Density:
         step = x[:, :p]
         if self.follow is not None:
             step = np.concatenate([step, step @ self.follow.T], axis=1)
-        linear = self.constraint.linearise(self.fit.unknowns.moved(step), self.first, self.second)
+        r = self.constraint.residual(self.fit.unknowns.moved(step), self.first, self.second)
         # r is 0 at the maximum (but for the last step of `ml`), so what is added is D v
-        rho = np.ascontiguousarray(np.moveaxis(linear.r, 0, -1)) + self.fit.residual[..., None]
+        rho = np.ascontiguousarray(np.moveaxis(r, 0, -1)) + self.fit.residual[..., None]
         if self.whitening.ndim == 3:
             return np.asarray(self.whitening @ rho)
         return np.asarray((self.whitening @ rho.reshape(-1, rho.shape[-1])).reshape(rho.shape))
