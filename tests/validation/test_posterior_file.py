@@ -16,7 +16,7 @@ from uq_handeye.validation import posterior_run
 from uq_handeye.validation.posterior import sample_posterior
 from uq_handeye.validation.posterior_density import ScalePrior
 from uq_handeye.validation.posterior_file import Chain, ChainFile
-from uq_handeye.validation.posterior_moves import Proposal
+from uq_handeye.validation.posterior_moves import single
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
 POSES = uq.simulate(8, noise=NOISE, seed=5)
@@ -35,7 +35,7 @@ def same(one, other):
 
 def some_chain(rng, steps=7):
     state = np.random.RandomState(4).get_state()
-    proposal = Proposal(rng.normal(size=6), np.eye(6))
+    proposal = single(rng.normal(size=6), np.eye(6))
     y = rng.normal(size=(steps, 20, 6))
     return Chain(y, rng.normal(size=(steps, 20)), np.ones(20), state, proposal, 40)
 

@@ -7,7 +7,7 @@ from scipy import stats
 from support import SEED, random_covariance
 
 from uq_handeye.validation import posterior_moves
-from uq_handeye.validation.posterior_moves import DOF, SHARES, Proposal, fitted, maximum_of, moves_of
+from uq_handeye.validation.posterior_moves import DOF, SHARES, around_maxima, fitted, maximum_of, moves_of, single
 
 # A target that is neither symmetric nor near the proposals below: independent Gumbel and logistic coordinates.
 TARGET = (stats.gumbel_r(), stats.logistic())
@@ -19,7 +19,7 @@ def log_target(y):
 
 
 def wide():
-    return Proposal(np.array([1.0, -0.5]), np.array([[1.6, 0.0], [0.4, 2.0]]))
+    return single(np.array([1.0, -0.5]), np.array([[1.6, 0.0], [0.4, 2.0]]))
 
 
 def deviations(moves, steps=1000, walkers=64):
@@ -57,14 +57,14 @@ def test_a_wrong_hastings_factor_shows(monkeypatch):
 
 def test_proposal_against_scipy(rng):
     S = random_covariance(rng, 4, sd=1.0)
-    proposal = Proposal(rng.normal(size=4), np.linalg.cholesky(S))
+    proposal = single(rng.normal(size=4), np.linalg.cholesky(S))
     y = rng.normal(size=(6, 4))
-    reference = stats.multivariate_t(proposal.location, S, df=DOF)
+    reference = stats.multivariate_t(proposal.location[0], S, df=DOF)
     expected = reference.logpdf(y)
     found = proposal.log_density(y)
     np.testing.assert_allclose(found - found[0], expected - expected[0], rtol=1e-10, atol=1e-10)
     draws = proposal.draw(np.random.RandomState(SEED % 2**32), 4000)
-    z = np.linalg.solve(proposal.factor, (draws - proposal.location).T)
+    z = np.linalg.solve(proposal.factor[0], (draws - proposal.location[0]).T)
     # |z|^2 / d of a multivariate t is F distributed
     assert stats.kstest((z**2).mean(axis=0), stats.f(4, DOF).cdf).pvalue > 1e-3
     assert stats.kstest(z[0], stats.t(DOF).cdf).pvalue > 1e-3
@@ -73,28 +73,63 @@ def test_proposal_against_scipy(rng):
 
 def test_fitted(rng):
     y = rng.normal(size=(500, 3))
-    found = fitted(y, Proposal(np.zeros(3), np.eye(3)))
-    np.testing.assert_allclose(found.location, y.mean(axis=0))
-    np.testing.assert_allclose(found.factor @ found.factor.T, np.cov(y.T))
-    least = Proposal(np.ones(3), 2 * np.eye(3))
-    assert fitted(np.zeros((500, 3)), least) is least
+    found = fitted(y, single(np.zeros(3), np.eye(3)))
+    np.testing.assert_allclose(found.location[0], y.mean(axis=0))
+    np.testing.assert_allclose(found.factor[0] @ found.factor[0].T, np.cov(y.T))
+    least = single(np.ones(3), 2 * np.eye(3))
+    np.testing.assert_array_equal(fitted(np.zeros((500, 3)), least).factor, least.factor)
 
 
 def test_maximum_of_a_gaussian(rng):
     S, middle = random_covariance(rng, 5, sd=1.0, spread=2.0), 4.0 * rng.normal(size=5)
     inverse = np.linalg.inv(S)
-    found = maximum_of(lambda y: -0.5 * np.einsum("ki,ij,kj->k", y - middle, inverse, y - middle), 5)
+    found = maximum_of(lambda y: -0.5 * np.einsum("ki,ij,kj->k", y - middle, inverse, y - middle), np.zeros(5))
     np.testing.assert_allclose(found.location, middle, atol=0.1)
     np.testing.assert_allclose(found.factor @ found.factor.T, S, rtol=1e-5, atol=1e-6)
 
 
 def test_maximum_where_the_density_is_not_concave():
-    found = maximum_of(lambda y: -3.0 * np.log1p(((y - [6.0, -4.0]) ** 2).sum(axis=1) / 4.0), 2)
+    found = maximum_of(lambda y: -3.0 * np.log1p(((y - [6.0, -4.0]) ** 2).sum(axis=1) / 4.0), np.zeros(2))
     np.testing.assert_allclose(found.location, [6.0, -4.0], atol=0.1)
 
 
 def test_maximum_beside_impossible_values():
     """Scales out of range have the density 0; Newton stays where it is possible."""
-    found = maximum_of(lambda y: np.where(y[:, 0] > 2.5, -np.inf, -0.5 * (y[:, 0] - 2.0) ** 2), 1)
+    found = maximum_of(lambda y: np.where(y[:, 0] > 2.5, -np.inf, -0.5 * (y[:, 0] - 2.0) ** 2), np.zeros(1))
     assert np.isfinite(found.factor).all()
     assert abs(found.location[0] - 2.0) < 0.1
+
+
+def two_maxima(y):
+    """Log of 0.3 N((-9, 0), I) + 0.7 N((9, 2), diag(4, 1)), not normalised otherwise."""
+    one = np.log(0.3) - 0.5 * ((y[:, 0] + 9) ** 2 + y[:, 1] ** 2)
+    other = np.log(0.7 / 2) - 0.5 * ((y[:, 0] - 9) ** 2 / 4 + (y[:, 1] - 2) ** 2)
+    return np.logaddexp(one, other)
+
+
+STARTS = np.array([[0.0, 0.0], [-8.0, 0.0], [7.0, 1.0], [9.5, 2.5]])
+
+
+def test_maxima_with_their_shares():
+    found = around_maxima(two_maxima, STARTS)
+    np.testing.assert_allclose(found.location, [[9, 2], [-9, 0]], atol=0.1)
+    np.testing.assert_allclose(found.weight, [0.7, 0.3], rtol=1e-2)
+    alone = around_maxima(lambda y: np.where(y[:, 0] < 0, two_maxima(y) - 20.0, two_maxima(y)), STARTS)
+    np.testing.assert_allclose(alone.location, [[9, 2]], atol=0.1)
+
+
+def test_a_mixture_against_its_parts(rng):
+    mixture = around_maxima(two_maxima, STARTS)
+    y = 10.0 * rng.normal(size=(50, 2))
+    parts = [
+        w * stats.multivariate_t(m, L @ L.T, df=DOF).pdf(y)
+        for m, L, w in zip(mixture.location, mixture.factor, mixture.weight, strict=True)
+    ]
+    expected = np.log(sum(parts))
+    found = mixture.log_density(y)
+    np.testing.assert_allclose(found - found[0], expected - expected[0], rtol=1e-9, atol=1e-9)
+    draws = mixture.draw(np.random.RandomState(SEED % 2**32), 4000)
+    assert stats.binomtest(int((draws[:, 0] > 0).sum()), 4000, mixture.weight[0]).pvalue > 1e-3
+    refitted = fitted(draws, mixture)
+    np.testing.assert_allclose(refitted.location, mixture.location, atol=0.2)
+    assert abs(refitted.weight[0] - mixture.weight[0]) < 0.03

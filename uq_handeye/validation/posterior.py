@@ -30,6 +30,7 @@ from .posterior_convergence import LENGTHS, LONGEST_R_HAT, PosteriorDiagnostics,
 from .posterior_density import ScalePrior, density_of
 from .posterior_file import ChainFile
 from .posterior_run import sample
+from .posterior_starts import starts_of
 from .store import sha256
 
 WALKERS, MAX_STEPS = 128, 10_000
@@ -326,12 +327,14 @@ def sample_posterior(
         model = estimate_noise(data).noise
         if model is None:
             raise InputError("The data are exact up to rounding: there is no noise to estimate. Give `noise`.")
+    poses = data if isinstance(data, PosePairs) else data.poses
     arviz()  # what is missing is said now, not after the sampling
     density = density_of(data, model, free, student_t)
     _require_integer("walkers", walkers, max(16, 2 * density.d + 2))
     kept = None if file is None else ChainFile(file, _identity(data, noise, free, student_t, seed, walkers), resume)
-    chain, dropped, found = sample(density, int(walkers), int(seed), int(samples), int(max_steps), kept, progress)
-    poses = data if isinstance(data, PosePairs) else data.poses
+    starts = starts_of(data if poses is None or isinstance(model, PairNoise) else poses, model, density)
+    steps, length = int(max_steps), int(samples)
+    chain, dropped, found = sample(density, starts, int(walkers), int(seed), length, steps, kept, progress)
     result = Posterior(
         density.fit.X,
         density.fit.covariance_X,

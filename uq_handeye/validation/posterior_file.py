@@ -72,8 +72,7 @@ class ChainFile:
             "iteration": len(chain.y),
             **{f"random_state_{k}": value for k, value in enumerate(chain.random_state)},
             "identity": json.dumps(self._identity, sort_keys=True),
-            "location": chain.proposal.location,
-            "factor": chain.proposal.factor,
+            **{f"proposal_{name}": value for name, value in chain.proposal._asdict().items()},
             "burn_in": chain.burn_in,
         }
         buffer = io.BytesIO()
@@ -113,7 +112,7 @@ class ChainFile:
             arrays["log_prob"],
             arrays["accepted"],
             state,
-            Proposal(np.asarray(attributes["location"]), np.asarray(attributes["factor"])),
+            Proposal(*(np.asarray(attributes[f"proposal_{name}"]) for name in Proposal._fields)),
             int(attributes["burn_in"]),
         )
 

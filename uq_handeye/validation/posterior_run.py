@@ -22,7 +22,7 @@ from .posterior_convergence import (
 )
 from .posterior_density import Density
 from .posterior_file import Chain, ChainFile
-from .posterior_moves import Proposal, fitted, maximum_of, moves_of
+from .posterior_moves import Proposal, around_maxima, fitted, moves_of
 
 # Steps between two possible ends, and how much longer the chain becomes between two looks at its convergence.
 ROUND, GROWTH = 20, 1.15
@@ -39,7 +39,14 @@ Report = Callable[[str], None]
 
 
 def sample(
-    density: Density, walkers: int, seed: int, asked: int, max_steps: int, file: ChainFile | None, progress: bool
+    density: Density,
+    starts: Array,
+    walkers: int,
+    seed: int,
+    asked: int,
+    max_steps: int,
+    file: ChainFile | None,
+    progress: bool,
 ) -> tuple[Chain, int, PosteriorDiagnostics]:
     """The chain, how many of its first steps to drop, and what the rest is worth.
 
@@ -49,7 +56,7 @@ def sample(
         chain = None if file is None else file.load()
         if chain is None:
             report("burn-in")
-            chain = begun(density, walkers, seed)
+            chain = begun(density, starts, walkers, seed)
             kept = 0
         else:
             kept = len(chain.y)  # steps that are in the file
@@ -129,14 +136,18 @@ class _Run:
         return self._parts[0]
 
 
-def begun(density: Density, walkers: int, seed: int) -> Chain:
-    """The first round after burn-in, with a proposal fitted to the round before."""
+def begun(density: Density, starts: Array, walkers: int, seed: int) -> Chain:
+    """The first round after burn-in, with a proposal fitted to the round before.
+
+    Walkers begin around the maxima that are found from ``starts`` (k, d), by their shares.
+    """
     random = np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
-    proposal = maximum_of(density, density.d)
+    proposal = around_maxima(density, starts)
     y = proposal.draw(random, walkers)
     log_density = density(y)
     if not np.isfinite(log_density).all():  # a wild draw of a scale: begin nearer
-        y = proposal.location + 0.1 * (y - proposal.location)
+        centre = proposal.location[np.argmin(proposal.squares(y), axis=0)]
+        y = centre + 0.1 * (y - centre)
         log_density = density(y)
     chain = Chain(y[None], log_density[None], np.zeros(walkers), tuple(random.get_state()), proposal, 0)  # type: ignore[arg-type]
     for done in range(1, BURN_IN[1] + 1):
@@ -158,10 +169,8 @@ def begun(density: Density, walkers: int, seed: int) -> Chain:
 
 def _agree(one: Proposal, other: Proposal) -> bool:
     """Whether two proposals are about the same."""
-    from scipy.linalg import solve_triangular
-
-    shift = solve_triangular(one.factor, other.location - one.location, lower=True)
-    ratio = np.linalg.svd(solve_triangular(one.factor, other.factor, lower=True), compute_uv=False)
+    shift = np.linalg.solve(one.factor, (other.location - one.location)[..., None])
+    ratio = np.linalg.svd(np.linalg.solve(one.factor, other.factor), compute_uv=False)
     return bool(np.abs(shift).max() < AGREEMENT and np.abs(np.log(ratio)).max() < AGREEMENT)
 
 
