@@ -20,6 +20,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import emcee
+import numpy as np
 
 import uq_handeye as uq
 from studies.efficiency import draws, paper
@@ -79,7 +80,7 @@ def problems() -> dict[str, Density]:
 
 
 def measure(density: Density, moves: Callable[[Proposal], Any], asked: int, most: int) -> Measured:
-    start = begun(density, WALKERS, SEED)
+    start = begun(density, np.zeros((1, density.d)), WALKERS, SEED)
     sampler = emcee.EnsembleSampler(WALKERS, density.d, density, moves=moves(start.proposal), vectorize=True)
     state: Any = emcee.State(start.y[-1], log_prob=start.log_density[-1], random_state=start.random_state)
     seconds, part = 0.0, 60

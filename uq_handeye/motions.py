@@ -43,8 +43,8 @@ class Motions:
 
     def __post_init__(self) -> None:
         if self.poses is None:  # what `relative_motions` makes of checked poses needs no second check
-            object.__setattr__(self, "A", as_transforms(self.A, "A"))
-            object.__setattr__(self, "B", as_transforms(self.B, "B"))
+            for name in ("A", "B"):  # contiguous, as rounding follows the order in memory
+                object.__setattr__(self, name, np.ascontiguousarray(as_transforms(getattr(self, name), name)))
         if self.A.shape != self.B.shape:
             raise InputError(
                 f"Expected `A` and `B` to hold the same number of motions, got shapes {self.A.shape} and "

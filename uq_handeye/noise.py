@@ -30,7 +30,7 @@ def checked_covariance(value: Any, name: str, joint: bool) -> Array:
     """
     shapes = "(6, 6), (n, 6, 6) or (6n, 6n)" if joint else "(6, 6) or (N, 6, 6)"
     try:
-        S = np.array(value, dtype=float)
+        S = np.array(value, dtype=float, order="C")
     except (TypeError, ValueError) as error:
         raise InputError(f"Expected the covariance `{name}` to be an array of numbers {shapes}.") from error
     per_item = S.ndim in (2, 3) and S.shape[-2:] == (6, 6) and S.size > 0

@@ -121,6 +121,6 @@ def first_duplicate(times: NDArray[np.float64]) -> tuple[int, int] | None:
 
 
 def _frozen(value: Any, name: str) -> Array:
-    T = np.array(as_transforms(value, name))
+    T = np.array(as_transforms(value, name), order="C")  # rounding follows the order in memory
     T.flags.writeable = False
     return T

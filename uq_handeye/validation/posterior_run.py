@@ -6,10 +6,13 @@ a run that was interrupted and resumed ends in the same numbers, bit by bit, as 
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +59,7 @@ def sample(
         chain = None if file is None else file.load()
         if chain is None:
             report("burn-in")
-            chain = begun(density, starts, walkers, seed)
+            chain = begun(density, starts, walkers, seed, max_steps)
             kept = 0
         else:
             kept = len(chain.y)  # steps that are in the file
@@ -115,7 +118,8 @@ class _Run:
         y, log_density = (end.y[-1], end.log_density[-1])
         state = self._emcee.State(y, log_prob=log_density, random_state=end.random_state, copy=True)
         self._sampler.reset()
-        after = self._sampler.run_mcmc(state, steps, skip_initial_state_check=True)
+        with _interrupt_afterwards():  # emcee prints its arrays where the density is interrupted
+            after = self._sampler.run_mcmc(state, steps, skip_initial_state_check=True)
         self._parts.append(
             end._replace(
                 y=self._sampler.get_chain(),
@@ -136,7 +140,23 @@ class _Run:
         return self._parts[0]
 
 
-def begun(density: Density, starts: Array, walkers: int, seed: int) -> Chain:
+@contextmanager
+def _interrupt_afterwards() -> Iterator[None]:
+    """Ctrl-C waits for the end of the block; a round takes a moment."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is None:
+        yield
+        return
+    pressed: list[Any] = []
+    before = signal.signal(signal.SIGINT, lambda *arguments: pressed.append(arguments))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pressed and callable(before):
+        before(*pressed[0])
+
+
+def begun(density: Density, starts: Array, walkers: int, seed: int, max_steps: int = ROUND) -> Chain:
     """The first round after burn-in, with a proposal fitted to the round before.
 
     Walkers begin around the maxima that are found from ``starts`` (k, d), by their shares.
@@ -162,7 +182,7 @@ def begun(density: Density, starts: Array, walkers: int, seed: int) -> Chain:
         if done >= BURN_IN[0] and agreed:
             break
     run = _Run(density, chain._replace(accepted=np.zeros(walkers)))
-    run.round(ROUND)
+    run.round(min(ROUND, max_steps))
     first = run.chain()
     return first._replace(y=first.y[1:], log_density=first.log_density[1:], burn_in=done * ROUND)
 
