@@ -86,7 +86,7 @@ def main() -> None:
     print("| data | noise | method | first order fails at, mrad | sigma points fail at, mrad | why those do |")
     print("|---|---|---|---|---|---|")
     for name, noise_in_words, data, noise in problems():
-        found = sweep(data, noise=noise, methods=methods, factors=FACTORS, trials=trials, seed=SEED, workers=2)
+        found = sweep(data, noise=noise, methods=methods, factors=FACTORS, trials=trials, seed=SEED)
         for method in methods:
             first, second = (cell(found[method].limit(kind), math.sqrt(FACTORS[-1])) for kind in KINDS)
             reason = why(found, method, KINDS[1])

@@ -15,7 +15,9 @@ from monte_carlo_cases import NOISE
 
 from uq_handeye import cli, cli_validate, read_poses, simulate
 from uq_handeye.io import write_pose_file
+from uq_handeye.validation.chunks import Work
 from uq_handeye.validation.monte_carlo import monte_carlo
+from uq_handeye.validation.workers import WorkersLostError
 
 OPTIONS = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
 PROGRAM = "from uq_handeye.cli import main; main()"
@@ -117,12 +119,13 @@ def test_all_cores_unless_told(run, monkeypatch):
         (("--method", "best"), "--method to name methods among efficient, ml, tsai"),
         (("--method", ","), "--method to name methods"),
         (("--covariance", "mine"), "--covariance to be model or each"),
-        (("--trials", "0"), "`trials` to be a whole number of at least 1"),
+        (("--trials", "1"), "`trials` to be a whole number of at least 2"),
         (("--trials", "many"), "--trials"),
         (("--workers", "0"), "`workers`"),
         (("--resume",), "--resume needs the folder"),
         (("-o", "robot.csv"), "expected a folder, got a file"),
         (("--figure", "figure.txt"), ".png or .svg"),
+        (("--figure", "nowhere/figure.png"), "there is no folder nowhere; make it first"),
         (("--sweep-noise", "1,x"), "--sweep-noise to be numbers"),
         (("--sweep-noise", "1,3", "--digits", "2"), "--sweep-noise goes without --digits"),
     ],
@@ -165,13 +168,57 @@ def test_ctrl_c_prints_what_is_done_and_can_be_resumed(session, tmp_path, worker
         out, err = process.communicate(timeout=20)
     finally:
         process.kill()
-    assert (process.returncode, err) == (130, "")
+    assert (process.returncode, err) == (130, "uq-handeye: interrupted\n")
     assert out.splitlines()[1].startswith("NOT COMPLETE: interrupted.")
     done = int(re.search(r": ([\d,]+) trials", out)[1].replace(",", ""))
     left = json.loads((tmp_path / "run" / "result.json").read_text())
     assert done >= 1000 and (left["trials"], left["complete"]) == (done, False)
     with np.load(tmp_path / "run" / "chunks" / "000000.npz") as file:
         np.testing.assert_array_equal(file["errors"], expected(session, trials=1000, seed=5).errors)
+
+
+def test_ctrl_c_before_there_is_anything_to_print(run, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # of this process
+    for place in ("uq_handeye.cli_validate.poses_of", "uq_handeye.validation.monte_carlo.experiment"):
+        with monkeypatch.context() as context:
+            context.setattr(place, interrupted)
+            assert run(*OPTIONS, "--trials", 100) == (130, "", "uq-handeye: interrupted\n")
+    with monkeypatch.context() as context:  # and when the summary is made
+        context.setattr("uq_handeye.validation.monte_carlo.MonteCarlo.summary", interrupted)
+        assert run(*OPTIONS, "--trials", 100) == (130, "", "uq-handeye: interrupted\n")
+
+
+def test_workers_that_are_lost_are_exit_status_1(run, monkeypatch, tmp_path):
+    def lost(self, index):
+        if index == 2:
+            raise WorkersLostError("6 worker processes were lost,\nthe last one by signal 9")
+        return ordinary(self, index)
+
+    ordinary = Work.compute
+    monkeypatch.setattr(Work, "compute", lost)
+    options = (*OPTIONS, "--trials", 3000, "--method", "4dpa,park", "--workers", 1)
+    status, out, err = run(*options, "-o", tmp_path / "run")
+    assert status == 1 and "2,000 trials" in out and "NOT COMPLETE: 6 worker processes were lost" in out
+    assert err == (
+        "uq-handeye: the run by 4dpa is not complete: 6 worker processes were lost, the last one by signal 9; --resume "
+        "goes on.\n"
+    )
+    status, out, err = run(*options, "--json")
+    assert status == 1 and json.loads(out)["methods"][0]["trials"] == 2000 and "-o DIR" in err
+    monkeypatch.setattr(Work, "compute", ordinary)
+    assert run(*options, "-o", tmp_path / "run", "--resume")[::2] == (0, "")
+
+
+@pytest.mark.parametrize("more", [(), ("--resume",)])
+def test_several_methods_do_not_go_into_the_run_of_one(run, tmp_path, more):
+    options = (*OPTIONS, "--trials", 100, "-o", tmp_path / "run")
+    assert run(*options, "--method", "park")[0] == 0
+    status, out, err = run(*options, "--method", "park,4dpa", *more)
+    assert (status, out) == (2, "") and "holds the run of one method" in err
+    assert sorted(os.listdir(tmp_path / "run")) == ["chunks", "manifest.json", "result.json"]
 
 
 def test_no_bar_in_a_pipe_and_no_noise(session):

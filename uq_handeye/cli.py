@@ -1,12 +1,15 @@
 """The command ``uq-handeye``: parses, calls, prints.
 
-Exit status: 0 success; 2 bad usage or bad input, with one line on stderr; 1 an internal error.
+Exit status: 0 success; 2 bad usage or bad input, with one line on stderr; 1 an internal error, or a run that lost its
+workers; 130 Ctrl-C, with one line on stderr.
 """
 
 from __future__ import annotations
 
+import signal
 import sys
 import warnings
+from contextlib import suppress
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
@@ -37,7 +40,7 @@ from .cli_options import (
 )
 from .cli_plan import plan_command
 from .cli_posterior import posterior_command
-from .cli_validate import validate_command
+from .cli_validate import INTERRUPTED, validate_command
 from .comparison import Comparison, compare
 from .errors import InputError, InputWarning, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
@@ -336,8 +339,11 @@ def main(arguments: list[str] | None = None) -> None:
         sys.stdout = None  # or Python would try, and fail, to flush it once more
         _fail(f"Cannot write the output: {error.strerror or error}.")
     except (typer.Abort, KeyboardInterrupt):
+        status = INTERRUPTED
+    if status == INTERRUPTED:  # of a command that has printed what it had, or of Typer, which catches the exception
+        with suppress(ValueError):  # not in the main thread
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # once more would end this line too
         print("uq-handeye: interrupted", file=sys.stderr)
-        raise SystemExit(130) from None
     raise SystemExit(status if isinstance(status, int) else 0)
 
 

@@ -26,6 +26,7 @@ from .cli_options import (
     noise_of,
     poses_of,
 )
+from .cli_validate import INTERRUPTED, NOT_COMPLETE
 from .io import write_files
 from .motions import relative_motions
 from .noise import PairNoise
@@ -57,16 +58,18 @@ def cross_check_command(
             help="Write cross_check.json, cross_check.csv, cross_check.png and cross_check.svg here.",
         ),
     ] = None,
-) -> None:
+) -> int:
     """Formulas, Monte Carlo and posterior side by side: every covariance of X, and whether they agree as they must.
 
     Example: uq-handeye cross-check robot.csv camera.csv --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm -o cc/
 
-    A broken relation is a result: exit status 0.
+    A broken relation is a result: exit status 0. Ctrl-C prints what there is so far (exit status 130); so does a
+    run that lost its workers (exit status 1).
     """
     from .report.cross_check_figure import cross_check_figure
     from .report.ellipses import render  # Matplotlib is slow to import
     from .validation.cross_check import cross_check
+    from .validation.monte_carlo import INTERRUPTED as ended_by_hand
 
     model = noise_of(robot_noise, camera_noise, noise)
     poses = poses_of(robot, camera, setup, (robot_units or units, camera_units or units))
@@ -85,3 +88,6 @@ def cross_check_command(
         files = {"cross_check.json": check.to_json(), "cross_check.csv": table}
         write_files(output, files | {f"cross_check.{kind}": render(figure, kind) for kind in ("png", "svg")})
     emit(check.to_json() if as_json else check.to_text())
+    if check.complete:
+        return 0
+    return INTERRUPTED if check.reason == ended_by_hand else NOT_COMPLETE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -36,8 +37,8 @@ if TYPE_CHECKING:
     from .poses import PosePairs
     from .validation.monte_carlo import MonteCarlo
 
-# What the shell expects of a program that Ctrl-C ended.
-INTERRUPTED = 130
+# What the shell expects of a program that Ctrl-C ended; of a run that ended otherwise before its time.
+INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
 def validate_command(
@@ -107,8 +108,9 @@ def validate_command(
 
     Example: uq-handeye validate robot.csv camera.csv --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
 
-    The noise is drawn around the poses as fitted; left out, it is estimated from them. A rejected covariance is a
-    result: exit status 0. Ctrl-C prints what the trials so far say (exit status 130).
+    Noise is drawn around the poses as fitted. Without noise options the noise is estimated from the poses. A rejected
+    covariance is a result: exit status 0. What ends the run early prints what the trials so far say: Ctrl-C (exit
+    status 130), or workers that are lost (exit status 1); with -o DIR, --resume goes on.
     """
     names = _names(method)
     if covariance not in ("model", "each"):
@@ -117,6 +119,10 @@ def validate_command(
         raise InputError("--resume needs the folder of the run: give -o DIR.")
     if figure is not None and figure.suffix.lower() not in (".png", ".svg"):  # before the work, not after
         raise InputError(f"Expected --figure to be named .png or .svg, got {str(figure)!r}.")
+    if figure is not None and not figure.parent.is_dir():
+        raise InputError(f"Cannot write --figure {figure}: there is no folder {figure.parent}; make it first.")
+    if output is not None and len(names) > 1 and (output / "manifest.json").exists():
+        raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
     model = noise_of(robot_noise, camera_noise, noise)
     poses = poses_of(robot, camera, setup, (robot_units or units, camera_units or units))
     if workers is None:
@@ -126,7 +132,7 @@ def validate_command(
         for option, value in (*given.items(), ("--covariance each", covariance == "each" or None)):
             if value is not None:
                 raise InputError(f"--sweep-noise goes without {option}.")
-        options = {"seed": seed, "workers": workers, "pairs": pairs, **({} if trials is None else {"trials": trials})}
+        options = {"seed": seed, "pairs": pairs, **({} if trials is None else {"trials": trials})}
         return _sweep(poses, model, names, _factors(sweep_noise), options, figure, as_json)
 
     from .validation.monte_carlo import INTERRUPTED as ended_by_hand
@@ -155,12 +161,19 @@ def validate_command(
             emit(("\n" if len(results) > 1 else "") + result.summary())
         if figure is not None:
             result.figure(_of_method(figure, name, names))
-        if result.reason == ended_by_hand:
+        if result.ended_early:
             break
     if as_json:
         parts = [result.to_dict() for result in results.values()]
         emit(json.dumps(parts[0] if len(names) == 1 else {"methods": parts}, indent=2, allow_nan=False) + "\n")
-    return INTERRUPTED if result.reason == ended_by_hand else 0
+    if result.reason == ended_by_hand:
+        return INTERRUPTED
+    if result.ended_early:
+        how = "--resume goes on" if output is not None else "with -o DIR, --resume would go on"
+        reason = " ".join(result.reason.split())
+        print(f"uq-handeye: the run by {result.method} is not complete: {reason}; {how}.", file=sys.stderr)
+        return NOT_COMPLETE
+    return 0
 
 
 def _sweep(

@@ -325,9 +325,41 @@ def test_few_trials_say_what_they_cannot_tell(rng, P, count):
     if count == 0:
         assert c.consistent is None and c.verdict.startswith("Nothing can be told") and "none of 120" in c.verdict
     else:
-        assert c.consistent and c.verdict.startswith(f"Only {count} trial")
-        assert "gave no estimate and are left out" in c.verdict
+        assert not c.rejected and c.consistent is None
+        assert c.verdict.startswith(f"Only {count} of 120 trials gave an estimate: all that follows is of these")
+        assert f". Only {count} estimate" in c.verdict and "left out" not in c.verdict
         assert ("single directions cannot be judged" in c.verdict) == (count < 30)
+
+
+def test_trials_without_an_estimate_come_first_and_nothing_is_called_consistent(rng, P):
+    errors = draw(rng, P, (500,))
+    few = consistency(Sums.of(errors, np.arange(500) >= 4, P), P)  # 0.8 %
+    assert few.consistent is True and few.verdict.startswith("The covariance is true as far as 496 estimates can tell")
+    assert "4 of 500 trials (0.8 %) gave no estimate" in few.verdict
+    many = consistency(Sums.of(errors, np.arange(500) >= 20, P), P)
+    assert many.consistent is None and not many.rejected and many.many_failed
+    assert many.verdict.startswith("Only 480 of 500 trials gave an estimate: all that follows is of these, and the")
+    assert "says nothing about the other 20 (4 %)." in many.verdict
+    most = consistency(Sums.of(errors, np.arange(500) >= 487, P), P)
+    assert most.consistent is None and "Only 13 estimates" in most.verdict and "Only 13 trials" not in most.verdict
+    wrong = consistency(Sums.of(errors, np.arange(500) >= 20, 4 * P), 4 * P)
+    assert wrong.consistent is False and "too large" in wrong.verdict
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-170])
+def test_a_covariance_far_below_the_errors_is_named(rng, size):
+    with pytest.raises(InputError, match=r"`covariance` to be of the size of the errors.*Is it in rad and m"):
+        sums_of(rng.normal(size=(50, 6)), size * np.eye(6))
+
+
+@pytest.mark.parametrize("axes", [[0], [4], [0, 1, 2], [0, 1, 2, 3, 4, 5]])
+@pytest.mark.parametrize("trials", [5, 40, 500])
+def test_errors_that_are_zero_in_a_direction_are_no_warning(rng, P, axes, trials):
+    errors = draw(rng, P, (trials,))
+    errors[:, axes] = 0.0
+    c = judged(errors, P)  # warnings are errors here
+    assert c.verdict and "e+0" not in c.verdict
+    assert c.std_ratio_interval[axes].max() == 0.0
 
 
 def test_without_prediction_or_with_own_covariances(rng, P):

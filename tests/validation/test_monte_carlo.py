@@ -20,6 +20,7 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye import InputError
+from uq_handeye.poses import Truth
 from uq_handeye.trials import run as trials_module
 from uq_handeye.validation import chunks
 from uq_handeye.validation import monte_carlo as module
@@ -197,7 +198,7 @@ def test_chunks_get_smaller_where_the_problem_is_large(poses):
 
 def test_it_stops_once_the_digits_are_stable(problem):
     result = monte_carlo(problem[0], noise=problem[1], digits=1, seed=SEED)
-    assert result.complete and result.reason == "stable to 1 digits" and result.stability.stable
+    assert result.complete and result.reason == "stable to 1 digit" and result.stability.stable
     assert 110_000 <= result.trials < 1_000_000 and result.trials % 10_000 == 0
     assert_same_covariance(result.covariance, result.predicted, 0.03)
     assert_same(monte_carlo(problem[0], noise=problem[1], digits=1, seed=SEED, workers=2), result)
@@ -250,13 +251,44 @@ def test_json_table_figure_and_text(ten_thousand, tmp_path):
         ten_thousand.figure(tmp_path / "figure.docx")
 
 
-@pytest.mark.parametrize("trials", [1, 2, 10])
+@pytest.mark.parametrize("trials", [2, 10])
 def test_very_few_trials(problem, trials):
     result = monte_carlo(problem[0], noise=problem[1], trials=trials, seed=SEED)
     assert result.errors.shape == (trials, 6)
-    assert (result.covariance is None) == (trials == 1)
+    assert result.covariance is not None
     json.loads(result.to_json())
     assert result.summary() and len(result.to_dataframe()) == 6
+
+
+def test_numpy_integers(problem):
+    asked = {"trials": np.int64(10_000), "seed": np.int32(SEED), "workers": np.uint8(1), "digits": np.int64(1)}
+    result = monte_carlo(problem[0], noise=problem[1], **asked)
+    assert result.trials == 10_000 and result.seed == SEED and json.loads(result.to_json())["stability"]["digits"] == 1
+
+
+@pytest.mark.parametrize("variance", [1e-60, 1e-8, 1e60])
+def test_errors_that_are_exactly_zero_in_some_directions(poses, variance, tmp_path):
+    """Translations alone are noisy, so that rotations are found exactly."""
+    noise = uq.PoseNoise(robot=np.diag([0.0, 0, 0, 1e-8, 1e-8, 1e-8]))
+    result = monte_carlo(poses, noise=noise, covariance=variance * np.eye(6), trials=300, seed=SEED)
+    assert not result.consistent and result.summary() and json.loads(result.to_json())
+    result.figure(tmp_path / "figure.png")
+
+
+def test_how_arrays_lie_in_memory_changes_nothing(poses):
+    def turned(a):
+        return np.ascontiguousarray(a.swapaxes(-1, -2)).swapaxes(-1, -2)
+
+    given = np.diag([1e-6, 2e-6, 1e-6, 1e-6, 3e-6, 1e-6]) + 1e-7
+    reference = monte_carlo(uq.PosePairs(poses.robot, poses.camera), noise=NOISE, covariance=given, trials=500)
+    for change in (turned, np.asfortranarray, lambda a: np.repeat(a, 2, axis=-1)[..., ::2]):
+        data = uq.PosePairs(change(poses.robot), change(poses.camera))
+        noise = uq.PoseNoise(change(NOISE.robot), change(NOISE.camera))
+        assert_same(monte_carlo(data, noise=noise, covariance=change(given), trials=500), reference)
+        simulated = uq.PosePairs(poses.robot, poses.camera, truth=Truth(*map(change, poses.truth)))
+        for method in ("efficient", "4dpa"):
+            found, expected = (monte_carlo(d, noise=NOISE, method=method, trials=500) for d in (simulated, poses))
+            assert_same(found, expected)
 
 
 # ------------------------------------------------------------------------------------------------------------ errors
@@ -265,7 +297,7 @@ def test_very_few_trials(problem, trials):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"trials": 0}, "`trials` to be a whole number of at least 1, got 0"),
+        ({"trials": 1}, "`trials` to be a whole number of at least 2, got 1"),
         ({"trials": 1e4}, "`trials` to be a whole number"),
         ({"trials": 10**13}, "`trials` to be at most 1,000,000,000,000"),
         ({"seed": -1}, "`seed` to be a whole number of at least 0"),
@@ -275,6 +307,8 @@ def test_very_few_trials(problem, trials):
         ({"covariance": "own"}, "`covariance` to be None, 'each' or a"),
         ({"covariance": np.eye(3)}, "`covariance` to have shape"),
         ({"covariance": np.diag([1.0, 1, 1, 1, 1, 0])}, "positive definite"),
+        ({"covariance": 1e-300 * np.eye(6)}, "`covariance` in rad.2 and m.2, got 1e-300, which is too small"),
+        ({"covariance": 1e300 * np.eye(6)}, "got 1e[+]300, which is too large"),
         ({"digits": 7}, "`digits` to be a whole number from 1 to 4"),
         ({"digits": 2, "trials": 9_000}, "at least 10,000 with `digits`"),
         ({"method": "best"}, "`method` to be one of"),

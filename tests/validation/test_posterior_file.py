@@ -56,6 +56,7 @@ def test_round_trip_and_emcee_reads_it(rng, tmp_path):
     backend = emcee.backends.HDFBackend(str(tmp_path / "chain.h5"), read_only=True)
     np.testing.assert_array_equal(backend.get_chain(), chain.y)
     np.testing.assert_array_equal(backend.get_log_prob(), chain.log_density)
+    file.close()
     assert os.listdir(tmp_path) == ["chain.h5"]
 
 
@@ -187,3 +188,41 @@ def test_what_is_there_is_not_overwritten(rng, tmp_path):
     with pytest.raises(InputError, match="no folder"):
         sample_posterior(POSES, NOISE, file=tmp_path / "missing" / "chain.h5", max_steps=5)
     assert path.read_bytes() == b"mine"
+
+
+def test_one_process_at_a_time(rng, tmp_path):
+    pytest.importorskip("fcntl")
+    path, program = tmp_path / "chain.h5", [sys.executable, "-c", HOLDER, str(tmp_path / "chain.h5")]
+    with subprocess.Popen(program, stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"held\n"
+        for resume in (False, True):
+            with pytest.raises(InputError, match=r"chain.h5 is in use by another run: wait for its end\.$"):
+                ChainFile(path, IDENTITY, resume=resume)
+        process.kill()
+    assert os.listdir(tmp_path) == [".uq-handeye-chain.h5.lock"]  # of the one that was killed
+    first = ChainFile(path, IDENTITY, resume=False)
+    second = ChainFile(path, IDENTITY, resume=False)  # in one process, where a traceback may hold the first
+    with pytest.raises(InputError, match="taken over by a later run"):
+        first.save(some_chain(rng))
+    del first
+    second.save(some_chain(rng))
+    del second
+    assert os.listdir(tmp_path) == ["chain.h5"]
+
+
+HOLDER = """
+import sys, time
+from uq_handeye.validation.posterior_file import ChainFile
+file = ChainFile(sys.argv[1], {}, resume=True)
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no pipes in folders")
+def test_what_is_no_file_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "device").symlink_to("/dev/zero")
+    for name in ("pipe", "device"):
+        with pytest.raises(InputError, match=f"{name}, a device or pipe"):
+            ChainFile(tmp_path / name, IDENTITY, resume=True)

@@ -8,7 +8,7 @@ from scipy import stats
 from support import SEED, draw, random_covariance
 
 from uq_handeye.errors import InputError
-from uq_handeye.validation.stable import BLOCK, FIRST, LEAST, NAMES, Stability, numerical_tolerance
+from uq_handeye.validation.stable import BLOCK, FIRST, LEAST, NAMES, Stability, in_digits, numerical_tolerance
 
 
 @pytest.fixture
@@ -97,6 +97,12 @@ def test_no_stop_before_the_first_test_nor_with_few_trials(rng):
         assert not stability.stable and f"{FIRST} are needed" in stability.summary().reason
     few = filled([draw(rng, P, (BLOCK,)) for _ in range(FIRST)], 4).summary()
     assert not few.stable and few.blocks_expected > 100 and "not to 4 digits yet" in few.reason
+
+
+def test_one_digit_is_singular(rng):
+    blocks = [(1 + 9 * (k % 2)) * draw(rng, np.eye(6), (500,)) for k in range(FIRST)]
+    assert "not to 1 digit yet" in filled(blocks, np.int64(1)).summary().reason
+    assert [in_digits(k) for k in (1, 2)] == ["1 digit", "2 digits"]
 
 
 def test_numbers_that_drift_do_not_become_stable(rng):

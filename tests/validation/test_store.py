@@ -106,7 +106,7 @@ def test_what_is_there_is_not_worked_out_again(problem, folder, whole):
 
 def test_a_run_is_extended(problem, folder):
     assert_same(run(problem, folder, trials=9_000, resume=True), run(problem, trials=9_000))
-    with pytest.raises(InputError, match=r"holds a run of 9,000 trials: resume it with as many or more, got 6,500"):
+    with pytest.raises(InputError, match=r"asked for 9,000 trials: resume it with as many or more, got 6,500"):
         run(problem, folder, resume=True)
 
 
@@ -189,6 +189,20 @@ def pipe(path):
     os.mkfifo(path)
 
 
+def link(path):
+    """To a file outside that is not there: it must not be made."""
+    path.unlink()
+    path.symlink_to(path.parents[2] / "outside")
+
+
+def of_header(text):
+    def change(path):
+        head = text.encode() + b"\n"
+        replaced(path, "errors.npy", b"\x93NUMPY\1\0" + len(head).to_bytes(2, "little") + head)
+
+    return change
+
+
 DAMAGES = {
     "flipped bit": flipped,
     "other numbers": of_other_error,
@@ -204,6 +218,11 @@ DAMAGES = {
     "bomb": bomb,
     "text": lambda path: path.write_text("PK not a chunk"),
     "pipe": pipe,
+    "link to nowhere": link,
+    "header without end": of_header("(((((((("),
+    "header of brackets": of_header("(" * 5000 + ")" * 5000),
+    "header of another type": of_header("{1:2,'descr':3}"),
+    "header of a number": of_header("-" * 9000 + "1"),
 }
 
 
@@ -215,7 +234,7 @@ def test_a_damaged_chunk_is_worked_out_again_and_said(problem, folder, whole, da
         again = run(problem, folder, resume=True)
     assert again.resumed == TRIALS - 1000
     assert_same(again, whole)
-    assert not (tmp_path / "evil").exists()
+    assert not (tmp_path / "evil").exists() and not (tmp_path / "outside").exists()
     assert run(problem, folder, resume=True).resumed == TRIALS  # the damage is gone
 
 
@@ -232,7 +251,7 @@ def test_a_chunk_of_another_run_is_not_mixed_in(problem, folder, whole, tmp_path
 
 def test_a_folder_in_place_of_a_chunk(problem, folder):
     moved(folder / "chunks" / CHUNKS[2])
-    with pytest.raises(InputError, match=r"000002.npz: it is a folder"):
+    with pytest.raises(InputError, match=r"000002.npz: it is a folder, expected a file; remove it"):
         run(problem, folder, resume=True)
 
 
@@ -283,6 +302,60 @@ def test_a_manifest_that_is_none(problem, folder, text):
     (folder / "manifest.json").write_text(text)
     with pytest.raises(InputError, match=r"not the manifest of a Monte Carlo run, or is damaged"):
         run(problem, folder, resume=True)
+
+
+def test_a_manifest_that_would_be_waited_for(problem, folder):
+    for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero")):
+        (folder / "manifest.json").unlink()
+        make(folder / "manifest.json")
+        with pytest.raises(InputError, match=r"not the manifest of a Monte Carlo run"):
+            run(problem, folder, resume=True)
+
+
+def test_what_a_manifest_says_cannot_fill_the_screen(problem, folder):
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text())
+    evil = {"\x1b[31mevil\n": "\x1b[2J", "x" * 100_000: [[1]], "seed": "\ud800"} | {f"more {k}": k for k in range(50)}
+    path.write_text(json.dumps(manifest | {"run": manifest["run"] | evil}))
+    with pytest.raises(InputError, match=r"and 48 more") as caught:
+        run(problem, folder, resume=True)
+    assert str(caught.value).isprintable() and len(str(caught.value)) < 500 + len(str(folder))
+    path.write_text(json.dumps(manifest | {"trials": 10**3000}))
+    with pytest.raises(InputError, match="or is damaged"):
+        run(problem, folder, resume=True)
+
+
+def test_links_are_replaced_and_not_followed(problem, folder, whole, tmp_path):
+    for name in ("manifest.json", "result.json"):
+        shutil.move(folder / name, tmp_path / name)
+        (folder / name).symlink_to(tmp_path / name)
+    before = [(tmp_path / name).read_bytes() for name in ("manifest.json", "result.json")]
+    assert_same(run(problem, folder, trials=TRIALS + 1000, resume=True), run(problem, trials=TRIALS + 1000))
+    assert [(tmp_path / name).read_bytes() for name in ("manifest.json", "result.json")] == before
+    assert not (folder / "manifest.json").is_symlink() and not list(folder.glob("**/.uq-handeye-*"))
+
+
+def test_a_refusal_lets_go_of_the_folder(problem, folder):
+    """The exceptions are kept, and what they refer to with them."""
+    fcntl = pytest.importorskip("fcntl")
+    shutil.rmtree(folder / "chunks")
+    (folder / "chunks").write_text("no folder")
+    with pytest.raises(InputError, match="chunks: expected a folder, got a file") as first:
+        run(problem, folder, resume=True)
+    with pytest.raises(InputError, match="is not empty") as second:
+        run(problem, folder)
+    lock = os.open(folder, os.O_RDONLY)
+    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    os.close(lock)
+    assert first.value and second.value
+
+
+def test_a_run_that_ended_early_says_what_is_there(problem, tmp_path):
+    run(problem, tmp_path / "run", digits=1, trials=10_000)
+    for path in sorted((tmp_path / "run" / "chunks").iterdir())[4:]:
+        path.unlink()
+    with pytest.raises(InputError, match=r"was asked for 10,000 trials, of which 4,000 are done: .* got 3,000\.$"):
+        run(problem, tmp_path / "run", trials=3_000, resume=True)
 
 
 def test_a_foreign_folder_is_refused(problem, tmp_path):

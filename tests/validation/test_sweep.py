@@ -1,6 +1,9 @@
 """Where first order ends: limits against independent trials, sigma points beyond them, the words, and the figure."""
 
+import inspect
 import json
+import multiprocessing
+import subprocess
 
 import numpy as np
 import pytest
@@ -9,9 +12,11 @@ from support import SEED, exact_motions, nees
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
+from uq_handeye.report.sweep_figure import sweep_figure
 from uq_handeye.report.sweep_text import verdict
 from uq_handeye.trials.experiment import experiment
 from uq_handeye.trials.run import run
+from uq_handeye.validation import sweep as sweep_module
 from uq_handeye.validation.sweep import CLOSE, Limit, MethodSweep, sweep
 from uq_handeye.validation.sweep_level import KINDS, Level, Verdict, coverage_limits, judged
 
@@ -86,7 +91,7 @@ def heavy_errors(rng):
 def test_the_user_is_told_whether_the_noise_is_inside(found):
     text = " ".join(found.summary().split())
     limit = found["4dpa"].limit("first order")
-    assert f"4dpa: first order holds up to {np.sqrt(limit.holds):.2g} times your noise" in text
+    assert f"4dpa: first order holds up to {np.sqrt(limit.holds):.2g} times your standard deviations (" in text
     assert "your own noise is inside" in text or "your own noise is well inside" in text
     assert "Beyond, it fails:" in text and "Sigma points hold" in text
     motions, noise = star(0.5)
@@ -140,20 +145,84 @@ def test_factor_one_is_the_monte_carlo_of_the_same_seed(found):
     np.testing.assert_allclose(found["4dpa"].own.first_order.mean_nees[0], same.mean_nees, rtol=1e-9)
 
 
-def test_workers_change_no_digit(found):
+def test_the_same_seed_gives_the_same_digits_in_this_process_alone(found, monkeypatch):
+    def never(*args, **kwargs):
+        raise AssertionError("a process was started")
+
+    monkeypatch.setattr(multiprocessing.Process, "start", never)
+    monkeypatch.setattr(subprocess, "Popen", never)
     motions, noise = star(0.03)
-    other = sweep(motions, noise=noise, methods=["4dpa"], factors=[0.1, 1, 10, 1000], trials=2000, seed=SEED, workers=2)
+    options = {"factors": np.array([0.1, 1, 10, 1000]), "trials": np.int64(2000), "seed": np.int32(SEED)}
+    other = sweep(motions, noise=noise, methods="4dpa", tolerance=np.float64(0.1), **options)
     assert other.to_json() == found.to_json()
+    assert "workers" not in inspect.signature(sweep).parameters
+
+
+def test_ctrl_c_leaves_as_it_is(monkeypatch):
+    def pressed(task):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sweep_module, "level_at", pressed)
+    motions, noise = star(0.03)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(motions, noise=noise, methods=["4dpa"], trials=100)
+
+
+def test_factors_are_named_by_what_they_are_of(found):
+    """Covariances times f are deviations times its root: both stand in the table and in the sentence."""
+    text = found.summary()
+    row = next(line.split() for line in text.splitlines() if line.split()[:1] == ["10"])
+    head = next(line for line in text.splitlines() if "cov x" in line)
+    assert head.split()[:4] == ["cov", "x", "sd", "x"] and row[:2] == ["10", "3.16"]
+    assert max(map(len, text.splitlines())) <= 120
+    holds = found["4dpa"].limit("first order").holds
+    words = " ".join(text.split())
+    assert f"{np.sqrt(holds):.2g} times your standard deviations ({holds:.3g} times your covariances)" in words
+    assert "all levels share their draws" in words
+
+
+def test_a_limit_among_heavy_tails_is_no_sharp_number():
+    rng = np.random.default_rng([SEED, 41])
+    errors, ok = heavy_errors(rng), np.ones(4000, dtype=bool)
+    fails = judged("sigma points", errors, ok, errors.T @ errors / 4000, 0.1)
+    gaussian = rng.normal(size=(4000, 6))
+    fine = judged("sigma points", gaussian, ok, gaussian.T @ gaussian / 4000, 0.1)
+    first = Verdict("first order", None, None, "It fails.")
+    levels = (Level(1.0, fine, fine), Level(29.37**2, first, fine), Level(31.2**2, first, fails))
+    found = MethodSweep("m", levels)
+    assert found.limit("sigma points") == Limit(29.37**2, 31.2**2, heavy=True)
+    assert found.limit("first order") == Limit(1.0, 29.37**2, heavy=False)
+    text = verdict(found)
+    assert "Sigma points hold up to about 29 times your standard deviations (860 times your covariances)" in text
+    assert "from about 31 times on errors have heavy tails, where it is chance whether a level passes" in text
+    assert "29.3" not in text and "29.4" not in text
+    assert verdict(MethodSweep("m", levels[:2])).count("about") == 0
+
+
+def test_repr_is_short(found):
+    assert repr(found).startswith("Sweep(2,000 trials per level") and len(repr(found)) < 200
+    assert repr(found["4dpa"]).startswith("MethodSweep(4dpa, ") and len(repr(found["4dpa"])) < 200
+
+
+def test_the_figure_explains_the_marks_that_there_are(found):
+    footer = sweep_figure(found).texts[-1].get_text()
+    assert "White" in footer and "Dotted" in footer and "share their draws" in footer
+    motions, noise = star(0.03)
+    inside = sweep(motions, noise=noise, methods=["4dpa"], factors=[1], trials=500, seed=SEED)
+    footer = sweep_figure(inside).texts[-1].get_text()
+    assert "White" not in footer and "Dotted" not in footer and "~" not in footer
 
 
 def test_poses_and_several_methods():
     noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
     poses = uq.simulate(n_poses=12, noise=noise, seed=SEED)
     seen = uq.PosePairs(poses.robot, poses.camera)
-    found = sweep(seen, noise=None, methods=["4dpa", "shah"], factors=[4], trials=300, seed=SEED)
+    found = sweep(seen, noise=None, methods=["4dpa", "shah"], factors=[4], trials=1000, seed=SEED)
     assert found.noise_estimated and found.around == "fit to the data"
     assert all(one.own.first_order.holds for one in found.methods)
-    assert "first order holds at all levels tried, up to 2 times your noise" in " ".join(found.summary().split())
+    assert "first order holds at all levels tried, up to 2 times your standard deviations (4 " in " ".join(
+        found.summary().split()
+    )
 
 
 def test_points_without_an_estimate_fail_in_words():
@@ -189,8 +258,11 @@ def test_everything_can_be_written(found, tmp_path):
         ({"factors": [0]}, "`factors`"),
         ({"factors": ["much"]}, "`factors`"),
         ({"trials": 10}, "`trials`"),
-        ({"workers": 0}, "`workers`"),
         ({"tolerance": 1.5}, "`tolerance`"),
+        ({"tolerance": True}, "`tolerance` to be a number between 0 and 1"),
+        ({"methods": None}, "`methods`"),
+        ({"methods": 5}, "`methods`"),
+        ({"methods": ["4dpa", 5]}, "`methods`"),
         ({"methods": []}, "`methods`"),
         ({"methods": ["none"]}, "`method`"),
     ],

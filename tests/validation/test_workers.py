@@ -1,6 +1,7 @@
 """The same numbers from one process, several, and a Dask cluster, also when workers die; nothing hangs."""
 
 import os
+import pickle
 import random
 import signal
 import subprocess
@@ -192,6 +193,27 @@ def test_workers_that_cannot_start(problem, at_once, monkeypatch):
         monte_carlo(problem[0], noise=problem[1], workers=2)
 
 
+def test_a_question_that_ends_in_the_middle_ends_a_worker_silently(problem):
+    """As when the one that asks is killed while it sends the data."""
+    message = pickle.dumps(to_bytes(work_of(problem)), protocol=5)
+    program = "from uq_handeye.validation.workers import serve; serve()"
+    for end in (0, 1, 10, len(message) // 2, len(message) - 1):
+        done = subprocess.run(
+            [sys.executable, "-c", program], input=message[:end], capture_output=True, check=False, timeout=60
+        )
+        assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+def test_the_first_chunk_is_handed_over_before_workers_start(problem, at_once, monkeypatch, tmp_path):
+    def fails(*_):
+        assert os.listdir(tmp_path / "run" / "chunks") == ["000000.npz"]
+        raise OSError(11, "No more processes")
+
+    monkeypatch.setattr(workers, "Worker", fails)
+    with pytest.raises(InputError, match="Cannot start a worker process: no more processes"):
+        monte_carlo(problem[0], noise=problem[1], workers=2, directory=tmp_path / "run")
+
+
 def children(pid):
     done = subprocess.run(
         ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(pid)], capture_output=True, text=True, check=False
@@ -253,11 +275,59 @@ def test_dask_by_its_address(problem, alone, at_once, cluster):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_scheduler_that_is_not_there(problem, monkeypatch):
+@pytest.mark.parametrize("trials", [100, 10_000])
+def test_a_scheduler_that_is_not_there(problem, monkeypatch, trials):
     pytest.importorskip("distributed")
     monkeypatch.setattr(workers, "CONNECT", 0.5)
     with pytest.raises(InputError, match=r"Cannot reach the Dask scheduler 'tcp://127.0.0.1:9'"):
-        monte_carlo(problem[0], noise=problem[1], client="tcp://127.0.0.1:9")
+        monte_carlo(problem[0], noise=problem[1], trials=trials, client="tcp://127.0.0.1:9")
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_client_that_is_closed(problem, cluster):
+    from distributed import Client
+
+    client = Client(cluster.scheduler.address, set_as_default=False)
+    client.close()
+    with pytest.raises(InputError, match="to be connected to a Dask scheduler, but it is closed"):
+        monte_carlo(problem[0], noise=problem[1], client=client)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_a_scheduler_that_dies_leaves_the_trials_so_far(problem, alone, at_once, monkeypatch, how):
+    """It and a worker in one process of their own."""
+    pytest.importorskip("distributed")
+    process = subprocess.Popen([sys.executable, "-c", SCHEDULER], stdout=subprocess.PIPE, text=True)
+    ordinary, waits = workers.Cluster.wait, []
+
+    def wait(self):
+        waits.append(1)
+        if len(waits) == 4:
+            process.send_signal(how)
+        return ordinary(self)
+
+    monkeypatch.setattr(workers.Cluster, "wait", wait)
+    try:
+        address = process.stdout.readline().strip()
+        result = monte_carlo(problem[0], noise=problem[1], trials=10**6, seed=SEED, client=address)
+    finally:
+        process.kill()
+        process.communicate()
+    assert not result.complete and result.ended_early and "Dask" in result.reason and "\n" not in result.reason
+    count = min(len(result.errors), len(alone.errors))
+    assert count >= 1000
+    np.testing.assert_array_equal(result.errors[:count], alone.errors[:count])
+
+
+SCHEDULER = """
+import time
+from distributed import LocalCluster
+cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+                       protocol="tcp", host="127.0.0.1", silence_logs=50)
+print(cluster.scheduler_address, flush=True)
+time.sleep(100)
+"""
 
 
 def test_without_dask_the_extra_is_named(problem, monkeypatch):

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..noise import PoseNoise
-from ..validation.relations import TOLERANCE
+from ..validation.cross_check_rows import METHODS
+from ..validation.ratios import TOLERANCE
 from .numbers import digits
 
 if TYPE_CHECKING:
@@ -17,12 +18,14 @@ if TYPE_CHECKING:
     from ..validation.relations import Relation
 
 WIDTH = 118
-_M = 1e3  # mrad and mm
+_DEG, _MM = 180 / np.pi, 1e3
+_UNITS = np.array([_DEG] * 3 + [_MM] * 3)
 
 
 def to_text(check: CrossCheck) -> str:
     """The verdict, one line per covariance, every relation, and what the columns mean."""
-    lines = [*_wrapped(verdict(check))]
+    lines = [] if check.complete else _wrapped(_cut_short(check))
+    lines += _wrapped(verdict(check))
     for relation in check.relations:
         if relation.name in check.broken:
             text = f"- {relation.statement}: NOT SO. {_sentence(relation.text)} {relation.advice}"
@@ -34,7 +37,7 @@ def to_text(check: CrossCheck) -> str:
     lines += [
         "",
         *_wrapped(
-            f"{check.frame}: {of}; noise {noise}, drawn around the {check.origin}; {check.trials:,} trials, "
+            f"{check.frame}: {of}; noise {noise}, drawn around the {check.origin}; {_trials(check)}, "
             f"seed {check.seed}; {digits(check.seconds)} s in all"
         ),
     ]
@@ -54,6 +57,23 @@ def to_text(check: CrossCheck) -> str:
     return "\n".join(line.rstrip() for line in lines) + "\n"
 
 
+def _cut_short(check: CrossCheck) -> str:
+    """That it ended early, and how many trials each method has."""
+    done = [f"{row.method} {row.trials or 0:,}" for row in check.rows if row.kind == "sampled"]
+    text = f"NOT COMPLETE ({check.reason.rstrip('.')}). Trials, of {check.trials:,} asked: {', '.join(done)}."
+    if any(row.kind == "posterior" and row.covariance is None for row in check.rows):
+        text += " No posterior."
+    return f"{text} What follows is of these."
+
+
+def _trials(check: CrossCheck) -> str:
+    """How many there were, of each method where they differ."""
+    done = {row.method: row.trials for row in check.rows if row.kind == "sampled" and row.trials}
+    if len(set(done.values())) == 1 and (check.complete or len(done) == len(METHODS)):
+        return f"{next(iter(done.values())):,} trials"
+    return f"trials: {', '.join(f'{method} {count:,}' for method, count in done.items())}" if done else "no trials"
+
+
 def verdict(check: CrossCheck) -> str:
     """Whether all relations hold, or how many do not; claims, and what cannot be judged, behind it."""
     laws = [relation for relation in check.relations if relation.law]
@@ -65,7 +85,7 @@ def verdict(check: CrossCheck) -> str:
     elif len(told) == 1:
         text = "The only relation that could be judged holds."
     else:
-        text = f"All {len(told)} relations hold."
+        text = f"All {len(told)} relations {'hold' if len(told) == len(laws) else 'that could be judged hold'}."
     if untold := [relation.statement for relation in laws if relation.holds is None]:
         text += f" Not judged: {'; '.join(untold)}."
     if failed := [relation.statement for relation in check.relations if not relation.law and relation.holds is False]:
@@ -76,11 +96,11 @@ def verdict(check: CrossCheck) -> str:
 def _table(rows: tuple[Row, ...]) -> list[str]:
     width = max(len(row.label) for row in rows)
     head = (
-        f"{'':{width}s}{'1 sigma, rotation (mrad)':>24s}{'1 sigma, transl. (mm)':>24s} "
+        f"{'':{width}s}{'1 sigma, rotation (deg)':>24s}{'1 sigma, transl. (mm)':>24s} "
         f"{'trace R':>8s} {'trace t':>8s} {'ln':>6s} {'mean':>8s}  {'time':>6s}"
     )
     axes = "".join(f"{axis:>8s}" for axis in "xyz")
-    names = f"{'':{width}s}{axes}{axes} {'mrad^2':>8s} {'mm^2':>8s} {'det':>6s} {'NEES':>8s}  {'s':>6s}"
+    names = f"{'':{width}s}{axes}{axes} {'deg^2':>8s} {'mm^2':>8s} {'det':>6s} {'NEES':>8s}  {'s':>6s}"
     lines, kind = [head, names], ""
     for row in rows:
         if row.kind != kind:
@@ -94,10 +114,11 @@ def _cells(row: Row) -> str:
     seconds = f"{row.seconds:.2f}" if row.seconds >= 0.01 else "< 0.01"
     if row.std is None or row.trace_rotation is None or row.trace_translation is None:
         return f"{'none, see below':>24s}{seconds:>66s}"
-    deviations = "".join(f"{_figures(value * _M):>8s}" for value in row.std)
+    deviations = "".join(f"{_figures(value):>8s}" for value in row.std * _UNITS)
     determinant = "-" if row.log_determinant is None else f"{row.log_determinant:.1f}"
     nees = "-" if row.nees is None else f"{row.nees:.2f}" if row.nees < 1e4 else f"{row.nees:.1e}"
-    traces = "".join(f" {_figures(value * _M**2):>8s}" for value in (row.trace_rotation, row.trace_translation))
+    squares = row.trace_rotation * _DEG**2, row.trace_translation * _MM**2
+    traces = "".join(f" {_figures(value):>8s}" for value in squares)
     return f"{deviations}{traces} {determinant:>6s} {nees:>8s}{_mark(row)} {seconds:>6s}"
 
 
@@ -109,10 +130,13 @@ def _mark(row: Row) -> str:
 
 
 def _figures(value: float) -> str:
-    """Three figures in at most seven characters."""
-    if 0.01 <= value < 1e3:
+    """Three figures in at most seven characters, two where the exponent is long."""
+    if 0.001 <= value < 999.5:
         return f"{value:#.3g}".rstrip(".")
-    return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e") if value else "0"
+    if value == 0:
+        return "0"
+    texts = (f"{value:.{n}e}".replace("e-0", "e-").replace("e+0", "e") for n in (2, 1))
+    return next(text for text in texts if len(text) <= 7)
 
 
 def _legend(rows: tuple[Row, ...]) -> str:
@@ -138,7 +162,10 @@ def _state(relation: Relation) -> str:
 
 
 def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}." if not text.endswith(".") else f"{text[:1].upper()}{text[1:]}"
+    """With a capital and a full stop; names of methods stay as they are."""
+    named = any(text.startswith((f"{name} ", f"{name},")) for name in METHODS)
+    start = text[:1] if named else text[:1].upper()
+    return f"{start}{text[1:]}{'' if text.endswith('.') else '.'}"
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:

@@ -27,6 +27,8 @@ def text(posterior: Posterior) -> str:
         faults = "; ".join(posterior.diagnostics.faults)
         lines += ["", *_wrapped(f"NOT CONVERGED, so that there are no numbers to report: {faults}.")]
         return "\n".join([*lines, "", *_diagnostics(posterior)]) + "\n"
+    if posterior.maxima > 1:
+        lines += ["", *_wrapped(_maxima(posterior))]
     lines += ["", *_table(posterior), "", *_wrapped(_shape(posterior))]
     for side, s in posterior.scale_samples.items():
         low, middle, high = np.quantile(s, [0.025, 0.5, 0.975])
@@ -35,6 +37,15 @@ def text(posterior: Posterior) -> str:
             f"({digits(low)} to {digits(high)} with 95 %)."
         )
     return "\n".join([*lines, "", *_diagnostics(posterior), *_wrapped(_not_covered(posterior))]) + "\n"
+
+
+def _maxima(posterior: Posterior) -> str:
+    """That no ellipsoid tells what the posterior is."""
+    which = "neither" if posterior.maxima == 2 else "none of them"
+    return (
+        f"The posterior has {posterior.maxima} separate maxima: the data contradict each other. Mean and covariance "
+        f"describe {which}; look at the corner plot and the samples."
+    )
 
 
 def _model(posterior: Posterior) -> str:

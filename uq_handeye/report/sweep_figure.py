@@ -2,8 +2,8 @@
 
 One panel per method, both axes logarithmic, the noise in multiples of its standard deviations. A true covariance stays
 at 6. The dark band is chance (99 %, chi-square), the light one errors that are as predicted within the tolerance.
-Dotted: where a covariance begins to fail. White markers: levels at which it fails, by the NEES or by what its 95 %
-ellipsoid holds.
+Dotted: where a covariance begins to fail, with ~ where tails are heavy. White markers: levels at which it fails, by the
+NEES or by what its 95 % ellipsoid holds.
 
 This module imports Matplotlib; import it where it is used.
 """
@@ -11,6 +11,7 @@ This module imports Matplotlib; import it where it is used.
 from __future__ import annotations
 
 import math
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ from ..validation.sweep_level import KINDS
 from .ellipses import render
 from .labels import HALO
 from .numbers import digits
+from .sweep_text import rough
 
 if TYPE_CHECKING:
     from ..validation.sweep import Sweep
@@ -56,12 +58,20 @@ def sweep_figure(result: Sweep) -> Figure:
     columns = min(COLUMNS, len(result.methods))
     rows = -(-len(result.methods) // columns)
     # a single panel is made wider, for the words above and below
-    width, height = max(columns * _WIDTH, 5.2) + 0.3, rows * _HEIGHT + 0.95
+    width = max(columns * _WIDTH, 5.2) + 0.3
+    footer = textwrap.wrap(_footer(result), int(18 * width))
+    more = 0.12 * (len(footer) - 1)
+    height = rows * _HEIGHT + 0.95 + more
     drawn = Figure(figsize=(width, height))
     FigureCanvasAgg(drawn)
     axes = drawn.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     drawn.subplots_adjust(
-        left=0.7 / width, right=1 - 0.12 / width, bottom=0.62 / height, top=1 - 0.72 / height, wspace=0.08, hspace=0.22
+        left=0.7 / width,
+        right=1 - 0.12 / width,
+        bottom=(0.62 + more) / height,
+        top=1 - 0.72 / height,
+        wspace=0.08,
+        hspace=0.22,
     )
     low, high = _range(result)
     for axis, found in zip(axes.flat, result.methods, strict=False):
@@ -97,12 +107,26 @@ def sweep_figure(result: Sweep) -> Figure:
     drawn.text(
         0.12 / width,
         0.08 / height,
-        f"{result.trials:,} trials per level. White: fails, by NEES or by its 95 % ellipsoid. Dotted: from here on.",
+        "\n".join(footer),
         fontsize=6.5,
         color="0.3",
         va="bottom",
     )
     return drawn
+
+
+def _footer(result: Sweep) -> str:
+    """What the marks mean that there are."""
+    limits = [found.limit(kind) for found in result.methods for kind in KINDS]
+    text = f"{result.trials:,} trials per level; all levels share their draws."
+    failing = (not level.of(kind).holds for found in result.methods for level in found.levels for kind in KINDS)
+    if any(failing):
+        text += " White: fails, by NEES or by its 95 % ellipsoid."
+    if any(limit.fails is not None for limit in limits):
+        text += " Dotted: from here on."
+    if any(limit.heavy for limit in limits):
+        text += " ~: heavy tails, beyond it is chance which levels pass."
+    return text
 
 
 def _range(result: Sweep) -> tuple[float, float]:
@@ -183,7 +207,7 @@ def _mark(axis: Axes, limit: Limit, colour: str, height: float) -> None:
     x = math.sqrt(limit.fails if limit.holds is None else math.sqrt(limit.holds * limit.fails))
     axis.axvline(x, color=colour, linestyle=":", linewidth=1.0, zorder=3)
     axis.annotate(
-        f"{'<' if limit.holds is None else ''}{digits(x, 2)}",
+        f"{'<' if limit.holds is None else ''}{'~' + rough(x) if limit.heavy else digits(x, 2)}",
         (x, height),
         xycoords=("data", "axes fraction"),
         xytext=(-3, 0),

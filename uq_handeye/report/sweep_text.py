@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ..validation.sweep import Limit, MethodSweep
@@ -24,8 +25,8 @@ def summary(result: Sweep) -> str:
     """Sentences per method, then its levels."""
     whose = "estimated from the data" if result.noise_estimated else "given"
     lines = _wrapped(
-        f"Where first order ends: the noise {whose}, times a factor, drawn {result.trials:,} times on {result.count} "
-        f"{result.item} around the {result.around}, seed {result.seed}."
+        f"Where first order ends: the noise {whose}, its covariances times a factor, drawn {result.trials:,} times on "
+        f"{result.count} {result.item} around the {result.around}, seed {result.seed}."
     )
     for found in result.methods:
         lines += ["", *_wrapped(verdict(found)), *_table(found)]
@@ -33,9 +34,10 @@ def summary(result: Sweep) -> str:
     lines += [
         "",
         *_wrapped(
-            "noise: standard deviations, as multiples of yours. bias: of the worst component, in standard deviations. "
-            "NEES: mean, 6 if the covariance is true; of rotation and translation 3. errors: root mean square error "
-            "over predicted standard deviation, least and largest in any direction. in 95 %: share of the errors in "
+            "cov x, sd x: the noise, its covariances and its standard deviations as multiples of yours; all levels "
+            "share their draws. bias: of the worst component, in standard deviations. NEES: mean, 6 if the covariance "
+            "is true; of rotation (rot.) and translation (tr.) 3. errors: root mean square error over predicted "
+            "standard deviation, least and largest in any direction. in 95 %: share of the errors in "
             f"the 95 % ellipsoid. A covariance fails where errors differ from it by more than {percent} over all "
             "directions, of rotation or of translation, or its 95 % ellipsoid holds as few (many) of them as if it was "
             f"wrong by {percent}, and that is no chance (99 %). The covariances are those at the true data; that of "
@@ -50,16 +52,16 @@ def verdict(found: MethodSweep) -> str:
     first, second = (found.limit(kind) for kind in KINDS)
     own = found.own
     if own.first_order.holds:
-        said = [f"{found.method}: first order holds {_reach(first)}; {_margin(first)}."]
+        said = [f"{found.method}: first order holds {_reach(found, first)}; {_margin(first)}."]
         if first.fails is not None:
             said.append(f"Beyond, it fails: {_lower(found.at(first.fails).first_order.reason)}")
     else:
         said = [f"{found.method}: your noise is outside of first order. {own.first_order.reason}"]
         if first.holds is not None:
-            said.append(f"First order holds {_reach(first)}.")
+            said.append(f"First order holds {_reach(found, first)}.")
     if own.sigma_points.holds and first.fails is not None:
         use = "Sigma points hold" if own.first_order.holds else "Use covariance='sigma-points', which holds"
-        said.append(f"{use} {_reach(second)}.")
+        said.append(f"{use} {_reach(found, second)}.")
         if second.fails is not None:
             level = found.at(second.fails)
             said.append(f"Beyond, neither holds: {_lower(level.sigma_points.reason)} {_why(level)}".rstrip())
@@ -79,16 +81,34 @@ def verdict(found: MethodSweep) -> str:
     return " ".join(said)
 
 
-def _reach(limit: Limit) -> str:
+def _reach(found: MethodSweep, limit: Limit) -> str:
     if limit.holds is None:
         return "at no level tried"
     if limit.fails is None:
         return f"at all levels tried, up to {_times(limit.holds)}"
+    if limit.heavy:
+        tails = rough(min(level.deviations for level in found.levels if level.heavy))
+        return (
+            f"up to about {_times(limit.holds, rough)}; from about {tails} times on errors have heavy tails, where it "
+            "is chance whether a level passes"
+        )
     return f"up to {_times(limit.holds)}"
 
 
-def _times(factor: float) -> str:
-    return "your noise" if factor == 1 else f"{digits(math.sqrt(factor), 2)} times your noise"
+def _times(factor: float, number: Callable[[float], str] | None = None) -> str:
+    if factor == 1:
+        return "your noise"
+    deviations, covariances = (
+        (digits(math.sqrt(factor), 2), digits(factor))
+        if number is None
+        else (number(math.sqrt(factor)), number(factor))
+    )
+    return f"{deviations} times your standard deviations ({covariances} times your covariances)"
+
+
+def rough(value: float) -> str:
+    """Two digits of a number that chance moves."""
+    return digits(float(f"{value:.1e}"), 2)
 
 
 def _margin(limit: Limit) -> str:
@@ -115,16 +135,16 @@ def _lower(text: str | None) -> str:
 
 
 def _table(found: MethodSweep) -> list[str]:
-    names = ["NEES", "rotation", "transl.", "errors", "in 95 %", ""]
-    rows = [["noise", "bias", "no X", *names, *names]]
+    names = ["NEES", "rot.", "tr.", "errors", "in 95 %", ""]
+    rows = [["cov x", "sd x", "bias", "no X", *names, *names]]
     for level in found.levels:
         bias = "" if level.bias is None else f"{level.bias:.2f}"
-        start = [digits(level.deviations), bias, f"{100 * level.failed:.2g} %"]
+        start = [digits(level.factor), digits(level.deviations), bias, f"{100 * level.failed:.2g} %"]
         rows.append([*start, *_cells(level.first_order), *_cells(level.sigma_points)])
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    first, second = (2 + sum(widths[:k]) + 2 * k for k in (3, 9))
-    above = (" " * first + "first order").ljust(second) + "sigma points"
-    return [above, *("  " + "  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows)]
+    first, second = (sum(widths[:k]) + 2 * k for k in (4, 10))
+    above = ("noise times".ljust(first) + "first order").ljust(second) + "sigma points"
+    return [above, *("  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows)]
 
 
 def _cells(tested: Verdict) -> list[str]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..validation.consistency import Consistency
 
 WIDTH = 118
-FEW = 100  # trials below which the verdict says first what they cannot tell
+FEW = 100  # estimates below which the verdict says first what they cannot tell
 _DEG, _MM = 180 / np.pi, 1e3
 _UNITS = np.array([_DEG] * 3 + [_MM] * 3)
 # Kurtosis beyond so many standard errors, mean spread beyond so many, is no chance.
@@ -59,8 +59,9 @@ def summary(result: Run) -> str:
         if text := section(c):
             lines += ["", *text]
     ended = f" Ended: {result.reason}." if result.complete and result.reason else ""
-    how = f"Noise was drawn around the {result.origin}. {failures(c)} {digits(result.seconds)} s, "
-    lines += ["", *_wrapped(f"{how}{result.rate:,.0f} trials/s.{ended}")]
+    how = f"Noise was drawn around the {result.origin}. {failures(c)} {digits(result.seconds)} s"
+    rate = f", {result.rate:,.0f} trials/s." if result.rate else "."
+    lines += ["", *_wrapped(f"{how}{rate}{ended}")]
     for note in result.notes:
         lines += _wrapped(f"Note: {note}")
     return "\n".join(line.rstrip() for line in lines) + "\n"
@@ -79,11 +80,19 @@ def verdict(c: Consistency) -> str:
     if T == 0:
         none = f"none of {c.trials:,} trials gave an estimate" if c.trials else "there was no trial"
         return f"Nothing can be told about the covariance: {none}."
-    parts = [_few(c)] if T < FEW else []
-    parts.append(_true(c) if c.consistent else _false(c))
-    if not c.consistent:
-        parts.append(f"Rejected at {_percent(c.confidence)} over all tests by {_listed(c.rejected)}.")
-    if c.failures:
+    parts = []
+    if c.many_failed:
+        parts.append(
+            f"Only {T:,} of {c.trials:,} trials gave an estimate: all that follows is of these, and the covariance "
+            f"says nothing about the other {c.failures:,} ({digits(100 * c.failures / c.trials, 2)} %)."
+        )
+    if T < FEW:
+        parts.append(_few(c))
+    if c.rejected:
+        parts += [_false(c), f"Rejected at {_percent(c.confidence)} over all tests by {_listed(c.rejected)}."]
+    else:
+        parts.append(_true(c))
+    if c.failures and not c.many_failed:
         parts.append(failures(c))
     return " ".join(parts)
 
@@ -102,7 +111,7 @@ def failures(c: Consistency) -> str:
 def _few(c: Consistency) -> str:
     """What so few trials cannot tell."""
     T = c.sums.count
-    start = f"Only {T} {'trial' if T == 1 else 'trials'}:"
+    start = f"Only {T} {'estimate' if T == 1 else 'estimates'}:"
     if c.size_by_chance is None:
         return f"{start} the spread in single directions cannot be judged, only the NEES and the shares in ellipsoids."
     return (
@@ -117,7 +126,7 @@ def _subject(c: Consistency) -> str:
 def _true(c: Consistency) -> str:
     """No test rejects."""
     T = c.sums.count
-    start = f"{_subject(c)} true as far as {T:,} trials can tell"
+    start = f"{_subject(c)} true as far as {T:,} {'estimates' if c.failures else 'trials'} can tell"
     if T < FEW:
         start = "No test contradicts the covariance" if not c.own else "No test contradicts the trials' own covariances"
     if c.size is None or c.size_by_chance is None:
@@ -141,9 +150,10 @@ def _false(c: Consistency) -> str:
     where = in_words(c.directions[c.worst])
     error = digits(100 * c.size_error, 1)
     if c.harmless:
+        of = f"{c.sums.count:,} {'estimates' if c.failures else 'trials'}"
         return (
             f"{_subject(c)} not exactly true: standard deviations differ by {_change(c.overall)} over all directions, "
-            f"by {_change(c.size)} (+- {error}) at most. That is significant with {c.sums.count:,} trials, but of no "
+            f"by {_change(c.size)} (+- {error}) at most. That is significant with {of}, but of no "
             f"practical weight below {_percent(HARMLESS)}."
         )
     tails = abs(c.kurtosis) > _CLEAR * c.kurtosis_error
@@ -162,7 +172,7 @@ def _false(c: Consistency) -> str:
         )
     low, high = c.eigenvalues[[0, 5]] / c.eigenvalue_interval
     wide = 1 + 1.5 * max(c.kurtosis, 0.0)
-    spread = np.log(c.eigenvalues[5] / c.eigenvalues[0])
+    spread = np.log(c.eigenvalues[5]) - np.log(c.eigenvalues[0])
     shifted = abs(c.overall) > _SHIFTED * np.sqrt((1 + 3.5 * max(c.kurtosis, 0.0)) / (12 * (c.sums.count - 1)))
     word = ("too small" if c.overall > 0 else "too large") if shifted and not (low < 1 and high > 1) else "wrong"
     if spread < np.sqrt(wide) * np.log(c.eigenvalue_interval[1] / c.eigenvalue_interval[0]):
@@ -194,7 +204,7 @@ def _axes_off(c: Consistency) -> str:
         return ""
     if len(off) == 0:
         return "; no single axis shows it"
-    return f"; single axes off: {_joined([f'{COMPONENTS[k]} ({100 * (ratio[k] - 1):+.2g} %)' for k in off])}"
+    return f"; single axes off: {_joined([f'{COMPONENTS[k]} ({_signed(100 * (ratio[k] - 1))} %)' for k in off])}"
 
 
 def _expected(c: Consistency) -> str:
@@ -298,6 +308,10 @@ def _change(x: float, than: str | None = None) -> str:
     """``10 %``; with ``than`` ``10 % larger`` or ``smaller`` and that text."""
     text = f"{digits(100 * abs(x), 2)} %"
     return text if than is None else f"{text} {'larger' if x > 0 else 'smaller'} {than}".rstrip()
+
+
+def _signed(x: float) -> str:
+    return f"{'+' if x > 0 else ''}{digits(x, 2)}"
 
 
 def _percent(level: float) -> str:

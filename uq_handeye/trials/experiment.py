@@ -44,6 +44,10 @@ class Experiment:
     scale: float | None = None
     pairs: NDArray[np.intp] | None = None  # (N, 2), the pairs that are made of the poses; None: all
 
+    def __post_init__(self) -> None:  # rounding follows the order in memory
+        object.__setattr__(self, "X", np.ascontiguousarray(self.X))
+        object.__setattr__(self, "W", None if self.W is None else np.ascontiguousarray(self.W))
+
     @property
     def count(self) -> int:
         """Number of poses, or of motions."""
@@ -148,6 +152,7 @@ def experiment(
         exact = poses if poses.truth is not None else _exact_poses(poses, noise)
         truth = exact.truth
         assert truth is not None
+        truth = Truth(*(np.ascontiguousarray(T) for T in truth))
         true_poses = PosePairs(truth.robot, truth.camera, poses.setup, poses.timestamps, truth)
         return Experiment(true_poses, truth.X, truth.W, noise, method, scale, index)
     motions = data if isinstance(data, Motions) else relative_motions(data, pairs)

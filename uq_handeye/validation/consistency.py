@@ -20,8 +20,9 @@ the likelihood ratio of ``S = P`` with Bartlett's correction (Muirhead, Aspects 
 eigenvalues comes from `DRAWS` simulated Wishart matrices (Bartlett's decomposition, fixed seed).
 
 The covariance is consistent if none of seven tests rejects: mean NEES and coverage of each part, likelihood ratio;
-probabilities corrected by Holm, so that a true covariance is rejected with at most ``1 - confidence``. The bias is no
-test of the covariance: it is of second order in the noise, and counts as far as it shows in the NEES.
+probabilities corrected by Holm, so that a true covariance is rejected with at most ``1 - confidence``. Trials that gave
+no estimate are in no test: where they are more than 1 %, no covariance is called consistent. The bias is no test of the
+covariance: it is of second order in the noise, and counts as far as it shows in the NEES.
 
 Where each trial has its own covariance, the NEES uses that one, and ``P`` is the mean of all of them: the laws above
 then hold to first order only.
@@ -49,6 +50,10 @@ __all__ = ["LEVELS", "PARTS", "Consistency", "Sums", "consistency", "in_words"]
 FEWEST = 30  # trials with which the sampled covariance is judged as a matrix
 DRAWS = 20_000  # of Wishart matrices: the 0.5 % quantile to about 0.02 of the deviation of an eigenvalue
 HARMLESS = 0.05  # relative error of a standard deviation that hardly matters to anyone
+# Fourth moment of the errors, relative to Gaussian ones of the same covariance, minus 1: from here tails are heavy.
+HEAVY = 0.5
+# Share of trials without an estimate from which on no covariance of the others describes what a user gets.
+MOST_FAILED = 0.01
 LIKELIHOOD_RATIO = "likelihood ratio of the covariance"
 
 
@@ -93,8 +98,18 @@ class Consistency:
 
     @property
     def consistent(self) -> bool | None:
-        """Whether no test rejects; None if no trial gave an estimate."""
-        return None if self.sums.count == 0 else not self.rejected
+        """Whether no test rejects; None where none does and more than `MOST_FAILED` of the trials gave no estimate.
+
+        A covariance that is true of the errors of those that did says nothing about the others.
+        """
+        if self.rejected:
+            return False
+        return None if self.sums.count == 0 or self.many_failed else True
+
+    @property
+    def many_failed(self) -> bool:
+        """Whether more than `MOST_FAILED` of the trials gave no estimate."""
+        return self.failures > MOST_FAILED * self.trials
 
     @property
     def std(self) -> Array | None:

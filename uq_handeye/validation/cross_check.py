@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,14 +39,13 @@ from ..result_file import noise_to_dict
 from ..trials.experiment import experiment
 from .cross_check_rows import (
     FEWEST_TRIALS,
-    METHODS,
     Row,
+    all_sampled,
     effective_samples,
     formulas,
     judged,
     number_of_pairs,
     of_posterior,
-    sampled,
 )
 from .monte_carlo import MonteCarlo
 from .relations import Evidence, Relation, relations
@@ -77,6 +76,8 @@ class CrossCheck:
     trials: int  # asked of every method
     seed: int
     seconds: float
+    complete: bool = True  # whether all trials that were wanted, and the posterior, were done
+    reason: str = ""  # why not, e.g. "interrupted"
 
     @property
     def broken(self) -> tuple[str, ...]:
@@ -99,7 +100,8 @@ class CrossCheck:
         raise InputError(f"Expected the name of a relation, one of {names}, got {name!r}.")
 
     def __repr__(self) -> str:
-        state = f"broken: {', '.join(self.broken)}" if self.broken else "all relations hold"
+        state = f"broken: {', '.join(self.broken)}" if self.broken else "no relation broken"
+        state += "" if self.complete else f"; not complete: {self.reason}"
         return f"CrossCheck({len(self.rows)} rows, {self.trials:,} trials, {state})"
 
     def to_text(self) -> str:
@@ -133,6 +135,8 @@ class CrossCheck:
             "trials": self.trials,
             "seed": self.seed,
             "seconds": self.seconds,
+            "complete": self.complete,
+            "reason": self.reason,
             "broken": list(self.broken),
             "rows": [row.to_dict() for row in self.rows],
             "relations": [relation.to_dict() for relation in self.relations],
@@ -196,7 +200,8 @@ def cross_check(
     Returns
     -------
     CrossCheck
-        What cannot be worked out for the data has a row that says why.
+        What cannot be worked out for the data has a row that says why. Ctrl-C during the trials or the posterior ends
+        it early, and ``complete`` is False; before the first trial it raises ``KeyboardInterrupt``.
 
     Raises
     ------
@@ -232,14 +237,12 @@ def cross_check(
         data = relative_motions(data, "all")
     problem = experiment(data, noise)
     problem.predicted()  # raises where the data do not determine X
-    runs: dict[str, MonteCarlo] = {}
-    trial_rows = [
-        sampled(data, replace(problem, method=m), int(trials), seed, workers, progress, runs) for m in METHODS
-    ]
-    rows = formulas(data, problem) + trial_rows
+    rows = formulas(data, problem)
+    trial_rows, runs, ended = all_sampled(data, problem, int(trials), int(seed), int(workers), progress)
+    rows += trial_rows
     chain: Posterior | None = None
     if posterior:
-        row, chain = of_posterior(data, noise, seed, progress, runs)
+        row, chain, ended = of_posterior(data, noise, int(seed), progress, ended)
         rows.append(row)
     effective = None if chain is None else effective_samples(chain)
     rows_judged = tuple(judged(row, runs, effective if row.key == "posterior" else None) for row in rows)
@@ -270,4 +273,6 @@ def cross_check(
         trials=int(trials),
         seed=int(seed),
         seconds=time.monotonic() - started,
+        complete=not ended,
+        reason=ended,
     )

@@ -25,7 +25,7 @@ from ..octonion_covariance import PAPER_SCALE, literal_covariance
 from ..poses import PosePairs
 from ..se3 import Array
 from ..trials.experiment import Experiment
-from .monte_carlo import MonteCarlo, monte_carlo
+from .monte_carlo import INTERRUPTED, MonteCarlo, monte_carlo
 
 if TYPE_CHECKING:
     from .posterior import Posterior
@@ -37,7 +37,7 @@ MOST = 5_000_000
 # Pairs beyond which there are no trials of Nguyen and Pham, who take all of them in each; and beyond which no pairs are
 # formed at all.
 MOST_PAIRS, MOST_PAIRS_ONCE = 20_000, 200_000
-_POSTERIOR, _INTERRUPTED = "posterior (emcee)", "Not run: interrupted before."
+_POSTERIOR = "posterior (emcee)"
 TOO_MANY = "{:,} pairs are too many for it: give Motions of fewer."
 FEWEST_TRIALS = 100
 NEES_CONFIDENCE = 0.99
@@ -195,6 +195,45 @@ def _own(problem: Experiment) -> Array:
     return covariance
 
 
+def all_sampled(
+    data: PosePairs | Motions,
+    problem: Experiment,
+    trials: int,
+    seed: int,
+    workers: int,
+    progress: bool,
+) -> tuple[list[Row], dict[str, MonteCarlo], str]:
+    """A row of trials of each method, the runs, and why they ended early; empty if they did not.
+
+    Ctrl-C leaves out what comes after it; before the first trial it passes through.
+    """
+    rows: list[Row] = []
+    runs: dict[str, MonteCarlo] = {}
+    ended = ""
+    for method in METHODS:
+        if not ended:
+            try:
+                rows.append(sampled(data, replace(problem, method=method), trials, seed, workers, progress, runs))
+            except KeyboardInterrupt:
+                if not runs:
+                    raise
+                ended = INTERRUPTED
+            else:
+                ended = next((run.reason for run in runs.values() if not run.complete), "")
+                continue
+        rows.append(Row(*_sampled_names(method), "sampled", method, None, 0.0, note=_not_run(ended)))
+    return rows, runs, ended
+
+
+def _sampled_names(method: str) -> tuple[str, str]:
+    """Key and label."""
+    return f"{method}-sampled", f"{NAMES[method]}, Monte Carlo"
+
+
+def _not_run(ended: str) -> str:
+    return f"Not run: the trials ended before ({ended.rstrip('.')})."
+
+
 def sampled(
     data: PosePairs | Motions,
     problem: Experiment,
@@ -206,11 +245,9 @@ def sampled(
 ) -> Row:
     """Trials of one method, which are kept in ``runs``."""
     method = problem.method
-    key, label = f"{method}-sampled", f"{NAMES[method]}, Monte Carlo"
+    key, label = _sampled_names(method)
     forms_pairs = method not in ESTIMATORS and problem.everything is None
     size = number_of_pairs(problem) if forms_pairs else problem.count
-    if _interrupted(runs):
-        return Row(key, label, "sampled", method, None, 0.0, note=_INTERRUPTED)
     if method == "nguyen" and size > MOST_PAIRS:
         return Row(key, label, "sampled", method, None, 0.0, note=TOO_MANY.format(size))
     affordable = min(trials, max(FEWEST_TRIALS, MOST // size))
@@ -225,7 +262,7 @@ def sampled(
         return Row(key, label, "sampled", method, None, time.perf_counter() - started, note=str(error))
     runs[method] = run
     if not run.complete:
-        note = f"Ended early: {run.reason}."
+        note = f"Ended early: {run.reason.rstrip('.')}."
     elif affordable == trials:
         note = ""
     if run.covariance is None:
@@ -233,16 +270,12 @@ def sampled(
     return Row(key, label, "sampled", method, run.covariance, run.seconds, run.trials, run.failures, note=note)
 
 
-def _interrupted(runs: dict[str, MonteCarlo]) -> bool:
-    return any(not run.complete for run in runs.values())
-
-
 def of_posterior(
-    data: PosePairs | Motions, noise: Noise, seed: int, progress: bool, runs: dict[str, MonteCarlo]
-) -> tuple[Row, Posterior | None]:
-    """Of the measured data, and the chain."""
-    if _interrupted(runs):
-        return Row("posterior", _POSTERIOR, "posterior", "ml", None, 0.0, note=_INTERRUPTED), None
+    data: PosePairs | Motions, noise: Noise, seed: int, progress: bool, ended: str
+) -> tuple[Row, Posterior | None, str]:
+    """Of the measured data, the chain, and why the whole ended early, if not ``ended`` before."""
+    if ended:
+        return Row("posterior", _POSTERIOR, "posterior", "ml", None, 0.0, note=_not_run(ended)), None, ended
     from .posterior import sample_posterior
 
     started = time.perf_counter()
@@ -254,8 +287,10 @@ def of_posterior(
         covariance = chain.covariance
     except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
         note = str(error)
+    except KeyboardInterrupt:
+        ended, note = INTERRUPTED, f"Ended early: {INTERRUPTED}."
     seconds = time.perf_counter() - started
-    return Row("posterior", _POSTERIOR, "posterior", "ml", covariance, seconds, note=note), chain
+    return Row("posterior", _POSTERIOR, "posterior", "ml", covariance, seconds, note=note), chain, ended
 
 
 def effective_samples(chain: Posterior) -> int:

@@ -20,7 +20,7 @@ import time
 import warnings
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,14 +29,14 @@ from numpy.typing import ArrayLike
 from ..errors import InputError, InputWarning
 from ..motions import Motions
 from ..noise import Noise, checked_covariance
-from ..poses import SETUPS, PosePairs
+from ..poses import SETUPS, PosePairs, Truth
 from ..progress import progress_bar
 from ..se3 import Array
 from ..trials.experiment import experiment
 from .chunks import Chunk, Work, chunk_size, from_bytes, one_thread, to_bytes
-from .consistency import Sums, consistency
+from .consistency import Consistency, Sums, consistency
 from .monte_carlo_result import MonteCarlo
-from .stable import BLOCK, Stability
+from .stable import BLOCK, Stability, in_digits
 from .store import RunFolder
 from .workers import Alone, Cluster, Local, WorkersLostError, in_order
 
@@ -46,6 +46,8 @@ __all__ = ["MonteCarlo", "monte_carlo"]
 KEPT = 1_000_000
 # Trials at most, given or where only the digits are.
 MOST, MOST_FOR_DIGITS = 10**12, 1_000_000
+# Variances of a covariance that is given, rad^2 or m^2: beyond these, squares of what is weighed by it overflow.
+VARIANCES = (1e-60, 1e60)
 # Workers take about so many seconds to start; what ends sooner is done without.
 START_SECONDS = 1.0
 
@@ -95,7 +97,7 @@ def monte_carlo(
         Folder for the chunks, from which ``resume=True`` goes on after whatever ended the program (`store`). With
         more ``trials`` than before it extends the run.
     client : distributed.Client, address or None
-        A Dask cluster to run on in place of local workers.
+        A Dask cluster to run on in place of local workers. The first chunk is still done here.
     progress : bool
         Show a bar on stderr if that is a terminal.
 
@@ -108,8 +110,8 @@ def monte_carlo(
     Raises
     ------
     InputError
-        Arguments that do not fit each other; a covariance that is singular; a folder that holds something else; a
-        cluster that cannot be reached.
+        Arguments that do not fit each other; a covariance that is singular, or out of all proportion; a folder that
+        holds something else; a cluster that cannot be reached.
     DegenerateMotionError
         The data do not determine X.
     NotConvergedError
@@ -125,10 +127,10 @@ def monte_carlo(
     ((2000, 6), True)
     """
     started = time.monotonic()
-    total = _checked_counts(trials, seed, workers, digits, resume, directory)
+    total, digits = _checked_counts(trials, seed, workers, digits, resume, directory)
     with ExitStack() as stack:
         stack.enter_context(one_thread())
-        problem = experiment(data, noise, method, pairs=pairs, scale=scale)
+        problem = experiment(_in_c_order(data), noise, method, pairs=pairs, scale=scale)
         tested, kind = _tested(covariance, problem.predicted)
         message = to_bytes(Work(problem, int(seed), total, chunk_size(problem), tested))
         work = from_bytes(message)
@@ -140,14 +142,52 @@ def monte_carlo(
         sums = tally.sums
         own_mean = tally.own / sums.count if tested is None and sums.count else None
         judged = consistency(sums, own_mean if tested is None else tested, own=tested is None)
+        result = _result(data, noise, tally, folder, kind, judged, total, reason, started)
+        if folder is not None:
+            folder.write_result(result.to_json())
+    for note in result.notes:
+        warnings.warn(note, InputWarning, stacklevel=2)
+    return result
+
+
+def _in_c_order(data: PosePairs | Motions) -> PosePairs | Motions:
+    """The data with all arrays in C order, as rounding depends on how they lie in memory; without truth they are."""
+    if isinstance(data, PosePairs):
+        return _truth_in_c_order(data)
+    if isinstance(data, Motions) and data.poses is not None:
+        A, B = (np.ascontiguousarray(values) for values in (data.A, data.B))
+        return replace(data, A=A, B=B, poses=_truth_in_c_order(data.poses))
+    return data
+
+
+def _truth_in_c_order(poses: PosePairs) -> PosePairs:
+    if poses.truth is None:
+        return poses
+    return replace(poses, truth=Truth(*(np.ascontiguousarray(values, dtype=float) for values in poses.truth)))
+
+
+def _result(
+    data: PosePairs | Motions,
+    noise: Noise | None,
+    tally: Tally,
+    folder: RunFolder | None,
+    kind: str,
+    judged: Consistency,
+    total: int,
+    reason: str,
+    started: float,
+) -> MonteCarlo:
+    """Everything that is known in the end."""
+    work = tally.work
     stability = None if tally.stability is None else tally.stability.summary()
     poses = data if isinstance(data, PosePairs) else data.poses
+    notes: list[str] = []
     damaged = [] if folder is None else folder.damaged
     if damaged:
         names = ", ".join(damaged[:3]) + (f" and {len(damaged) - 3} more" if len(damaged) > 3 else "")
-        tally.notes.append(f"Chunks that were damaged or of another run were worked out again: {names}.")
-    result = MonteCarlo(
-        experiment=problem,
+        notes.append(f"Chunks that were damaged or of another run were worked out again: {names}.")
+    return MonteCarlo(
+        experiment=work.experiment,
         frame="X" if poses is None else SETUPS[poses.setup],
         setup=None if poses is None else poses.setup,
         origin="fit to the data" if poses is None or poses.truth is None else "truth of the simulation",
@@ -163,13 +203,8 @@ def monte_carlo(
         reason=reason,
         seconds=time.monotonic() - started,
         resumed=0 if folder is None else folder.resumed,
-        notes=tuple(tally.notes),
+        notes=tuple(notes),
     )
-    if directory is not None:
-        result.to_json(Path(directory) / "result.json")
-    for note in result.notes:
-        warnings.warn(note, InputWarning, stacklevel=2)
-    return result
 
 
 # Why a run ended, but for what went wrong.
@@ -181,7 +216,6 @@ class Tally:
 
     def __init__(self, work: Work, stability: Stability | None) -> None:
         self.work, self.stability = work, stability
-        self.notes: list[str] = []
         self.stable = False
         self._errors = np.empty((min(work.trials, KEPT), 6))
         self._block: list[Chunk] = []
@@ -225,22 +259,24 @@ def _run(tally: Tally, message: bytes, folder: RunFolder | None, workers: int, c
     work = tally.work
     stored: Callable[[int], Chunk | None] = (lambda index: None) if folder is None else folder.load
     arrived: Callable[[int, Chunk], None] = (lambda index, chunk: None) if folder is None else folder.save
-    if client is not None:
-        team = Alone(work, lambda group: Cluster(message, client, group), gain=1.0)
-    elif workers > 1:
-        team = Alone(
-            work, lambda group: Local(message, min(workers, work.count), group), 1 - 1 / workers, START_SECONDS
-        )
-    else:
-        team = Alone(work)
     try:
-        with closing(team), progress_bar(work.experiment.method, work.trials, "trials", progress) as advance:
+        with ExitStack() as stack:
+            if client is not None:  # reached before the work begins
+                cluster = stack.enter_context(closing(Cluster(message, client)))
+                team = Alone(work, cluster.of_groups, gain=1.0)
+            elif workers > 1:
+                most = min(workers, work.count)
+                team = Alone(work, lambda group: Local(message, most, group), 1 - 1 / workers, START_SECONDS)
+            else:
+                team = Alone(work)
+            stack.enter_context(closing(team))
+            advance = stack.enter_context(progress_bar(work.experiment.method, work.trials, "trials", progress))
             for chunk in in_order(team, work.count, stored, arrived):
                 tally.add(chunk)
                 advance(len(chunk.errors))
                 if tally.stable:
                     assert tally.stability is not None
-                    return f"stable to {tally.stability.digits} digits"
+                    return f"stable to {in_digits(tally.stability.digits)}"
     except KeyboardInterrupt:
         if tally.sums is None:
             raise
@@ -252,12 +288,14 @@ def _run(tally: Tally, message: bytes, folder: RunFolder | None, workers: int, c
     return ALL
 
 
-def _checked_counts(trials: Any, seed: Any, workers: Any, digits: Any, resume: bool, directory: Any) -> int:
-    """Trials at most, once all counts are known to be some."""
+def _checked_counts(
+    trials: Any, seed: Any, workers: Any, digits: Any, resume: bool, directory: Any
+) -> tuple[int, int | None]:
+    """Trials at most, and digits, once all counts are known to be some."""
     if trials is None:
         trials = MOST_FOR_DIGITS if digits is not None else 10_000
     for name, value, least, most in (
-        ("trials", trials, 1, MOST),
+        ("trials", trials, 2, MOST),
         ("seed", seed, 0, None),
         ("workers", workers, 1, 10_000),
     ):
@@ -268,16 +306,16 @@ def _checked_counts(trials: Any, seed: Any, workers: Any, digits: Any, resume: b
     if resume and directory is None:
         raise InputError("Expected a `directory` with resume=True: the folder of the run to go on with.")
     if digits is not None:
-        Stability(digits)
+        digits = Stability(digits).digits
         if trials < BLOCK:
             raise InputError(f"Expected `trials` to be at least {BLOCK:,} with `digits`, got {trials:,}.")
-    return int(trials)
+    return int(trials), digits
 
 
 def _tested(covariance: Any, predicted: Callable[[], Array]) -> tuple[Array | None, str]:
     """The covariance that is tested, None where each trial has its own, and which it is."""
     if covariance is None:
-        return predicted(), "first order"
+        return np.ascontiguousarray(predicted()), "first order"
     if isinstance(covariance, str):
         if covariance != "each":
             raise InputError(f"Expected `covariance` to be None, 'each' or a (6, 6) array, got {covariance!r}.")
@@ -285,4 +323,14 @@ def _tested(covariance: Any, predicted: Callable[[], Array]) -> tuple[Array | No
     S = checked_covariance(covariance, "covariance", joint=False)
     if S.shape != (6, 6):
         raise InputError(f"Expected `covariance` to be None, 'each' or a (6, 6) array, got shape {S.shape}.")
-    return S, "given"
+    variances = np.diag(S)
+    for name, wrong, limit in (
+        ("small", variances[(variances > 0) & (variances < VARIANCES[0])], VARIANCES[0]),
+        ("large", variances[variances > VARIANCES[1]], VARIANCES[1]),
+    ):
+        if wrong.size:
+            raise InputError(
+                f"Expected the variances of `covariance` in rad^2 and m^2, got {wrong[0]:.3g}, which is too {name} "
+                f"({'below' if name == 'small' else 'above'} {limit:g}) to weigh errors by."
+            )
+    return np.ascontiguousarray(S), "given"

@@ -59,6 +59,11 @@ class MonteCarlo:
         return self.experiment.noise
 
     @property
+    def ended_early(self) -> bool:
+        """Whether workers were lost, or the user ended it, before as many trials were done as were asked for."""
+        return not self.complete and self.trials < self.asked
+
+    @property
     def rate(self) -> float:
         """Trials per second of this call."""
         return (self.trials - self.resumed) / max(self.seconds, 1e-9)
@@ -138,7 +143,8 @@ class MonteCarlo:
     @property
     def verdict(self) -> str:
         """In words: whether the covariance is true, and if not, by how much it is wrong."""
-        return self.consistency.verdict
+        with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
+            return self.consistency.verdict
 
     def __repr__(self) -> str:
         what = {True: "consistent", False: "not consistent", None: "undecided"}[self.consistent]
@@ -148,7 +154,8 @@ class MonteCarlo:
         """The result as text."""
         from ..report.validation_text import summary
 
-        return summary(self)
+        with np.errstate(over="ignore"):  # as above
+            return summary(self)
 
     def figure(self, path: str | Path) -> None:
         """Write a figure, .png or .svg: quantiles of the NEES, standard deviations, coverage.
@@ -161,7 +168,9 @@ class MonteCarlo:
         from ..report.ellipses import render  # Matplotlib is slow to import
         from ..report.validation_figure import validation_figure
 
-        write_atomically(path, render(validation_figure(self), kind))
+        with np.errstate(over="ignore"):  # as above
+            image = render(validation_figure(self), kind)
+        write_atomically(path, image)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the single errors as plain numbers, lists and text, with units and convention."""

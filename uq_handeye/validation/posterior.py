@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -80,6 +81,13 @@ class Posterior:
     student_t: float | None
     seed: int
     seconds: float
+    maxima: int = 1  # of the density, as the chain's proposal has them; above 1 only where `student_t` is set
+
+    def __repr__(self) -> str:
+        kept = f"{self.chain.shape[0] * self.chain.shape[1]:,} samples"
+        state = "" if self.converged else ", not converged"
+        modes = "" if self.maxima == 1 else f", {self.maxima} maxima"
+        return f"Posterior({self.frame or 'X'}, {kept}{modes}{state})"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -142,8 +150,9 @@ class Posterior:
         """Highest-density ellipsoid of the Gaussian of the samples with its content, and intervals of each axis."""
         from scipy.stats import chi2
 
-        if isinstance(level, bool) or not isinstance(level, int | float) or not 0 < level < 1:
+        if not _is_number(level) or not 0 < level < 1:
             raise InputError(f"Expected `level` to be a probability between 0 and 1, got {level!r}.")
+        level = float(level)
         x = self.samples
         z = np.linalg.solve(np.linalg.cholesky(self.covariance), (x - self.mean).T)
         radius = float(np.sqrt(chi2.ppf(level, 6)))
@@ -199,6 +208,7 @@ class Posterior:
             "noise_estimated": self.noise_estimated,
             "scale_prior": None if self.scales is None else {"robot": self.scales.robot, "camera": self.scales.camera},
             "student_t": self.student_t,
+            "maxima": self.maxima,
             "seed": self.seed,
             "diagnostics": self.diagnostics.to_dict(),
             "seconds": self.seconds,
@@ -309,18 +319,16 @@ def sample_posterior(
         raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
     for name, value, least in (("seed", seed, 0), ("samples", samples, 100), ("max_steps", max_steps, 1)):
         _require_integer(name, value, least)
-    if student_t is not None and (
-        isinstance(student_t, bool) or not isinstance(student_t, int | float) or not 1 <= student_t <= 1e6
-    ):
+    if student_t is not None and (not _is_number(student_t) or not 1 <= student_t <= 1e6):
         raise InputError(
             f"Expected `student_t` to be None or degrees of freedom from 1 to 1e6, for example 5, got {student_t!r}."
         )
-    if not (scales is None or isinstance(scales, bool | ScalePrior)):
+    if not (scales is None or isinstance(scales, bool | np.bool | ScalePrior)):
         raise InputError(f"Expected `scales` to be True, False, None or a ScalePrior, got {scales!r}.")
     if resume and file is None:
         raise InputError("resume=True needs the `file` to go on with.")
     free = scales if isinstance(scales, ScalePrior) else None
-    if scales is True or (scales is None and noise is None):
+    if (not isinstance(scales, ScalePrior) and scales) or (scales is None and noise is None):
         free = ScalePrior()
     model = noise
     if model is None:
@@ -331,10 +339,14 @@ def sample_posterior(
     arviz()  # what is missing is said now, not after the sampling
     density = density_of(data, model, free, student_t)
     _require_integer("walkers", walkers, max(16, 2 * density.d + 2))
-    kept = None if file is None else ChainFile(file, _identity(data, noise, free, student_t, seed, walkers), resume)
     starts = starts_of(data if poses is None or isinstance(model, PairNoise) else poses, model, density)
-    steps, length = int(max_steps), int(samples)
-    chain, dropped, found = sample(density, starts, int(walkers), int(seed), length, steps, kept, progress)
+    with ExitStack() as stack:
+        kept = None
+        if file is not None:
+            identity = _identity(data, noise, free, student_t, seed, walkers)
+            kept = stack.enter_context(closing(ChainFile(file, identity, resume)))
+        steps, length = int(max_steps), int(samples)
+        chain, dropped, found = sample(density, starts, int(walkers), int(seed), length, steps, kept, progress)
     result = Posterior(
         density.fit.X,
         density.fit.covariance_X,
@@ -348,9 +360,15 @@ def sample_posterior(
         None if student_t is None else float(student_t),
         int(seed),
         time.perf_counter() - begun,
+        len(chain.proposal.weight),
     )
     result.require_converged()
     return result
+
+
+def _is_number(value: Any) -> bool:
+    """Of Python or NumPy; truth values are none."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
 def _require_integer(name: str, value: Any, least: int) -> None:

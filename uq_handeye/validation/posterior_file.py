@@ -6,6 +6,9 @@ into the file at every step, and a process killed in the middle of that leaves a
 the file is made in memory after a round of steps and takes the place of the old one in one step of the file system, so
 that ``kill -9`` costs the steps since then and nothing else.
 
+While a process is at work on a file, it holds the lock of ``.uq-handeye-NAME.lock`` beside it, which is removed at the
+end; one that a killed process left behind is in nobody's way.
+
 The group's attributes hold what the numbers depend on (``identity``: data and noise by their SHA-256, model, seed,
 walkers, versions), the proposal that the chain was begun with, and a SHA-256 of the content. No pickles.
 """
@@ -16,8 +19,12 @@ import hashlib
 import io
 import json
 import os
+import stat
+import weakref
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,24 +52,51 @@ class Chain(NamedTuple):
 
 
 class ChainFile:
-    """Where a chain is kept.
+    """Where a chain is kept, held against other processes until `close`, or until nothing refers to it.
 
-    Raises `InputError` where there is a file already and not ``resume``.
+    In the same process a new one takes the file over from the old one, which can then write no more: after an
+    exception its traceback may keep the old one alive.
+
+    Raises `InputError` where there is a file already and not ``resume``, where the path names no ordinary file, and
+    where another process is at work on it.
     """
+
+    _open: ClassVar[WeakValueDictionary[str, ChainFile]] = WeakValueDictionary()  # by the real path
 
     def __init__(self, path: str | os.PathLike[str], identity: dict[str, Any], resume: bool) -> None:
         _h5py()
         self.path: Path = as_path(path)
         self._identity = identity
-        if self.path.is_dir():
-            raise InputError(f"Expected `file` to name an HDF5 file, got the folder {shown(self.path)}.")
-        if self.path.exists() and not resume:
-            raise InputError(
-                f"{shown(self.path)} exists: go on with the chain in it by resume=True (--resume), or name a new file."
-            )
+        try:
+            if self.path.is_dir():
+                raise InputError(f"Expected `file` to name an HDF5 file, got the folder {shown(self.path)}.")
+            there = self.path.exists()
+            if there and not stat.S_ISREG(self.path.stat().st_mode):  # a pipe would be waited for
+                raise InputError(f"Expected `file` to name an HDF5 file, got {shown(self.path)}, a device or pipe.")
+            if there and not resume:
+                raise InputError(
+                    f"{shown(self.path)} exists: go on with the chain in it by resume=True (--resume), or name a new "
+                    "file."
+                )
+            real = os.path.realpath(self.path)
+            if (earlier := self._open.get(real)) is not None:
+                earlier.close()
+            self._let_go = weakref.finalize(self, _unlocked, *_locked(Path(real)))
+        except FileNotFoundError as error:
+            folder = shown(self.path.parent)
+            raise InputError(f"Cannot write {shown(self.path)}: there is no folder {folder}; make it first.") from error
+        except OSError as error:
+            raise InputError(f"Cannot write {shown(self.path)}: {reason(error)}.") from error
+        self._open[real] = self
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._let_go()
 
     def save(self, chain: Chain) -> None:
-        """Write the chain in place of what is there."""
+        """Write the chain in place of what is there; raises `InputError` once it is closed."""
+        if not self._let_go.alive:
+            raise InputError(f"{shown(self.path)} was taken over by a later run.")
         arrays = {"chain": chain.y, "log_prob": chain.log_density, "accepted": chain.accepted}
         attributes = {
             "version": FORMAT,
@@ -123,6 +157,36 @@ class ChainFile:
                 f"{shown(self.path)} holds another run: its {', '.join(names)} "
                 f"{'differs' if len(names) == 1 else 'differ'}. Ask for the same, or name a new file."
             )
+
+
+def _locked(file: Path) -> tuple[Path, int | None]:
+    """The lock of a chain's file, and its descriptor once this process holds it; None where there are no locks."""
+    lock = file.with_name(f".uq-handeye-{file.name}.lock")
+    try:
+        import fcntl
+    except ImportError:
+        return lock, None
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            os.close(descriptor)
+            raise InputError(f"{shown(file)} is in use by another run: wait for its end.") from error
+        except OSError:  # a file system without locks
+            return lock, descriptor
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.stat(lock), os.fstat(descriptor)):
+                return lock, descriptor
+        os.close(descriptor)  # the one who held it has just removed it
+
+
+def _unlocked(lock: Path, descriptor: int | None) -> None:
+    """Remove a lock, and only then let go of it."""
+    if descriptor is not None:
+        with suppress(OSError):
+            lock.unlink()
+        os.close(descriptor)
 
 
 def _plain(dataset: Any, shape: tuple[int, ...]) -> Array:

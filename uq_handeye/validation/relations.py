@@ -6,15 +6,11 @@ over all directions,
 
     r^2 = eigenvalues of P^-1 S
 
-which need no unit. To first order in the noise, and for an unbiased estimator,
+which need no unit (`ratios`). To first order in the noise, and for an unbiased estimator,
 
     S = P of that estimator;   S = C for `efficient` and `ml`, and for the posterior;   S >= C for every estimator
 
-Sampling alone lets the ratios of a true P range over an interval (extreme eigenvalues of a Wishart matrix,
-`consistency`; widened for heavy tails), and the root of the mean of their squares over a narrower one. Both are taken
-at `CONFIDENCE`, so that about ten comparisons together err in at most one of 100 runs, and widened by `TOLERANCE`: what
-is left of second order in the noise is not worth an alarm below it. A relation is broken where a ratio or that mean is
-outside.
+A relation is broken where ratios are outside of what chance and `ratios.TOLERANCE` explain.
 
 (45) of the paper takes one error for all pairs and the mean derivative; by Jensen's inequality it is then smaller than
 the true covariance of N pairs with equal noise by sqrt(N) in standard deviation or more.
@@ -29,12 +25,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..se3 import Array
-from .consistency import FEWEST, extreme_eigenvalues, in_words
+from .consistency import FEWEST
 from .monte_carlo import MonteCarlo
-from .sums import COMPONENTS
+from .ratios import TOLERANCE, WIDE, Ratios, chance, heavy_from, number, ratios
 
-TOLERANCE = 0.05  # of a standard deviation
-CONFIDENCE, SIGMAS = 0.999, 3.3  # of each comparison; the same for what is normal
 NEAR = 1.5  # times the standard deviations of the bound
 SLIGHTLY = 0.8  # times the standard deviations of 4DPA
 SWEEP = "`uq-handeye validate --sweep-noise` shows at which noise it ends"
@@ -69,45 +63,6 @@ class Evidence(NamedTuple):
     pairs: int
 
 
-class Ratios(NamedTuple):
-    """Standard deviations of one covariance over those of another, over all directions."""
-
-    least: float
-    largest: float
-    low: float  # what chance explains
-    high: float
-    overall: float  # root of the mean of the squared ratios
-    spread: float  # by how much chance moves that, either way
-    where_least: str
-    where_largest: str
-
-    @property
-    def not_below(self) -> bool:
-        return self.least >= self.low * (1 - TOLERANCE)
-
-    @property
-    def not_above(self) -> bool:
-        return self.largest <= self.high * (1 + TOLERANCE)
-
-    @property
-    def equal(self) -> bool:
-        whole = abs(self.overall - 1) <= self.spread + TOLERANCE
-        return self.not_below and self.not_above and whole
-
-    @property
-    def text(self) -> str:
-        over = f"{_number(self.least)} to {_number(self.largest)} times"
-        return f"{over} (overall {_number(self.overall)} times)"
-
-    @property
-    def margin(self) -> str:
-        """What counts as equal."""
-        return (
-            f"chance explains {self.low:.3f} to {self.high:.3f} over all directions ({1 - self.spread:.3f} to "
-            f"{1 + self.spread:.3f} overall), and {100 * TOLERANCE:g} % more are tolerated"
-        )
-
-
 def relations(e: Evidence) -> tuple[Relation, ...]:
     """All relations that apply to the problem, in the order of T8."""
     found = [
@@ -127,46 +82,6 @@ def relations(e: Evidence) -> tuple[Relation, ...]:
     return tuple(found)
 
 
-def ratios(
-    S: Array, P: Array, samples: int | None = None, kurtosis: float | None = None, part: slice = slice(0, 6)
-) -> Ratios:
-    """Standard deviations of S, drawn from so many ``samples``, over those of P.
-
-    Parameters
-    ----------
-    S, P : (6, 6)
-    samples : int or None
-        Trials; None where both are from formulas.
-    kurtosis : float or None
-        Of the trials, relative to Gaussian ones: heavier tails widen what chance explains.
-    part : slice
-        Components that are compared.
-    """
-    from scipy.linalg import eigh
-
-    S, P = S[part, part], P[part, part]
-    unit = np.sqrt(np.diag(P))
-    values, vectors = eigh(S / np.outer(unit, unit), P / np.outer(unit, unit))
-    r = np.sqrt(np.maximum(values, np.finfo(float).tiny))
-    low = high = 1.0
-    spread = 0.0
-    if samples is not None:
-        low, high = chance(samples, kurtosis)
-        # the mean of d^2 has the variance (E d^4 - k^2) / T; its root half of that deviation, relative to k
-        spread = SIGMAS * float(np.sqrt((1 + 4 * max(kurtosis or 0.0, 0.0)) / (2 * len(r) * samples)))
-    names = COMPONENTS[part]
-    overall = float(np.sqrt(np.mean(r * r)))
-    where = [in_words(vectors[:, k], names) for k in (0, -1)]
-    return Ratios(float(r[0]), float(r[-1]), low, high, overall, spread, where[0], where[1])
-
-
-def chance(samples: int, kurtosis: float | None = None) -> tuple[float, float]:
-    """Between what all ratios of standard deviations lie with `CONFIDENCE` where the covariance is true."""
-    widened = np.sqrt(1 + 1.5 * max(kurtosis or 0.0, 0.0))
-    low, high = np.exp(0.5 * widened * np.log(extreme_eigenvalues(samples - 1, CONFIDENCE)))
-    return float(low), float(high)
-
-
 def _first_order(e: Evidence, method: str, label: str, key: str) -> Relation:
     """(1), (2)"""
     statement = f"The errors of {label} in Monte Carlo have the covariance that first order predicts for it"
@@ -180,15 +95,21 @@ def _at_bound(e: Evidence, method: str) -> Relation:
 
 
 def _sampled_equals(e: Evidence, name: str, statement: str, method: str, key: str, what: str) -> Relation:
-    def judge() -> tuple[bool, str, str]:
+    def judge() -> tuple[bool | None, str, str]:
         r = _of_run(e, method, key)
         text = f"standard deviations sampled are {r.text} those of {what}; {r.margin}{_left_out(e, method)}"
-        worst, where = (r.largest, r.where_largest) if not r.not_above else (r.least, r.where_least)
+        worst, where = r.farthest
+        beyond = f"the noise is beyond first order for this method on these motions. {SWEEP}."
         advice = (
-            f"The errors are really {_number(worst)} times what is reported in {where}: the noise is beyond first "
-            f"order for this method on these motions. {SWEEP}. Report the sampled covariance in its place, reduce the "
-            "noise, or add motions that turn about other axes."
+            f"The errors are really {number(worst)} times what is reported in {where}: {beyond} Report the sampled "
+            "covariance in its place, reduce the noise, or add motions that turn about other axes."
         )
+        if r.shapeless:
+            advice = (
+                f"The errors are really {number(r.overall)} times what is reported over all directions, and rare "
+                f"large ones make up much of that: {beyond} Use another method, reduce the noise, or add motions that "
+                "turn about other axes; no covariance in its place would do."
+            )
         return r.equal, text, advice
 
     return _judged(e, name, statement, True, (key,), (method,), judge)
@@ -203,7 +124,7 @@ def _posterior(e: Evidence) -> Relation:
         own = e.covariances.get("4dpa-poses" if e.on_poses else "4dpa-pairs")
         text = f"standard deviations of the posterior are {r.text} the bound's; {r.margin}"
         if own is not None:
-            beside = np.sqrt(np.diag(own) / np.diag(P))
+            beside = _per_axis(own, P)
             text += f". 4DPA's own are {_range(beside)} times those of the posterior per axis: what 4DPA does not use"
         advice = (
             "What these data say of X is not a Gaussian with the covariance of the bound: the noise is beyond first "
@@ -229,12 +150,16 @@ def _none_below(e: Evidence) -> Relation:
         text = "least standard deviation over that of the bound: "
         text += ", ".join(f"{method} {r.least:.3f} (chance alone {r.low:.3f})" for method, r in found.items())
         below = [method for method, r in found.items() if not r.not_below]
+        untold = [m for m, r in found.items() if m not in below and r.shapeless and r.least < 1 - TOLERANCE]
         failed = [method for method in below if e.runs[method].failures]
         advice = f"{_and(below)} would be better than any unbiased estimator can be. "
         if failed:
             advice += f"Trials of {_and(failed)} that gave no estimate are left out, which flatters the rest. "
         advice += f"Else the estimate is biased, or the bound is not valid: the noise is beyond first order. {SWEEP}."
-        return not below, f"{text}; {100 * TOLERANCE:g} % below it are tolerated", advice
+        text = f"{text}; {100 * TOLERANCE:g} % below it are tolerated"
+        if untold and not below:
+            return None, f"{text}. It cannot be told of {_and(untold)}: the errors have heavy tails", ""
+        return not below, text, advice
 
     return _judged(
         e,
@@ -272,7 +197,7 @@ def _nguyen_near(e: Evidence) -> Relation:
     def judge() -> tuple[bool | None, str, str]:
         S, C = e.covariances["nguyen-own"], e.covariances["bound"]
         found = {name: ratios(S, C, part=part) for name, part in _PARTS.items()}
-        parts = [f"{_number(r.least)} to {_number(r.largest)} times in {name}" for name, r in found.items()]
+        parts = [f"{number(r.least)} to {number(r.largest)} times in {name}" for name, r in found.items()]
         text = f"standard deviations are those of the bound {' and '.join(parts)}"
         if e.shared:
             return None, f"{text}. {_UNKNOWING}", ""
@@ -299,7 +224,7 @@ def _nguyen_below_4dpa(e: Evidence) -> Relation:
         S = run.covariance
         assert S is not None
         T, kurtosis = run.consistency.sums.count, run.consistency.kurtosis
-        per_axis = np.sqrt(np.diag(P) / np.diag(S))
+        per_axis = _per_axis(P, S)
         text = f"their standard deviations are {_range(per_axis)} times those of 4DPA sampled, per axis"
         if e.shared:
             return None, f"{text}. {_UNKNOWING}", ""
@@ -323,13 +248,17 @@ def _literal(e: Evidence) -> Relation:
     def judge() -> tuple[bool | None, str, str]:
         run = e.runs["4dpa"]
         assert run.covariance is not None
-        per_axis = np.sqrt(np.diag(run.covariance) / np.diag(e.covariances["4dpa-literal"]))
+        per_axis = _per_axis(run.covariance, e.covariances["4dpa-literal"])
         # by axes: (45) may be singular
-        small = per_axis.min() > chance(run.consistency.sums.count, run.consistency.kurtosis)[1] * (1 + TOLERANCE)
+        T, kurtosis = run.consistency.sums.count, run.consistency.kurtosis
+        high = chance(T, kurtosis)[1]
+        small = per_axis.min() > high * (1 + TOLERANCE)
         text = (
             f"its standard deviations are {_range(per_axis)} times too small per axis; with {e.pairs:,} pairs it is at "
-            f"least about {_number(np.sqrt(e.pairs))}"
+            f"least about {number(np.sqrt(e.pairs))}"
         )
+        if not small and high > WIDE and (kurtosis or 0.0) > heavy_from(T):
+            return None, f"{text}. It cannot be told: the errors have heavy tails", ""
         advice = "For these few motions (45) happens not to be too small. It is wrong all the same; do not use it."
         return bool(small), text, advice
 
@@ -349,12 +278,17 @@ def _shared(e: Evidence) -> Relation:
             f"standard deviations sampled are {independent.text} those with pairs taken as independent, and "
             f"{aware.text} the pose-aware ones"
         )
-        if not e.all_pairs and not small and aware.equal:
+        right = aware.equal
+        if aware.shapeless:
+            text += f"; {aware.margin}"
+        if right is None:
+            return None, text, ""
+        if not e.all_pairs and not small and right:
             return None, f"{text}. For the pairs chosen it makes no difference", ""
         advice = "What pairs share does not show as it should. "
-        if not aware.equal:
+        if not right:
             advice += f"The pose-aware covariance is wrong: the noise is beyond first order. {SWEEP}."
-        return small and aware.equal, text, advice
+        return small and right, text, advice
 
     statement = (
         "Pairs that share poses: the covariance with pairs taken as independent is too small, the pose-aware right"
@@ -391,7 +325,14 @@ def _of_run(e: Evidence, method: str, key: str) -> Ratios:
     """Sampled standard deviations of a method over those of a row."""
     run = e.runs[method]
     assert run.covariance is not None
-    return ratios(run.covariance, e.covariances[key], run.consistency.sums.count, run.consistency.kurtosis)
+    c = run.consistency
+    return ratios(run.covariance, e.covariances[key], c.sums.count, c.kurtosis, rejected=bool(c.rejected))
+
+
+def _per_axis(S: Array, P: Array) -> Array:
+    """Standard deviations (6,) of S over those of P; infinite where P has no error at all."""
+    above, below = np.diag(S), np.diag(P)
+    return np.asarray(np.sqrt(np.divide(above, below, out=np.full(6, np.inf), where=below > 0)))
 
 
 def _left_out(e: Evidence, method: str) -> str:
@@ -400,13 +341,7 @@ def _left_out(e: Evidence, method: str) -> str:
 
 
 def _range(values: Array) -> str:
-    return f"{_number(values.min())} to {_number(values.max())}"
-
-
-def _number(value: float | np.floating[Any]) -> str:
-    """Three digits around 1, fewer decimals for larger numbers."""
-    decimals = 3 if value < 2 else 2 if value < 10 else 1 if value < 100 else 0
-    return f"{value:,.{decimals}f}"
+    return f"{number(values.min())} to {number(values.max())}"
 
 
 def _and(names: list[str]) -> str:

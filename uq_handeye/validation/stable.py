@@ -71,9 +71,9 @@ class Stability:
     """
 
     def __init__(self, digits: int) -> None:
-        if isinstance(digits, bool) or not isinstance(digits, int) or not 1 <= digits <= 4:
+        if isinstance(digits, bool) or not isinstance(digits, int | np.integer) or not 1 <= digits <= 4:
             raise InputError(f"Expected `digits` to be a whole number from 1 to 4, got {digits!r}.")
-        self.digits = digits
+        self.digits = int(digits)
         self._size: int | None = None
         self._sparse = 0
         self._blocks: list[Array] = []
@@ -132,11 +132,16 @@ class Stability:
         elif h < FIRST:
             reason = f"{h} blocks of trials, {FIRST} are needed"
         elif unstable:
-            reason = f"not to {self.digits} digits yet: {unstable[0]}"
+            reason = f"not to {in_digits(self.digits)} yet: {unstable[0]}"
             reason += f" and {len(unstable) - 1} more" if len(unstable) > 1 else ""
         else:
             reason = ""
         return Summary(h, self.digits, not reason, values, spread, tolerance, unstable, expected, reason)
+
+
+def in_digits(digits: int) -> str:
+    """``1 digit``, ``2 digits``."""
+    return f"{digits} digit{'' if digits == 1 else 's'}"
 
 
 def numerical_tolerance(value: float, digits: int) -> float:

@@ -28,26 +28,16 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..io._files import as_path, reason, shown
-from ..io.atomic import write_atomically, write_files
+from ..io.atomic import write_atomically
 from ..poses import PosePairs
 from .chunks import Chunk, Work
 from .consistency import Sums
 
 FORMAT = "uq-handeye monte carlo run 1"
 MOST_MANIFEST = 1_000_000  # bytes
+MOST_NAMED = 5  # differences in a message
 DIGEST = "sha256"
-# What the errors of opening, unpacking and checking a damaged file are.
-_DAMAGED = (
-    InputError,
-    OSError,
-    ValueError,
-    KeyError,
-    EOFError,
-    SyntaxError,
-    NotImplementedError,
-    RuntimeError,
-    zipfile.BadZipFile,
-)
+MOST_TRIALS = 10**15  # that a manifest may name
 
 
 def identity(work: Work) -> dict[str, Any]:
@@ -121,7 +111,9 @@ class RunFolder:
                     leftover.unlink(missing_ok=True)
             self._write_manifest()
         except FileExistsError as error:
-            raise InputError(f"Cannot write into {shown(self.path)}: expected a folder, got a file.") from error
+            self.close()
+            where = self._chunks if self.path.is_dir() else self.path
+            raise InputError(f"Cannot write into {shown(where)}: expected a folder, got a file.") from error
         except OSError as error:
             self.close()
             raise InputError(f"Cannot write into {shown(self.path)}: {reason(error)}.") from error
@@ -136,6 +128,8 @@ class RunFolder:
                 f"{shown(self.path)} is not empty: go on with the run in it by resume=True (--resume), or name a new "
                 "folder."
             )
+        if (self.path / "result.json").is_dir():
+            raise InputError(f"{shown(self.path / 'result.json')}: it is a folder, expected a file; remove it.")
         if "manifest.json" in found:
             self._compare()
         elif found:
@@ -148,6 +142,8 @@ class RunFolder:
         """Refuse the manifest of another run."""
         file = self.path / "manifest.json"
         try:
+            if not stat.S_ISREG(file.stat().st_mode):  # a pipe would be waited for, a device read for ever
+                raise ValueError("no file")
             with open(file, "rb") as stream:
                 text = stream.read(MOST_MANIFEST + 1)
             manifest = json.loads(text) if len(text) <= MOST_MANIFEST else None
@@ -157,28 +153,48 @@ class RunFolder:
             manifest = None
         there = manifest.get("run") if isinstance(manifest, dict) and manifest.get("format") == FORMAT else None
         trials = manifest.get("trials") if isinstance(manifest, dict) else None
-        if not isinstance(there, dict) or isinstance(trials, bool) or not isinstance(trials, int):
+        if not isinstance(there, dict) or type(trials) is not int or not 0 < trials <= MOST_TRIALS:
             raise InputError(
                 f"{shown(file)} is not the manifest of a Monte Carlo run, or is damaged: name a new folder."
             )
         names = [name for name in {**self._identity, **there} if there.get(name) != self._identity.get(name)]
         if names:
             differences = [
-                f"{name} ({_short(there.get(name))}, now {_short(self._identity.get(name))})" for name in names
+                f"{_short(name)} ({_short(there.get(name))}, now {_short(self._identity.get(name))})"
+                for name in names[:MOST_NAMED]
             ]
+            if len(names) > MOST_NAMED:
+                differences.append(f"and {len(names) - MOST_NAMED} more")
             raise InputError(
                 f"{shown(self.path)} holds another run, which differs in {', '.join(differences)}: ask for the "
                 "same, or name a new folder."
             )
         if trials > self._work.trials:
+            there_are = len(list(self._chunks.glob("*.npz"))) * self._work.chunk
+            done = "" if there_are >= trials else f", of which {there_are:,} are done"
             raise InputError(
-                f"{shown(self.path)} holds a run of {trials:,} trials: resume it with as many or more, got "
-                f"{self._work.trials:,}."
+                f"{shown(self.path)} holds a run that was asked for {trials:,} trials{done}: resume it with as many or "
+                f"more, got {self._work.trials:,}."
             )
 
     def _write_manifest(self) -> None:
         manifest = {"format": FORMAT, "sha256": self._run, "trials": self._work.trials, "run": self._identity}
-        write_files(self.path, {"manifest.json": json.dumps(manifest, indent=2) + "\n"})
+        self._put(self.path / "manifest.json", (json.dumps(manifest, indent=2) + "\n").encode())
+
+    def write_result(self, text: str) -> None:
+        """Write ``result.json``."""
+        self._put(self.path / "result.json", text.encode())
+
+    def _put(self, file: Path, content: bytes) -> None:
+        """Write a file of the folder. A link, pipe or device of its name is replaced: nothing is written elsewhere."""
+        with suppress(FileNotFoundError):
+            mode = file.lstat().st_mode
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                aside = file.with_name(f".uq-handeye-{file.name}.tmp")
+                write_atomically(aside, content)
+                os.replace(aside, file)
+                return
+        write_atomically(file, content)
 
     def _take(self) -> None:
         """Hold the folder against other processes, where the system can; the end of this one lets go of it."""
@@ -213,7 +229,7 @@ class RunFolder:
         arrays = _arrays(chunk)
         buffer = io.BytesIO()
         np.savez(buffer, allow_pickle=False, **arrays, **{DIGEST: self._digest(index, arrays)})
-        write_atomically(self._file(index), buffer.getvalue())
+        self._put(self._file(index), buffer.getvalue())
 
     def load(self, index: int) -> Chunk | None:
         """The chunk, or None where there is none to rely on; `damaged` names those that were there."""
@@ -224,9 +240,11 @@ class RunFolder:
             if not np.array_equal(digest, self._digest(index, found)):
                 raise ValueError("it is not what this run wrote")
             chunk = Chunk(found.pop("errors"), found.pop("ok"), found.pop("own"), Sums.from_arrays(found))
-        except FileNotFoundError:
-            return None
-        except _DAMAGED:
+        except Exception as error:  # reading a file that anyone may have made can raise nearly everything
+            if isinstance(error, FileNotFoundError) and not file.is_symlink():
+                return None
+            if file.is_dir():
+                raise InputError(f"{shown(file)}: it is a folder, expected a file; remove it.") from error
             self.damaged.append(file.name)
             with suppress(OSError):
                 file.unlink()  # it may be no file at all, and not to be written to
@@ -281,6 +299,7 @@ def _read(file: Path, most: int) -> dict[str, NDArray[Any]]:
 
 
 def _short(value: Any) -> str:
-    """A value for a message; of hashes the beginning."""
-    text = "none" if value is None else str(value)
-    return text if len(text) <= 40 else f"{text[:8]}..."
+    """A name or value for a message, on one line; of hashes and other long ones the beginning."""
+    text = "none" if value is None else str(value) if isinstance(value, str | int | float) else type(value).__name__
+    text = text if len(text) <= 40 else f"{text[:8]}..."
+    return text if text.isprintable() else ascii(text)

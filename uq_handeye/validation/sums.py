@@ -77,8 +77,8 @@ class Sums:
         covariance : (6, 6) or (m, 6, 6)
             Common to all trials, or of each.
 
-        Raises `InputError` for wrong shapes, errors that are not finite, and a covariance that is not positive
-        definite; the message names the direction.
+        Raises `InputError` for wrong shapes, errors that are not finite, a covariance that is not positive definite
+        (the message names the direction), and one so small beside the errors that d^4 overflows.
         """
         e, good, P = np.asarray(errors, dtype=float), np.asarray(ok), np.asarray(covariance, dtype=float)
         m = len(e) if e.ndim else 0
@@ -96,8 +96,17 @@ class Sums:
         count = len(e)
         e = np.ascontiguousarray(e.T)
         L = lower_factor(P, "covariance")
-        turn, joint = squares(L, e)
-        distances = np.stack([joint, turn, squares(lower_factor(P[..., 3:, 3:], "covariance"), e[3:])[1]])
+        with np.errstate(over="ignore", invalid="ignore"):
+            turn, joint = squares(L, e)
+            distances = np.stack([joint, turn, squares(lower_factor(P[..., 3:, 3:], "covariance"), e[3:])[1]])
+            squared = (distances * distances).sum(axis=1)
+        if not np.isfinite(squared).all():
+            size = float(np.sqrt(np.diagonal(P, axis1=-2, axis2=-1).min()))
+            raise InputError(
+                "Expected the covariance `covariance` to be of the size of the errors, got standard deviations down to "
+                f"{size:.2g} where errors are up to {np.abs(e).max():.2g}: their squared distances are too large for "
+                "a number. Is it in rad and m?"
+            )
         outer = np.empty((6, 6))
         for i in range(6):
             outer[i, i:] = outer[i:, i] = (e[i] * e[i:]).sum(axis=1)
@@ -105,7 +114,6 @@ class Sums:
         ranked = np.sort(distances, axis=1)
         below = [np.searchsorted(row, edges(k), side="right") for row, k in zip(ranked, SIZES, strict=True)]
         histogram = np.diff(below, axis=1, prepend=0, append=count).astype(np.int64)
-        squared = (distances * distances).sum(axis=1)
         return cls(count, m - count, e.sum(axis=1), outer, distances.sum(axis=1), squared, histogram)
 
     def __add__(self, other: Sums) -> Sums:

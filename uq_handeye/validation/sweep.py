@@ -1,8 +1,9 @@
 r"""The noise at which first order ends, and how much farther sigma points reach.
 
-Model: the covariance of the noise times a factor f, drawn on the same true data; everywhere the same random numbers,
-scaled. At each f the errors ``xi`` of T trials of a method are held against two covariances at the true data: first
-order, ``f P`` with P that of the noise as it is, and sigma points (`sigma_points`), the mean square about the truth.
+Model: the covariance of the noise times a factor f (its standard deviations times the root of f), drawn on the same
+true data; everywhere the same random numbers, scaled, so that levels are not independent of each other. At each f the
+errors ``xi`` of T trials of a method are held against two covariances at the true data: first order, ``f P`` with P
+that of the noise as it is, and sigma points (`sigma_points`), the mean square about the truth.
 With ``M = mean of xi xi^T`` (about the truth: a bias counts, as it does for whoever uses X)
 
     mean NEES = tr(P^-1 M),  6 if P is true;    of rotation and translation with their blocks, 3
@@ -17,19 +18,20 @@ A covariance *fails* at f if, for the joint error, rotation or translation,
 - or the 95 % ellipsoid holds fewer (more) of the errors than if deviations were so much too small (large) and errors
   Gaussian, 89.1 % to 98.2 % of the joint errors with a tolerance of 0.1, and 95 % is outside the interval of Clopper
   and Pearson: where tails are heavy, no covariance tells what happens, though the mean square be right;
-- or more than `sweep_level.MOST_FAILED` of the trials, or any sigma point, give no X.
+- or more than `consistency.MOST_FAILED` of the trials, or any sigma point, give no X.
 
 Where it fails first is found by bisection on a logarithmic scale between the last factor given at which it holds and
-the first at which it does not, to 5 % of the deviation.
+the first at which it does not, to 5 % of the deviation. Where tails are heavy there, it is chance whether a level near
+it passes, and the limit has that precision no more (`Limit.heavy`).
+
+A sweep takes seconds: levels are worked out one after the other, in this process.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import pickle
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,6 +49,7 @@ from ..progress import progress_bar
 from ..result import CONVENTION
 from ..result_file import noise_to_dict
 from ..trials.experiment import Experiment, experiment
+from .chunks import one_thread
 from .consistency import PARTS
 from .sweep_level import CONFIDENCE, KINDS, Level, Task, level_at, level_dict
 
@@ -66,6 +69,7 @@ class Limit:
 
     holds: float | None  # the largest below the first failure; None: it fails at the smallest tried
     fails: float | None  # the smallest that fails; None: it holds at all tried
+    heavy: bool = False  # errors have heavy tails at either: it is chance which of the levels around pass
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +82,10 @@ class MethodSweep:
     def limit(self, kind: str) -> Limit:
         """Where one of `KINDS` ends."""
         return _limit(self.levels, kind)
+
+    def __repr__(self) -> str:
+        ends = "; ".join(f"{kind} {_ends(self.limit(kind))}" for kind in KINDS)
+        return f"MethodSweep({self.method}, {len(self.levels)} levels: {ends})"
 
     @property
     def own(self) -> Level:
@@ -116,6 +124,10 @@ class Sweep:
         known = ", ".join(found.method for found in self.methods)
         raise InputError(f"Expected `method` to be one of {known}, got {method!r}.")
 
+    def __repr__(self) -> str:
+        ends = ", ".join(f"{found.method} {_ends(found.limit(KINDS[0]))}" for found in self.methods)
+        return f"Sweep({self.trials:,} trials per level, covariance of the noise times a factor; first order: {ends})"
+
     def summary(self) -> str:
         """What holds up to which noise, in words and as a table."""
         from ..report.sweep_text import summary
@@ -150,7 +162,8 @@ class Sweep:
                 {
                     "method": found.method,
                     "limits": {
-                        kind: {"holds": (limit := found.limit(kind)).holds, "fails": limit.fails} for kind in KINDS
+                        kind: {"holds": (end := found.limit(kind)).holds, "fails": end.fails, "heavy_tails": end.heavy}
+                        for kind in KINDS
                     },
                     "levels": [level_dict(level) for level in found.levels],
                 }
@@ -201,11 +214,10 @@ def sweep(
     data: PosePairs | Motions,
     *,
     noise: Noise | None,
-    methods: Sequence[str] = ("4dpa", "efficient"),
-    factors: Sequence[float] = FACTORS,
+    methods: str | Iterable[str] = ("4dpa", "efficient"),
+    factors: ArrayLike = FACTORS,
     trials: int = 2_000,
     seed: int = 0,
-    workers: int = 1,
     tolerance: float = 0.1,
     pairs: str | ArrayLike = "all",
     progress: bool = False,
@@ -218,16 +230,13 @@ def sweep(
         Noise is drawn around the truth where poses carry one, else around the data as maximum likelihood fits them.
     noise : PoseNoise, PairNoise or None
         Factor 1. None estimates it from the data.
-    methods : names as for `calibrate`
+    methods : a name or names as for `calibrate`
     factors : numbers above 0
         Of the covariance of the noise: 100 is 10 times the standard deviations. 1 is added if it is not there.
     trials : int
         At each level, at least 100.
     seed : int
-        The same seed gives the same numbers, whatever the workers; at factor 1 the trials are those of `monte_carlo`.
-    workers : int
-        Processes, over methods and levels. A program that asks for more than one must do so below
-        ``if __name__ == "__main__":``.
+        The same seed gives the same numbers; at factor 1 the trials are those of `monte_carlo`.
     tolerance : float
         Relative error of standard deviations that matters.
     pairs : as for `calibrate`
@@ -256,7 +265,8 @@ def sweep(
     >>> found["4dpa"].own.first_order.holds, found["4dpa"].at(900).first_order.holds
     (True, False)
     """
-    names, grid = _checked(methods, factors, trials, seed, workers, tolerance)
+    names, grid = _checked(methods, factors, trials, seed, tolerance)
+    trials, seed, tolerance = int(trials), int(seed), float(tolerance)
     problems: dict[str, Experiment] = {}
     estimated = noise is None
     for name in names:
@@ -264,11 +274,10 @@ def sweep(
         noise = problems[name].noise  # estimated once, so that all methods see the same
     levels: dict[str, dict[float, Level]] = {name: {} for name in names}
     wanted = [(name, factor) for name in names for factor in grid]
-    with _team(workers) as run_all, progress_bar("noise levels", None, "levels", progress) as advance:
+    with one_thread(), progress_bar("noise levels", None, "levels", progress) as advance:
         while wanted:
-            tasks = [Task(problems[name], factor, trials, seed, tolerance) for name, factor in wanted]
-            for (name, factor), level in zip(wanted, run_all(tasks), strict=True):
-                levels[name][factor] = level
+            for name, factor in wanted:
+                levels[name][factor] = level_at(Task(problems[name], factor, trials, seed, tolerance))
                 advance(1)
             wanted = [(name, factor) for name in names for factor in _next(levels[name])]
     poses = data if isinstance(data, PosePairs) else data.poses
@@ -288,13 +297,14 @@ def sweep(
     )
 
 
-def _checked(
-    methods: Any, factors: Any, trials: Any, seed: Any, workers: Any, tolerance: Any
-) -> tuple[list[str], tuple[float, ...]]:
-    names = [methods] if isinstance(methods, str) else list(dict.fromkeys(methods))
+def _checked(methods: Any, factors: Any, trials: Any, seed: Any, tolerance: Any) -> tuple[list[str], tuple[float, ...]]:
+    names = [methods] if isinstance(methods, str) else list(methods) if isinstance(methods, Iterable) else [methods]
+    if not all(isinstance(name, str) for name in names):
+        raise InputError(f"Expected `methods` to be a name or names of methods such as '4dpa', got {methods!r}.")
+    names = list(dict.fromkeys(names))
     if not names:
         raise InputError("Expected `methods` to name at least one method, got none.")
-    for value, name, least in ((trials, "trials", 100), (seed, "seed", 0), (workers, "workers", 1)):
+    for value, name, least in ((trials, "trials", 100), (seed, "seed", 0)):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
             raise InputError(f"Expected `{name}` to be an integer of at least {least}, got {value!r}.")
     try:
@@ -303,8 +313,9 @@ def _checked(
         raise InputError(f"Expected `factors` to be numbers, got {factors!r}.") from None
     if not (np.isfinite(grid).all() and grid[0] > 0):
         raise InputError(f"Expected `factors` to be finite and above 0, got {factors!r}.")
-    if not (isinstance(tolerance, float | int) and 0 < tolerance < 1):
-        raise InputError(f"Expected `tolerance` to lie between 0 and 1, got {tolerance!r}.")
+    number = isinstance(tolerance, float | int | np.floating) and not isinstance(tolerance, bool)
+    if not (number and 0 < tolerance < 1):
+        raise InputError(f"Expected `tolerance` to be a number between 0 and 1 such as 0.1, got {tolerance!r}.")
     return names, tuple(grid.tolist())
 
 
@@ -314,12 +325,22 @@ def _ordered(levels: dict[float, Level]) -> tuple[Level, ...]:
 
 def _limit(levels: Sequence[Level], kind: str) -> Limit:
     """Of levels by ascending factor: before the first that fails, however it is above."""
-    holds = None
+    before: Level | None = None
     for level in levels:
         if not level.of(kind).holds:
-            return Limit(holds, level.factor)
-        holds = level.factor
-    return Limit(holds, None)
+            heavy = level.heavy or (before is not None and before.heavy)
+            return Limit(None if before is None else before.factor, level.factor, heavy)
+        before = level
+    return Limit(None if before is None else before.factor, None)
+
+
+def _ends(limit: Limit) -> str:
+    """For `repr`."""
+    if limit.holds is None:
+        return "holds at no factor tried"
+    about = "about " if limit.heavy else ""
+    factor = float(f"{limit.holds:.1e}")
+    return f"holds {'at all tried, ' if limit.fails is None else ''}up to {about}{factor:,.10g}"
 
 
 def _next(levels: dict[float, Level]) -> list[float]:
@@ -330,30 +351,3 @@ def _next(levels: dict[float, Level]) -> list[float]:
         if limit.holds is not None and limit.fails is not None and limit.fails / limit.holds > CLOSE:
             found.add(math.sqrt(limit.holds * limit.fails))
     return sorted(found)
-
-
-# --------------------------------------------------------------------------------------------------- processes
-
-
-@contextmanager
-def _team(workers: int) -> Iterator[Callable[[list[Task]], Iterator[Level]]]:
-    """A function that works tasks out, in their order, in this process or in several."""
-    if workers == 1:
-        # through bytes as between processes: rounding depends on how arrays lie in memory
-        yield lambda tasks: (pickle.loads(pickle.dumps(level_at(pickle.loads(pickle.dumps(task))))) for task in tasks)
-        return
-    from concurrent.futures import ProcessPoolExecutor
-    from concurrent.futures.process import BrokenProcessPool
-    from multiprocessing import get_context
-
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        try:
-            yield lambda tasks: pool.map(level_at, tasks)
-        except BrokenProcessPool as error:
-            raise InputError(
-                "A worker process was lost: either it could not start, as this program does its work outside of "
-                "'if __name__ == \"__main__\":', or the memory has run out. Use one worker."
-            ) from error
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise

@@ -7,6 +7,7 @@ a lost worker had in hand is worked out again by another.
 
 from __future__ import annotations
 
+import logging
 import os
 import pickle
 import signal
@@ -16,6 +17,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 from typing import Any, Protocol
@@ -105,7 +107,8 @@ def in_order(
 class Alone:
     """This process, and ``others`` once what is left would take it ``patience`` seconds longer than them.
 
-    It works out at least one chunk, which tells how long they take, and raises what is wrong with them as it is.
+    It works out at least one chunk, which tells how long they take, and raises what is wrong with them as it is. The
+    others are started only once that chunk has been handed over, so that it is kept if they do not start.
     """
 
     def __init__(
@@ -114,6 +117,7 @@ class Alone:
         self._work, self._start, self._gain, self._patience = work, others, gain, patience
         self._groups: list[list[int]] = []
         self._team: Team | None = None
+        self._due = 0  # chunks in a group of the others, once they are wanted
 
     @property
     def capacity(self) -> int:
@@ -124,6 +128,8 @@ class Alone:
         return 1 if self._team is None else self._team.group
 
     def submit(self, group: list[int]) -> None:
+        if self._due and self._start is not None:
+            self._team, self._due = self._start(self._due), 0
         if self._team is None:
             self._groups.append(group)
         else:
@@ -138,7 +144,7 @@ class Alone:
         each = (time.perf_counter() - started) / len(group)
         left = self._work.count - 1 - group[-1]
         if self._start is not None and left > 0 and each * left * self._gain > self._patience:
-            self._team = self._start(max(1, min(MOST_IN_GROUP, int(GROUP_SECONDS / max(each, 1e-9)))))
+            self._due = max(1, min(MOST_IN_GROUP, int(GROUP_SECONDS / max(each, 1e-9))))
         return found
 
     def close(self) -> None:
@@ -272,7 +278,7 @@ def serve() -> None:
     warnings.simplefilter("ignore")  # that process has run a chunk too, and warned
     questions, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not reach the answers
-    with suppress(EOFError, OSError):
+    with suppress(EOFError, OSError, pickle.UnpicklingError):  # the other side is gone, maybe in mid-sentence
         work = from_bytes(pickle.load(questions))
         while True:
             pickle.dump(answer(work, pickle.load(questions)), answers, protocol=5)
@@ -297,13 +303,16 @@ class Cluster:
     """The workers of a Dask scheduler, given as a ``distributed.Client`` or as its address.
 
     The work is the result of a task, which the scheduler can repeat (data that are only scattered are lost with their
-    worker), and so are the chunks: those of a lost worker come from another.
+    worker), and so are the chunks: those of a lost worker come from another. Raises `InputError` for a cluster that
+    cannot be reached or has no workers.
     """
 
-    def __init__(self, work: bytes, client: Any, group: int) -> None:
+    def __init__(self, work: bytes, client: Any) -> None:
         distributed = _distributed()
-        self.group = group
-        self._own = isinstance(client, str)
+        self.group = 1
+        self._own, self._closed = isinstance(client, str), False
+        self._groups: dict[Any, list[int]] = {}
+        self._seen = time.monotonic()
         if self._own:
             try:
                 client = distributed.Client(client, timeout=CONNECT)
@@ -313,9 +322,9 @@ class Cluster:
             raise InputError(
                 f"Expected `client` to be a distributed.Client or an address, got {type(client).__name__}."
             )
+        if client.status != "running":
+            raise InputError(f"Expected `client` to be connected to a Dask scheduler, but it is {client.status}.")
         self._client = client
-        self._groups: dict[Any, list[int]] = {}
-        self._seen = time.monotonic()
         try:
             client.wait_for_workers(1, timeout=PATIENCE / 2)
             self._cores: int = sum(client.ncores().values())
@@ -323,29 +332,48 @@ class Cluster:
         except TimeoutError as error:
             self.close()
             raise InputError("The Dask scheduler has no workers; start some with `dask worker ADDRESS`.") from error
+        except self._failures() as error:
+            self.close()
+            raise InputError(f"The Dask scheduler cannot be used: {_words(error)}.") from error
         except BaseException:
             self.close()
             raise
+
+    @staticmethod
+    def _failures() -> tuple[type[BaseException], ...]:
+        """What the end of a scheduler or of all workers shows as: tasks that are cancelled, a client that closes."""
+        client = _distributed().client
+        closed: type[BaseException] = getattr(client, "ClosedClientError", OSError)  # of new versions
+        return OSError, CancelledError, _distributed().KilledWorker, closed
+
+    def of_groups(self, group: int) -> Cluster:
+        """Itself, with so many chunks in a group."""
+        self.group = group
+        return self
 
     @property
     def capacity(self) -> int:
         return AHEAD * max(1, self._cores)
 
     def submit(self, group: list[int]) -> None:
-        self._groups[self._client.submit(answer, self._work, group, pure=False)] = group
+        try:
+            future = self._client.submit(answer, self._work, group, pure=False)
+        except self._failures() as error:
+            raise WorkersLostError(f"the Dask scheduler is gone: {_words(error)}") from error
+        self._groups[future] = group
 
     def wait(self) -> Done:
-        distributed = _distributed()
-        failures = (OSError, distributed.client.FutureCancelledError, distributed.KilledWorker)
         while True:
             try:
-                done, _ = distributed.wait(list(self._groups), timeout=5, return_when="FIRST_COMPLETED")
+                done, _ = _distributed().wait(list(self._groups), timeout=5, return_when="FIRST_COMPLETED")
                 answers = self._client.gather(list(done))
             except TimeoutError:
                 self._require_workers()
                 continue
-            except failures as error:
-                raise WorkersLostError(f"the Dask cluster failed: {error}") from error
+            except self._failures() as error:
+                if self._client.status != "running":
+                    raise WorkersLostError("the connection to the Dask scheduler was lost") from error
+                raise WorkersLostError(f"the Dask cluster failed: {_words(error)}") from error
             except ImportError as error:
                 raise InputError(
                     f"A Dask worker cannot import what it needs ({error}): install the same uq-handeye on all of them."
@@ -362,20 +390,34 @@ class Cluster:
             return
         try:
             self._cores = sum(self._client.ncores().values())
-        except OSError as error:
-            raise WorkersLostError(f"the Dask scheduler is gone: {error}") from error
+        except self._failures() as error:
+            raise WorkersLostError(f"the Dask scheduler is gone: {_words(error)}") from error
         if self._cores:
             self._seen = now
         elif now - self._seen > PATIENCE:
             raise WorkersLostError(f"the Dask scheduler had no worker for {PATIENCE:g} s")
 
     def close(self) -> None:
-        with suppress(OSError, TimeoutError):
+        if self._closed:
+            return
+        self._closed = True
+        with suppress(TimeoutError, *self._failures()):
             self._client.cancel(list(self._groups))
         self._groups.clear()
         self._work = None
         if self._own:
-            self._client.close()
+            log = logging.getLogger("distributed.client")
+            before = log.level
+            log.setLevel(logging.CRITICAL)  # a scheduler that is gone has been told of, without a traceback
+            with suppress(TimeoutError, *self._failures()):
+                self._client.close()
+            log.setLevel(before)
+
+
+def _words(error: BaseException) -> str:
+    """An error of Dask in one line that is not too long."""
+    text = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def _distributed() -> Any:
