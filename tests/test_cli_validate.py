@@ -148,7 +148,9 @@ def test_a_scheduler_that_is_not_there(run, monkeypatch):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_prints_what_is_done_and_can_be_resumed(session, tmp_path, workers):
     """SIGINT to the whole group, as a terminal sends it: no worker may complain."""
-    command = [sys.executable, "-c", PROGRAM, "validate", "robot.csv", "camera.csv", *OPTIONS, "--method", "4dpa"]
+    # what a shell starts in the background ignores SIGINT, and so would all that it starts
+    program = f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {PROGRAM}"
+    command = [sys.executable, "-c", program, "validate", "robot.csv", "camera.csv", *OPTIONS, "--method", "4dpa"]
     command += ["--seed", "5", "-o", str(tmp_path / "run"), "--workers", str(workers)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     process = subprocess.Popen(
@@ -168,6 +170,7 @@ def test_ctrl_c_prints_what_is_done_and_can_be_resumed(session, tmp_path, worker
         out, err = process.communicate(timeout=20)
     finally:
         process.kill()
+        process.communicate()
     assert (process.returncode, err) == (130, "uq-handeye: interrupted\n")
     assert out.splitlines()[1].startswith("NOT COMPLETE: interrupted.")
     done = int(re.search(r": ([\d,]+) trials", out)[1].replace(",", ""))
