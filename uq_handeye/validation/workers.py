@@ -33,7 +33,7 @@ AHEAD = 2
 # Chunks that may wait for an earlier one, as multiples of those in flight.
 WINDOW = 2
 # A group is to take so many seconds, which is long beside what its transport takes.
-GROUP_SECONDS, MOST_IN_GROUP = 0.2, 64
+GROUP_SECONDS, MOST_IN_GROUP = 0.08, 64
 # Workers that may be lost before the run stops.
 MOST_LOST = 5
 # Seconds to reach a Dask scheduler.
@@ -57,6 +57,11 @@ class Team(Protocol):
     @property
     def group(self) -> int:
         """Chunks in a group."""
+        ...
+
+    @property
+    def ready(self) -> bool:
+        """Whether there is somebody to work, or a reason why not; else this process goes on meanwhile."""
         ...
 
     def submit(self, group: list[int]) -> None: ...
@@ -108,8 +113,11 @@ class Alone:
     """This process, and ``others`` once what is left would take it ``patience`` seconds longer than them.
 
     It works out at least one chunk, which tells how long they take, and raises what is wrong with them as it is. The
-    others are started only once that chunk has been handed over, so that it is kept if they do not start.
+    others are started only once that chunk has been handed over, so that it is kept if they do not start; it goes on by
+    itself until they are ready.
     """
+
+    ready = True
 
     def __init__(
         self, work: Work, others: Callable[[int], Team] | None = None, gain: float = 0.0, patience: float = 0.0
@@ -121,29 +129,29 @@ class Alone:
 
     @property
     def capacity(self) -> int:
-        return 1 if self._team is None else self._team.capacity
+        return 1 if self._team is None or not self._team.ready else self._team.capacity
 
     @property
     def group(self) -> int:
-        return 1 if self._team is None else self._team.group
+        return 1 if self._team is None or not self._team.ready else self._team.group
 
     def submit(self, group: list[int]) -> None:
         if self._due and self._start is not None:
             self._team, self._due = self._start(self._due), 0
-        if self._team is None:
+        if self._team is None or not self._team.ready:
             self._groups.append(group)
         else:
             self._team.submit(group)
 
     def wait(self) -> Done:
-        if self._team is not None:
+        if self._team is not None and not self._groups:
             return self._team.wait()
         group = self._groups.pop(0)
         started = time.perf_counter()
         found = [(index, self._work.compute(index)) for index in group]
         each = (time.perf_counter() - started) / len(group)
         left = self._work.count - 1 - group[-1]
-        if self._start is not None and left > 0 and each * left * self._gain > self._patience:
+        if self._team is None and self._start is not None and left > 0 and each * left * self._gain > self._patience:
             self._due = max(1, min(MOST_IN_GROUP, int(GROUP_SECONDS / max(each, 1e-9))))
         return found
 
@@ -181,6 +189,10 @@ class Local:
             self.close()
             raise
 
+    @property
+    def ready(self) -> bool:
+        return any(worker.started for worker in self.workers) or not self._answers.empty()
+
     def _start(self) -> Worker:
         try:
             with _interrupts_blocked():
@@ -199,7 +211,6 @@ class Local:
             worker, found = self._answers.get()
             if found is not None:
                 worker.groups.pop(0)
-                worker.started = True
                 return checked(found)
             self._replace(worker)
 
@@ -246,6 +257,7 @@ class Worker:
     def _listen(self, answers: SimpleQueue[tuple[Worker, Answer | None]]) -> None:
         assert self.process.stdout is not None
         with suppress(EOFError, OSError, ValueError, pickle.UnpicklingError):
+            self.started = pickle.load(self.process.stdout)  # once it knows the work
             while True:
                 answers.put((self, pickle.load(self.process.stdout)))
         answers.put((self, None))
@@ -280,6 +292,8 @@ def serve() -> None:
     os.dup2(2, 1)  # whatever prints must not reach the answers
     with suppress(EOFError, OSError, pickle.UnpicklingError):  # the other side is gone, maybe in mid-sentence
         work = from_bytes(pickle.load(questions))
+        pickle.dump(True, answers)
+        answers.flush()
         while True:
             pickle.dump(answer(work, pickle.load(questions)), answers, protocol=5)
             answers.flush()
@@ -306,6 +320,8 @@ class Cluster:
     worker), and so are the chunks: those of a lost worker come from another. Raises `InputError` for a cluster that
     cannot be reached or has no workers.
     """
+
+    ready = True
 
     def __init__(self, work: bytes, client: Any) -> None:
         distributed = _distributed()
