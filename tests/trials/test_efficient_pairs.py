@@ -136,7 +136,7 @@ def test_the_draws_have_the_noise_asked_for(rng):
     noise = noise_of(rng, ("per pair", "common"), 3, sd=0.1, spread=1.5)
     m = 20_000
     for T, turn, L, S in zip((A, B), (None, X[:3, :3]), noise.factors, (noise.A, noise.B), strict=True):
-        q, t = efficient_pairs.Side.of(T, turn, L).drawn(slice(0, 3), m, rng)
+        q, t = efficient_pairs.Side.of(T, turn, L).drawn(slice(0, 3), m, rng, np.empty((7, 3, m)))
         frame = np.eye(3) if turn is None else turn
         found = np.stack([matrix(q[:, [k]]) for k in range(3)]).transpose(3, 0, 1, 2)
         theta = logarithms(frame.T @ found @ frame @ T[:, :3, :3].mT)

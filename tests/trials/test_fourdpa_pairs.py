@@ -17,16 +17,16 @@ def generator(seed=SEED):
 def drawn(noise, N, trials, rng):
     """The same errors of A and of B (trials, N, 6) as the engine draws: block after block, trials last."""
     errors = np.zeros((2, trials, N, 6))
-    pairs = max(1, min(N, fourdpa_pairs.BLOCK // (2 * fourdpa_pairs.FEWEST)))
-    step = max(fourdpa_pairs.FEWEST, fourdpa_pairs.BLOCK // (2 * N))
+    pairs = max(1, min(N, fourdpa_pairs.BLOCK // fourdpa_pairs.FEWEST))
+    step = max(fourdpa_pairs.FEWEST, fourdpa_pairs.BLOCK // N)
     for first in range(0, trials, step):
         for start in range(0, N, pairs):
             block = errors[:, first : first + step, start : start + pairs]
-            z = rng.standard_normal((2, block.shape[2], 6, block.shape[1]))
-            for side, L in enumerate(noise.factors):
+            for side, L in zip(block, noise.factors, strict=True):
                 if L is not None:
+                    z = rng.standard_normal((side.shape[1], 6, len(side)))
                     L = np.broadcast_to(L, (N, 6, 6))[start : start + pairs]
-                    block[side] = np.einsum("nij,njm->mni", L, z[side])
+                    side[:] = np.einsum("nij,njm->mni", L, z)
     return errors
 
 

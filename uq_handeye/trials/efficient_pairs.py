@@ -44,6 +44,7 @@ from .rows import (
     Triangle,
     composed,
     cross,
+    halves,
     logarithm,
     matrix,
     matrix_less_one,
@@ -98,8 +99,8 @@ def efficient_on_drawn(A: Array, B: Array, X: Array, noise: PairNoise, rng: np.r
     errors, covariances, ok = _empty(trials)
     for some, data in _blocks(trials, N):
         for part in data:
-            part.a, part.t_A = true_A.drawn(part.pairs, part.m, rng)
-            part.b, part.t_B = true_B.drawn(part.pairs, part.m, rng)
+            part.a, part.t_A = true_A.drawn(part.pairs, part.m, rng, np.empty((7, part.n, part.m)))
+            part.b, part.t_B = true_B.drawn(part.pairs, part.m, rng, np.empty((7, part.n, part.m)))
         _estimate(model, data, errors[some], covariances[some], ok[some])
     if not ok.any():
         efficient(Motions(A, B), noise)  # raises where it is no matter of the draw
@@ -250,31 +251,17 @@ def _estimate(model: _Model, data: list[_Part], errors: Array, covariances: Arra
 
 
 def _start(model: _Model, data: list[_Part]) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """4DPA from the moments of ``2u = vee(R)``, ``2w = t + R^T t`` (T2): quaternions (4, 1, m), t (3, m), and ok."""
+    """4DPA from the moments of u and w (T2): quaternions (4, 1, m), t (3, m), and ok."""
     moments = np.zeros((2, 3, 3, data[0].m))
     H, K = moments
     for part in data:
-        u, w = _halves(part.a, part.t_A)
-        v, z = _halves(part.b, part.t_B)
+        u, w = halves(part.a, part.t_A)
+        v, z = halves(part.b, part.t_B)
         H += np.einsum("inm,jnm->ijm", u, v)
         K += np.einsum("inm,jnm->ijm", u, z)
         K += np.einsum("inm,jnm->ijm", w, v)
     xi, ok = errors_by_moments(moments, sum(part.n for part in data), model.t_X)
     return quaternion(xi[:, :3].T), xi[:, 3:].T + model.t_X[:, None], ok
-
-
-def _halves(q: Array, t: Array) -> tuple[Array, Array]:
-    """2u and 2w, (3, n, m)."""
-    u = q[1:] * (4.0 * q[0])
-    w = cross(t, q[1:])
-    w += t * q[0]
-    w *= q[0]
-    along = q[1] * t[0]
-    along += q[2] * t[1]
-    along += q[3] * t[2]
-    w += along * q[1:]
-    w *= 2.0
-    return u, w
 
 
 def _whiten(part: _Part, t: Array, c: _Coefficients, corrected: bool) -> None:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..scratch import scratch
 from ..se3 import Array, block, skew
 
 # The series of sin(h)/h in h^2, from its last term on, and h^2 below which what follows is rounding. NumPy's sine and
@@ -33,11 +34,14 @@ def rows_of(T: Array, turn: Array | None) -> tuple[Array, Array]:
 
 
 class Side(NamedTuple):
-    """True motions of one side and their errors: ``exp(theta) q = cos(h) q + sin(h)/h theta q/2``, ``2h = |theta|``."""
+    """True motions of one side and their errors: ``q = cos(h) q_true + sin(h)/h g``, ``g = (0, theta/2) q_true``.
+
+    ``h = |theta|/2 = |g|``, so that g and tau, linear in what is drawn, are all that it takes; exact for any angle.
+    """
 
     q: Array  # (4, N, 1)
     t: Array  # (3, N, 1)
-    linear: Array | None  # (N, 10, 6): theta, theta q/2 and tau from standard normals; None: exact
+    linear: Array | None  # (N, 7, 6): g and tau from standard normals; None: exact
 
     @classmethod
     def of(cls, T: Array, turn: Array | None, L: Array | None) -> Side:
@@ -47,27 +51,50 @@ class Side(NamedTuple):
             return cls(q, t, None)
         if turn is not None:
             L = block(turn, 0.0, 0.0, turn) @ L
-        F = np.zeros((len(T), 10, 6))
-        F[:, :3, :3] = F[:, 7:, 3:] = np.eye(3)
+        F = np.zeros((len(T), 7, 6))
         vector = q[1:, :, 0].T
-        F[:, 3, :3] = -0.5 * vector
-        F[:, 4:7, :3] = 0.5 * (q[0, :, :, None] * np.eye(3) - skew(vector))
+        F[:, 0, :3] = -0.5 * vector
+        F[:, 1:4, :3] = 0.5 * (q[0, :, :, None] * np.eye(3) - skew(vector))
+        F[:, 4:, 3:] = np.eye(3)
         return cls(q, t, F @ L)
 
-    def drawn(self, pairs: slice, m: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Measured quaternions (4, n, m) and translations (3, n, m) of n of the pairs in m trials."""
+    def drawn(self, pairs: slice, m: int, rng: np.random.Generator, out: Array) -> tuple[Array, Array]:
+        """Measured quaternions (4, n, m) and translations (3, n, m) of n pairs in m trials, in ``out`` (7, n, m)."""
         q, t = self.q[:, pairs], self.t[:, pairs]
         if self.linear is None:
-            return np.repeat(q, m, axis=2), np.repeat(t, m, axis=2)
-        n = q.shape[1]
-        found = np.empty((10, n, m))
-        np.matmul(self.linear[pairs], rng.standard_normal((n, 6, m)), out=found.transpose(1, 0, 2))
-        sine, cosine = half_turn(found[:3])
-        rotation, translation = found[3:7], found[7:]
+            out[:4], out[4:] = q, t
+            return out[:4], out[4:]
+        z = scratch("normals", q.shape[1], 6, m)
+        rng.standard_normal(out=z)
+        np.matmul(self.linear[pairs], z, out=out.transpose(1, 0, 2))
+        rotation, translation = out[:4], out[4:]
+        sine, cosine = half_turn(_squares(rotation))
         rotation *= sine
         rotation += cosine * q
         translation += t
         return rotation, translation
+
+
+def halves(q: Array, t: Array) -> tuple[Array, Array]:
+    """u and w of T2, (3, n, m).
+
+    ``u = vee(R)/2 = 2 q_0 q_v`` and ``w = (t + R^T t)/2 = q_0 (q_0 t - q_v x t) + (q_v . t) q_v``.
+    """
+    scalar, vector = q[0], q[1:]
+    w = cross(t, vector)
+    w += t * scalar
+    w *= scalar
+    along = vector * t
+    w += (along[0] + along[1] + along[2]) * vector
+    u = vector * scalar
+    u *= 2.0
+    return u, w
+
+
+def _squares(rows: Array) -> Array:
+    """Sums of squares over the components."""
+    products = rows * rows
+    return np.asarray(np.add.reduce(products, axis=0))
 
 
 def cross(x: Array, y: Array) -> Array:
@@ -79,16 +106,12 @@ def cross(x: Array, y: Array) -> Array:
     return result
 
 
-def half_turn(theta: Array) -> tuple[Array, Array]:
-    """``sin(h)/h`` and ``cos(h)`` of ``h = |theta|/2``, (n, m)."""
-    square = theta[0] * theta[0]
-    square += theta[1] * theta[1]
-    square += theta[2] * theta[2]
-    square *= 0.25
+def half_turn(square: Array) -> tuple[Array, Array]:
+    """``sin(h)/h`` and ``cos(h)`` of ``h^2``, (n, m)."""
     largest = square.max()
     series = next((series for limit, series in SINC if largest < limit), None)
     if series is None:
-        h = np.sqrt(square, out=square)
+        h = np.sqrt(square)
         return np.where(h > 0, np.sin(h) / np.maximum(h, 1e-150), 1.0), np.cos(h)
     sine = square * series[0]
     for coefficient in series[1:-1]:
@@ -103,7 +126,7 @@ def half_turn(theta: Array) -> tuple[Array, Array]:
 
 def turned(q: Array, theta: Array) -> Array:
     """``exp(theta) q`` (4, n, m)."""
-    sine, cosine = half_turn(theta)
+    sine, cosine = half_turn(0.25 * _squares(theta))
     sine *= 0.5
     d = theta * sine
     result = np.empty_like(q)
@@ -120,10 +143,7 @@ def turned(q: Array, theta: Array) -> Array:
 
 def logarithm(q: Array, out: Array) -> None:
     """Rotation vectors of quaternions of either sign: ``2 atan(|v|/w) v/|v|``."""
-    size = q[1] * q[1]
-    size += q[2] * q[2]
-    size += q[3] * q[3]
-    np.sqrt(size, out=size)
+    size = np.sqrt(_squares(q[1:]))
     np.maximum(size, 1e-150, out=size)
     ratio = size / q[0]
     np.arctan(ratio, out=ratio)
@@ -147,7 +167,7 @@ def matrix_less_one(q: Array, out: Array) -> None:
 
 def quaternion(theta: Array) -> Array:
     """(4, 1, m) of rotation vectors (3, m)."""
-    sine, cosine = half_turn(theta[:, None])
+    sine, cosine = half_turn(0.25 * _squares(theta[:, None]))
     return np.concatenate([cosine[None], 0.5 * sine * theta[:, None]])
 
 
