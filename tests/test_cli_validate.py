@@ -119,7 +119,7 @@ def test_all_cores_unless_told(run, monkeypatch):
         (("--method", "best"), "--method to name methods among efficient, ml, tsai"),
         (("--method", ","), "--method to name methods"),
         (("--covariance", "mine"), "--covariance to be model or each"),
-        (("--trials", "1"), "`trials` to be a whole number of at least 2"),
+        (("--trials", "1"), "`trials` to be an integer of at least 2"),
         (("--trials", "many"), "--trials"),
         (("--workers", "0"), "`workers`"),
         (("--resume",), "--resume needs the folder"),

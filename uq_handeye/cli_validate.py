@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,6 +29,7 @@ from .cli_options import (
 )
 from .errors import InputError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
+from .io import json_text
 from .likelihood import ESTIMATORS
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def validate_command(
             break
     if as_json:
         parts = [result.to_dict() for result in results.values()]
-        emit(json.dumps(parts[0] if len(names) == 1 else {"methods": parts}, indent=2, allow_nan=False) + "\n")
+        emit(json_text(parts[0] if len(names) == 1 else {"methods": parts}))
     if result.reason == ended_by_hand:
         return INTERRUPTED
     if result.ended_early:

@@ -16,12 +16,10 @@ an imprecise reference.
 from __future__ import annotations
 
 import io
-import json
 import re
-import sys
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,12 +35,13 @@ from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtr
 from .estimators import METHODS, ROBOT_WORLD_METHODS
 from .estimators.method import Estimate, Method
 from .estimators.robot_world import RobotWorldMethod
-from .io.atomic import write_atomically
+from .io.atomic import json_text, write_atomically
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise
 from .noise_estimation import estimate_noise
 from .noise_transport import noise_of_pairs
 from .poses import SETUPS, PosePairs
+from .progress import progress_bar
 from .published import fit_published
 from .report.comparison_text import table, verdict, without_numbers
 from .request import require_noise_fits
@@ -164,10 +163,7 @@ class Comparison:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all)."""
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
-        if path is not None:
-            write_atomically(path, text)
-        return text
+        return json_text(self.to_dict(), path)
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table, one row per method, units in the names of the columns."""
@@ -239,8 +235,10 @@ def compare(
     found: dict[str, Row] = {}
     with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
         warnings.simplefilter("always")
-        for name in _shown(sorted(names, key=lambda name: name != reference), progress):
-            found[name] = _row(_every()[name], motions, noise)
+        with progress_bar("compare", len(names), "methods", progress) as advance:
+            for name in sorted(names, key=lambda name: name != reference):
+                found[name] = _row(_every()[name], motions, noise)
+                advance(1)
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
     common, own = _sorted_warnings(rows, base)
@@ -300,24 +298,6 @@ def _motions(data: PosePairs | Motions, pairs: str | ArrayLike) -> tuple[Motions
     if motions.A.ndim != 3:
         raise InputError("Expected one data set, got a batch.")
     return motions, available
-
-
-def _shown(names: Iterable[str], progress: bool) -> Iterator[str]:
-    """The names, with a bar on a terminal."""
-    if not (progress and sys.stderr.isatty()):
-        yield from names
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:12s}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    names = list(names)
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=len(names))
-        for name in names:
-            bar.update(task, description=name)
-            yield name
-            bar.advance(task)
 
 
 def _row(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | None) -> Row:

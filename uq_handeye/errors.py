@@ -46,5 +46,11 @@ class SingularNoiseError(InputError):
     """The noise model leaves a part of the residuals exact, so that nothing can be weighted by its inverse."""
 
 
+def require_integer(name: str, value: Any, least: int) -> None:
+    """Raise `InputError` unless ``value`` is an integer, of Python or NumPy, of at least ``least``."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise InputError(f"Expected `{name}` to be an integer of at least {least}, got {value!r}.")
+
+
 class InputWarning(UserWarning):
     """Input that can be used but looks wrong; the message says why and what to try."""

@@ -42,9 +42,11 @@ class Motions:
     poses: PosePairs | None = field(default=None)
 
     def __post_init__(self) -> None:
-        if self.poses is None:  # what `relative_motions` makes of checked poses needs no second check
-            for name in ("A", "B"):  # contiguous, as rounding follows the order in memory
-                object.__setattr__(self, name, np.ascontiguousarray(as_transforms(getattr(self, name), name)))
+        for name in ("A", "B"):
+            T = getattr(self, name)
+            if self.poses is None:  # what `relative_motions` makes of checked poses needs no second check
+                T = as_transforms(T, name)
+            object.__setattr__(self, name, np.ascontiguousarray(T))  # rounding follows the order in memory
         if self.A.shape != self.B.shape:
             raise InputError(
                 f"Expected `A` and `B` to hold the same number of motions, got shapes {self.A.shape} and "

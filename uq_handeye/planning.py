@@ -25,7 +25,6 @@ Poses that leave a part of X open (parallel axes, pure translations) can be plan
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,8 +35,8 @@ from numpy.typing import NDArray
 from .calibration import calibrate
 from .candidates import MOST, predicted_camera, sample_candidates
 from .constraint import OnPoses, constraint_of, residual_covariance
-from .errors import DegenerateMotionError, InputError, NotConvergedError
-from .io import pose_text, write_atomically
+from .errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
+from .io import json_text, pose_text, write_atomically
 from .likelihood import cholesky_of, whiten
 from .noise import PoseNoise, is_joint
 from .planning_selection import covariance_of, exchanged, greedy, value
@@ -145,10 +144,7 @@ class Plan:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all)."""
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
-        if path is not None:
-            write_atomically(path, text)
-        return text
+        return json_text(self.to_dict(), path)
 
     def to_csv(self, path: str | Path | None = None) -> str:
         """The robot poses as a pose file (m), in order, numbered 0, 1, ...; also written to ``path``."""
@@ -225,8 +221,7 @@ def plan(
         raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")
     if data.n < 3:
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
-    if isinstance(k, bool) or not isinstance(k, int | np.integer) or k < 1:
-        raise InputError(f"Expected `k` to be an integer of at least 1, got {k!r}.")
+    require_integer("k", k, 1)
     estimated = noise is None
     if noise is None:
         data, noise = _estimated_noise(data)

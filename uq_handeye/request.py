@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .all_pairs import AllPairs
-from .errors import InputError
+from .errors import InputError, require_integer
 from .estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from .likelihood import ESTIMATORS
 from .motions import Motions, relative_motions, spread_pairs
@@ -100,8 +100,7 @@ def request(
         raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {covariance!r}.")
     if covariance == "sigma-points" and kind is not None:
         raise InputError(f"Expected no kind={kind!r} with covariance='sigma-points': it is of first order alone.")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"Expected `seed` to be an integer of at least 0, got {seed!r}.")
+    require_integer("seed", seed, 0)
     if prior is not None and not isinstance(prior, NoisePrior):
         raise InputError(f"Expected `prior` to be a NoisePrior or None, got {type(prior).__name__}.")
     if prior is not None and noise is not None:

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from .errors import DegenerateMotionError, InputError
+from .errors import DegenerateMotionError, InputError, require_integer
 from .estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from .likelihood import ESTIMATORS, Fit
 from .motions import Motions
@@ -171,8 +171,7 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
 
 def draws(n: int, replicates: int, seed: int | np.random.Generator, size: int) -> Iterator[Counts]:
     """Multinomial counts (at most ``size``, n); the same numbers whatever the size."""
-    if isinstance(replicates, bool) or not isinstance(replicates, int | np.integer) or replicates < 2:
-        raise InputError(f"Expected `replicates` to be an integer of at least 2, got {replicates!r}.")
+    require_integer("replicates", replicates, 2)
     rng = np.random.default_rng(seed)
     for start in range(0, replicates, size):
         yield rng.multinomial(n, np.full(n, 1.0 / n), size=min(size, replicates - start)).astype(np.intp)

@@ -16,7 +16,7 @@ from .analysis import Analysis, StoredAnalysis
 from .diagnostics import Diagnostics
 from .errors import InputError
 from .goodness_of_fit import GoodnessOfFit
-from .io.atomic import write_atomically
+from .io.atomic import json_text
 from .noise import Noise
 from .noise_estimation import NoiseEstimate
 from .octonion_covariance import PAPER_SCALE
@@ -364,10 +364,7 @@ class Calibration:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
-        if path is not None:
-            write_atomically(path, text)
-        return text
+        return json_text(self.to_dict(), path)
 
     @classmethod
     def from_json(cls, path: str | Path) -> Calibration:

@@ -44,12 +44,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .constraint import covariances_of
-from .errors import InputError, NotConvergedError
-from .estimators.registry import METHODS
+from .errors import NotConvergedError, require_integer
 from .motions import Motions
-from .noise import Noise, factor, is_joint
+from .noise import Noise, factor
 from .poses import PosePairs
-from .se3 import Array, perturb
+from .se3 import Array
+from .simulation import moved
 from .trials.experiment import Experiment, experiment
 from .trials.run import BLOCK, errors_of, estimates
 
@@ -81,7 +81,7 @@ class SigmaPoints:
 def sigma_points(
     data: PosePairs | Motions,
     *,
-    noise: Noise | None,
+    noise: Noise | None = None,
     method: str = "efficient",
     pairs: str | ArrayLike = "all",
     scale: float | None = None,
@@ -131,10 +131,9 @@ def sigma_points(
 
 def sigma_points_of(problem: Experiment, *, rounds: int | None = None, seed: int = 0) -> SigmaPoints:
     """The same around the known truth of an experiment; parameters, result and errors as for `sigma_points`."""
-    if rounds is not None and (isinstance(rounds, bool) or not isinstance(rounds, int | np.integer) or rounds < 1):
-        raise InputError(f"Expected `rounds` to be an integer of at least 1, got {rounds!r}.")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"Expected `seed` to be an integer of at least 0, got {seed!r}.")
+    if rounds is not None:
+        require_integer("rounds", rounds, 1)
+    require_integer("seed", seed, 0)
     D = sum(6 * problem.count for S in covariances_of(problem.noise) if S is not None)
     rng = np.random.default_rng(seed)
     first_order = problem.predicted() if D > MOST else None
@@ -220,28 +219,24 @@ def cubature(
 
 def _function(problem: Experiment) -> Function:
     """f(z) of the module, on blocks of points so that memory stays bounded."""
-    truth = problem.truth
+    truth, n = problem.truth, problem.count
     exact = (truth.robot, truth.camera) if isinstance(truth, PosePairs) else (truth.A, truth.B)
-    n, sides = problem.count, covariances_of(problem.noise)
-    factors = [None if S is None else factor(S) for S in sides]
-    forms_pairs = problem.method in METHODS and problem.everything is None
-    block = max(1, BLOCK // (len(problem.motions) if forms_pairs else n))
+    factors = [None if S is None else factor(S) for S in covariances_of(problem.noise)]
+    block = max(1, BLOCK // problem.size)
 
     def function(z: Array) -> tuple[Array, NDArray[np.bool_]]:
         parts = [part(z[start : start + block]) for start in range(0, len(z), block)]
         return np.concatenate([errors for errors, _ in parts]), np.concatenate([ok for _, ok in parts])
 
     def part(z: Array) -> tuple[Array, NDArray[np.bool_]]:
-        moved, start = [], 0
-        for T, S, L in zip(exact, sides, factors, strict=True):
-            if S is None or L is None:
-                moved.append(np.array(np.broadcast_to(T, (len(z), *T.shape))))
-                continue
-            own = z[:, start : start + 6 * n]
-            start += 6 * n
-            xi = (own @ L.T).reshape(-1, n, 6) if is_joint(S) else (L @ own.reshape(-1, n, 6, 1))[..., 0]
-            moved.append(perturb(T, xi))
-        found = errors_of(problem, estimates(problem, moved[0], moved[1], each=False))
+        sides, start = [], 0
+        for T, L in zip(exact, factors, strict=True):
+            if L is None:
+                sides.append(np.array(np.broadcast_to(T, (len(z), *T.shape))))
+            else:
+                sides.append(moved(T, L, z[:, start : start + 6 * n]))
+                start += 6 * n
+        found = errors_of(problem, estimates(problem, sides[0], sides[1], each=False))
         return found.errors, found.ok
 
     return function

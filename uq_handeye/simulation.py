@@ -130,12 +130,16 @@ def simulate(
 
 def disturbed(T: Array, covariance: Array | None, batch: tuple[int, ...], rng: np.random.Generator) -> Array:
     """Exact poses or motions (n, 4, 4) with noise drawn on them (`PoseNoise`, `PairNoise`): (*batch, n, 4, 4)."""
-    n = len(T)
     if covariance is None:
-        return np.array(np.broadcast_to(T, (*batch, n, 4, 4)))
-    L = factor(covariance)
-    if is_joint(covariance):
-        xi = (rng.standard_normal((*batch, 6 * n)) @ L.T).reshape(*batch, n, 6)
-    else:
-        xi = (L @ rng.standard_normal((*batch, n, 6, 1)))[..., 0]
+        return np.array(np.broadcast_to(T, (*batch, len(T), 4, 4)))
+    return moved(T, factor(covariance), rng.standard_normal((*batch, 6 * len(T))))
+
+
+def moved(T: Array, L: Array, z: Array) -> Array:
+    """Poses or motions (n, 4, 4) with the errors ``L z`` of standard normal z (..., 6n): (..., n, 4, 4).
+
+    L is a factor of the covariance of each, (6, 6) or (n, 6, 6), or of the joint one (6n, 6n).
+    """
+    by_item = (*z.shape[:-1], len(T), 6)
+    xi = (z @ L.T).reshape(by_item) if is_joint(L) else (L @ z.reshape(*by_item, 1))[..., 0]
     return perturb(T, xi)

@@ -1,11 +1,12 @@
 """Readers and writers, one format per file."""
 
-from .atomic import write_atomically, write_files
+from .atomic import json_text, write_atomically, write_files
 from .csv_poses import pose_text, read_pose_file, write_pose_file
 from .noise_toml import read_noise_file
 from .poses import read_poses
 
 __all__ = [
+    "json_text",
     "pose_text",
     "read_noise_file",
     "read_pose_file",

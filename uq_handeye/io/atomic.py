@@ -8,13 +8,14 @@ killed process) leaves the old file as it was; only a killed process leaves its 
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import stat
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from ..errors import InputError
 from ._files import StrPath, as_path, reason, shown
@@ -41,6 +42,14 @@ def write_atomically(path: StrPath, content: Content) -> None:
     target = as_path(path)
     with ExitStack() as cleaning:
         _replace([_prepare(target, content, cleaning)])
+
+
+def json_text(data: Any, path: StrPath | None = None) -> str:
+    """``data`` as JSON text, also written to ``path``; raises ValueError for NaN and infinity, which JSON has not."""
+    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    if path is not None:
+        write_atomically(path, text)
+    return text
 
 
 def write_files(directory: StrPath, files: Mapping[str, Content]) -> None:

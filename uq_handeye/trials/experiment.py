@@ -62,6 +62,23 @@ class Experiment:
             return None
         return everything if (everything := AllPairs(self.truth)).precise else None
 
+    @property
+    def number_of_pairs(self) -> int:
+        """Of the motions, without forming them."""
+        if isinstance(self.truth, Motions):
+            return self.truth.N
+        return self.truth.n * (self.truth.n - 1) // 2 if self.pairs is None else len(self.pairs)
+
+    @property
+    def forms_pairs(self) -> bool:
+        """Whether every trial works on the pairs, rather than on the poses themselves."""
+        return self.method in METHODS and self.everything is None
+
+    @property
+    def size(self) -> int:
+        """Pairs or poses that every trial works on."""
+        return self.number_of_pairs if self.forms_pairs else self.count
+
     @cached_property
     def motions(self) -> Motions:
         """The true motions: those given, or of the pairs of the true poses."""

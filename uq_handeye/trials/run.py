@@ -76,18 +76,13 @@ def run(experiment: Experiment, rng: np.random.Generator, trials: int, each: boo
             return Trials(errors, ok, covariances if each else None)
         if experiment.method == "4dpa" and experiment.scale is None and not each:
             return Trials(*fourdpa_on_drawn(truth.A, truth.B, experiment.X, noise, rng, trials))
-    step = max(1, BLOCK // len(experiment.motions)) if _forms_pairs(experiment) else max(1, BLOCK // experiment.count)
+    step = max(1, BLOCK // experiment.size)
     parts = [_block(experiment, rng, min(step, trials - first), each) for first in range(0, trials, step)]
     return Trials(
         np.concatenate([part.errors for part in parts]),
         np.concatenate([part.ok for part in parts]),
         np.concatenate([part.covariances for part in parts if part.covariances is not None]) if each else None,
     )
-
-
-def _forms_pairs(experiment: Experiment) -> bool:
-    """Whether the pairs of the poses are formed in every trial."""
-    return experiment.method in METHODS and experiment.everything is None
 
 
 def _block(experiment: Experiment, rng: np.random.Generator, trials: int, each: bool) -> Trials:

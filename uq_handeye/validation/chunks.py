@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..errors import InputError
-from ..estimators.registry import METHODS
 from ..se3 import Array
 from ..trials.experiment import Experiment
 from ..trials.run import run
@@ -47,9 +46,7 @@ def versions() -> dict[str, str]:
 
 def chunk_size(experiment: Experiment) -> int:
     """Trials per chunk, by the size of the problem alone."""
-    pairs = experiment.method in METHODS and experiment.everything is None
-    count = len(experiment.motions) if pairs else experiment.count
-    return next((size for size in SIZES if size * count <= MOST), SIZES[-1])
+    return next((size for size in SIZES if size * experiment.size <= MOST), SIZES[-1])
 
 
 class Chunk(NamedTuple):

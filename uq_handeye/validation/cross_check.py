@@ -19,7 +19,6 @@ rows must relate: `relations`.
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,11 +27,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
-from ..errors import InputError
-from ..io.atomic import write_atomically
+from ..errors import InputError, require_integer
+from ..io.atomic import json_text
 from ..motions import Motions, relative_motions
 from ..noise import Noise, PairNoise, PoseNoise
-from ..noise_estimation import estimate_noise
 from ..poses import SETUPS, PosePairs
 from ..result import CONVENTION
 from ..result_file import noise_to_dict
@@ -44,7 +42,6 @@ from .cross_check_rows import (
     effective_samples,
     formulas,
     judged,
-    number_of_pairs,
     of_posterior,
 )
 from .monte_carlo import MonteCarlo
@@ -144,10 +141,7 @@ class CrossCheck:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all)."""
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
-        if path is not None:
-            write_atomically(path, text)
-        return text
+        return json_text(self.to_dict(), path)
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table, one line per row, in rad, m and s; what there is not is missing."""
@@ -190,8 +184,7 @@ def cross_check(
     seed : int
         Of trials and posterior.
     workers : int
-        Processes for the trials. A program that asks for more than one must do so below
-        ``if __name__ == "__main__":``.
+        Processes for the trials.
     posterior : bool
         Sample the posterior too, which needs the extra ``posterior``.
     progress : bool
@@ -223,19 +216,12 @@ def cross_check(
     """
     started = time.monotonic()
     for name, value, least in (("trials", trials, FEWEST_TRIALS), ("seed", seed, 0), ("workers", workers, 1)):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-            raise InputError(f"Expected `{name}` to be an integer of at least {least}, got {value!r}.")
-    if not isinstance(data, PosePairs | Motions):
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
-    poses = data if isinstance(data, PosePairs) else data.poses
-    estimated = noise is None
-    if noise is None:
-        noise = estimate_noise(data if poses is None else poses).noise
-        if noise is None:
-            raise InputError("The data fit exactly, so that they show no noise to draw: give `noise`.")
+        require_integer(name, value, least)
     if isinstance(noise, PairNoise) and isinstance(data, PosePairs):
         data = relative_motions(data, "all")
+    estimated = noise is None
     problem = experiment(data, noise)
+    noise, poses = problem.noise, data if isinstance(data, PosePairs) else data.poses
     problem.predicted()  # raises where the data do not determine X
     rows = formulas(data, problem)
     trial_rows, runs, ended = all_sampled(data, problem, int(trials), int(seed), int(workers), progress)
@@ -246,7 +232,7 @@ def cross_check(
         rows.append(row)
     effective = None if chain is None else effective_samples(chain)
     rows_judged = tuple(judged(row, runs, effective if row.key == "posterior" else None) for row in rows)
-    N = number_of_pairs(problem)
+    N = problem.number_of_pairs
     evidence = Evidence(
         covariances={row.key: row.covariance for row in rows_judged if row.covariance is not None},
         missing={row.key: f"{row.label}: none. {row.note}" for row in rows_judged if row.covariance is None},

@@ -124,19 +124,11 @@ class Row:
         }
 
 
-def number_of_pairs(problem: Experiment) -> int:
-    """Without forming them."""
-    if isinstance(problem.truth, Motions):
-        return problem.truth.N
-    n = problem.truth.n
-    return n * (n - 1) // 2 if problem.pairs is None else len(problem.pairs)
-
-
 def formulas(data: PosePairs | Motions, problem: Experiment) -> list[Row]:
     """Those at the truth, and of `efficient` and `ml` at the data."""
     noise, on_poses = problem.noise, isinstance(problem.noise, PoseNoise)
     theirs = replace(problem, method="nguyen")
-    N = number_of_pairs(problem)
+    N = problem.number_of_pairs
     too_many = TOO_MANY.format(N) if N > MOST_PAIRS_ONCE else ""
     rows = [_row("4dpa-pairs", "4DPA, pairs independent", "4dpa", lambda: problem.predicted("pairs"), too_many)]
     if on_poses:
@@ -246,12 +238,11 @@ def sampled(
     """Trials of one method, which are kept in ``runs``."""
     method = problem.method
     key, label = _sampled_names(method)
-    forms_pairs = method not in ESTIMATORS and problem.everything is None
-    size = number_of_pairs(problem) if forms_pairs else problem.count
+    size = problem.size
     if method == "nguyen" and size > MOST_PAIRS:
         return Row(key, label, "sampled", method, None, 0.0, note=TOO_MANY.format(size))
     affordable = min(trials, max(FEWEST_TRIALS, MOST // size))
-    what = "pairs" if forms_pairs else "poses" if isinstance(problem.truth, PosePairs) else "motions"
+    what = "pairs" if problem.forms_pairs else "poses" if isinstance(problem.truth, PosePairs) else "motions"
     note = f"{affordable:,} trials in place of {trials:,}, as there are {size:,} {what} in each."
     started = time.perf_counter()
     try:

@@ -20,16 +20,15 @@ import time
 import warnings
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputError, InputWarning
+from ..errors import InputError, InputWarning, require_integer
 from ..motions import Motions
 from ..noise import Noise, checked_covariance
-from ..poses import SETUPS, PosePairs, Truth
+from ..poses import SETUPS, PosePairs
 from ..progress import progress_bar
 from ..se3 import Array
 from ..trials.experiment import experiment
@@ -130,7 +129,7 @@ def monte_carlo(
     total, digits = _checked_counts(trials, seed, workers, digits, resume, directory)
     with ExitStack() as stack:
         stack.enter_context(one_thread())
-        problem = experiment(_in_c_order(data), noise, method, pairs=pairs, scale=scale)
+        problem = experiment(data, noise, method, pairs=pairs, scale=scale)
         tested, kind = _tested(covariance, problem.predicted)
         message = to_bytes(Work(problem, int(seed), total, chunk_size(problem), tested))
         work = from_bytes(message)
@@ -148,22 +147,6 @@ def monte_carlo(
     for note in result.notes:
         warnings.warn(note, InputWarning, stacklevel=2)
     return result
-
-
-def _in_c_order(data: PosePairs | Motions) -> PosePairs | Motions:
-    """The data with all arrays in C order, as rounding depends on how they lie in memory; without truth they are."""
-    if isinstance(data, PosePairs):
-        return _truth_in_c_order(data)
-    if isinstance(data, Motions) and data.poses is not None:
-        A, B = (np.ascontiguousarray(values) for values in (data.A, data.B))
-        return replace(data, A=A, B=B, poses=_truth_in_c_order(data.poses))
-    return data
-
-
-def _truth_in_c_order(poses: PosePairs) -> PosePairs:
-    if poses.truth is None:
-        return poses
-    return replace(poses, truth=Truth(*(np.ascontiguousarray(values, dtype=float) for values in poses.truth)))
 
 
 def _result(
@@ -299,8 +282,7 @@ def _checked_counts(
         ("seed", seed, 0, None),
         ("workers", workers, 1, 10_000),
     ):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-            raise InputError(f"Expected `{name}` to be a whole number of at least {least}, got {value!r}.")
+        require_integer(name, value, least)
         if most is not None and value > most:
             raise InputError(f"Expected `{name}` to be at most {most:,}, got {value:,}.")
     if resume and directory is None:

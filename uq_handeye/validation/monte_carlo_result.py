@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError
-from ..io.atomic import write_atomically
+from ..io.atomic import json_text, write_atomically
 from ..noise import Noise
 from ..result import CONVENTION
 from ..result_file import noise_to_dict
@@ -227,10 +226,7 @@ class MonteCarlo:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all)."""
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
-        if path is not None:
-            write_atomically(path, text)
-        return text
+        return json_text(self.to_dict(), path)
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table, one row per axis, in rad and m: what was predicted and what came."""

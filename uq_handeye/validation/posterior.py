@@ -8,7 +8,6 @@ that there are enough effective samples; before that nothing is reported.
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from contextlib import ExitStack, closing
@@ -19,7 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError, NotConvergedError
+from ..errors import InputError, NotConvergedError, require_integer
+from ..io.atomic import json_text, write_atomically
 from ..motions import Motions
 from ..noise import Noise, PairNoise, PoseNoise
 from ..noise_estimation import estimate_noise
@@ -33,9 +33,9 @@ from .posterior_file import ChainFile
 from .posterior_run import sample
 from .posterior_starts import starts_of
 from .store import sha256
+from .sums import LEVELS
 
 WALKERS, MAX_STEPS = 128, 10_000
-LEVELS = (0.5, 0.68, 0.9, 0.95, 0.99)
 
 
 class HighestDensity(NamedTuple):
@@ -186,7 +186,6 @@ class Posterior:
 
     def figure(self, path: str | os.PathLike[str] | None = None) -> Any:
         """The corner plot as a Matplotlib figure; written to ``path`` (.png or .svg) if given."""
-        from ..io.atomic import write_atomically
         from ..report.ellipses import render  # Matplotlib is slow to import
         from ..report.posterior_figure import corner
 
@@ -228,9 +227,9 @@ class Posterior:
             }
         return result
 
-    def to_json(self) -> str:
-        """`to_dict` as text."""
-        return json.dumps(self.to_dict(), indent=2) + "\n"
+    def to_json(self, path: str | os.PathLike[str] | None = None) -> str:
+        """JSON text, also written to ``path`` (whole or not at all)."""
+        return json_text(self.to_dict(), path)
 
 
 def shortest(samples: Array, level: float) -> Array:
@@ -318,7 +317,7 @@ def sample_posterior(
     if noise is not None and not isinstance(noise, PoseNoise | PairNoise):
         raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
     for name, value, least in (("seed", seed, 0), ("samples", samples, 100), ("max_steps", max_steps, 1)):
-        _require_integer(name, value, least)
+        require_integer(name, value, least)
     if student_t is not None and (not _is_number(student_t) or not 1 <= student_t <= 1e6):
         raise InputError(
             f"Expected `student_t` to be None or degrees of freedom from 1 to 1e6, for example 5, got {student_t!r}."
@@ -338,7 +337,7 @@ def sample_posterior(
     poses = data if isinstance(data, PosePairs) else data.poses
     arviz()  # what is missing is said now, not after the sampling
     density = density_of(data, model, free, student_t)
-    _require_integer("walkers", walkers, max(16, 2 * density.d + 2))
+    require_integer("walkers", walkers, max(16, 2 * density.d + 2))
     starts = starts_of(data if poses is None or isinstance(model, PairNoise) else poses, model, density)
     with ExitStack() as stack:
         kept = None
@@ -369,11 +368,6 @@ def sample_posterior(
 def _is_number(value: Any) -> bool:
     """Of Python or NumPy; truth values are none."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-
-
-def _require_integer(name: str, value: Any, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise InputError(f"Expected `{name}` to be an integer of at least {least}, got {value!r}.")
 
 
 def _identity(

@@ -29,7 +29,6 @@ A sweep takes seconds: levels are worked out one after the other, in this proces
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -40,8 +39,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import __version__
-from ..errors import InputError
-from ..io.atomic import write_atomically
+from ..errors import InputError, require_integer
+from ..io.atomic import json_text
 from ..motions import Motions
 from ..noise import Noise
 from ..poses import SETUPS, PosePairs
@@ -173,10 +172,7 @@ class Sweep:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all)."""
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
-        if path is not None:
-            write_atomically(path, text)
-        return text
+        return json_text(self.to_dict(), path)
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table, one row per method, level and kind of covariance; factors are of the noise covariance."""
@@ -213,7 +209,7 @@ class Sweep:
 def sweep(
     data: PosePairs | Motions,
     *,
-    noise: Noise | None,
+    noise: Noise | None = None,
     methods: str | Iterable[str] = ("4dpa", "efficient"),
     factors: ArrayLike = FACTORS,
     trials: int = 2_000,
@@ -304,9 +300,8 @@ def _checked(methods: Any, factors: Any, trials: Any, seed: Any, tolerance: Any)
     names = list(dict.fromkeys(names))
     if not names:
         raise InputError("Expected `methods` to name at least one method, got none.")
-    for value, name, least in ((trials, "trials", 100), (seed, "seed", 0)):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-            raise InputError(f"Expected `{name}` to be an integer of at least {least}, got {value!r}.")
+    require_integer("trials", trials, 100)
+    require_integer("seed", seed, 0)
     try:
         grid = np.unique(np.append(np.asarray(factors, dtype=float).ravel(), 1.0))
     except (TypeError, ValueError):
