@@ -10,7 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,7 @@ from .pairing import find_shift, shifted_run
 from .plausibility import check_fit, check_motions, check_poses, check_rotations, require_signal
 from .pose_table import PoseTable, pose_table
 from .poses import PosePairs
+from .provenance import provenance
 from .published import Published, fit_published
 from .reference import Reference
 from .request import FEWEST_FOR_ROBUST, Job, request
@@ -148,7 +149,17 @@ def calibrate(
         raise
     texts += more
     texts += _shifted(job, result)
-    result = replace(result, warnings=tuple(texts))
+    options = {
+        "method": result.method,
+        "pairs": pairs if isinstance(pairs, str) else f"{len(job.motions)} given",
+        "scale": scale,
+        "kind": kind,
+        "covariance": covariance,
+        "robust": job.robust,
+        "prior": None if prior is None else asdict(prior),
+        "seed": job.seed,
+    }
+    result = replace(result, warnings=tuple(texts), provenance=provenance(data, options))
     for text in texts:
         warnings.warn(text, InputWarning, stacklevel=2)
     require_determined(result, job.motions)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .se3 import Array, as_numbers, as_transforms, inverse
+from .sources import Source
 
 SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
 # The frames of W = G X C, the same for all poses.
@@ -49,6 +50,8 @@ class PosePairs:
         Seconds; no two may be equal.
     truth : Truth or None
         Known for simulated poses.
+    sources : tuple of Source
+        The files they came from.
 
     Raises
     ------
@@ -61,6 +64,7 @@ class PosePairs:
     setup: str = "eye-in-hand"
     timestamps: NDArray[np.float64] | None = None
     truth: Truth | None = None
+    sources: tuple[Source, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.setup, str) or self.setup not in SETUPS:
@@ -102,7 +106,9 @@ class PosePairs:
         if truth is not None:
             truth = truth._replace(robot=truth.robot[..., index, :, :], camera=truth.camera[..., index, :, :])
         times = None if self.timestamps is None else self.timestamps[index]
-        return PosePairs(self.robot[..., index, :, :], self.camera[..., index, :, :], self.setup, times, truth)
+        return PosePairs(
+            self.robot[..., index, :, :], self.camera[..., index, :, :], self.setup, times, truth, self.sources
+        )
 
     @property
     def effective_robot(self) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,7 @@ from .octonion_covariance import PAPER_SCALE
 from .pose_table import PoseTable
 from .poses import SETUPS, TARGETS
 from .procrustes import octonion
+from .provenance import Provenance
 from .reference import Reference
 from .residuals import Residuals
 from .result_file import FourDPA, noise_to_dict, parts_of
@@ -32,11 +33,17 @@ from .split_half import SplitHalf
 from .stored import misfit, not_finite, unequal
 from .task_space import Budget, PointUncertainty, through_robot, through_target, through_X
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from .comparison import Comparison
+    from .validation.cross_check import CrossCheck
+
 CONVENTION = (
     "xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau; rotation first, left rotation, additive "
     "translation; rad and m; in the parent frame of X"
 )
-_FORMAT = "uq-handeye calibration 2"
+_FORMAT = "uq-handeye calibration 3"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +78,7 @@ class Calibration:
     fourdpa: FourDPA | None = None  # 4DPA's own answer, beside efficient and ml
     fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
     table: PoseTable | None = None  # residual, leverage and flag of each pose
+    provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
     analysis: Analysis | StoredAnalysis | None = field(
         default=None, repr=False
     )  # diagnostics, other covariances, split halves, budget
@@ -297,6 +305,52 @@ class Calibration:
 
         return summary(self, threshold)
 
+    def _repr_html_(self) -> str:
+        """The result in a notebook: X with its deviations, warnings, and the numbers behind them."""
+        from .report.notebook import calibration_html
+
+        return calibration_html(self)
+
+    def report(
+        self, path: str | Path, *, comparison: Comparison | bool = True, cross_check: CrossCheck | None = None
+    ) -> Path:
+        """One self-contained file for people: ``.html``, or ``.pdf``; see `report.html` for the sections.
+
+        Parameters
+        ----------
+        path : str or Path
+            Its suffix says which: .html or .pdf.
+        comparison : Comparison or bool
+            The methods side by side (`compare`); True compares them now, False leaves the section without.
+        cross_check : CrossCheck or None
+            Where given, its covariances are drawn over the ellipses and its relations listed.
+
+        Raises
+        ------
+        InputError
+            A path with another suffix or that cannot be written.
+        MissingExtraError
+            A PDF where neither WeasyPrint (extra ``pdf``) nor a Chromium browser is installed.
+        """
+        from .report.html import write_report
+
+        return write_report(self, path, comparison=comparison, cross_check=cross_check)
+
+    def export(self, path: str | Path, format: str | None = None) -> Path:
+        """X for another program: JSON, ROS (YAML), URDF, OpenCV FileStorage or NPZ; see `export` for what each holds.
+
+        ``format`` is a name in `export.FORMATS`; None takes it from the suffix.
+        """
+        from .export import write_export
+
+        return write_export(self, path, format)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A pandas table of the six numbers of X: value, standard deviation, unit."""
+        from .report.notebook import calibration_table
+
+        return calibration_table(self)
+
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
         std, correlation, J = self.std, self.correlation, self.covariance_inverse
@@ -335,6 +389,7 @@ class Calibration:
             "fit": None if self.fit is None else asdict(self.fit),
             "poses": None if self.table is None else self.table.to_dict(),
             "analysis": None if self.analysis is None else self.analysis.to_dict(),
+            "provenance": None if self.provenance is None else self.provenance.to_dict(),
             "residuals": self.residuals._asdict(),
             "warnings": list(self.warnings),
         }

@@ -14,6 +14,7 @@ from .noise import Noise, PairNoise, PoseNoise, checked_covariance
 from .noise_estimation import NoiseEstimate
 from .pose_table import PoseTable
 from .poses import SETUPS
+from .provenance import Provenance
 from .reference import Reference
 from .request import COVARIANCES
 from .residuals import Residuals
@@ -56,6 +57,7 @@ def parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "fit": _read(data, "fit", lambda part: GoodnessOfFit(**part)),
         "table": _read(data, "poses", PoseTable.from_dict),
         "analysis": _read(data, "analysis", lambda part: StoredAnalysis.from_dict(part, X)),
+        "provenance": _read(data, "provenance", Provenance.from_dict),
         "noise": _read(data, "noise", noise_from_dict),
         "residuals": Residuals(**data["residuals"]),
         "warnings": tuple(data["warnings"]),
