@@ -25,16 +25,17 @@ def dense_parts(given, density):
     return fit.residual, at_best.J, sides
 
 
+# Motions have no joint noise.
+KINDS_AND_NOISE = [(kind, joint) for kind in KINDS for joint in (False, True) if (kind, joint) != ("motions", True)]
+
+
 def residuals(density, step):
     linear = density.constraint.linearise(density.fit.unknowns.moved(step), density.first, density.second)
     return linear.r + density.fit.residual
 
 
-@pytest.mark.parametrize("joint", [False, True])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "joint"), KINDS_AND_NOISE)
 def test_it_is_a_standard_normal_about_the_estimate(kind, joint, rng):
-    if joint and kind == "motions":
-        pytest.skip("motions have no joint noise")
     density = density_of(*problem(kind, rng, joint=joint, sd=1e-4)[1:3])
     assert density.d == 6
     gradient = jacobian(lambda y: density(y)[:, None], 6, step=0.1)
@@ -84,12 +85,9 @@ def test_against_the_least_errors_for_each_X(kind, rng):
     np.testing.assert_allclose(density(y) - density(y[:1]), reference - reference[0], rtol=1e-2, atol=1e-2)
 
 
-@pytest.mark.parametrize("joint", [False, True])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "joint"), KINDS_AND_NOISE)
 def test_scales_against_dense_matrices(kind, joint, rng):
     """Gaussian of 6n residuals with ``s_1^2 S_1 + s_2^2 S_2``, W integrated by its 6x6 determinant."""
-    if joint and kind == "motions":
-        pytest.skip("motions have no joint noise")
     given = problem(kind, rng, n=6, joint=joint)
     density = density_of(given.data, given.noise, ScalePrior(robot=3.0, camera=2.0))
     assert density.names[6:] == (
