@@ -264,6 +264,16 @@ def test_refusals_raise_no_warning(kind):
         se3.as_transforms(spoiled(kind)[None], "A")
 
 
+@pytest.mark.parametrize("size", [1e80, 1e155, 1e308])
+@pytest.mark.parametrize("entry", [(0, 0), (3, 3), (0, 3)])
+@pytest.mark.parametrize("stack", [False, True])
+def test_huge_numbers_are_refused_like_others(stack, entry, size):
+    T = np.eye(4)
+    T[entry] = size
+    with pytest.raises(InputError, match="`A`"):
+        se3.as_transforms(T[None] if stack else T, "A", stack=stack)
+
+
 @pytest.mark.parametrize(
     ("value", "message"),
     [

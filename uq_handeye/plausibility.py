@@ -10,22 +10,21 @@ constancy; G inverted for eye-to-hand): a rotation and a translation per pose, s
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from .errors import DegenerateMotionError
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise, is_joint, marginals
 from .poses import PosePairs
-from .procrustes import DEGENERATE, infinite_directions, solve_limit
+from .procrustes import DEGENERATE, infinite_directions
+from .readings import EXACT, LARGE_ROTATION, in_both, other_readings, scaled_reading
 from .residuals import median, pose_residuals, rotation_angles
-from .se3 import Array, block, inverse, inverse_jacobian, skew
+from .se3 import Array, block, inverse_jacobian, skew
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
 # unless the noise explains it.
 ANGLE_DISAGREEMENT = np.radians(2.5)
-# Rotation residual (rad), and translation residual as a share of the robot's travel, beyond which another reading
-# of the files is looked for.
-LARGE_ROTATION = np.radians(2.0)
+# Translation residual, as a share of the robot's travel, beyond which another reading of the files is looked for; the
+# rotation residual is LARGE_ROTATION.
 LARGE_TRANSLATION = 0.1
 # Translation residual, as a share of the robot's travel, from which on a wrong scale of one file would show.
 SCALE_SHOWS = 0.01
@@ -43,10 +42,6 @@ FAR = 20.0
 LONG_BRACKET = 0.4
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
 OUTLIER = 6.0
-# Data without noise, from a simulation, say nothing about noise (rad, or share of the travel).
-EXACT = 1e-7
-# Pairs that the search for another reading looks at.
-SEARCH_PAIRS = 2000
 
 
 # ------------------------------------------------------------------------------------ what the columns look like
@@ -60,8 +55,8 @@ def check_poses(poses: PosePairs) -> list[str]:
         far = float(np.abs(t).max())
         if far > FAR:
             found.append(
-                f"The {name} translations reach {far:.4g} m: they look like millimetres or centimetres. Convert "
-                f"them to metres (--{name}-units mm)."
+                f"The {name} translations reach {far:.4g} m: they look like millimetres or centimetres. Give "
+                f"{in_both(name, 'units', 'mm', 'm')}."
             )
         span = np.ptp(t, axis=0)
         for axis in range(3):
@@ -101,7 +96,8 @@ def check_rotations(motions: Motions, noise: Noise | None, method: str) -> list[
             + (
                 "Few pairs differ: look for wrong detections."
                 if median(difference) < 0.25 * ANGLE_DISAGREEMENT
-                else "The rows of the two files do not belong together (wrong pairing, a shift, a time offset)."
+                else "The rows of the two files do not belong together (wrong pairing, a shift, a time offset); if "
+                'both have timestamps, try pair="time" (--pair time) or --pair async.'
             )
         )
     half = float(np.mean(angle > NEAR_HALF_TURN))
@@ -221,9 +217,9 @@ def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: A
         return found + outliers
     if misfit:
         start = f"the target seems to move by {np.degrees(turn):.2g} degrees and {1e3 * shift:.3g} mm RMS"
-        return [*found, f"X does not explain the poses: {start}. {_other_readings(poses, turn, shift)}"]
+        return [*found, f"X does not explain the poses: {start}. {other_readings(poses, turn, shift)}"]
     shows = max(SCALE_SHOWS * travel, 0.005 * reach, 3.0 * _rms(most, 1), 1e-9)
-    if shift > shows and (scaled := _scaled_reading(G, C, shift)):
+    if shift > shows and (scaled := scaled_reading(G, C, shift)):
         found.append(f"The translations of robot and camera do not go together: it would fit if {scaled}.")
     return found + _check_lengths(poses, X)
 
@@ -323,98 +319,6 @@ def _outliers(
     ]
 
 
-def _other_readings(poses: PosePairs, turn: float, shift: float) -> str:
-    """Which inversion, quaternion order or unit would make W constant in rotation *and* translation.
-
-    If ``G X C = W`` is constant, so is ``inv(G) W inv(C) = X``: inverting one of the two lists breaks the fit,
-    inverting the other as well restores it with the roles of X and W exchanged. So inversions come in twos.
-    """
-    G, C = poses.effective_robot, poses.camera
-    other = "eye-to-hand" if poses.setup == "eye-in-hand" else "eye-in-hand"
-    candidates = [
-        (f"the setup is {other}, or the robot file holds inverse poses", inverse(G), C),
-        ("the camera file holds inverse poses, target_T_camera", G, inverse(C)),
-        ("the robot file has the scalar of the quaternion first", _scalar_first(poses, robot=True), C),
-        ("the camera file has the scalar of the quaternion first", G, _reordered(C)),
-        ("both files have the scalar of the quaternion first", _scalar_first(poses, robot=True), _reordered(C)),
-    ]
-    fitting = []
-    for text, robot, camera in candidates:
-        fit = _fit(robot, camera)
-        # Two files in the same wrong order agree in rotation; only their translations tell.
-        turns = fit is not None and (fit[0] < max(0.4 * turn, EXACT) or fit[0] < 1.5 * turn < 1.5 * LARGE_ROTATION)
-        if fit is not None and turns and fit[1] < 0.4 * shift:
-            fitting.append((fit[1], f"{text} (X would be {fit[2]:.3g} m long)"))
-    if scaled := _scaled_reading(G, C, shift):
-        fitting.append((0.0, scaled))
-    if not fitting:
-        return (
-            "No inversion, quaternion order or unit that was tried fits: either the rows do not belong together, or "
-            "the poses carry errors of this size."
-        )
-    texts = [text for _, text in sorted(fitting)[:2]]
-    return f"It would fit if {'; or if '.join(texts)}."
-
-
-def _scaled_reading(G: Array, C: Array, shift: float) -> str:
-    """What to say if a factor on the camera's translations makes them fit; empty if none does."""
-    scale = _scaled_camera(G, C) if len(G) >= 6 else None  # four numbers fitted to fewer poses fit anything
-    if scale is None or abs(scale - 1.0) <= 0.02:
-        return ""
-    camera = C.copy()
-    camera[:, :3, 3] *= scale
-    fit = _fit(G, camera)
-    if fit is None or fit[1] >= 0.4 * shift:
-        return ""
-    return (
-        f"the camera translations are multiplied by {scale:.4g}: one file is in another unit (--robot-units, "
-        "--camera-units), or the size of the target is wrong"
-    )
-
-
-def _fit(G: Array, C: Array) -> tuple[float, float, float] | None:
-    """RMS rotation and translation of W about its mean, and |t_X|, of X fitted to some of the pairs."""
-    n = len(G)
-    lag = np.unique(np.linspace(1, n - 1, max(1, SEARCH_PAIRS // n)).astype(int))
-    i = np.concatenate([np.arange(n - k) for k in lag])
-    j = np.concatenate([np.arange(k, n) for k in lag])
-    A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
-    try:
-        X = solve_limit(A, B)
-    except DegenerateMotionError:
-        return None
-    angle, distance = pose_residuals(G, C, X)
-    return float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2))), float(np.linalg.norm(X[:3, 3]))
-
-
-def _scaled_camera(G: Array, C: Array) -> float | None:
-    """The factor s on the camera's translations that fits best: ``(R_A - I) t_X - s R_X t_B = -t_A``."""
-    n = len(G)
-    i, j = np.arange(n - 1), np.arange(1, n)
-    i, j = np.concatenate([i, np.arange(n // 2)]), np.concatenate([j, np.arange(n // 2) + n - n // 2])
-    A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
-    try:
-        R = solve_limit(A, B)[:3, :3]
-    except DegenerateMotionError:
-        return None
-    M = np.concatenate([A[:, :3, :3] - np.eye(3), -(R @ B[:, :3, 3:])], axis=2).reshape(-1, 4)
-    solution, _, rank, _ = np.linalg.lstsq(M, -A[:, :3, 3].reshape(-1), rcond=None)
-    return float(solution[3]) if rank == 4 and solution[3] > 0 else None
-
-
-def _reordered(T: Array) -> Array:
-    """Poses whose quaternion columns, read as x, y, z, w, were w, x, y, z."""
-    result = T.copy()
-    columns = Rotation.from_matrix(T[:, :3, :3]).as_quat()
-    result[:, :3, :3] = Rotation.from_quat(np.roll(columns, -1, axis=1)).as_matrix()
-    return result
-
-
-def _scalar_first(poses: PosePairs, robot: bool) -> Array:
-    T = _reordered(poses.robot)
-    return T if poses.setup == "eye-in-hand" else inverse(T)
-
-
 def _check_lengths(poses: PosePairs, X: Array) -> list[str]:
     """Is the sensor bracket longer than the arm? Swapped files fit AX = XB exactly and give inv(W) for X."""
     W = poses.effective_robot @ X @ poses.camera
@@ -427,7 +331,8 @@ def _check_lengths(poses: PosePairs, X: Array) -> list[str]:
     return [
         f"The {what} would sit {on_gripper:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m "
         "from the base. If that is not so, the two files are swapped or both hold inverse poses: such data fit equally "
-        "well, with another X."
+        'well, with another X. Give the robot\'s file first; or robot_frame="gripper_T_base", '
+        'camera_frame="target_T_camera" (--robot-frame gripper_T_base --camera-frame target_T_camera).'
     ]
 
 

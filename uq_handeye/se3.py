@@ -137,11 +137,12 @@ def as_transforms(value: Any, name: str, stack: bool = True) -> Array:
     flat = T.reshape(-1, 4, 4)
     if T.ndim == 2 and _surely_transform(T.tolist()):
         return T
-    for start in range(0, len(flat), CHUNK):
-        chunk = flat[start : start + CHUNK]
-        rows = entry_rows(chunk)
-        if not surely_transforms(rows):
-            _explain(flat, start, start + len(chunk), T.shape[:-2], name)
+    with np.errstate(over="ignore", invalid="ignore"):  # of huge numbers, which are refused
+        for start in range(0, len(flat), CHUNK):
+            chunk = flat[start : start + CHUNK]
+            rows = entry_rows(chunk)
+            if not surely_transforms(rows):
+                _explain(flat, start, start + len(chunk), T.shape[:-2], name)
     return T
 
 
@@ -185,12 +186,11 @@ def surely_transforms(rows: Array) -> bool:
 def _surely_transform(rows: list[list[float]]) -> bool:
     """`surely_transforms` of one matrix in plain numbers: calls of NumPy would take ten times as long."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z), (j, k, m, n) = rows
-    squares = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i
-    determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
-    last = j * j + k * k + m * m + (n - 1.0) ** 2
-    return (
-        (squares - 3.0) ** 2 + (determinant - 1.0) ** 2 < 1e-18 and last < 1e-9 and abs(x) + abs(y) + abs(z) < TOO_LONG
-    )
+    squares = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i - 3.0
+    determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) - 1.0
+    last = j * j + k * k + m * m + (n - 1.0) * (n - 1.0)
+    # products, not powers: those of huge numbers are infinite, powers raise
+    return squares * squares + determinant * determinant < 1e-18 and last < 1e-9 and abs(x) + abs(y) + abs(z) < TOO_LONG
 
 
 def _explain(flat: Array, start: int, stop: int, shape: tuple[int, ...], name: str) -> None:

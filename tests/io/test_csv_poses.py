@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from uq_handeye.errors import InputError
-from uq_handeye.io import csv_poses, pose_text, read_pose_file, write_pose_file
+from uq_handeye.io import _lines, csv_poses, pose_text, read_pose_file, write_pose_file
 
 HEADER = "timestamp,x,y,z,qx,qy,qz,qw"
 GOOD = f"{HEADER}\n0.5,1,2,3,0,0,0,1\n1.5,4,5,6,1,0,0,0\n"
@@ -108,7 +108,7 @@ ROW = "0,1,2,3,0,0,0,1\n"
         ("# time x y z\n0 1 2 3 0 0 0 1\n", ["line 2", "header line is missing"]),
         (HEADER.replace(",", ";") + "\n", ["line 1", "separate the fields by commas"]),
         (GOOD.replace("\n", "\r"), ["line 1", "line feed"]),
-        ("t,x,y,z,qx,qy,qz,qw\n" + ROW, ["line 1", HEADER, "'t,x,y", "missing: 'timestamp'", "unknown: 't'"]),
+        ("when,x,y,z,qx,qy,qz,qw\n" + ROW, ["line 1", HEADER, "'when,x,y", "missing: 'timestamp'", "unknown: 'when'"]),
         (HEADER + ",note\n" + ROW, ["line 1", "unknown: 'note'"]),
         ("x,x,y,z,qx,qy,qz,qw\n", ["missing: 'timestamp'", "repeated: 'x'"]),
         (f"{HEADER}\n{ROW}1,2,3\n", ["line 3", "expected 8 fields", "got 3"]),
@@ -172,7 +172,7 @@ def test_permission(file, monkeypatch):
 
 def test_limits(file, monkeypatch):
     path = file(GOOD)
-    monkeypatch.setattr(csv_poses, "MAX_ROWS", 1)
+    monkeypatch.setattr(_lines, "MAX_ROWS", 1)
     assert "line 3: expected at most 1 rows" in message(path)
     monkeypatch.setattr(csv_poses, "MAX_BYTES", 10)
     assert "expected at most 1e-05 MB" in message(path)
@@ -186,7 +186,7 @@ def test_endless_file_is_refused_early(monkeypatch):
 
 def test_limit_holds_where_the_size_is_unknown(file, monkeypatch):
     path = file(GOOD + "\n" * 1000)
-    monkeypatch.setattr(csv_poses, "MAX_BYTES", 500)
+    monkeypatch.setattr(_lines, "MAX_BYTES", 500)
     monkeypatch.setattr("uq_handeye.io._files.os.fstat", lambda _: type("Pipe", (), {"st_size": 0}))
     assert "expected at most" in message(path)
 

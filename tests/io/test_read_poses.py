@@ -57,7 +57,7 @@ def test_counts_differ(pair):
 @pytest.mark.parametrize(
     ("camera", "parts"),
     [
-        ([0.0, 1.6, 2.002], ["same moments", "0.6 s, in pose 1 (1.0 and 1.6)", "Resample"]),
+        ([0.0, 1.6, 2.002], ["same moments", "0.6 s, in pose 1 (1.0 and 1.6)", "--pair time", "--pair async"]),
         ([0, 1, 3], ["1 s, in pose 2", "row numbers"]),  # one numbering lost a row
         ([1, 2, 3], ["1 s, in pose 0"]),
     ],
@@ -90,7 +90,7 @@ def test_other_arguments(pair):
     with pytest.raises(InputError, match="`units`"):
         read_poses(*files, units="parsec")
     with pytest.raises(InputError, match="Expected the path"):
-        read_poses(files[0], None)
+        read_poses(files[0], 3)
 
 
 @needs_data

@@ -2,15 +2,18 @@
 
 from .atomic import json_text, write_atomically, write_files
 from .csv_poses import pose_text, read_pose_file, write_pose_file
+from .formats import FORMATS
 from .noise_toml import read_noise_file
-from .poses import read_poses
+from .poses import read_poses, read_stream
 
 __all__ = [
+    "FORMATS",
     "json_text",
     "pose_text",
     "read_noise_file",
     "read_pose_file",
     "read_poses",
+    "read_stream",
     "write_atomically",
     "write_files",
     "write_pose_file",

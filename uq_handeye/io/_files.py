@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -57,6 +59,25 @@ def opened(path: Path, max_bytes: int) -> Iterator[BinaryIO]:
         raise InputError(f"Cannot read {shown(path)}: there is no such file; check the path.") from error
     except OSError as error:
         raise InputError(f"Cannot read {shown(path)}: {reason(error)}.") from error
+
+
+class Hashed(io.RawIOBase):
+    """What is read from a file, counted and hashed (SHA-256)."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.file = file
+        self.size = 0
+        self.digest = hashlib.sha256()
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        data = self.file.read(len(buffer))
+        buffer[: len(data)] = data
+        self.size += len(data)
+        self.digest.update(data)
+        return len(data)
 
 
 def require_size(size: int, max_bytes: int, path: Path) -> None:

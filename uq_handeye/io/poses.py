@@ -1,73 +1,254 @@
-"""Two pose files, paired by row."""
+"""Pose files of any format, paired to `PosePairs` or read as a `Stream`."""
 
 from __future__ import annotations
 
+import logging
 import warnings
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, InputWarning
-from ..poses import PosePairs
+from ..poses import SETUPS, PosePairs
+from ..sources import Source
+from ..streams import Stream
 from ._files import StrPath, as_path, shown
-from .csv_poses import read_pose_file
+from ._side import FRAMES, Contents, Side, finished
+from .csv_poses import warn_if_back
+from .formats import read_contents
+from .matching import match_times
 
 # Rows are synchronous within this (s): rounding of printed times; an arm at 1 m/s moves a micrometre in it.
 SYNCHRONOUS = 1e-6
 
+_PAIRINGS = ("rows", "time")
+
+_log = logging.getLogger("uq_handeye")
+
 
 def read_poses(
-    robot: StrPath, camera: StrPath, *, setup: str = "eye-in-hand", units: str | tuple[str, str] = "m"
+    robot: StrPath,
+    camera: StrPath | None = None,
+    *,
+    setup: str | None = None,
+    units: str | tuple[str, str] = "m",
+    format: str | tuple[str | None, str | None] | None = None,
+    quaternion: str | tuple[str | None, str | None] | None = None,
+    robot_frame: str = "base_T_gripper",
+    camera_frame: str = "camera_T_target",
+    pair: str = "rows",
+    tolerance: float = 0.02,
 ) -> PosePairs:
-    """Robot and camera poses from two pose files whose rows belong together.
+    """Robot and camera poses from one or two files, paired.
 
     Parameters
     ----------
     robot : path
-        ``base_T_gripper``; format: `uq_handeye.io.read_pose_file`.
-    camera : path
-        ``camera_T_target``, row k taken at the same moment as row k of ``robot``.
-    setup : "eye-in-hand" or "eye-to-hand"
+        ``base_T_gripper``; any of `uq_handeye.io.FORMATS`.
+    camera : path or None
+        ``camera_T_target``. None: the robot's file holds both sides.
+    setup : "eye-in-hand", "eye-to-hand" or None
+        None: what a file says, else eye-in-hand.
     units : str or (str, str)
-        Length unit of both files, or of the robot's and the camera's: m, mm, ...; the poses returned are in metres.
+        Length unit of both sides, or of the robot's and the camera's: m, mm, ...; the poses returned are in metres.
+    format : str, None or (robot, camera)
+        One of `FORMATS`; None is told by the content.
+    quaternion : "xyzw", "wxyz", None or (robot, camera)
+        Order in which the four numbers of a quaternion stand in the file; None: what the names of the columns say, else
+        scalar last.
+    robot_frame : "base_T_gripper" or "gripper_T_base"
+        Poses given as ``gripper_T_base`` are inverted.
+    camera_frame : "camera_T_target" or "target_T_camera"
+        Poses given as ``target_T_camera`` are inverted.
+    pair : "rows" or "time"
+        Row k of one side with row k of the other; or those nearest in time, within ``tolerance``, one to one.
+    tolerance : float
+        Seconds.
+
+    What was found out (format, setup, other names) is in the ``notes`` of `PosePairs.sources`, and logged.
 
     Raises
     ------
     InputError
-        What `read_pose_file` refuses; different numbers of rows; timestamps of a row that differ by half the
-        interval between rows or more. Two row numberings are such timestamps too: if they differ, a row was
-        lost in one file.
+        A file that cannot be read or is of no format that is known; a setup other than what a file says; different
+        numbers of rows; timestamps of a row that differ by half the interval between rows or more (two row numberings
+        are such timestamps too: if they differ, a row was lost in one file); fewer than three pairs by time.
 
     Warns
     -----
     InputWarning
-        Timestamps of a row that differ by more than 1e-6 s but less than that.
+        Timestamps of a row that differ by more than 1e-6 s but less than that, or that go back; samples of easy_handeye
+        that do not say the setup.
     """
-    robot, camera = as_path(robot), as_path(camera)
-    robot_units, camera_units = (units, units) if isinstance(units, str) else units
-    robot_times, robot_poses = read_pose_file(robot, robot_units)
-    camera_times, camera_poses = read_pose_file(camera, camera_units)
-    if len(robot_times) != len(camera_times):
-        raise InputError(
-            f"{shown(robot)} has {len(robot_times)} poses and {shown(camera)} has {len(camera_times)}: "
-            "expected one row in each file per moment. Leave out poses that the other file lacks; for "
-            "streams with clocks of their own, resample one of them at the times of the other."
-        )
-    difference = np.abs(robot_times - camera_times)
-    row = int(np.argmax(difference))
-    if difference[row] > SYNCHRONOUS:
-        where = (
-            f"the timestamps of {shown(robot)} and {shown(camera)} differ by up to {difference[row]:.6g} s, in pose "
-            f"{row} ({robot_times[row].item()!r} and {camera_times[row].item()!r})"
-        )
-        interval = float(np.median(np.abs(np.diff(robot_times)))) if len(robot_times) > 1 else 0.0
-        if difference[row] >= 0.5 * interval:
+    if not isinstance(pair, str) or pair not in _PAIRINGS:
+        hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if pair == "async" else ""
+        raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {pair!r}{hint}.")
+    if setup is not None and (not isinstance(setup, str) or setup not in SETUPS):
+        raise InputError(f"Expected `setup` (--setup) to be one of {', '.join(SETUPS)}, got {setup!r}.")
+    both_units, formats, orders = (
+        _two(value, name) for value, name in ((units, "units"), (format, "format"), (quaternion, "quaternion"))
+    )
+    first, first_source = read_contents(as_path(robot), formats[0])
+    if camera is None:
+        sources: tuple[Source, ...] = (first_source,)
+        contents = (first, first)
+        if first.robot is None or first.camera is None:
             raise InputError(
-                f"The rows do not belong to the same moments: {where}. Resample one stream at the times of the other; "
-                "or, if the rows do belong together, give both files the same timestamps (row numbers will do)."
+                f"{shown(as_path(robot))} holds poses of one side only ({first_source.format}); give the file of the "
+                "other side as well, the robot's first."
             )
-        warnings.warn(
-            f"Rows are paired by their order although {where}. That is right if the robot stood still.",
-            InputWarning,
-            stacklevel=2,
+    else:
+        second, second_source = read_contents(as_path(camera), formats[1])
+        sources, contents = (first_source, second_source), (first, second)
+    paths = (as_path(robot), as_path(robot if camera is None else camera))
+    setup = _setup(setup, contents, paths)
+    sides = [_side(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
+    frames = [robot_frame, camera_frame]
+    if contents[0].robot_enters and setup == "eye-to-hand":
+        frames[0] = FRAMES["robot"][1]
+        sources = _noted(sources, 0, paths[0], ["robot poses are gripper_T_base in this format, and inverted"])
+    robot_poses, camera_poses = (
+        finished(side, role, units, order, frame)
+        for side, role, units, order, frame in zip(sides, FRAMES, both_units, orders, frames, strict=True)
+    )
+    robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
+    if pair == "time":
+        match = match_times(sides[0], sides[1], tolerance)
+        robot_poses, camera_poses = robot_poses[match.robot], camera_poses[match.camera]
+        assert robot_times is not None
+        robot_times = robot_times[match.robot]
+        sources = _noted(sources, 0, paths[0], match.notes)
+    else:
+        for side in sides if camera is not None else sides[:1]:
+            warn_if_back(side)
+        _check_rows(sides[0], sides[1])
+        robot_times = camera_times if robot_times is None else robot_times
+    return PosePairs(robot_poses, camera_poses, setup=setup, timestamps=robot_times, sources=sources)
+
+
+def read_stream(
+    path: StrPath,
+    side: str,
+    *,
+    units: str = "m",
+    format: str | None = None,
+    quaternion: str | None = None,
+    frame: str | None = None,
+) -> Stream:
+    """The time-stamped poses of one sensor.
+
+    Parameters
+    ----------
+    path : path
+        Any of `uq_handeye.io.FORMATS` that has timestamps; of a file with both sides, ``side`` is taken.
+    side : "robot" or "camera"
+        The poses returned are ``base_T_gripper`` or ``camera_T_target``, in metres.
+    units, format, quaternion
+        As in `read_poses`.
+    frame : "base_T_gripper", "gripper_T_base", "camera_T_target", "target_T_camera" or None
+        What the file holds; None: what it says, else the first of the side.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or is of no format that is known, or that has no timestamps.
+    """
+    if not isinstance(side, str) or side not in FRAMES:
+        raise InputError(f"Expected `side` to be robot or camera, got {side!r}.")
+    location = as_path(path)
+    contents, source = read_contents(location, format)
+    found = _side(contents, side, shown(location))
+    poses = finished(found, side, units, quaternion, FRAMES[side][0] if frame is None else frame)
+    if found.timestamps is None:
+        raise InputError(
+            f"{found.name} has no timestamps ({source.format}), and streams are put together by time; if its rows "
+            "belong to those of the other file, use --pair rows."
         )
-    return PosePairs(robot_poses, camera_poses, setup=setup, timestamps=robot_times)
+    return Stream(found.timestamps, poses, source)
+
+
+def _two(value: Any, name: str) -> tuple[Any, Any]:
+    """One value for both sides, or a pair."""
+    if isinstance(value, tuple | list):
+        if len(value) != 2:
+            raise InputError(f"Expected `{name}` to be one value or a pair (robot, camera), got {len(value)} values.")
+        return value[0], value[1]
+    return value, value
+
+
+def _side(contents: Contents, role: str, name: str) -> Side:
+    side: Side | None = getattr(contents, role) or contents.only
+    if side is None:
+        other = "camera" if role == "robot" else "robot"
+        raise InputError(f"{name} holds {other} poses only; expected {role} poses. Are the two files swapped?")
+    return side
+
+
+def _setup(setup: str | None, contents: tuple[Contents, Contents], paths: Any) -> str:
+    """The setup: what is given, what the files say, eye-in-hand. They must not contradict each other."""
+    said = setup
+    by = "`setup` (--setup)"
+    for one, path in zip(contents, paths, strict=True):
+        if one.setup is None:
+            continue
+        if said is not None and said != one.setup:
+            raise InputError(
+                f"{shown(path)} says {one.setup}, and {by} says {said}: the camera cannot be both. Correct the one "
+                "that is wrong: X, and for easy_handeye the direction of the robot poses, depend on it."
+            )
+        said, by = one.setup, shown(path)
+    if said is None and contents[0].robot_enters:
+        warnings.warn(
+            f"{shown(paths[0])} does not say whether the camera is on the hand, and is taken as eye-in-hand; for eye "
+            'on base give setup="eye-to-hand" (--setup eye-to-hand).',
+            InputWarning,
+            stacklevel=3,
+        )
+    return said or "eye-in-hand"
+
+
+def _noted(sources: tuple[Source, ...], k: int, path: Any, notes: Any) -> tuple[Source, ...]:
+    for note in notes:
+        _log.info("%s: %s", shown(path), note)
+    return tuple(
+        replace(source, notes=(*source.notes, *notes)) if i == k else source for i, source in enumerate(sources)
+    )
+
+
+def _check_rows(robot: Side, camera: Side) -> None:
+    """Raise or warn unless row k of both sides may be of the same moment."""
+    n, m = len(robot), len(camera)
+    timed = robot.timestamps is not None and camera.timestamps is not None
+    if n != m:
+        by_time = (
+            'pair them by their timestamps (pair="time", --pair time); for streams whose clocks differ or of a rig '
+            "that moves, use --pair async"
+        )
+        raise InputError(
+            f"{robot.name} has {n} poses and {camera.name} has {m}: expected one row in each file per moment. "
+            "Leave out poses that the other file lacks, or "
+            f"{by_time if timed else 'add timestamps and use --pair time or --pair async'}."
+        )
+    if robot.timestamps is None or camera.timestamps is None:
+        return
+    difference = np.abs(robot.timestamps - camera.timestamps)
+    row = int(np.argmax(difference))
+    if difference[row] <= SYNCHRONOUS:
+        return
+    where = (
+        f"the timestamps of {robot.name} and {camera.name} differ by up to {difference[row]:.6g} s, in pose "
+        f"{row} ({robot.timestamps[row].item()!r} and {camera.timestamps[row].item()!r})"
+    )
+    interval = float(np.median(np.abs(np.diff(robot.timestamps)))) if n > 1 else 0.0
+    if difference[row] >= 0.5 * interval:
+        raise InputError(
+            f'The rows do not belong to the same moments: {where}. Pair them by time (pair="time", --pair time); for '
+            "clocks that differ or a rig that moves, --pair async; or, if the rows do belong together, give both files "
+            "the same timestamps (row numbers will do)."
+        )
+    warnings.warn(
+        f"Rows are paired by their order although {where}. That is right if the robot stood still.",
+        InputWarning,
+        stacklevel=3,
+    )

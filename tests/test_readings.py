@@ -1,0 +1,116 @@
+"""A file that is read wrongly: the warning names the argument and the option, and what it names mends it."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import uq_handeye as uq
+from uq_handeye.io import write_pose_file
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+
+
+@pytest.fixture(scope="module", params=["eye-in-hand", "eye-to-hand"])
+def good(request):
+    return uq.simulate(25, noise=NOISE, setup=request.param, seed=2)
+
+
+def inverse(T):
+    return np.linalg.inv(T)
+
+
+def millimetres(T):
+    T = T.copy()
+    T[:, :3, 3] *= 1000
+    return T
+
+
+def centimetres(T):
+    T = T.copy()
+    T[:, :3, 3] *= 100
+    return T
+
+
+def scalar_first(T):
+    """The pose that stands in a file whose columns x, y, z, w hold w, x, y, z."""
+    T = T.copy()
+    q = np.roll(Rotation.from_matrix(T[:, :3, :3]).as_quat(), 1, axis=1)
+    T[:, :3, :3] = Rotation.from_quat(q).as_matrix()
+    return T
+
+
+def said(files, **options):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        uq.calibrate(uq.read_poses(*files, **options), noise=NOISE)
+    return " | ".join(str(item.message) for item in caught)
+
+
+@pytest.mark.parametrize(
+    ("robot", "camera", "option", "argument"),
+    [
+        (inverse, None, "--robot-frame gripper_T_base", {"robot_frame": "gripper_T_base"}),
+        (None, inverse, "--camera-frame target_T_camera", {"camera_frame": "target_T_camera"}),
+        (scalar_first, None, "--robot-quaternion wxyz", {"quaternion": ("wxyz", None)}),
+        (None, scalar_first, "--camera-quaternion wxyz", {"quaternion": (None, "wxyz")}),
+        (scalar_first, scalar_first, "--quaternion wxyz", {"quaternion": "wxyz"}),
+        (millimetres, None, "--robot-units mm", {"units": ("mm", "m")}),
+        (None, millimetres, "--camera-units mm", {"units": ("m", "mm")}),
+        (None, centimetres, "--camera-units cm", {"units": ("m", "cm")}),
+        (centimetres, None, "--robot-units cm", {"units": ("cm", "m")}),
+    ],
+)
+def test_the_option_that_is_named_mends_it(good, tmp_path, robot, camera, option, argument):
+    files = tmp_path / "robot.csv", tmp_path / "camera.csv"
+    for file, T, change in zip(files, (good.robot, good.camera), (robot, camera), strict=True):
+        write_pose_file(file, T if change is None else change(T))
+    text = said(files, setup=good.setup)
+    assert option in text
+    ((name, value),) = argument.items()
+    shown = "(" + ", ".join("None" if v is None else f'"{v}"' for v in value) + ")"
+    assert f"{name}={shown if isinstance(value, tuple) else chr(34) + value + chr(34)}" in text
+    assert said(files, setup=good.setup, **argument) == ""
+
+
+def test_wrong_setup(good, tmp_path):
+    files = tmp_path / "robot.csv", tmp_path / "camera.csv"
+    for file, T in zip(files, (good.robot, good.camera), strict=True):
+        write_pose_file(file, T)
+    other = "eye-to-hand" if good.setup == "eye-in-hand" else "eye-in-hand"
+    text = said(files, setup=other)
+    assert f'setup="{good.setup}" (--setup {good.setup})' in text
+    assert said(files, setup=good.setup) == ""
+
+
+def test_an_order_that_was_asked_for_wrongly(good, tmp_path):
+    files = tmp_path / "robot.csv", tmp_path / "camera.csv"
+    for file, T in zip(files, (good.robot, good.camera), strict=True):
+        write_pose_file(file, T)
+    text = said(files, setup=good.setup, quaternion="wxyz")
+    assert 'quaternion="xyzw" (--quaternion xyzw)' in text
+    assert "both files have the scalar of the quaternion last" in text
+
+
+def test_swapped_files_and_both_inverse(good):
+    if good.setup == "eye-to-hand":
+        return
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        uq.calibrate(uq.PosePairs(good.camera, good.robot), noise=NOISE)
+    text = " | ".join(str(item.message) for item in caught)
+    assert "Give the robot's file first" in text
+    assert "--robot-frame gripper_T_base --camera-frame target_T_camera" in text
+
+
+def test_every_option_named_exists():
+    """Against typing errors in the texts: the arguments of read_poses."""
+    import inspect
+
+    from uq_handeye import plausibility, readings
+
+    source = inspect.getsource(readings) + inspect.getsource(plausibility)
+    named = set(re.findall(r'(\w+)="', source)) - {"units", "quaternion"}
+    assert named <= set(inspect.signature(uq.read_poses).parameters)

@@ -1,0 +1,6 @@
+"""A calibration for other programs: as files (`write_export`) and as texts to copy (`texts`)."""
+
+from .files import FORMATS, write_export
+from .snippets import Snippet, texts
+
+__all__ = ["FORMATS", "Snippet", "texts", "write_export"]

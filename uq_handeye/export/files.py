@@ -1,0 +1,200 @@
+"""A calibration as a file of another program: JSON, ROS (YAML), URDF, OpenCV FileStorage, NPZ."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..io._files import StrPath, as_path, shown
+from ..io.atomic import write_atomically
+from ..se3 import Array
+from .frames import NOT_DETERMINED, Transform, transforms_of, yaml_fields, yaml_number
+from .snippets import opencv_name, urdf_joint
+
+if TYPE_CHECKING:
+    from ..result import Calibration
+
+# What a file says of its covariance 6x6; `Calibration.CONVENTION` in one line.
+_TOOLKIT = (
+    "(theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau; rotation first, left rotation, additive translation; "
+    "rad and m; in the parent frame"
+)
+_ROS = "(x, y, z, rotation about x, y, z), translation first, fixed axes of the parent frame; m and rad; 6x6 row by row"
+
+
+def _json(result: Calibration) -> str:
+    return result.to_json()
+
+
+def ros_text(result: Calibration) -> str:
+    """YAML with a ``TransformStamped`` and, where the covariance is determined, a ``PoseWithCovarianceStamped``.
+
+    The keys below each message are its fields, as ``geometry_msgs`` names them.
+    """
+    X, inverse = transforms_of(result)
+    lines = [
+        f"# {X.name} by uq-handeye: metres, unit quaternion (x, y, z, w).",
+        "# Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical.",
+        *_transform_stamped("transform_stamped", X),
+        f"# The inverse, {inverse.name}.",
+        *_transform_stamped("inverse_transform_stamped", inverse),
+    ]
+    covariance = X.covariance_in("ros")
+    if covariance is None:
+        lines.append(f"# {NOT_DETERMINED}")
+    else:
+        lines += [
+            f"# Covariance of {_ROS}.",
+            "pose_with_covariance_stamped:",
+            f"  header: {{frame_id: {X.parent}}}",
+            "  pose:",
+            "    pose:",
+            f"      position: {yaml_fields('xyz', X.t)}",
+            f"      orientation: {yaml_fields('xyzw', X.quaternion)}",
+            "    covariance: [",
+            *(f"      {', '.join(map(yaml_number, row))}," for row in covariance),
+            "    ]",
+        ]
+    return "\n".join([*lines, ""])
+
+
+def _transform_stamped(key: str, X: Transform) -> list[str]:
+    return [
+        f"{key}:",
+        f"  header: {{frame_id: {X.parent}}}",
+        f"  child_frame_id: {X.child}",
+        "  transform:",
+        f"    translation: {yaml_fields('xyz', X.t)}",
+        f"    rotation: {yaml_fields('xyzw', X.quaternion)}",
+    ]
+
+
+def urdf_text(result: Calibration) -> str:
+    """A robot of two links and the fixed joint between them, to be included in another model."""
+    X, _ = transforms_of(result)
+    said = (
+        NOT_DETERMINED if X.covariance is None else "URDF has no place for the covariance; the JSON and ROS files do."
+    )
+    return "\n".join(
+        [
+            '<?xml version="1.0"?>',
+            f"<!-- {X.name} by uq-handeye: xyz in metres, rpy in rad about the fixed axes x, y, z. {said} -->",
+            '<robot name="uq_handeye">',
+            f'  <link name="{X.parent}"/>',
+            f'  <link name="{X.child}"/>',
+            *(f"  {line}" for line in urdf_joint(X, digits=17).splitlines()),
+            "</robot>",
+            "",
+        ]
+    )
+
+
+def opencv_text(result: Calibration) -> str:
+    """FileStorage YAML: 4x4, R and t of X and of its inverse, and the covariances (6x6), with their convention."""
+    lines = ["%YAML:1.0", "---"]
+    for X in transforms_of(result):
+        name = opencv_name(X)
+        lines += [
+            *_opencv_matrix(X.name, X.T),
+            *_opencv_matrix(f"R_{name}", X.R),
+            *_opencv_matrix(f"t_{name}", X.t[:, None]),
+        ]
+        if X.covariance is not None:
+            lines += _opencv_matrix(f"covariance_{X.name}", X.covariance)
+    said = NOT_DETERMINED if result.covariance is None else f"Covariances of {_TOOLKIT}"
+    return "\n".join([*lines, 'units: "m"', f'convention: "{said}"', ""])
+
+
+def _opencv_matrix(name: str, values: Array) -> list[str]:
+    rows, columns = values.shape
+    data = ",\n       ".join(", ".join(map(yaml_number, row)) for row in values)
+    return [
+        f"{name}: !!opencv-matrix",
+        f"   rows: {rows}",
+        f"   cols: {columns}",
+        "   dt: d",
+        f"   data: [ {data} ]",
+    ]
+
+
+def npz_bytes(result: Calibration) -> bytes:
+    """Arrays by name; texts are zero-dimensional arrays, so that nothing is pickled."""
+    arrays: dict[str, Any] = {
+        "X": result.X,
+        "X_inverse": result.inverse,
+        "covariance": result.covariance,
+        "covariance_inverse": result.covariance_inverse,
+        "W": result.W,
+        "covariance_W": result.covariance_W,
+        "frame": result.frame,
+        "frame_W": result.frame_W,
+        "units": "m",
+        "convention": NOT_DETERMINED if result.covariance is None else f"covariances of {_TOOLKIT}",
+    }
+    buffer = io.BytesIO()
+    known: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+    np.savez(buffer, **known)
+    return buffer.getvalue()
+
+
+_WRITERS: dict[str, Callable[[Calibration], str | bytes]] = {
+    "json": _json,
+    "ros": ros_text,
+    "urdf": urdf_text,
+    "opencv": opencv_text,
+    "npz": npz_bytes,
+}
+FORMATS = tuple(_WRITERS)
+
+# What a suffix means, the first by itself.
+_SUFFIXES = {
+    ".json": ("json",),
+    ".yaml": ("ros", "opencv"),
+    ".yml": ("ros", "opencv"),
+    ".urdf": ("urdf",),
+    ".npz": ("npz",),
+}
+
+
+def write_export(result: Calibration, path: StrPath, format: str | None = None) -> Path:
+    """Write X for another program, whole or not at all.
+
+    Parameters
+    ----------
+    result : Calibration
+    path : path of the file
+    format : "json", "ros", "urdf", "opencv", "npz" or None
+        None takes it from the suffix: .json, .yaml and .yml (ros), .urdf, .npz. FileStorage is YAML as well and must be
+        asked for.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    InputError
+        An unknown format, a suffix that says none or another one, a file that cannot be written.
+    """
+    target = as_path(path)
+    suffix = target.suffix.lower()
+    if format is None:
+        if suffix not in _SUFFIXES:
+            raise InputError(
+                f"Expected {shown(target)} to end in {', '.join(_SUFFIXES)}, or `format` (--format) to be one of "
+                f"{', '.join(FORMATS)}."
+            )
+        format = _SUFFIXES[suffix][0]
+    if not isinstance(format, str) or format not in FORMATS:
+        raise InputError(f"Expected `format` (--format) to be one of {', '.join(FORMATS)}, got {format!r}.")
+    if format not in _SUFFIXES.get(suffix, (format,)):
+        ends = " or ".join(end for end, names in _SUFFIXES.items() if format in names)
+        raise InputError(f"Expected a file of the format {format} to end in {ends}, got {shown(target)}.")
+    write_atomically(target, _WRITERS[format](result))
+    return target

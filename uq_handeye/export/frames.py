@@ -1,0 +1,94 @@
+"""What every export needs of a pose: its frames by name, its quaternion, its angles about fixed axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..conventions import to_convention
+from ..se3 import Array
+
+if TYPE_CHECKING:
+    from ..result import Calibration
+
+# The frames of X for motions that came without poses: those in which A and B are given.
+OF_MOTIONS = ("frame_of_A", "frame_of_B")
+
+NOT_DETERMINED = "The covariance is not determined, so it is left out."
+
+
+@dataclass(frozen=True, eq=False)
+class Transform:
+    """``T = parent_T_child`` (4, 4), metres, with the covariance (6, 6) of (theta, tau) in the parent frame."""
+
+    T: Array
+    covariance: Array | None
+    parent: str
+    child: str
+
+    @property
+    def name(self) -> str:
+        """``parent_T_child``."""
+        return f"{self.parent}_T_{self.child}"
+
+    @property
+    def R(self) -> Array:
+        return np.asarray(self.T[:3, :3])
+
+    @property
+    def t(self) -> Array:
+        return np.asarray(self.T[:3, 3] + 0.0)
+
+    @property
+    def quaternion(self) -> Array:
+        """Unit quaternion (x, y, z, w), w >= 0."""
+        return np.asarray(Rotation.from_matrix(self.R).as_quat(canonical=True) + 0.0)
+
+    def covariance_in(self, convention: str) -> Array | None:
+        """The covariance in the convention of another library (`conventions`)."""
+        return None if self.covariance is None else to_convention(self.covariance, self.T, convention) + 0.0
+
+
+def transforms_of(result: Calibration) -> tuple[Transform, Transform]:
+    """X and its inverse."""
+    parent, child = OF_MOTIONS if result.setup is None else result.frame.split("_T_")
+    return (
+        Transform(result.X + 0.0, result.covariance, parent, child),
+        Transform(result.inverse + 0.0, result.covariance_inverse, child, parent),
+    )
+
+
+def fixed_axis_angles(R: Array) -> Array:
+    """Roll, pitch, yaw (rad) about the fixed axes x, y, z: ``R = Rz(yaw) Ry(pitch) Rx(roll)``, the ``rpy`` of URDF.
+
+    Roll is taken from ``Rz(yaw)^T R`` and so makes up for a yaw that is not determined: at a pitch of 90 degrees, and
+    arbitrarily near to it, the three angles give R back to rounding.
+
+    >>> fixed_axis_angles(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])).round(3).tolist()
+    [0.0, 1.571, 0.0]
+    """
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    s, c = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return np.array([roll, pitch, yaw]) + 0.0
+
+
+def yaml_number(value: float, digits: int = 17) -> str:
+    """A float that YAML 1.1 takes for one: with a point, also before an exponent.
+
+    >>> yaml_number(1e-5), yaml_number(2.0), yaml_number(-0.0)
+    ('1.0e-05', '2.0', '0.0')
+    """
+    text = repr(float(f"{value + 0.0:.{digits}g}"))
+    mantissa, e, exponent = text.partition("e")
+    return text if not e or "." in mantissa else f"{mantissa}.0e{exponent}"
+
+
+def yaml_fields(axes: str, values: Array, digits: int = 17) -> str:
+    """``{x: 1.0, y: 2.0, z: 3.0}``."""
+    fields = (f"{axis}: {yaml_number(value, digits)}" for axis, value in zip(axes, values, strict=True))
+    return f"{{{', '.join(fields)}}}"

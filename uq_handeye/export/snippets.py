@@ -1,0 +1,173 @@
+"""X and its inverse as texts that people copy into other programs, each with its convention and units beside it.
+
+Numbers have twelve significant digits. Sources of the rules: NumPy; OpenCV, ``calibrateHandEye`` (docs.opencv.org,
+calib3d); ROS, ``static_transform_publisher`` (ros2/geometry2, ``tf2_ros/src/static_transform_broadcaster_program.cpp``)
+and ``geometry_msgs/msg/PoseWithCovariance.msg`` (ros2/common_interfaces); GTSAM, ``gtsam/geometry/Pose3.h``
+(borglab/gtsam); URDF, ``<origin>`` of ``<joint>`` (wiki.ros.org/urdf/XML/joint).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..se3 import Array
+from .frames import NOT_DETERMINED, Transform, fixed_axis_angles, transforms_of, yaml_fields, yaml_number
+
+if TYPE_CHECKING:
+    from ..result import Calibration
+
+
+@dataclass(frozen=True)
+class Snippet:
+    """One text to copy."""
+
+    title: str  # e.g. "ROS 2 static transform: gripper_T_camera"
+    convention: str  # one or two sentences: units, order, frames
+    text: str
+    language: str  # for highlighting: python, bash, yaml or xml
+
+
+def texts(result: Calibration) -> list[Snippet]:
+    """NumPy, OpenCV, ROS, GTSAM and URDF forms of X, then of its inverse."""
+    return [make(transform) for transform in transforms_of(result) for make in _FORMS]
+
+
+def short(value: float) -> str:
+    """Twelve significant digits; never ``-0``.
+
+    >>> short(0.1 + 0.2), short(-0.0)
+    ('0.3', '0')
+    """
+    return f"{value + 0.0:.12g}"
+
+
+def _vector(values: Array) -> str:
+    return f"[{', '.join(map(short, values))}]"
+
+
+def _matrix(name: str, values: Array) -> str:
+    """``name = np.array([...])`` with a row per line."""
+    start = f"{name} = np.array(["
+    rows = (",\n" + " " * len(start)).join(map(_vector, values))
+    return f"{start}{rows}])"
+
+
+def _with(transform: Transform, sentence: str, of_covariance: str) -> str:
+    return f"{sentence} {NOT_DETERMINED if transform.covariance is None else of_covariance}"
+
+
+_TOOLKIT = (
+    "Covariance of (theta, tau), R = exp([theta]x) R_hat, t = t_hat + tau: rotation first, left rotation, additive "
+    "translation, rad and m, in the frame {parent}."
+)
+
+
+def _numpy(X: Transform) -> Snippet:
+    lines = ["import numpy as np", "", _matrix(X.name, X.T)]
+    if X.covariance is not None:
+        lines.append(_matrix("covariance", X.covariance))
+    sentence = f"4x4 matrix, metres; maps points of {X.child} into {X.parent}: p_{X.parent} = {X.name} p_{X.child}."
+    return Snippet(f"NumPy: {X.name}", _with(X, sentence, _TOOLKIT.format(parent=X.parent)), "\n".join(lines), "python")
+
+
+def opencv_name(X: Transform) -> str:
+    """As OpenCV writes the frames of ``parent_T_child``: ``cam2gripper``."""
+    short_names = {"camera": "cam"}
+    return f"{short_names.get(X.child, X.child)}2{short_names.get(X.parent, X.parent)}"
+
+
+def _opencv(X: Transform) -> Snippet:
+    name = opencv_name(X)
+    lines = ["import numpy as np", "", _matrix(f"R_{name}", X.R), _matrix(f"t_{name}", X.t[:, None])]
+    if X.covariance is not None:
+        lines.append(_matrix(f"covariance_{name}", X.covariance))
+    sentence = f"R (3x3) and t (3x1, metres) as of cv::calibrateHandEye: p_{X.parent} = R p_{X.child} + t."
+    of_covariance = f"OpenCV has no convention for the covariance; this is ours. {_TOOLKIT.format(parent=X.parent)}"
+    return Snippet(f"OpenCV: {X.name}", _with(X, sentence, of_covariance), "\n".join(lines), "python")
+
+
+def _ros2(X: Transform) -> Snippet:
+    x, y, z = map(short, X.t)
+    qx, qy, qz, qw = map(short, X.quaternion)
+    text = (
+        f"ros2 run tf2_ros static_transform_publisher --x {x} --y {y} --z {z} "
+        f"--qx {qx} --qy {qy} --qz {qz} --qw {qw} --frame-id {X.parent} --child-frame-id {X.child}"
+    )
+    return Snippet(
+        f"ROS 2 static transform: {X.name}",
+        "Metres and unit quaternion. Put your own frame names in: the camera is the frame "
+        "with z forward, which ROS calls optical. It carries no covariance.",
+        text,
+        "bash",
+    )
+
+
+def _ros1(X: Transform) -> Snippet:
+    numbers = " ".join(map(short, [*X.t, *X.quaternion]))
+    return Snippet(
+        f"ROS 1 static transform: {X.name}",
+        "x y z qx qy qz qw: metres and unit quaternion, scalar last; put your own frame names in. It carries no "
+        "covariance.",
+        f"rosrun tf2_ros static_transform_publisher {numbers} {X.parent} {X.child}",
+        "bash",
+    )
+
+
+def _ros_pose(X: Transform) -> Snippet:
+    position, orientation = yaml_fields("xyz", X.t, 12), yaml_fields("xyzw", X.quaternion, 12)
+    covariance = X.covariance_in("ros")
+    if covariance is None:
+        lines = [f"position: {position}", f"orientation: {orientation}"]
+        title, message = f"ROS Pose: {X.name}", "geometry_msgs/Pose"
+    else:
+        rows = [", ".join(yaml_number(value, 12) for value in row) for row in covariance]
+        lines = ["pose:", f"  position: {position}", f"  orientation: {orientation}", "covariance: ["]
+        lines += [f"  {row}," for row in rows] + ["]"]
+        title, message = f"ROS PoseWithCovariance: {X.name}", "geometry_msgs/PoseWithCovariance"
+    sentence = f"{message} of {X.child} in {X.parent}, metres and unit quaternion."
+    of_covariance = (
+        "Covariance 6x6 row by row, of (x, y, z, rotation about x, y, z): translation first, about the fixed axes of "
+        f"{X.parent}, m and rad."
+    )
+    return Snippet(title, _with(X, sentence, of_covariance), "\n".join(lines), "yaml")
+
+
+def _gtsam(X: Transform) -> Snippet:
+    lines = ["import gtsam", "import numpy as np", "", _matrix("T", X.T), f"{X.name} = gtsam.Pose3(T)"]
+    if X.covariance is not None:
+        lines += [
+            _matrix("covariance", np.asarray(X.covariance_in("gtsam"))),
+            "noise = gtsam.noiseModel.Gaussian.Covariance(covariance)",
+        ]
+    of_covariance = (
+        f"Covariance of xi in T = T_hat Exp(xi): rotation first, right perturbation, in the frame {X.child}, rad and m."
+    )
+    return Snippet(f"GTSAM: {X.name}", _with(X, "Pose3, metres.", of_covariance), "\n".join(lines), "python")
+
+
+def urdf_joint(X: Transform, digits: int = 12) -> str:
+    """The fixed joint that puts the child's link where X says."""
+    xyz, rpy = (" ".join(f"{v:.{digits}g}" for v in values) for values in (X.t, fixed_axis_angles(X.R)))
+    return (
+        f'<joint name="{X.parent}_to_{X.child}" type="fixed">\n'
+        f'  <parent link="{X.parent}"/>\n'
+        f'  <child link="{X.child}"/>\n'
+        f'  <origin xyz="{xyz}" rpy="{rpy}"/>\n'
+        "</joint>"
+    )
+
+
+def _urdf(X: Transform) -> Snippet:
+    return Snippet(
+        f"URDF fixed joint: {X.name}",
+        "xyz in metres; rpy in rad about the fixed axes x, y, z: R = Rz(yaw) Ry(pitch) Rx(roll). Put your own link "
+        "names in. URDF has no place for a covariance.",
+        urdf_joint(X),
+        "xml",
+    )
+
+
+_FORMS = (_numpy, _opencv, _ros2, _ros1, _ros_pose, _gtsam, _urdf)
