@@ -15,9 +15,11 @@ from .numbers import digits, probability, rotvec_jacobian, row, std_of
 
 if TYPE_CHECKING:
     from ..goodness_of_fit import GoodnessOfFit
+    from ..noise import Noise
     from ..result import Calibration
 
 WIDTH = 118
+KINDS = ("rotation", "translation")
 # Poses that a text lists; the table of the result has them all.
 MOST_LISTED = 12
 # A part of the residuals is off beyond so many standard deviations of its sigma_0, and by this share.
@@ -34,36 +36,54 @@ def noise_lines(result: Calibration) -> list[str]:
         lines += [line for text in estimate.statement for line in wrapped(text)]
     elif result.noise is not None:
         lines.append("Noise as given (standard deviation per axis, mean over axes and poses):")
-        lines += _given(result)
+        lines += _given(result.noise)
     if result.fit is not None:
+        lines.append(_counts(result))
         lines += _fit_lines(result.fit, by_construction=estimate is not None and not estimate.has_prior)
     elif estimate is not None and estimate.noise is not None:
         lines.append(f"  The residuals have {estimate.dof:.0f} degrees of freedom.")
     return lines
 
 
+def _counts(result: Calibration) -> str:
+    """How many numbers were fitted by how many."""
+    variables = "6 variables (of X)" if result.W is None else "12 variables (of X and W)"
+    n = result.n_pairs if result.table is None else len(result.table)
+    of = "motion" if result.table is None else result.table.item
+    return f"Data: {6 * n} residuals (6 of each {of}), {variables}."
+
+
 def _fit_lines(fit: GoodnessOfFit, by_construction: bool) -> list[str]:
-    start = f"Fit: chi-square {fit.chi2:.1f} with {fit.dof:.0f} degrees of freedom"
+    first, second, *third = fit_sentences(fit, by_construction)
+    return [*wrapped(first, first=""), *wrapped(second, first=""), *(line for text in third for line in wrapped(text))]
+
+
+def fit_sentences(fit: GoodnessOfFit, by_construction: bool) -> list[str]:
+    """The chi-square test in words, sigma_0, and where it is so what the noise gets wrong.
+
+    ``by_construction``: the noise is made of the same residuals, so that the test says nothing.
+    """
+    start = f"Fit: chi-square {fit.chi2:.1f} with {fit.dof:.0f} degrees of freedom (reduced: {fit.chi2 / fit.dof:.2f})"
     if by_construction:
         text = f"{start}; near their number by construction, as the noise comes from them."
     else:
         verdict = "the noise explains the residuals" if fit.p_value > 0.01 else _misfit(fit.sigma0)
         text = f"{start}, {probability(fit.p_value, 2)}: {verdict}."
     parts = {"rotation": fit.rotation_sigma0, "translation": fit.translation_sigma0}
-    lines = wrapped(text, first="")
-    lines += wrapped(
+    sentences = [
+        text,
         f"sigma_0: 1 before the fit (prior), {fit.sigma0:.2f} after the fit (posterior; "
         f"{', '.join(f'{name} {value:.2f}' for name, value in parts.items())}).",
-        first="",
-    )
+    ]
     # Each part has about half of the degrees of freedom, and its sigma_0 the deviation 1 / sqrt(2 dof / 2).
     least = max(FAR / np.sqrt(fit.dof), MUCH)
     off = [name for name, value in parts.items() if abs(value - 1) > least]
     if off and (by_construction or fit.p_value > 0.01):
         how = " and ".join(f"{name} {digits(parts[name])} times" for name in off)
-        text = f"The residuals are not what this noise makes of them ({how} as large): the model of the noise is wrong."
-        lines += wrapped(text)
-    return lines
+        sentences.append(
+            f"The residuals are not what this noise makes of them ({how} as large): the model of the noise is wrong."
+        )
+    return sentences
 
 
 def _misfit(sigma0: float) -> str:
@@ -72,19 +92,24 @@ def _misfit(sigma0: float) -> str:
     return f"the residuals are {digits(1 / sigma0, 2)} times smaller than the noise explains"
 
 
-def _given(result: Calibration) -> list[str]:
-    noise = result.noise
-    names = ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
-    lines = []
-    for name in names:
+def _given(noise: Noise) -> list[str]:
+    return [
+        f"  {name}: exact" if size is None else f"  {name}: rotation {size[0]:.3g} deg, translation {size[1]:.3g} mm"
+        for name, size in noise_sizes(noise).items()
+    ]
+
+
+def noise_sizes(noise: Noise) -> dict[str, tuple[float, float] | None]:
+    """Standard deviation per axis (deg, mm) of each side, in the mean over axes and poses; None: exact."""
+    sizes: dict[str, tuple[float, float] | None] = {}
+    for name in ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera"):
         S = getattr(noise, name)
         if S is None:
-            lines.append(f"  {name}: exact")
+            sizes[name] = None
             continue
         variances = np.diagonal(marginals(S), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
-        turn, move = np.degrees(np.sqrt(variances[0])), 1e3 * np.sqrt(variances[1])
-        lines.append(f"  {name}: rotation {turn:.3g} deg, translation {move:.3g} mm")
-    return lines
+        sizes[name] = float(np.degrees(np.sqrt(variances[0]))), float(1e3 * np.sqrt(variances[1]))
+    return sizes
 
 
 def beside_lines(result: Calibration) -> list[str]:
@@ -110,13 +135,7 @@ def covariance_lines(result: Calibration) -> list[str]:
     if analysis is None:
         return []
     lines = ["Standard deviations by           rotation x, y, z (deg)        translation x, y, z (mm)"]
-    meaning = {
-        "model": "model (the noise)",
-        "sandwich": f"sandwich, by {'pose' if result.table is None else result.table.item}",
-        "hac": "hac, for neighbours",
-        "jackknife": "jackknife",
-        "bootstrap": "bootstrap",
-    }
+    meaning = covariance_names(result)
     without: dict[str, list[str]] = {}  # kinds by the reason
     for kind, S in analysis.covariances.items():
         if S is None:
@@ -131,6 +150,17 @@ def covariance_lines(result: Calibration) -> list[str]:
     for reason, kinds in without.items():
         lines += wrapped(f"  {', '.join(kinds)}: not determined: {reason}", indent="    ", first="")
     return [*lines, "* is the covariance of the result; all but the first need no noise model."]
+
+
+def covariance_names(result: Calibration) -> dict[str, str]:
+    """What each of the covariances is called in a table."""
+    return {
+        "model": "model (the noise)",
+        "sandwich": f"sandwich, by {'pose' if result.table is None else result.table.item}",
+        "hac": "hac, for neighbours",
+        "jackknife": "jackknife",
+        "bootstrap": "bootstrap",
+    }
 
 
 def pose_lines(result: Calibration) -> list[str]:
@@ -156,12 +186,23 @@ def pose_lines(result: Calibration) -> list[str]:
 
 def budget_lines(result: Calibration) -> list[str]:
     """Which share of the variance of X comes from which source."""
-    analysis = result.analysis
-    if analysis is None:
+    rows = budget_shares(result)
+    if not rows:
         return []
-    budget = analysis.budget
-    kinds = ("rotation", "translation")
-    shares = np.stack([budget.group_shares[f"X {kind}"] for kind in kinds], axis=-1)  # (sources, 2)
+    width = max(len(name) for name in rows)
+    lines = ["Share of the variance of X by its source:"]
+    for name, share in rows.items():
+        parts = (f"{100 * part:5.1f} % of {kind}" for part, kind in zip(share, KINDS, strict=True))
+        lines.append(f"  {name:{width}s}  {'   '.join(parts)}")
+    return lines
+
+
+def budget_shares(result: Calibration) -> dict[str, Array]:
+    """Shares (2,) of the variances of X's rotation and translation by source; nothing where there is no budget."""
+    if result.analysis is None:
+        return {}
+    budget = result.analysis.budget
+    shares = np.stack([budget.group_shares[f"X {kind}"] for kind in KINDS], axis=-1)  # (sources, 2)
     # Where errors are coupled, the shares of one side may be beyond 100 % and below 0: only their sum means something.
     coupled = [side for side in ("robot", "camera", "A", "B") if _coupled(result, side, budget.sources)]
     rows: dict[str, Array] = {}
@@ -169,12 +210,7 @@ def budget_lines(result: Calibration) -> list[str]:
         side = source.split()[0]
         name = f"{side} (rotation and translation)" if side in coupled else source
         rows[name] = rows.get(name, 0.0) + share
-    width = max(len(name) for name in rows)
-    lines = ["Share of the variance of X by its source:"]
-    for name, share in rows.items():
-        parts = (f"{100 * part:5.1f} % of {kind}" for part, kind in zip(share, kinds, strict=True))
-        lines.append(f"  {name:{width}s}  {'   '.join(parts)}")
-    return lines
+    return rows
 
 
 def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:

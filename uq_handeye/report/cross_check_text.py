@@ -50,7 +50,7 @@ def to_text(check: CrossCheck) -> str:
         lines += _wrapped(f"{'; '.join(labels)}: {note}", "  ")
     lines += [*_wrapped(_legend(check.rows)), "", "Relations"]
     for relation in check.relations:
-        lines += _wrapped(f"[{_state(relation)}] {relation.statement}.")
+        lines += _wrapped(f"[{state(relation)}] {relation.statement}.")
         lines += textwrap.wrap(_sentence(relation.text), WIDTH, initial_indent="    ", subsequent_indent="    ")
         if relation.advice and relation.name not in check.broken:
             lines += textwrap.wrap(relation.advice, WIDTH, initial_indent="    -> ", subsequent_indent="       ")
@@ -153,7 +153,8 @@ def _legend(rows: tuple[Row, ...]) -> str:
     )
 
 
-def _state(relation: Relation) -> str:
+def state(relation: Relation) -> str:
+    """Whether a relation holds, in a word or two."""
     if relation.holds is None:
         return "not judged"
     if relation.law:

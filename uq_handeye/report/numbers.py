@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..se3 import Array, left_jacobian
 
 # Smaller p-values are not told apart.
@@ -24,6 +27,43 @@ def digits(value: float | np.floating[Any], significant: int = 3) -> str:
 def probability(p: float, significant: int = 1) -> str:
     """``p = 0.02``, or a bound where it is all but 0."""
     return f"p < {SMALLEST_P:g}" if p < SMALLEST_P else f"p = {p:.{significant}g}"
+
+
+def concise(value: float, std: float | None, unit: str = "") -> str:
+    """A value with its standard deviation in parentheses: ``12.345(67) mm`` is 12.345 mm with 0.067 mm.
+
+    Always two significant digits of the deviation, and the value to the same decimal place. Below 1 the deviation is
+    written as units of the last digits; from 1 on with its own decimal point or zeros, to be read by itself:
+    ``12.3(2.3)``, ``345(12)``, ``12340(120)``. Where value or deviation would need an exponent, both share it:
+    ``1.234(21)e-9``. A deviation of None is not determined, which ``(?)`` says; one of 0 is exact.
+
+    Raises `InputError` for numbers that are not finite and deviations below 0.
+
+    >>> concise(12.3452, 0.0668, "mm")
+    '12.345(67) mm'
+    """
+    if not isfinite(value) or (std is not None and not (isfinite(std) and std >= 0)):
+        raise InputError(f"Expected a finite value and a standard deviation of 0 or more, got {value} and {std}.")
+    top = max(abs(value), std or 0.0)
+    exponent = 0 if top == 0 or 1e-4 <= top < 1e6 else int(f"{top:e}".partition("e")[2])
+    x = Decimal(float(value)).scaleb(-exponent)
+    if std is None or std == 0:
+        text = f"{float(x) + 0.0:.{6 if std is None else 10}g}({'?' if std is None else 0})"
+    else:
+        mantissa, _, power = f"{Decimal(float(std)).scaleb(-exponent):.1e}".partition("e")  # rounded: 0.0996 is 1.0e-1
+        decimals = 1 - int(power)
+        if decimals <= 0:  # to tens, hundreds, ...
+            step = Decimal(1).scaleb(-decimals)
+            inside, shown = (
+                f"{Decimal(mantissa).scaleb(int(power)):.0f}",
+                f"{(x / step).quantize(Decimal(1)) * step:.0f}",
+            )
+        else:
+            inside = mantissa if decimals == 1 else mantissa.replace(".", "")
+            shown = f"{x:.{decimals}f}"
+        text = f"{'0' + shown[2:] if shown.startswith('-0') and not shown.strip('-0.') else shown}({inside})"
+    scale = f"e{exponent}" if exponent else ""
+    return f"{text}{scale} {unit}".rstrip()
 
 
 def row(label: str, names: str, values: Array | None, std: Array | None, decimals: int, width: int = 22) -> str:

@@ -21,6 +21,7 @@ from .analysis_text import (
 )
 from .diagnosis_words import direction_words
 from .numbers import digits, rotvec_jacobian, row, std_of
+from .sync_text import offset_lines
 
 if TYPE_CHECKING:
     from ..result import Calibration
@@ -50,7 +51,7 @@ def summary(result: Calibration, threshold: float) -> str:
     setup = "" if result.setup is None else f", {result.setup}"
     on_poses = result.fourdpa is not None and result.W is not None
     data = f"{result.n_poses} poses" if on_poses else f"{result.n_pairs} pairs{origin}"
-    lines = [f"{result.frame} by {result.method}{scale} from {data}{setup}", *_answer(result)]
+    lines = [f"{result.frame} by {result.method}{scale} from {data}{setup}", *wrapped(answer(result), first="")]
     cautions = [wrapped(f"CAUTION: {text}", first="") for text in result.warnings]
     for block in (*cautions, _numbers(result, threshold)):
         lines += ["", *block]
@@ -58,24 +59,31 @@ def summary(result: Calibration, threshold: float) -> str:
         if text := section(result):
             lines += ["", *text]
     lines += ["", *_pair_lines(result)]
-    for section in (pose_lines, covariance_lines, budget_lines, diagnosis_lines, _scope_lines, _other_forms):
+    for section in (
+        offset_lines,
+        pose_lines,
+        covariance_lines,
+        budget_lines,
+        diagnosis_lines,
+        _scope_lines,
+        _other_forms,
+    ):
         if text := section(result):
             lines += ["", *text]
     return "\n".join(lines) + "\n"
 
 
-def _answer(result: Calibration) -> list[str]:
-    """One sentence: how well X is known."""
+def answer(result: Calibration) -> str:
+    """In a sentence or two: how well X is known."""
     if result.weakest_rotation is None or result.weakest_translation is None:
-        return wrapped(
+        return (
             f"How well {result.frame} is known is not determined: no noise was given (--robot-noise, --camera-noise), "
-            "and the residuals show none.",
-            first="",
+            "and the residuals show none."
         )
     move, turn = 1e3 * result.weakest_translation[1], np.degrees(result.weakest_rotation[1])
     text = f"{digits(move, 2)} mm and {digits(turn, 2)} deg (1 sigma, worst axis)"
     order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
-    source = f"{order} of {_source(result)}"
+    source = f"{order} of {source_words(result)}"
     shared = [] if result.analysis is None else result.analysis.diagnostics.shared_errors()
     if shared and set(shared) <= set(result.warnings):
         text = f"{result.frame} is known at best to {text}, {source}: that does not contain the errors that all poses "
@@ -87,10 +95,11 @@ def _answer(result: Calibration) -> list[str]:
         if not found.reason and found.p_value < RARE and found.growth > 1.1:
             times = digits(found.growth, 2)
             text += f" Neighbouring poses are not independent: about {times} times as much is nearer the truth."
-    return wrapped(text, first="")
+    return text
 
 
-def _source(result: Calibration) -> str:
+def source_words(result: Calibration) -> str:
+    """What the standard deviations are of, e.g. "the noise given"."""
     if result.noise_estimate is not None and result.covariance_kind in ("model", "sigma-points"):
         return "the noise estimated"
     return _SOURCES[result.covariance_kind]
@@ -109,14 +118,30 @@ def _numbers(result: Calibration, threshold: float) -> list[str]:
     if result.std is None or theta is None or tau is None:
         return lines
     lines.append(row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5))
+    for text in directions(result):
+        lines += wrapped(text, first="")
+    return [*lines, *_correlations(result, threshold)]
+
+
+def parent_frame(result: Calibration) -> str:
+    """``gripper frame`` or ``base frame``, or what it is called where motions came without poses."""
+    return f"{result.frame.split('_T_')[0]} frame" if "_T_" in result.frame else UNKNOWN_FRAME
+
+
+def directions(result: Calibration) -> list[str]:
+    """The least certain directions of translation and of rotation, in words; nothing without a covariance."""
+    theta, tau = _blocks(result.covariance)
+    if theta is None or tau is None:
+        return []
     parent = result.frame.split("_T_")[0] if "_T_" in result.frame else UNKNOWN_FRAME
+    sentences = []
     for name, S, factor in (("translation", tau, 1e3), ("rotation", theta, 180 / np.pi)):
         values, vectors = np.linalg.eigh(S)
         sd = factor * np.sqrt(np.maximum(values[::-1], 0.0))
         axis = vectors[:, -1] * np.sign(vectors[np.abs(vectors[:, -1]).argmax(), -1])
         text = direction_words(name, sd, axis, parent)
-        lines += wrapped(f"{text[0].upper()}{text[1:]}.", first="")
-    return [*lines, *_correlations(result, threshold)]
+        sentences.append(f"{text[0].upper()}{text[1:]}.")
+    return sentences
 
 
 def _pair_lines(result: Calibration) -> list[str]:
@@ -129,18 +154,22 @@ def _pair_lines(result: Calibration) -> list[str]:
     ]
 
 
+def ellipsoid_words(result: Calibration) -> str:
+    """How far the 95 % ellipsoid of X reaches."""
+    limit = result.quantile(0.95)
+    if np.isfinite(limit):
+        return f"95 % of all errors lie within d^2 = {limit:.1f} ({result.reference})."
+    return f"There is no 95 % ellipsoid from so few poses ({result.reference})."
+
+
 def _scope_lines(result: Calibration) -> list[str]:
     """What the standard deviations mean."""
     if result.std is None:
         return []
-    limit = result.quantile(0.95)
-    if np.isfinite(limit):
-        within = f"95 % of all errors lie within d^2 = {limit:.1f} ({result.reference})."
-    else:
-        within = f"There is no 95 % ellipsoid from so few poses ({result.reference})."
+    within = ellipsoid_words(result)
     if result.analysis is not None:
         within += " Moves of X above are such a d, in standard deviations."
-    return [*wrapped(within, first=""), "", NOT_COVERED.format(source=_source(result))]
+    return [*wrapped(within, first=""), "", NOT_COVERED.format(source=source_words(result))]
 
 
 def _other_forms(result: Calibration) -> list[str]:

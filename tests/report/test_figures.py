@@ -1,0 +1,237 @@
+"""The figures of the report: what they show, in numbers; that nothing overlaps; ids that do not collide."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import SEED, moved
+
+import uq_handeye as uq
+from uq_handeye.analysis import StoredAnalysis
+from uq_handeye.errors import InputError
+from uq_handeye.pose_table import PoseTable
+from uq_handeye.report.budget_figure import budget_figure
+from uq_handeye.report.figure_parts import WIDTH, inline_svg
+from uq_handeye.report.figures import figures, pictures
+from uq_handeye.report.methods_figure import methods_figure
+from uq_handeye.report.residual_figure import residual_figure
+from uq_handeye.report.rig_figure import rig, rig_figure
+from uq_handeye.report.task_space_figure import ahead, task_space_figure
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+ALL = ["ellipses", "rig", "residuals", "budget", "task_space"]
+
+
+@pytest.fixture(scope="module", params=["eye-in-hand", "eye-to-hand"])
+def both(request):
+    """Poses and their result, of either setup."""
+    poses = uq.simulate(n_poses=15, noise=NOISE, setup=request.param, seed=SEED)
+    return poses, uq.calibrate(poses, noise=NOISE)
+
+
+@pytest.fixture(scope="module")
+def drawn(both):
+    return pictures(both[1])
+
+
+@pytest.fixture(scope="module")
+def result():
+    return uq.calibrate(uq.simulate(n_poses=15, noise=NOISE, seed=SEED), noise=NOISE)
+
+
+def table(n=50, flags=None, seed=SEED):
+    rng = np.random.default_rng(seed)
+    flag = tuple(["kept"] * n if flags is None else flags)
+    ones = np.ones(n)
+    return PoseTable("pose", *(np.abs(rng.normal(size=(2, n))) * 1e-3), 6 * ones, ones / n, ones, flag)
+
+
+def overlapping(figure):
+    """Pairs of visible texts whose boxes intersect."""
+    figure.draw_without_rendering()
+    texts = [*figure.texts, *(text for legend in figure.legends for text in legend.get_texts())]
+    for axis in figure.get_axes():
+        texts += [axis.xaxis.label, axis.yaxis.label, *axis.texts]
+        if axis.get_legend() is not None:
+            texts += axis.get_legend().get_texts()
+        for line, k in ((axis.xaxis, 0), (axis.yaxis, 1)):
+            low, high = sorted(line.get_view_interval())
+            texts += [text for text in line.get_ticklabels() if low <= text.get_position()[k] <= high]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text() and text.get_visible()]
+    return [(a, b) for k, (a, p) in enumerate(boxes) for b, q in boxes[:k] if p.overlaps(q)]
+
+
+def test_all_figures_have_the_width_of_a_page_and_words(drawn):
+    assert list(drawn) == ALL
+    for picture in drawn.values():
+        assert picture.figure.get_size_inches()[0] == pytest.approx(WIDTH)
+        assert len(picture.alt) > 60 and len(picture.caption) > 60
+
+
+def test_what_cannot_be_drawn_is_left_out(result):
+    poses = uq.simulate(n_poses=8, noise=NOISE, seed=SEED)
+    motions = uq.relative_motions(poses, "consecutive")
+    of_motions = uq.calibrate(motions, noise=uq.PairNoise(A=1e-6 * np.eye(6), B=1e-6 * np.eye(6)))
+    # Without a covariance there are neither ellipses nor a task space, which take long to draw.
+    assert "rig" in figures(replace(of_motions, covariance=None))  # the motions know their poses
+    bare = uq.Motions(motions.A, motions.B)
+    of_bare = uq.calibrate(bare, noise=uq.PairNoise(B=1e-6 * np.eye(6)))
+    assert list(figures(replace(of_bare, covariance=None))) == ["residuals", "budget"]
+    assert list(figures(uq.calibrate(poses, noise=NOISE, method="park"))) == ["ellipses", "rig", "task_space"]
+    assert list(figures(uq.calibrate(uq.simulate(n_poses=8, seed=SEED)))) == ["rig"]
+    stored = uq.Calibration.from_dict(result.to_dict())
+    assert isinstance(stored.analysis, StoredAnalysis)
+    assert list(figures(replace(stored, covariance=None))) == ["residuals", "budget"]
+
+
+@pytest.mark.parametrize("name", ["residuals", "budget", "task_space"])
+def test_no_text_overlaps(drawn, name):
+    assert overlapping(drawn[name].figure) == []
+
+
+def test_texts_of_a_methods_figure_do_not_overlap():
+    poses = uq.simulate(n_poses=12, noise=NOISE, seed=SEED)
+    rows = uq.compare(poses, noise=NOISE, methods=["4dpa", "tsai", "park", "li"]).rows
+    assert overlapping(methods_figure(rows)) == []
+
+
+def test_fonts_are_readable_on_paper(drawn):
+    for picture in drawn.values():
+        texts = picture.figure.findobj(lambda artist: hasattr(artist, "get_fontsize") and hasattr(artist, "get_text"))
+        assert min(text.get_fontsize() for text in texts if text.get_text()) >= 7.5
+
+
+# ----------------------------------------------------------------------------------------------------------- rig
+
+
+def test_the_rig_stands_where_the_poses_are(both):
+    poses, result = both
+    scene = rig(poses, result.X, result.W, result.covariance, None)
+    in_hand = poses.setup == "eye-in-hand"
+    cameras = poses.robot @ result.X if in_hand else result.X[None]
+    np.testing.assert_allclose(scene.cameras, cameras, atol=1e-12)
+    # Every camera sees its target where it was detected.
+    seen = np.linalg.inv(scene.cameras) @ scene.targets
+    np.testing.assert_allclose(seen[:, :3, 3], poses.camera[:, :3, 3], atol=0.02)
+
+
+def test_the_ellipsoid_is_that_of_the_translation_in_the_base_frame(both, drawn):
+    poses, result = both
+    scene = rig(poses, result.X, result.W, result.covariance, None)
+    if poses.setup == "eye-in-hand":
+        k = int(np.argmin(np.linalg.norm(scene.cameras[:, :3, 3] - scene.centre, axis=1)))
+        R = poses.robot[k, :3, :3]
+    else:
+        R = np.eye(3)
+    np.testing.assert_allclose(
+        scene.half_axes @ scene.half_axes.T, R @ result.covariance[3:, 3:] @ R.T, rtol=1e-9, atol=1e-16
+    )
+    largest = np.linalg.norm(scene.half_axes, axis=0).max()
+    assert 0.02 * scene.size < scene.factor * largest <= 0.1 * scene.size
+    assert f"{scene.factor:,.0f} times enlarged" in drawn["rig"].caption
+
+
+def test_a_large_ellipsoid_is_not_enlarged(both):
+    poses, result = both
+    scene = rig(poses, result.X, result.W, np.eye(6), None)
+    assert scene.factor == 1.0 and scene.enlarged == "in true size"
+
+
+def test_rejected_poses_do_not_set_the_scale(both):
+    poses, result = both
+    robot = np.array(poses.robot)
+    robot[3, :3, 3] += 100.0
+    weight = np.ones(poses.n)
+    weight[3] = 0.0
+    far = uq.PosePairs(robot, poses.camera, poses.setup)
+    assert rig(far, result.X, result.W, result.covariance, weight).size < 3.0
+    labels = [text.get_text() for text in rig_figure(rig(far, result.X, result.W, None, weight)).legends[0].get_texts()]
+    assert "rejected" in labels
+    assert not any("sigma" in label for label in labels)
+
+
+# ------------------------------------------------------------------------------------- residuals, budget, task space
+
+
+def test_residuals_show_every_pose_and_name_the_worst():
+    flags = ["kept"] * 2000
+    flags[7], flags[1500] = "rejected", "downweighted (0.40)"
+    many = table(2000, flags)
+    many.distance2[7], many.distance2[1500] = 900.0, 40.0
+    figure = residual_figure(many)
+    for axis in figure.get_axes():
+        drawn = [line for line in axis.lines if line.get_linestyle() == "None"]
+        assert sum(len(line.get_xdata()) for line in drawn) == 2000
+    assert [text.get_text() for text in figure.get_axes()[2].texts] == ["7", "1500"]
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend[:3] == ["kept (1,998)", "downweighted (1)", "rejected (1)"]
+
+
+def test_residuals_of_very_many_poses_stay_a_small_drawing():
+    text = inline_svg(residual_figure(table(30_000)), "residuals")
+    assert len(text) < 700_000 and "data:image/png" in text
+
+
+def test_residuals_of_one_pose_and_of_none():
+    for values in (np.zeros(1), np.ones(1)):
+        one = replace(table(1), rotation=values, translation=values, distance2=values)
+        assert len(residual_figure(one).get_axes()) == 3
+
+
+def test_the_budget_is_drawn_as_it_is():
+    shares = {"robot rotation": np.array([0.25, 0.0]), "camera rotation": np.array([0.75, 1.0])}
+    axis = budget_figure(shares).get_axes()[0]
+    assert [bar.get_width() for bar in axis.patches] == [25.0, 75.0, 0.0, 100.0]
+    assert [text.get_text() for text in axis.texts] == ["25.0 %", "75.0 %", "0.0 %", "100.0 %"]
+    hatches = {bar.get_hatch() for bar in axis.patches}
+    assert len(hatches) == 2  # told apart without colour
+
+
+def test_points_ahead_against_a_numerical_experiment(result, rng):
+    distance = np.array([0.2, 1.0])
+    found = ahead(result, distance)
+    xi = rng.multivariate_normal(np.zeros(6), result.covariance, size=20_000)
+    p = np.array([[0.0, 0.0, z, 1.0] for z in distance])
+    q = np.einsum("sij,kj->ski", moved(result.X, xi), p)[..., :3]
+    in_camera = q @ result.X[:3, :3]
+    for k in range(2):
+        S = np.cov(in_camera[:, k].T)
+        np.testing.assert_allclose(found.along[k], np.sqrt(S[2, 2]), rtol=0.03)
+        np.testing.assert_allclose(found.worst[k], np.sqrt(np.linalg.eigvalsh(S)[-1]), rtol=0.03)
+        np.testing.assert_allclose(found.across[k], np.sqrt(np.linalg.eigvalsh(S[:2, :2])[-1]), rtol=0.03)
+
+
+def test_the_task_space_of_a_pure_translation_error_is_flat(result):
+    flat = replace(result, covariance=np.diag([0, 0, 0, 1e-6, 1e-6, 1e-6]))
+    assert task_space_figure(flat).get_axes()
+    np.testing.assert_allclose(ahead(flat).worst, 1e-3)
+
+
+# ------------------------------------------------------------------------------------------ cross-check and inline SVG
+
+
+def test_a_cross_check_is_laid_over_the_ellipses():
+    poses = uq.simulate(n_poses=8, noise=NOISE, seed=SEED)
+    result = uq.calibrate(poses, noise=NOISE)
+    check = uq.cross_check(poses, noise=NOISE, trials=200, posterior=False)
+    labels = [text.get_text() for text in figures(result, check)["ellipses"].legends[0].get_texts()]
+    assert labels == ["this result (efficient)", "Monte Carlo, efficient", "4DPA, first order", "samples"]
+    other = uq.calibrate(uq.simulate(n_poses=9, noise=NOISE, seed=SEED), noise=NOISE)
+    with pytest.raises(InputError, match=r"`cross_check`.*9 rows.*of 8"):
+        figures(other, check)
+    to_hand = uq.calibrate(uq.simulate(n_poses=8, noise=NOISE, setup="eye-to-hand", seed=SEED), noise=NOISE)
+    with pytest.raises(InputError, match=r"`cross_check` to be of base_T_camera.*gripper_T_camera"):
+        figures(to_hand, check)
+
+
+def test_inline_svg_is_the_same_again_and_shares_no_id(drawn, both):
+    first = {name: inline_svg(picture.figure, name) for name, picture in drawn.items()}
+    again = {"residuals": residual_figure(both[1].table), "task_space": task_space_figure(both[1])}
+    for name, figure in again.items():
+        assert inline_svg(figure, name) == first[name]
+    ids = [match for text in first.values() for match in re.findall(r'\sid="([^"]*)"', text)]
+    assert len(ids) == len(set(ids)) > 100
+    for text in first.values():
+        assert set(re.findall(r'(?:href="#|url\(#)([^")]*)', text)) <= set(ids)
+        assert text.startswith("<svg ") and "<metadata>" not in text and "<?xml" not in text

@@ -1,0 +1,315 @@
+"""The report as text: what stands in it, for every kind of result; escaping; the same file again."""
+
+import html
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support import SEED
+
+import uq_handeye as uq
+from uq_handeye.errors import InputError, MissingExtraError
+from uq_handeye.provenance import Provenance
+from uq_handeye.report import pdf
+from uq_handeye.report.figure_parts import canvas
+from uq_handeye.report.html import report_html
+from uq_handeye.report.sections_data import pretty
+from uq_handeye.sources import Source
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+ANCHORS = [
+    "answer", "warnings", "ellipses", "rig", "residuals", "budget", "task-space", "methods", "observability", "noise",
+    "covariances", "forms", "repeat", "scope",
+]  # fmt: skip
+VOID = {"meta", "link", "br", "use", "path"}
+
+
+class Page(HTMLParser):
+    """Elements with attributes, text by section, and whether tags close in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.elements, self.stack, self.section, self.texts, self.broken = [], [], "", {}, []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        found = dict(attributes)
+        self.elements.append((tag, found))
+        if tag == "section":
+            self.section = found["id"]
+        if tag not in VOID:
+            self.stack.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        if tag in VOID:
+            return
+        if not self.stack or self.stack.pop() != tag:
+            self.broken.append(tag)
+        if tag in ("td", "th", "li", "p", "h2"):
+            self.handle_data(" ")
+
+    def handle_data(self, data):
+        if not {"style", "script"} & set(self.stack):
+            self.texts[self.section] = self.texts.get(self.section, "") + data
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.elements if name == tag]
+
+    def words(self, section):
+        return " ".join(self.texts[section].split())
+
+
+def simulated(**options):
+    return uq.simulate(n_poses=12, noise=NOISE, seed=SEED, **options)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return uq.calibrate(simulated(), noise=NOISE)
+
+
+@pytest.fixture(scope="module")
+def small():
+    """A result without figures, whose report takes no time."""
+    return uq.calibrate(uq.simulate(n_poses=6, seed=SEED))
+
+
+@pytest.fixture(scope="module")
+def text(result):
+    return report_html(result, date="some day")
+
+
+@pytest.fixture(scope="module")
+def page(text):
+    return Page(text)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Without the ellipses, which take longest to draw and have tests of their own."""
+    monkeypatch.setattr("uq_handeye.report.figures.covariance_ellipses", lambda *_, **__: canvas(1.0))
+
+
+def bare_motions():
+    motions = uq.relative_motions(simulated(), "consecutive")
+    return uq.calibrate(uq.Motions(motions.A, motions.B), noise=uq.PairNoise(B=1e-6 * np.eye(6)))
+
+
+CASES = {
+    "eye-to-hand": lambda: uq.calibrate(simulated(setup="eye-to-hand"), noise=NOISE),
+    "estimated": lambda: uq.calibrate(simulated()),
+    "motions": bare_motions,
+    "published": lambda: uq.calibrate(simulated(), noise=NOISE, method="park"),
+    "exact": lambda: uq.calibrate(uq.simulate(n_poses=6, seed=SEED)),
+    "three poses, jackknife": lambda: replace(
+        uq.calibrate(uq.simulate(n_poses=4, noise=NOISE, seed=SEED), noise=NOISE),
+        reference=uq.reference.Reference("Hotelling", 3.0),
+    ),
+    "loaded": lambda: uq.Calibration.from_dict(json.loads(uq.calibrate(simulated(), noise=NOISE).to_json())),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
+def test_every_kind_of_result_has_every_section(case, quick):
+    of = CASES[case]()
+    found = Page(report_html(of, comparison=False))
+    assert [attributes["id"] for attributes in found.all("section")] == ANCHORS
+    assert found.broken == [] and found.stack == []
+    for anchor in ANCHORS:
+        assert len(found.words(anchor)) > 60, anchor
+    everything = " ".join(found.texts.values())
+    assert not re.search(r"\b(nan|inf|None|<NA>)\b", everything)
+    said = {
+        "motions": ("rig", "Nothing to draw: the motions A and B came without poses."),
+        "published": ("observability", "by the methods efficient and ml, not by park."),
+        "exact": ("ellipses", "Not determined: there is no covariance"),
+        "loaded": ("rig", "read from a file, which holds no poses"),
+        "three poses, jackknife": ("scope", "There is no 95 % ellipsoid from so few poses"),
+        "estimated": ("noise", "Noise estimated from the residuals"),
+        "eye-to-hand": ("answer", "base_T_camera is the pose of the camera in the base frame"),
+    }[case]
+    assert said[1] in found.words(said[0])
+
+
+def test_the_answer_comes_first_and_has_its_deviations(result, page):
+    assert page.texts["answer"].index("is known to") < 200
+    words = page.words("answer")
+    for k, axis in enumerate("xyz"):
+        value, sd = 1e3 * result.X[k, 3], 1e3 * result.std[3 + k]
+        found = re.search(rf"translation {axis} ([\N{{MINUS SIGN}}\d.]+)\(([\d.]+)\) mm", words)
+        shown = found[1].replace("\N{MINUS SIGN}", "-")
+        last = 10.0 ** -len(shown.partition(".")[2])
+        assert float(shown) == pytest.approx(value, abs=0.51 * last)
+        inside = float(found[2]) if "." in found[2] else float(found[2]) * last
+        assert inside == pytest.approx(sd, rel=0.05)
+    assert "in all directions" in words or "less certain" in words
+
+
+def test_warnings_stand_out_or_nothing_looked_wrong(small, page):
+    assert "Nothing looked wrong." in page.words("warnings")
+    warned = Page(report_html(replace(small, warnings=("The axes are <parallel>.",)), comparison=False))
+    assert warned.words("warnings") == "Warnings Warning The axes are <parallel>."
+    assert {"class": "marked"} in warned.all("li")
+
+
+def test_methods_are_compared_with_this_result(result, page, quick):
+    words = page.words("methods")
+    assert "efficient (this result)" in words
+    for name in uq.METHODS:
+        assert f" {name} " in words
+    assert "66 pairs of 12 poses" in words
+    given = uq.compare(simulated(), noise=NOISE, methods=["4dpa", "li", "tsai"])
+    own = Page(report_html(result, comparison=given)).words("methods")
+    assert given.verdict in own.replace("²", "^2") and "this result" not in own
+    for row in given.rows:
+        if row.failure is not None:
+            assert row.failure in own
+
+
+def test_rejected_poses_are_left_out_of_the_comparison(quick):
+    poses = simulated()
+    camera = np.array(poses.camera)
+    camera[4, :3, 3] += 0.1
+    with pytest.warns(uq.InputWarning):
+        of = uq.calibrate(uq.PosePairs(poses.robot, camera))
+    words = Page(report_html(of)).words("methods")
+    assert "55 pairs of 11 poses" in words and "Without the pose rejected here." in words
+
+
+def test_a_cross_check_lists_its_relations(result, quick):
+    check = uq.cross_check(simulated(), noise=NOISE, trials=200, posterior=False)
+    words = Page(report_html(result, comparison=False, cross_check=check)).words("ellipses")
+    for relation in check.relations:
+        assert relation.statement.replace("`", "") in words
+    assert "Cross-check, 200 trials" in words
+
+
+def test_everything_to_repeat_the_run(small):
+    source = Source("rig<script>alert(1)</script>.csv", "csv", 1234, "ab" * 32, ("metres & <b>scalar</b> last",))
+    before = small.provenance
+    command = 'uq-handeye calibrate "a b.csv" --robot-noise <x>'
+    made = Provenance(before.data_sha256, before.options, before.versions, (source,), command)
+    text = report_html(replace(small, provenance=made), comparison=False)
+    assert "alert(1)</script>" not in text and "<b>scalar" not in text
+    words = Page(text).words("repeat")
+    for part in (source.name, "1,234", source.sha256, source.notes[0], command, before.data_sha256):
+        assert part in words
+    for name, value in (before.options | before.versions).items():
+        assert name in words and ("not given" if value is None else str(value)) in words
+    assert "report written on" in words.lower()
+    without = Page(report_html(replace(small, provenance=None), comparison=False)).words("repeat")
+    assert "Not known where this result comes from" in without
+
+
+def test_x_is_there_to_copy(result, text):
+    from uq_handeye.export import texts
+
+    for snippet in texts(result):
+        assert html.escape(snippet.text, quote=True).replace("&#x27;", "&#39;").replace("&quot;", "&#34;") in text
+
+
+def test_the_convention_and_the_limits_are_said(page):
+    words = page.words("scope")
+    for part in ("rotation first, left rotation", "Systematic errors", "no accuracy"):
+        assert part in words
+
+
+# --------------------------------------------------------------------------------------------------- the file itself
+
+
+def test_nothing_is_loaded_from_anywhere(page, text):
+    for tag, attributes in page.elements:
+        for name, value in attributes.items():
+            if name in ("src", "href", "xlink:href", "action", "data", "srcset", "poster"):
+                assert value.startswith(("#", "data:")), (tag, name, value)
+    assert "@import" not in text
+    assert not re.search(r"url\((?!#|&#34;#)", text)
+    assert "default-src 'none'" in text
+    assert len(text.encode()) < 3_000_000
+
+
+def test_accessible(page):
+    levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch("h[1-6]", tag)]
+    assert levels[0] == 1 and levels.count(1) == 1
+    assert all(b <= a + 1 for a, b in pairwise(levels))
+    assert page.all("html")[0]["lang"] == "en"
+    figures = [a for a in page.all("div") if a.get("role") == "img"]
+    assert len(figures) == len(page.all("figure")) == len(page.all("figcaption")) == 6
+    assert all(len(a["aria-label"]) > 60 for a in figures)
+    assert all(a.get("scope") in ("row", "col") for a in page.all("th"))
+    ids = [a["id"] for _, a in page.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    targets = [a["href"][1:] for a in page.all("a")]
+    assert set(ANCHORS) <= set(targets) <= set(ids)
+    assert all(a["aria-labelledby"] in ids for a in page.all("table"))
+
+
+def test_the_same_result_gives_the_same_file(result, text):
+    other = report_html(result, date="another day")
+    assert other.replace("another day", "some day") == text
+
+
+def test_written_whole_or_not_at_all(small, tmp_path):
+    path = tmp_path / "report.html"
+    assert small.report(path, comparison=False) == path
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    for name in ("report.txt", "report"):
+        with pytest.raises(InputError, match=r"`path` to end in .html or .pdf"):
+            small.report(tmp_path / name)
+    with pytest.raises(InputError, match="no-such-folder"):
+        small.report(tmp_path / "no-such-folder" / "report.html", comparison=False)
+    with pytest.raises(InputError, match="`comparison` to be True, False or a Comparison, got str"):
+        small.report(path, comparison="yes")
+    other = uq.compare(simulated(setup="eye-to-hand"), noise=NOISE, methods=["4dpa"])
+    with pytest.raises(InputError, match=r"`comparison` to be of gripper_T_camera.*base_T_camera"):
+        small.report(path, comparison=other)
+
+
+def test_pdf_without_any_printer_names_both_ways(small, tmp_path, monkeypatch):
+    monkeypatch.setattr(pdf, "found_weasyprint", lambda: None)
+    monkeypatch.setattr(pdf.shutil, "which", lambda name: None)
+    with pytest.raises(MissingExtraError, match=r"WeasyPrint.*uq-handeye\[pdf\].*Chromium"):
+        small.report(tmp_path / "report.pdf", comparison=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pdf_by_a_browser_that_fails_says_so(small, tmp_path, monkeypatch):
+    monkeypatch.setattr(pdf, "found_weasyprint", lambda: None)
+    monkeypatch.setattr(pdf.shutil, "which", lambda name: sys.executable)  # does not know the options
+    with pytest.raises(InputError, match=r"did not print the report.*\.html"):
+        small.report(tmp_path / "report.pdf", comparison=False)
+
+
+def test_pdf_by_weasyprint(tmp_path):
+    pytest.importorskip("weasyprint", reason="WeasyPrint (extra pdf) is not installed")
+    path = CASES["published"]().report(tmp_path / "report.pdf", comparison=False)
+    assert path.read_bytes().startswith(b"%PDF") and path.stat().st_size > 50_000
+
+
+@pytest.mark.parametrize(
+    ("plain", "shown"),
+    [
+        ("d^2 = -1.5 +- 2", "d² = \N{MINUS SIGN}1.5 ± 2"),
+        ("(-0.2, -3)", "(\N{MINUS SIGN}0.2, \N{MINUS SIGN}3)"),
+        ("1e-15 on 2026-11-21, x-1", "1e-15 on 2026-11-21, x-1"),
+        ("--robot-noise of `ml`", "--robot-noise of ml"),
+    ],
+)
+def test_signs_of_print(plain, shown):
+    assert pretty(plain) == shown
+
+
+def test_the_package_stays_light():
+    code = "import sys, uq_handeye; assert not {'matplotlib', 'jinja2', 'weasyprint', 'pandas'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,72 @@
+"""What the figures of the report share: their width, colours, canvas, and SVG that stands beside others in one page.
+
+All are drawn on white, 6.9 inches wide, the width of an A4 page between its margins, with text of 7.5 points or more.
+Colours are those of Okabe and Ito; hatches, markers or line styles say the same once more, for greyscale and
+colour-blind readers. This module imports Matplotlib; import it where it is used.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from .ellipses import render
+
+WIDTH = 6.9
+BLUE, ORANGE, SKY, GREEN, PURPLE = "#0072B2", "#D55E00", "#56B4E9", "#009E73", "#CC79A7"
+INK, QUIET, GRID = "0.15", "0.45", "0.87"
+TEXT, SMALL = 8.5, 7.5  # points
+
+_ID = re.compile(r'(\sid="|url\(#|href="#)')
+
+
+class Picture(NamedTuple):
+    """A figure with its words."""
+
+    figure: Figure
+    alt: str  # what is seen, for those who do not see it
+    caption: str  # how to read it
+
+
+def canvas(height: float) -> Figure:
+    """An empty figure of the common width, ``height`` in inches."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def finished(figure: Figure) -> Figure:
+    """The figure with its layout settled: every further pass would shift the panels a little."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    return figure
+
+
+def plain(axis: Axes) -> None:
+    """Thin frame, small ticks, a quiet grid below everything."""
+    axis.tick_params(labelsize=SMALL, length=2.5, color=QUIET)
+    axis.grid(color=GRID, linewidth=0.6)
+    axis.set_axisbelow(True)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axis.spines[side].set_color(QUIET)
+
+
+def inline_svg(figure: Figure, name: str) -> str:
+    """The figure as an ``<svg>`` element, the same bytes for the same figure; its ids begin with ``name``."""
+    text = render(figure, "svg").decode()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    text = _ID.sub(rf"\g<1>{name}-", text)
+    # As the page is HTML, the namespaces need no declaration, and the size is that of the column.
+    head, body = text.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', head)
+    assert box is not None  # Matplotlib writes one
+    return f'<svg {box.group()} xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"' + (
+        f' aria-hidden="true" focusable="false">{body}'
+    )

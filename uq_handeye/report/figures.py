@@ -1,0 +1,193 @@
+"""All figures of a calibration, each with the words that belong to it.
+
+What cannot be drawn (no covariance, no poses, no noise) is left out; `report.html` says why. This module imports
+Matplotlib; import it where it is used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..errors import InputError
+from ..motions import Motions
+from ..noise import PoseNoise
+from ..poses import PosePairs
+from ..robot_world import mean_target
+from .analysis_text import budget_shares
+from .budget_figure import budget_figure
+from .ellipses import LEVELS, covariance_ellipses
+from .figure_parts import Picture
+from .numbers import digits
+from .residual_figure import residual_figure
+from .rig_figure import MOST_FRAMES, rig, rig_figure
+from .task_space_figure import ahead, task_space_figure, typical_distance
+from .text import directions, parent_frame
+
+if TYPE_CHECKING:
+    from ..result import Calibration
+    from ..se3 import Array
+    from ..validation.cross_check import CrossCheck
+
+# Rows of a cross-check that are laid over the ellipses: key and name in the legend.
+OVERLAY = (
+    ("{method}-sampled", "Monte Carlo, {method}"),
+    ("posterior", "posterior"),
+    ("bound", "Cramer-Rao bound"),
+    ("4dpa-poses", "4DPA, first order"),
+    ("4dpa-pairs", "4DPA, first order, pairs independent"),
+)
+
+
+def figures(result: Calibration, cross_check: CrossCheck | None = None) -> dict[str, Figure]:
+    """The figures of a calibration by the stem of their file names; those that cannot be drawn are left out.
+
+    Parameters
+    ----------
+    result : Calibration
+    cross_check : CrossCheck or None
+        Of the same problem: its covariances are laid over the ellipses.
+
+    Raises
+    ------
+    InputError
+        A cross-check of another X or another number of poses.
+    """
+    return {stem: picture.figure for stem, picture in pictures(result, cross_check).items()}
+
+
+def pictures(result: Calibration, cross_check: CrossCheck | None = None) -> dict[str, Picture]:
+    """`figures` with alt text and caption."""
+    found = {
+        "ellipses": _ellipses(result, cross_check),
+        "rig": _rig(result),
+        "residuals": _residuals(result),
+        "budget": _budget(result),
+        "task_space": _task_space(result),
+    }
+    return {stem: picture for stem, picture in found.items() if picture is not None}
+
+
+def poses_of(result: Calibration) -> PosePairs | None:
+    """The poses that a result was made of, unless it was read from a file."""
+    return result.data.poses if isinstance(result.data, Motions) else result.data
+
+
+def require_same_problem(result: Calibration, check: CrossCheck) -> None:
+    """Raise `InputError` unless the cross-check can be that of the result."""
+    if check.frame != result.frame:
+        raise InputError(f"Expected `cross_check` to be of {result.frame}, as the result, got one of {check.frame}.")
+    count = result.n_poses if isinstance(check.noise, PoseNoise) else result.n_pairs
+    if count is not None and check.n != count:
+        raise InputError(f"Expected `cross_check` to be of the same data, {count} rows, got one of {check.n}.")
+
+
+def _ellipses(result: Calibration, check: CrossCheck | None) -> Picture | None:
+    if result.covariance is None:
+        return None
+    others: dict[str, Array] = {}
+    samples = None
+    if check is not None:
+        require_same_problem(result, check)
+        known = {row.key: row.covariance for row in check.rows if row.covariance is not None}
+        for key, name in OVERLAY:
+            key = key.format(method=result.method)
+            same = key == "bound" and result.bound is not None  # then it is the covariance of the result
+            doubled = key == "4dpa-pairs" and "4dpa-poses" in known
+            if key in known and not same and not doubled:
+                others[name.format(method=result.method)] = known[key]
+        if result.method in check.runs:
+            samples = check.runs[result.method].errors
+    figure = covariance_ellipses(
+        result.X, result.covariance, others=others, samples=samples, label=f"this result ({result.method})"
+    )
+    held = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.0f} %" for k in LEVELS)
+    overlay = f", with those of {', '.join(others)} over it" if others else ""
+    alt = (
+        f"Fifteen panels with the 1, 2 and 3 sigma ellipses of {result.frame}{overlay}: three of the rotation, three "
+        f"of the translation, nine of rotation against translation. {' '.join(directions(result))}"
+    )
+    caption = (
+        f"The error of X, seen in pairs of its six components. The ellipses hold {held} of the errors. A narrow tilted "
+        "ellipse says that the two errors come together (correlation above each panel); a long one that this direction "
+        "is known least."
+    )
+    if others:
+        caption += " Where lines of different style coincide, independent computations agree."
+    return Picture(figure, alt, caption)
+
+
+def _rig(result: Calibration) -> Picture | None:
+    poses = poses_of(result)
+    if poses is None:
+        return None
+    table = result.table
+    weight = None if table is None or table.item != "pose" else table.weight
+    W = mean_target(poses, result.X) if result.W is None else result.W
+    scene = rig(poses, result.X, W, result.covariance, weight)
+    one = "cameras and one target" if poses.setup == "eye-in-hand" else "targets and one camera"
+    alt = f"The rig in the base frame, from the side and from above: {poses.n:,} gripper poses with their {one}."
+    caption = (
+        "Everything in the base frame, in metres. Pyramids are cameras and open where they look; squares are targets; "
+        "grey lines join the gripper to what it carries. "
+        "If cameras do not look at the target here, a frame or a unit is wrong."
+    )
+    if poses.n > MOST_FRAMES:
+        caption += f" {MOST_FRAMES} of the {poses.n:,} poses are drawn in full, the others as dots."
+    if scene.half_axes.any():
+        caption += f" The black ellipsoid is 1 sigma of X's translation, {scene.enlarged}."
+        alt += f" An ellipsoid about one camera shows 1 sigma of X's translation, {scene.enlarged}."
+    return Picture(rig_figure(scene), alt, caption)
+
+
+def _residuals(result: Calibration) -> Picture | None:
+    table = result.table
+    if table is None or not len(table):
+        return None
+    flagged = len(table.flagged)
+    alt = (
+        f"Residuals of {len(table):,} {table.item}s in three panels: rotation (median "
+        f"{digits(np.degrees(np.median(table.rotation)))} deg), translation (median "
+        f"{digits(1e3 * np.median(table.translation))} mm) and squared distance. "
+        f"{'None is' if not flagged else f'{flagged} are' if flagged > 1 else 'One is'} flagged."
+    )
+    caption = (
+        f"How far each {table.item} is from where X and all others put it. d² measures this by the noise: 6 in the "
+        f"mean, beyond {table.limit:.3g} in one good {table.item} of 1,000. Bows, steps or trends over the numbers are "
+        "no noise but drift, kinematics or intrinsics."
+    )
+    return Picture(residual_figure(table), alt, caption)
+
+
+def _budget(result: Calibration) -> Picture | None:
+    shares = budget_shares(result)
+    if not shares:
+        return None
+    parts = "; ".join(f"{name} {100 * a:.0f} % and {100 * b:.0f} %" for name, (a, b) in shares.items())
+    alt = f"Bars of the share that each noise source has in the variance of X's rotation and translation: {parts}."
+    caption = (
+        "Where the uncertainty of X comes from. The longest bar is what to improve first: halving that noise takes "
+        "away three quarters of its share."
+    )
+    return Picture(budget_figure(shares), alt, caption)
+
+
+def _task_space(result: Calibration) -> Picture | None:
+    if result.covariance is None:
+        return None
+    typical, known = typical_distance(result)
+    at = ahead(result, np.array([typical]))
+    alt = (
+        f"Standard deviation of a point against its distance from the camera, and a map of the plane in front of the "
+        f"camera. At {typical:.2g} m it is {digits(1e3 * at.worst[0])} mm in the worst direction."
+    )
+    caption = (
+        f"How uncertain a point is that the camera sees, once X carries it to the {parent_frame(result)}. Only the "
+        "error of X is in it: the camera's own error of the point comes on top. Left on the optical axis, right in the "
+        "plane y = 0, up to 30 degrees from the axis."
+    )
+    if known:
+        caption += f" The target was {typical:.2g} m away (RMS): beyond, the numbers are extrapolated."
+    return Picture(task_space_figure(result), alt, caption)

@@ -1,0 +1,256 @@
+"""Sections of the report about the data: rig, residuals, budget, methods, observability, noise, other covariances."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .analysis_text import (
+    budget_shares,
+    covariance_names,
+    fit_sentences,
+    noise_sizes,
+)
+from .blocks import Block, Cell, Drawing, Paragraph, Points, Section, Table
+from .numbers import digits
+from .sync_text import offset_lines
+
+if TYPE_CHECKING:
+    from ..comparison import Comparison
+    from ..noise_estimation import Component
+    from ..result import Calibration
+
+# A table lists all poses up to so many; of more those that are flagged, and the worst.
+MOST_LISTED, MOST_FLAGGED, WORST = 40, 30, 12
+_DEG, _MM = 180 / np.pi, 1e3
+
+
+def rig_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """The rig in three dimensions."""
+    blocks: list[Block]
+    if "rig" in drawings:
+        blocks = [drawings["rig"]]
+    elif result.setup is None:
+        blocks = [Paragraph("Nothing to draw: the motions A and B came without poses.", empty=True)]
+    else:
+        text = "Not drawn: this result was read from a file, which holds no poses; make the report from the poses."
+        blocks = [Paragraph(text, empty=True)]
+    return Section("rig", "The rig", blocks)
+
+
+def needs(what: str, result: Calibration) -> str:
+    """Why ``what``, e.g. "Diagnostics are known", is missing from a result without analysis."""
+    if result.covariance is None:
+        return f"{what} where there is noise, given or estimated; here there is none."
+    return f"{what} by the methods efficient and ml, not by {result.method}."
+
+
+def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """Residuals of the poses and of the pairs."""
+    blocks: list[Block] = []
+    table = result.table
+    if table is None or "residuals" not in drawings:
+        item = "motion" if result.setup is None else "pose"
+        blocks.append(Paragraph(needs(f"Residuals of each {item} are found", result), empty=True))
+    else:
+        blocks.append(drawings["residuals"])
+        if not table.flagged:
+            blocks.append(Paragraph(f"No {table.item} is flagged: none of the {len(table):,} stands out."))
+        order = np.argsort(-table.distance2, kind="stable").tolist()
+        if len(table) <= MOST_LISTED:
+            shown, which = list(range(len(table))), f"All {len(table)} {table.item}s"
+        else:
+            flagged = [k for k in order if table.flag[k] != "kept"][:MOST_FLAGGED]
+            shown = sorted({*flagged, *order[:WORST]}, key=order.index)
+            which = f"{len(shown)} of {len(table):,} {table.item}s: flagged ones and those of largest d², worst first"
+            if len(flagged) < len(table.flagged):
+                which += f" ({len(table.flagged) - len(flagged)} more are flagged)"
+        rows = [
+            [
+                str(k),
+                digits(_DEG * table.rotation[k]),
+                digits(_MM * table.translation[k]),
+                digits(table.distance2[k]),
+                f"{100 * table.leverage[k]:.2g}",
+                f"{table.weight[k]:.3g}",
+                table.flag[k],
+            ]
+            for k in shown
+        ]
+        head = [table.item, "rotation (deg)", "translation (mm)", "d²", "leverage (%)", "weight", "flag"]
+        marked = frozenset(row for row, k in enumerate(shown) if table.flag[k] != "kept")
+        blocks.append(Table(f"{which}. Numbers count from 0.", head, rows, frozenset({6}), marked))
+    r = result.residuals
+    looked = f"{r.pairs:,}" if r.pairs == result.n_pairs else f"{r.pairs:,} of {result.n_pairs:,}"
+    rows = [
+        [name, *(digits(factor * value) for value in values)]
+        for name, factor, values in (
+            ("rotation (deg)", _DEG, (r.rotation_rms, r.rotation_median, r.rotation_max)),
+            ("translation (mm)", _MM, (r.translation_rms, r.translation_median, r.translation_max)),
+        )
+    ]
+    caption = f"Residuals of AX = XB over {looked} pairs: how well X explains them, not how accurate it is"
+    blocks.append(Table(caption, ["", "RMS", "median", "largest"], rows))
+    return Section("residuals", "Residuals", blocks)
+
+
+def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """Which noise makes which share of the variance."""
+    title = "Where the uncertainty comes from"
+    if "budget" not in drawings:
+        text = needs("The budget is worked out", result)
+        return Section("budget", title, [Paragraph(text, empty=True)])
+    shares = budget_shares(result)
+    rows = [[name, *(f"{100 * part:.1f}" for part in share)] for name, share in shares.items()]
+    table = Table("Share of the variance of X (%)", ["source", "rotation", "translation"], rows)
+    return Section("budget", title, [drawings["budget"], table])
+
+
+def methods_section(comparison: Comparison | None, reason: str, note: str, drawing: Drawing | None) -> Section:
+    """The published methods on the same data; ``reason`` says why there is none."""
+    title = "Other methods on the same data"
+    if comparison is None:
+        return Section("methods", title, [Paragraph(reason, empty=True)])
+    rows: list[list[Cell]] = []
+    for row in comparison.rows:
+        cells: list[Cell] = [row.method, str(row.year) if row.year else ""]
+        if row.failure is not None:
+            rows.append([*cells, (f"{row.status}: {row.failure}", 6)])
+            continue
+        if row.method == comparison.reference:
+            differences, said = ["0", "0", ""], "reference"
+        else:
+            differences = [
+                _optional(row.difference_rotation, _DEG), _optional(row.difference_translation, _MM), _optional(row.d2)
+            ]  # fmt: skip
+            said = "no covariance" if row.agrees is None else "agrees" if row.agrees else "differs"
+        weakest = ["", ""]
+        if row.covariance is not None:
+            turn, move = (np.sqrt(np.linalg.eigvalsh(row.covariance[part, part])[-1]) for part in (_TURN, _MOVE))
+            weakest = [digits(_DEG * turn), digits(_MM * move)]
+        rows.append([*cells, differences[0], differences[1], *weakest, differences[2], said])
+    table = Table(
+        f"Differences of each method from {comparison.reference or 'a reference'}, its own standard deviations (1 "
+        "sigma, worst direction), and whether its 95 % ellipsoid holds the reference (d² up to 12.6)",
+        [
+            "method", "year", "rotation (deg)", "translation (mm)", "1 sigma (deg)", "1 sigma (mm)", "d²", "verdict",
+        ],
+        rows,
+        frozenset({7}),
+    )  # fmt: skip
+    text = f"{comparison.verdict} All on the same {comparison.origin}.{note} Methods that agree may be wrong together."
+    blocks: list[Block] = [Paragraph(text)]
+    if drawing is not None:
+        blocks.append(drawing)
+    blocks.append(table)
+    if comparison.own_warnings:
+        blocks.append(Points(comparison.own_warnings))
+    return Section("methods", title, blocks)
+
+
+_TURN, _MOVE = slice(0, 3), slice(3, 6)
+
+
+def _optional(value: float | None, factor: float = 1.0) -> str:
+    return "" if value is None else "infinite" if np.isinf(value) else digits(factor * value)
+
+
+def observability_section(result: Calibration) -> Section:
+    """What the data can tell about X, in numbers and in words."""
+    title = "What the data can and cannot tell"
+    if result.analysis is None:
+        text = needs("Observability, influence and tests of the residuals are worked out", result)
+        return Section("observability", title, [Paragraph(text, empty=True)])
+    found = result.analysis.diagnostics
+    s = found.spectrum
+    rows = []
+    for name, unit, sd, axes in (
+        ("translation", "mm", s.sd_translation_mm, s.axes_translation),
+        ("rotation", "deg", s.sd_rotation_deg, s.axes_rotation),
+    ):
+        for k, word in enumerate(("least certain", "middle", "most certain")):
+            axis = ", ".join(f"{x:+.2f}" for x in axes[k])
+            rows.append([f"{name}, {word}", f"{digits(sd[k])} {unit}", f"({axis})"])
+    frame = s.frame if "frame" in s.frame else f"{s.frame} frame"
+    table = Table(f"Principal directions of X, in the {frame}", ["direction", "1 sigma", "unit vector"], rows)
+    sentences = Points(found.sentences(), frozenset(found.warnings()))
+    return Section("observability", title, [table, sentences])
+
+
+def noise_section(result: Calibration) -> Section:
+    """The noise given or estimated, and what the residuals say of it."""
+    blocks: list[Block] = []
+    estimate, fit = result.noise_estimate, result.fit
+    if estimate is not None:
+        rows = [_component(component) for component in estimate.components]
+        head = ["source", "1 sigma per axis", "95 % interval", "how it is known"]
+        blocks.append(Table("Noise estimated from the residuals", head, rows, frozenset({3})))
+        if estimate.statement:
+            blocks.append(Points(estimate.statement))
+    elif result.noise is not None:
+        rows = [
+            [name, "exact", "exact"] if size is None else [name, f"{size[0]:.3g}", f"{size[1]:.3g}"]
+            for name, size in noise_sizes(result.noise).items()
+        ]
+        caption = "Noise as it was given: standard deviation per axis, in the mean over axes and poses"
+        blocks.append(Table(caption, ["side", "rotation (deg)", "translation (mm)"], rows))
+    else:
+        blocks.append(Paragraph(NO_NOISE, empty=True))
+    if fit is not None:
+        by_construction = estimate is not None and not estimate.has_prior
+        blocks += [Paragraph(text) for text in fit_sentences(fit, by_construction)]
+    elif result.noise is not None:
+        text = needs("The chi-square test of the residuals is made", result)
+        blocks.append(Paragraph(text, empty=True))
+    if lines := offset_lines(result):
+        blocks.append(Paragraph(" ".join(" ".join(lines).split())))
+    return Section("noise", "The noise", blocks)
+
+
+NO_NOISE = "Not known: no noise was given, and none could be estimated from the residuals."
+
+
+def _component(component: Component) -> list[str]:
+    factor, unit = (_DEG, "deg") if component.unit == "rad" else (_MM, "mm")
+    high = "not determined" if component.high is None else f"{digits(factor * component.high)} {unit}"
+    if component.high is not None and not np.isfinite(component.high):
+        high = "not limited"
+    between = f"{digits(factor * component.low)} to {high}"
+    if component.status == "fixed":
+        between = ""
+    return [component.name, f"{digits(factor * component.value)} {unit}", between, component.status]
+
+
+def covariances_section(result: Calibration) -> Section:
+    """The covariances that need no noise model, and X of two halves of the data."""
+    title = "The same from other sides"
+    analysis = result.analysis
+    if analysis is None:
+        text = needs("Other covariances and tests of two halves are worked out", result)
+        return Section("covariances", title, [Paragraph(text, empty=True)])
+    names = covariance_names(result)
+    rows: list[list[Cell]] = []
+    for kind, S in analysis.covariances.items():
+        name = names.get(kind, kind) + (" *" if kind == result.covariance_kind else "")
+        if S is None:
+            rows.append([name, (f"not determined: {analysis.reasons[kind]}", 6)])
+            continue
+        sd = np.sqrt(np.diag(S))
+        rows.append([name, *(digits(_DEG * x) for x in sd[:3]), *(digits(_MM * x) for x in sd[3:])])
+    head = ["covariance", *(f"rotation {a} (deg)" for a in "xyz"), *(f"translation {a} (mm)" for a in "xyz")]
+    caption = (
+        "Standard deviations of X by every covariance (* that of the result). All but the first are made of the "
+        "residuals and need no model of the noise: where they are much larger, the noise is not as the model says."
+    )
+    halves = [analysis.split_half.sentence, analysis.split_in_time.sentence]
+    warned = frozenset(text for text in halves if text in result.warnings)
+    return Section("covariances", title, [Table(caption, head, rows), Points(halves, warned)])
+
+
+def pretty(text: str) -> str:
+    """Signs of print for those of a terminal: d², ±, a true minus before a number."""
+    text = text.replace("`", "").replace("d^2", "d²").replace("deg^2", "deg²").replace("mm^2", "mm²").replace("+-", "±")
+    return re.sub(r"(?<![\w.)\]-])-(?=\d)", "\N{MINUS SIGN}", text)

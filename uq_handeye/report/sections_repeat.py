@@ -1,0 +1,41 @@
+"""The section of the report with what is needed to repeat the run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from .blocks import Block, Code, Paragraph, Points, Section, Table
+
+if TYPE_CHECKING:
+    from ..result import Calibration
+
+
+def repeat_section(result: Calibration, date: str, version: str) -> Section:
+    """Files with their hashes, command, options, versions, hash of the data."""
+    title = "To repeat this run"
+    written = Paragraph(f"Report written on {date} by uq-handeye {version}.")
+    found = result.provenance
+    if found is None:
+        text = "Not known where this result comes from: it was not made by calibrate(), or by an older version."
+        return Section("repeat", title, [Paragraph(text, empty=True), written])
+    blocks: list[Block] = []
+    if found.sources:
+        rows = [[s.name, s.format, f"{s.size:,}", s.sha256] for s in found.sources]
+        caption = "Files that were read, in the order robot, camera"
+        blocks.append(Table(caption, ["file", "format", "bytes", "SHA-256"], rows, frozenset({1, 3}), verbatim=True))
+        if notes := [f"{source.name}: {note}" for source in found.sources for note in source.notes]:
+            blocks += [Paragraph("What the readers found out by themselves:"), Points(notes)]
+    else:
+        blocks.append(Paragraph("The poses came from arrays, not from files; their hash is below.", empty=True))
+    if found.command is not None:
+        blocks.append(Code("Command line", found.command, "Run it in the folder of the files."))
+    facts: list[list[str]] = [["data, SHA-256", found.data_sha256]]
+    facts += [[f"option {name}", _shown(value)] for name, value in found.options.items()]
+    facts += [[f"version of {name}", value] for name, value in found.versions.items()]
+    caption = "Data as used (float64, little-endian, robot first), arguments of calibrate(), versions"
+    blocks.append(Table(caption, ["what", "value"], facts, frozenset({1}), verbatim=True))
+    return Section("repeat", title, [*blocks, written])
+
+
+def _shown(value: Any) -> str:
+    return "not given" if value is None else str(value)

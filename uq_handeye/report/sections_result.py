@@ -1,0 +1,180 @@
+"""Sections of the report about X: the answer, the ellipses, points in task space, forms to copy, and what it covers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..se3 import Array
+from .blocks import Block, Code, Drawing, Paragraph, Points, Section, Table
+from .cross_check_text import state, verdict
+from .numbers import concise, digits, rotvec_jacobian, std_of
+from .sections_data import needs
+from .task_space_figure import ahead
+from .text import answer, directions, ellipsoid_words, parent_frame, source_words
+
+if TYPE_CHECKING:
+    from ..result import Calibration
+    from ..validation.cross_check import CrossCheck
+
+NO_COVARIANCE = (
+    "Not determined: there is no covariance, because no noise was given and the residuals show none. Give the noise of "
+    "the poses (noise=PoseNoise.isotropic(...), or --robot-noise and --camera-noise)."
+)
+_AXES = "xyz"
+# Correlations from here up are listed, at most so many.
+STRONG, MOST_CORRELATIONS = 0.5, 5
+_COMPONENTS = [f"{kind} {axis}" for kind in ("rotation", "translation") for axis in _AXES]
+
+
+def answer_section(result: Calibration) -> Section:
+    """X with standard deviations, and in words how well it is known."""
+    blocks: list[Block] = [Paragraph(" ".join([answer(result), *directions(result)]))]
+    head = ["", result.frame]
+    columns = [_pose_cells(result.X, result.covariance)]
+    if result.W is not None:
+        head.append(result.frame_W)
+        columns.append(_pose_cells(result.W, result.covariance_W))
+    names = [f"translation {axis}" for axis in _AXES] + [f"rotation vector {axis}" for axis in _AXES]
+    rows = [[name, *(column[k] for column in columns)] for k, name in enumerate(names)]
+    about = f"{result.frame} is the pose of the {_of(result.frame)}"
+    if result.W is not None:
+        about += f"; {result.frame_W} that of the target, as all poses see it"
+    if result.covariance is None:
+        caption = f"X; (?) says that its standard deviations are not determined. {about}."
+    else:
+        caption = (
+            "X, with one standard deviation in brackets: 12.345(67) means 12.345 with a standard deviation of 0.067. "
+            f"{about}."
+        )
+    blocks.append(Table(caption, head, rows))
+    if result.covariance is not None and result.std is not None:
+        parent = parent_frame(result)
+        lines = []
+        for name, unit, factor, part in (
+            (f"along the axes of the {parent}", "mm", 1e3, slice(3, 6)),
+            (f"turn about the axes of the {parent}", "deg", 180 / np.pi, slice(0, 3)),
+        ):
+            worst = np.sqrt(np.linalg.eigvalsh(result.covariance[part, part])[-1])
+            numbers = [digits(factor * x) for x in (*result.std[part], worst)]
+            lines.append([f"{name} ({unit})", *numbers])
+        blocks.append(Table("Standard deviations of X", ["1 sigma", "x", "y", "z", "worst direction"], lines))
+    return Section("answer", "The answer", blocks)
+
+
+def _of(frame: str) -> str:
+    """``camera in the gripper frame`` for gripper_T_camera."""
+    if "_T_" not in frame:
+        return "camera side in the frame of the robot side (AX = XB)"
+    parent, child = frame.split("_T_")
+    return f"{child} in the {parent} frame"
+
+
+def _pose_cells(T: Array, covariance: Array | None) -> list[str]:
+    """Translation (mm) and rotation vector (deg), each with its deviation."""
+    turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
+    numbers = np.concatenate([1e3 * T[:3, 3], np.degrees(turn)])
+    deviations: list[float | None] = [None] * 6
+    if covariance is None:
+        numbers = numbers.round(9)  # what is exact ends in rounding errors
+    else:
+        move, rotation = std_of(covariance[3:, 3:], 1e3 * np.eye(3)), std_of(covariance[:3, :3], rotvec_jacobian(turn))
+        assert move is not None and rotation is not None  # they are where there is a covariance
+        deviations = [float(x) for x in (*move, *rotation)]
+    units = ["mm"] * 3 + ["deg"] * 3
+    return [concise(float(x), sd, unit) for x, sd, unit in zip(numbers, deviations, units, strict=True)]
+
+
+def warnings_section(result: Calibration) -> Section:
+    """What looked wrong, or that nothing did."""
+    if result.warnings:
+        return Section("warnings", "Warnings", [Points(result.warnings, frozenset(result.warnings))])
+    text = "Nothing looked wrong."
+    if result.analysis is None:
+        text += f" {needs('Residuals and halves of the data are tested', result)}"
+    else:
+        text += " No test of the data, of the residuals or of the two halves gave a warning."
+    return Section("warnings", "Warnings", [Paragraph(text)])
+
+
+def ellipses_section(result: Calibration, drawings: Mapping[str, Drawing], cross_check: CrossCheck | None) -> Section:
+    """Ellipses, correlations, and the relations of a cross-check."""
+    if result.covariance is None:
+        return Section("ellipses", "Ellipses of the error of X", [Paragraph(NO_COVARIANCE, empty=True)])
+    blocks: list[Block] = [drawings["ellipses"], _correlations(result)]
+    if cross_check is None:
+        blocks.append(
+            Paragraph(
+                "No cross-check is laid over them: report(path, cross_check=cross_check(poses, noise=noise)) compares "
+                "with Monte Carlo, a sampled posterior, the Cramer-Rao bound and other methods.",
+                empty=True,
+            )
+        )
+    else:
+        blocks.append(Paragraph(f"Cross-check, {cross_check.trials:,} trials: {verdict(cross_check)}"))
+        rows = [[r.statement, state(r), r.text + (f" {r.advice}" if r.advice else "")] for r in cross_check.relations]
+        caption = "Relations of the cross-check: what must hold between the covariances, and whether it does"
+        blocks.append(Table(caption, ["relation", "found", "in numbers"], rows, frozenset({1, 2})))
+    return Section("ellipses", "Ellipses of the error of X", blocks)
+
+
+def _correlations(result: Calibration) -> Block:
+    correlation = result.correlation
+    assert correlation is not None  # the caller has a covariance
+    strong = sorted(
+        ((abs(correlation[i, j]), i, j) for i in range(6) for j in range(i + 1, 6)), key=lambda item: -item[0]
+    )
+    named = [
+        f"{_COMPONENTS[i]} with {_COMPONENTS[j]} {correlation[i, j]:+.2f}" for size, i, j in strong if size >= STRONG
+    ]
+    if not named:
+        return Paragraph(f"No two components are correlated by {STRONG:g} or more.")
+    more = f", and {len(named) - MOST_CORRELATIONS} more from {STRONG:g} up" if len(named) > MOST_CORRELATIONS else ""
+    return Paragraph(f"Strongest correlations: {'; '.join(named[:MOST_CORRELATIONS])}{more}.")
+
+
+def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """The uncertainty of points in front of the camera."""
+    title = "Points in front of the camera"
+    if result.covariance is None:
+        return Section("task-space", title, [Paragraph(NO_COVARIANCE, empty=True)])
+    points = ahead(result)
+    rows = [[f"{z:g}", *(digits(1e3 * x) for x in numbers)] for z, *numbers in zip(*points, strict=True)]
+    table = Table(
+        f"Uncertainty of a point on the optical axis, in the {parent_frame(result)} (mm, 1 sigma; last column: radius "
+        "of a sphere that holds 95 %)",
+        ["distance (m)", "worst direction", "across the line of sight", "along it", "95 % radius"],
+        rows,
+    )
+    return Section("task-space", title, [drawings["task_space"], table])
+
+
+def forms_section(result: Calibration) -> Section:
+    """X and its inverse for other programs."""
+    from ..export import texts
+
+    blocks: list[Block] = [Paragraph("X and its inverse, ready to copy. Mind units and convention beside each.")]
+    blocks += [Code(snippet.title, snippet.text, snippet.convention) for snippet in texts(result)]
+    return Section("forms", "X for your program", blocks)
+
+
+def scope_section(result: Calibration, convention: str) -> Section:
+    """What the numbers mean, and what they do not contain."""
+    blocks: list[Block] = []
+    if result.std is not None:
+        order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
+        blocks.append(Paragraph(f"All standard deviations are 1 sigma, {order}, of {source_words(result)}."))
+        blocks.append(Paragraph(ellipsoid_words(result)))
+    not_covered: Sequence[str] = (
+        "Systematic errors: wrong intrinsics of the camera, wrong kinematics of the robot, a wrong size of the target. "
+        "All poses share them, they do not average out, and residuals hardly show them.",
+        "Errors that are common to many poses, unless the noise was given as a joint covariance over the poses.",
+        "What changed during or after the recording: a camera or target that was moved, temperature, a wrong time.",
+        "Residuals are no accuracy: they say how well the data fit together, not how near X is to the truth.",
+    )
+    blocks += [Paragraph("The numbers do not contain:"), Points(not_covered)]
+    blocks.append(Paragraph(f"Convention of every covariance: {convention}."))
+    return Section("scope", "What the numbers cover", blocks)
