@@ -1,8 +1,9 @@
-"""The command as a user meets it: in a process of its own, with exit status, stdout and stderr."""
+"""The command as a user meets it: exit status, stdout, stderr and files of calibrate, compare, demo and simulate."""
 
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import warnings
@@ -10,18 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli_cases import NOISE, run, run_process
+from matplotlib.figure import Figure
 
 import uq_handeye as uq
 from uq_handeye import cli
 
 REPOSITORY = Path(__file__).parent.parent
-NOISE = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
-
-
-def run(*arguments, cwd=None):
-    program = "from uq_handeye.cli import main; main()"
-    command = [sys.executable, "-c", program, *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+PICTURES = [
+    f"{stem}.{kind}" for stem in ("budget", "ellipses", "residuals", "rig", "task_space") for kind in ("png", "svg")
+]
+EXPORTS = ["x.npz", "x.urdf", "x_opencv.yaml", "x_ros.yaml"]
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +30,12 @@ def session(tmp_path_factory):
     done = run("simulate", "-o", folder, "--poses", 12, *NOISE, "--seed", 3)
     assert done.returncode == 0, done.stderr
     return folder
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """They take seconds to draw."""
+    monkeypatch.setattr("uq_handeye.report.figures.figures", lambda *_: {})
 
 
 def test_simulate_writes_what_simulate_makes(session):
@@ -41,12 +47,14 @@ def test_simulate_writes_what_simulate_makes(session):
 
 
 def test_calibrate_prints_and_writes(session, tmp_path):
-    done = run("calibrate", session / "robot.csv", session / "camera.csv", *NOISE, "-o", tmp_path / "out")
+    done = run_process("calibrate", session / "robot.csv", session / "camera.csv", *NOISE, "-o", tmp_path / "out")
     assert (done.returncode, done.stderr) == (0, "")
     names = sorted(file.name for file in (tmp_path / "out").iterdir())
-    assert names == ["ellipses.png", "ellipses.svg", "poses.csv", "result.json"]
+    assert names == sorted([*PICTURES, *EXPORTS, "poses.csv", "result.json"])
     result = uq.Calibration.from_json(tmp_path / "out" / "result.json")
     assert done.stdout == result.summary()
+    typed = f"uq-handeye calibrate {session / 'robot.csv'} {session / 'camera.csv'} {' '.join(NOISE)} -o {tmp_path}/out"
+    assert result.provenance.command == typed
     lines = (tmp_path / "out" / "poses.csv").read_text().splitlines()
     assert lines[0] == "pose,rotation_deg,translation_mm,distance2,leverage,weight,flag"
     np.testing.assert_allclose([float(line.split(",")[3]) for line in lines[1:]], result.table.distance2)
@@ -90,14 +98,18 @@ def test_without_noise_it_is_estimated(session):
         assert done.returncode == 0, done.stderr
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", uq.InputWarning)
-            assert done.stdout == uq.calibrate(poses, **arguments).to_json()
+            expected = uq.calibrate(poses, **arguments).to_dict()
+        found = json.loads(done.stdout)
+        assert found["provenance"].pop("command").startswith("uq-handeye calibrate ")
+        expected["provenance"].pop("command")
+        assert found == json.loads(json.dumps(expected))
         assert json.loads(done.stdout)["noise_estimate"] is not None
     text = run("calibrate", *files).stdout
     assert "Noise, estimated from the residuals" in text and "by efficient from 12 poses" in text
     assert max(map(len, text.splitlines())) <= 120
 
 
-def test_robust_flag(session, tmp_path):
+def test_robust_flag(session, tmp_path, no_figures):
     lines = (session / "camera.csv").read_text().splitlines()
     fields = lines[5].split(",")
     fields[1] = repr(float(fields[1]) + 0.1)
@@ -189,7 +201,23 @@ def test_bad_files(session, tmp_path, name):
     [
         (["missing.csv", "camera.csv"], ["missing.csv", "no such file"]),
         (["robot.csv", "."], ["folder"]),
-        (["robot.csv"], ["CAMERA"]),
+        ([], ["Missing argument", "ROBOT", "uq-handeye calibrate --help"]),
+        (["robot.csv"], ["robot.csv", "the other side"]),
+        (["robot.csv", "camera.csv", "--method", "efficent"], ["got 'efficent'", "Did you mean efficient?"]),
+        (["robot.csv", "camera.csv", "--robot-nois", "1deg,1mm"], ["--robot-nois", "--robot-noise"]),
+        (["robot.csv", "camera.csv", "--pair", "timed"], ["--pair", "rows, time, async", "Did you mean time?"]),
+        (["robot.csv", "camera.csv", "--tolerance", "1"], ["--tolerance goes with --pair time"]),
+        (["robot.csv", "camera.csv", "--offset", "1"], ["--offset goes with --pair async"]),
+        (["robot.csv", "camera.csv", "--pair", "async", "--offset", "1s"], ["--offset", "-0.015", "'1s'"]),
+        (["robot.csv", "--pair", "async"], ["Two streams", "file of the camera"]),
+        (["robot.csv", "camera.csv", "--format", "cvs"], ["format", "csv", "got 'cvs'"]),
+        (["robot.csv", "camera.csv", "--robot-frame", "base"], ["robot_frame", "gripper_T_base"]),
+        (["robot.csv", "camera.csv", "--report", "report.doc"], ["--report", ".html or .pdf", "report.doc"]),
+        (["robot.csv", "camera.csv", "--report", "nowhere/r.html"], ["there is no folder nowhere"]),
+        (["robot.csv", "camera.csv", "--no-compare"], ["--no-compare", "--report FILE"]),
+        (["robot.csv", "camera.csv", "--with-cross-check"], ["--with-cross-check", "--report FILE"]),
+        (["robot.csv", "camera.csv", "-q", "-v"], ["either --quiet or --verbose"]),
+        (["robot.csv", "camera.csv", "--log-file", "nowhere/log"], ["--log-file", "nowhere/log"]),
         (["robot.csv", "camera.csv", "more"], ["more"]),
         (["robot.csv", "camera.csv", "--robot-noise", "1,2"], ["unit", "rad"]),
         (["robot.csv", "camera.csv", "--robot-noise", "1deg"], ["--robot-noise", "0.02deg,0.05mm"]),
@@ -223,15 +251,6 @@ def test_bad_usage(session, arguments, parts):
     assert done.stderr.count("\n") == 1
     for part in parts:
         assert part in done.stderr
-
-
-def test_a_folder_that_is_none_is_refused_after_the_warnings(session):
-    """Nothing is printed as a result; what looks wrong stands before the one line that says why."""
-    done = run("calibrate", "robot.csv", "camera.csv", "-o", "robot.csv", cwd=session)
-    *warned, error = done.stderr.splitlines()
-    assert (done.returncode, done.stdout) == (2, "")
-    assert all(line.startswith("uq-handeye: warning: The standard deviations are a lower limit") for line in warned)
-    assert error == "uq-handeye: error: Cannot write into robot.csv: expected a folder, got a file."
 
 
 def test_two_poses(session, tmp_path):
@@ -306,8 +325,13 @@ def test_compare_keeps_its_table_if_every_method_fails(session, tmp_path):
     assert (tmp_path / "out" / "comparison.png").exists()
 
 
-def test_compare_prints_its_table_even_if_it_cannot_write(session):
-    done = run("compare", session / "robot.csv", session / "camera.csv", "-o", session / "robot.csv")
+def test_compare_prints_its_table_even_if_it_cannot_write(session, tmp_path, monkeypatch):
+    def full(*_):
+        raise uq.InputError("Cannot write comparison.json: no space left on device.")
+
+    monkeypatch.setattr("uq_handeye.io.write_files", full)
+    files = session / "robot.csv", session / "camera.csv"
+    done = run("compare", *files, *NOISE, "--methods", "park,tsai", "-o", tmp_path / "out")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "4dpa" in done.stdout
 
@@ -316,8 +340,8 @@ def test_no_convergence_is_one_line(monkeypatch, capsys, session):
     def give_up(*_, **__):
         raise uq.NotConvergedError("Method 'gwak' did not converge\nwithin 100 iterations.")
 
-    monkeypatch.setattr(cli, "calibrate", give_up)
-    with warnings.catch_warnings(), pytest.raises(SystemExit) as end:
+    monkeypatch.setattr("uq_handeye.calibration.calibrate", give_up)
+    with pytest.raises(SystemExit) as end:
         cli.main(["calibrate", str(session / "robot.csv"), str(session / "camera.csv"), "--method", "gwak"])
     assert end.value.code == 2
     expected = "uq-handeye: error: Method 'gwak' did not converge within 100 iterations.\n"
@@ -326,7 +350,7 @@ def test_no_convergence_is_one_line(monkeypatch, capsys, session):
 
 def test_help_names_the_methods():
     for command in ("calibrate", "compare"):
-        shown = "".join(run(command, "--help").stdout.split())
+        shown = "".join(re.split(r"[\s\u2502]+", run(command, "--help").stdout))
         assert ",".join(uq.METHODS) in shown
 
 
@@ -355,17 +379,25 @@ def test_full_disk_behind_stdout():
     assert done.stderr == "uq-handeye: error: Cannot write the output: No space left on device.\n"
 
 
-def test_old_files_do_not_stay_beside_a_new_result(session, tmp_path):
+def test_old_files_do_not_stay_beside_a_new_result(session, tmp_path, monkeypatch):
+    def one(result, *_):
+        return {} if result.covariance is None else {"ellipses": Figure(figsize=(1, 1))}
+
+    monkeypatch.setattr("uq_handeye.report.figures.figures", one)
+
     def written(folder, *options):
         assert run("calibrate", *files_of(folder), *options, "-o", tmp_path / "out").returncode == 0
         return sorted(file.name for file in (tmp_path / "out").iterdir())
 
     assert run("simulate", "-o", tmp_path / "exact", "--poses", 12, "--seed", 3).returncode == 0
-    ellipses = ["ellipses.png", "ellipses.svg"]
-    assert written(session) == [*ellipses, "poses.csv", "result.json"]
-    assert written(session, "--method", "park") == [*ellipses, "result.json"]
-    assert written(session, *NOISE) == [*ellipses, "poses.csv", "result.json"]
-    assert written(tmp_path / "exact") == ["result.json"]  # exact data: no covariance, no table
+    every = {"ellipses.png", "ellipses.svg", *EXPORTS, "poses.csv", "result.json"}
+    assert set(written(session)) == every
+    for name in (*PICTURES, "notes.txt"):
+        (tmp_path / "out" / name).write_text("of an earlier run, or of the user")
+    kept = {"notes.txt"}
+    assert set(written(session, "--method", "park")) == (every - {"poses.csv"}) | kept
+    assert set(written(session, *NOISE)) == every | kept
+    assert set(written(tmp_path / "exact")) == {*EXPORTS, "result.json"} | kept  # exact data: no covariance, no table
 
 
 def test_overflow_and_seed(session):
@@ -378,31 +410,28 @@ def test_overflow_and_seed(session):
 
 def test_help_has_examples():
     assert run().stdout == run("--help").stdout
-    for command in ("calibrate", "compare", "demo", "simulate"):
+    assert run("--version").stdout == f"uq-handeye {uq.__version__}\n"
+    commands = [command.name for command in cli.app.registered_commands]
+    assert len(commands) == 11
+    for command in commands:
         done = run(command, "--help")
         assert done.returncode == 0
-        assert f"Example: uq-handeye {command}" in done.stdout
-    assert run("--version").stdout == f"uq-handeye {uq.__version__}\n"
+        assert f"Example: uq-handeye {command} " in done.stdout
+        assert max(map(len, done.stdout.splitlines())) <= 80
+        assert command in run("--help").stdout
 
 
-def test_readme_shows_the_demo():
-    """Every line of the README's demo output, "..." aside, is printed by the demo."""
-    block = re.search(r"```text\n(gripper_T_camera.*?)```", (REPOSITORY / "README.md").read_text(), re.DOTALL)
-    done = run("demo")
-    assert done.returncode == 0
-    printed = done.stdout.splitlines()
-    for line in block[1].splitlines():
-        assert line == "..." or line in printed
-
-
-def test_readme_compare_runs_word_for_word(tmp_path):
-    block = re.search(
-        r"```text\n(uq-handeye simulate[^`]*?compare[^`]*?)```", (REPOSITORY / "README.md").read_text(), re.DOTALL
-    )
-    for line in block[1].splitlines():
-        done = run(*line.split()[1:], cwd=tmp_path)
-        assert (done.returncode, done.stderr) == (0, "")
-    assert (tmp_path / "comparison" / "comparison.png").exists()
+def test_the_commands_of_the_readme_run(session, tmp_path, no_figures, monkeypatch):
+    """Figures, reports and many trials aside, which have tests of their own."""
+    monkeypatch.setattr("uq_handeye.cli_calibrate.write_report", lambda *_: None)
+    for file in files_of(session):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    lines = re.findall(r"^uq-handeye (.*)$", (REPOSITORY / "README.md").read_text(), re.MULTILINE)
+    assert len(lines) > 4
+    for line in lines:
+        few = ["--trials", "100", "--workers", "1"] if line.startswith("validate") else []
+        done = run(*shlex.split(line), *few, cwd=tmp_path)
+        assert done.returncode == 0, (line, done.stderr)
 
 
 def test_demo_data_are_those_of_the_command_in_their_readme(tmp_path):

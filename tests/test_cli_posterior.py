@@ -81,7 +81,8 @@ def test_stopped_and_resumed(run, expected, tmp_path):
 
 def test_noise_on_motions_and_options(run):
     status, out, err = run("--noise", "pairs.toml", "--pairs", "consecutive", "--student-t", 6, "--scales", *SHORT)
-    assert (status, err) == (0, "")
+    assert status == 0
+    assert all(line.startswith("uq-handeye: warning: ") for line in err.splitlines())
     assert "Student-t (6 degrees of freedom) likelihood" in out
     assert "Noise of A: " in out and "Noise of B: " in out
 

@@ -185,7 +185,7 @@ def test_ctrl_c_before_there_is_anything_to_print(run, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(signal, "signal", lambda *_: None)  # of this process
-    for place in ("uq_handeye.cli_validate.poses_of", "uq_handeye.validation.monte_carlo.experiment"):
+    for place in ("uq_handeye.cli_inputs.PoseFiles.poses", "uq_handeye.validation.monte_carlo.experiment"):
         with monkeypatch.context() as context:
             context.setattr(place, interrupted)
             assert run(*OPTIONS, "--trials", 100) == (130, "", "uq-handeye: interrupted\n")
@@ -206,8 +206,8 @@ def test_workers_that_are_lost_are_exit_status_1(run, monkeypatch, tmp_path):
     status, out, err = run(*options, "-o", tmp_path / "run")
     assert status == 1 and "2,000 trials" in out and "NOT COMPLETE: 6 worker processes were lost" in out
     assert err == (
-        "uq-handeye: the run by 4dpa is not complete: 6 worker processes were lost, the last one by signal 9; --resume "
-        "goes on.\n"
+        "uq-handeye: error: the run by 4dpa is not complete: 6 worker processes were lost, the last one by signal 9; "
+        "--resume goes on.\n"
     )
     status, out, err = run(*options, "--json")
     assert status == 1 and json.loads(out)["methods"][0]["trials"] == 2000 and "-o DIR" in err

@@ -14,7 +14,7 @@ import numpy as np
 
 from .diagnostics import Diagnostics, diagnose
 from .errors import DegenerateMotionError, InputError
-from .likelihood import Fit
+from .likelihood import Fit, offset_sensitivity
 from .motions import Motions
 from .noise import Noise, checked_covariance
 from .noise_estimation import NoiseEstimate
@@ -61,7 +61,17 @@ class Analysis:
                 found[kind] = resampled(self.data, self.method, kind, fit=self.fit, seed=self.seed).covariance_X
             except (InputError, DegenerateMotionError) as error:
                 found[kind], reasons[kind] = None, str(error)
-        return found, reasons
+        of_offset = self._of_offset
+        return {name: S if S is None or of_offset is None else S + of_offset for name, S in found.items()}, reasons
+
+    @property
+    def _of_offset(self) -> Array | None:
+        """What the time offset of interpolated poses adds to each covariance of X."""
+        timing = self.data.timing if isinstance(self.data, PosePairs) else None
+        if timing is None or not timing.matters or self.fit.W is None:
+            return None
+        move = timing.std * offset_sensitivity(self.fit, timing)[:6]
+        return np.outer(move, move)
 
     @cached_property
     def split_half(self) -> SplitHalf:

@@ -21,7 +21,7 @@ from .determined import require_determined
 from .errors import DegenerateMotionError, InputError, InputWarning, NotConvergedError, SingularNoiseError
 from .estimators.registry import ROBOT_WORLD_METHODS
 from .goodness_of_fit import effective_dof, goodness_of_fit
-from .likelihood import ESTIMATORS, Fit, efficient
+from .likelihood import ESTIMATORS, Fit, efficient, offset_sensitivity
 from .motions import Motions, relative_motions
 from .noise import Noise, PairNoise, PoseNoise
 from .noise_estimation import NoiseEstimate, NoisePrior, estimate_noise
@@ -39,6 +39,7 @@ from .result import Calibration
 from .result_file import FourDPA
 from .robust import RobustFit, robust_fit
 from .se3 import Array
+from .timing import TimeOffset, left_out_of
 
 # Beyond this angle of X (degrees) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.
 NEAR_HALF_TURN_OF_X = 170.0
@@ -231,6 +232,11 @@ def _assembled(
     elif job.covariance != "model":
         found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
         covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
+    time_offset, move = _time_offset(poses, fit, covariance)
+    if move is not None:
+        of_offset = np.outer(move, move)
+        covariance = covariance + of_offset[:6, :6]
+        covariance_W = None if covariance_W is None else covariance_W + of_offset[6:, 6:]
     table = pose_table(fit, robust)
     analysis = Analysis(data, noise, fit, job.method, estimate, of_model.dof, job.seed)
     angle, distance = residuals(motions.A, motions.B, fit.X)
@@ -246,6 +252,7 @@ def _assembled(
         fourdpa=FourDPA(start.X, start.covariances(noise)[0]),
         fit=goodness_of_fit(fit),
         table=table,
+        time_offset=time_offset,
         analysis=analysis,
     )
     texts = table.statements if robust else _wrong(job, noise, table)
@@ -270,6 +277,18 @@ def _assembled(
                 f"{FEWEST_FOR_ROBUST}."
             )
     return result, texts
+
+
+def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:
+    """What the offset of interpolated poses does to X, and one standard deviation of it as a move (12,) of X and W."""
+    timing = None if poses is None else poses.timing
+    if timing is None or fit.W is None:
+        return None, None
+    g = offset_sensitivity(fit, timing)
+    move = timing.std * g
+    added = float(move[:6] @ np.linalg.solve(covariance, move[:6]))
+    sensitivity = tuple(float(value) for value in g[:6])
+    return TimeOffset(timing.offset, timing.std, timing.side, sensitivity, added / (1.0 + added)), move
 
 
 def _against_data_sheet(result: Calibration) -> list[str]:
@@ -334,6 +353,8 @@ def _by_published(job: Job) -> tuple[Calibration, list[str]]:
             f"X turns by {turn:.1f} degrees. The Rodrigues vector that Tsai's method solves for grows without bound at "
             "180 degrees, and so do its errors: use another method."
         )
+    if poses is not None:
+        texts += left_out_of(f"method {job.method!r}", poses.timing)
     result = replace(
         _bare(job, found.X, found.W, summarise(angle, distance), noise),
         covariance=covariance,
@@ -373,6 +394,7 @@ def _bare(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise: Noise
         n_pairs=job.everything.n_pairs if job.everything else job.motions.N,
         noise=noise,
         residuals=of_pairs,
+        data=job.data,
     )
 
 

@@ -1,92 +1,83 @@
 """The command ``uq-handeye cross-check``: every covariance of one problem, and whether they agree."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from .cli_calibrate import REPORTS, ReportFile, write_report
+from .cli_inputs import PoseFiles, noise_of, warn_as_calibrate
+from .cli_messages import progress_wanted, timed
 from .cli_options import (
-    CameraFile,
-    CameraNoise,
-    CameraUnits,
     JsonOption,
-    NoiseFile,
     PairsOption,
-    RobotFile,
-    RobotNoise,
-    RobotUnits,
-    SetupOption,
-    Units,
     WorkersOption,
     cores,
     emit,
-    named_folder,
-    noise_of,
-    poses_of,
+    flag,
+    folder_option,
+    made_of,
+    option,
+    require_writable,
 )
 from .cli_validate import INTERRUPTED, NOT_COMPLETE
-from .io import write_files
-from .motions import relative_motions
-from .noise import PairNoise
+
+if TYPE_CHECKING:
+    from .noise import Noise
 
 
+@made_of(noise=noise_of, files=PoseFiles)
 def cross_check_command(
-    robot: RobotFile,
-    camera: CameraFile,
-    setup: SetupOption = "eye-in-hand",
-    robot_noise: RobotNoise = None,
-    camera_noise: CameraNoise = None,
-    noise: NoiseFile = None,
-    trials: Annotated[int, typer.Option(help="Monte Carlo trials of each method.")] = 10_000,
-    posterior: Annotated[bool, typer.Option(help="Sample the posterior too.")] = True,
+    files: "PoseFiles",
+    noise: "Noise | None",
+    trials: Annotated[int, option("--trials", help="Monte Carlo trials of each method.")] = 10_000,
+    posterior: Annotated[bool, flag("--posterior/--no-posterior", help="Sample the posterior too.")] = True,
     pairs: PairsOption = "all",
-    seed: Annotated[int, typer.Option(help="The same seed gives the same numbers.")] = 0,
+    seed: Annotated[int, option("--seed", help="The same seed gives the same numbers.")] = 0,
     workers: WorkersOption = None,
-    units: Units = "m",
-    robot_units: RobotUnits = None,
-    camera_units: CameraUnits = None,
     as_json: JsonOption = False,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            callback=named_folder,
-            help="Write cross_check.json, cross_check.csv, cross_check.png and cross_check.svg here.",
-        ),
+        Path | None, folder_option("Write cross_check.json, cross_check.csv, cross_check.png, cross_check.svg here.")
     ] = None,
+    report: ReportFile = None,
 ) -> int:
     """Formulas, Monte Carlo and posterior side by side: every covariance of X, and whether they agree as they must.
 
-    Example: uq-handeye cross-check robot.csv camera.csv --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm -o cc/
+    Example: uq-handeye cross-check robot.csv camera.csv -o all/
 
-    A broken relation is a result: exit status 0. Ctrl-C prints what there is so far (exit status 130); so does a
-    run that lost its workers (exit status 1).
+    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
+    0.1deg,0.5mm. Without, it is estimated from the data.
+
+    A broken relation is a result: exit status 0. Ctrl-C prints what there is so
+    far (exit status 130); so does a run that lost its workers (exit status 1).
     """
-    from .report.cross_check_figure import cross_check_figure
-    from .report.ellipses import render  # Matplotlib is slow to import
+    require_writable(report, "--report", REPORTS)
+    poses = files.poses()
+    from .io import write_files
+    from .motions import relative_motions
+    from .noise import PairNoise
     from .validation.cross_check import cross_check
     from .validation.monte_carlo import INTERRUPTED as ended_by_hand
 
-    model = noise_of(robot_noise, camera_noise, noise)
-    poses = poses_of(robot, camera, setup, (robot_units or units, camera_units or units))
-    check = cross_check(
-        relative_motions(poses, pairs) if isinstance(model, PairNoise) or pairs != "all" else poses,
-        noise=model,
-        trials=trials,
-        seed=seed,
-        workers=cores() if workers is None else workers,
-        posterior=posterior,
-        progress=True,
-    )
+    result = warn_as_calibrate(poses, noise, pairs)
+    with timed("cross-check"):
+        check = cross_check(
+            relative_motions(poses, pairs) if isinstance(noise, PairNoise) or pairs != "all" else poses,
+            noise=noise,
+            trials=trials,
+            seed=seed,
+            workers=cores() if workers is None else workers,
+            posterior=posterior,
+            progress=progress_wanted(),
+        )
     if output is not None:
+        from .report.cross_check_figure import cross_check_figure  # Matplotlib is slow to import
+        from .report.ellipses import render
+
         figure = cross_check_figure(check)
         table = check.to_dataframe().to_csv(index=False, lineterminator="\n")
-        files = {"cross_check.json": check.to_json(), "cross_check.csv": table}
-        write_files(output, files | {f"cross_check.{kind}": render(figure, kind) for kind in ("png", "svg")})
+        written = {"cross_check.json": check.to_json(), "cross_check.csv": table}
+        write_files(output, written | {f"cross_check.{kind}": render(figure, kind) for kind in ("png", "svg")})
+    if report is not None and result is not None and check.complete:
+        write_report(result, report, True, check)
     emit(check.to_json() if as_json else check.to_text())
     if check.complete:
         return 0

@@ -1,117 +1,180 @@
-"""Options that several commands share: their types, how they are read, and how output is printed."""
+"""Options that several commands share: groups of them, their types, how they are read, and how output is printed.
 
-from __future__ import annotations
+Nothing heavy is imported here, so that help and completion are quick: names that the options complete are written down
+once more, and a test holds them against the registries.
+"""
 
+import difflib
+import inspect
 import os
 import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from .cli_messages import Messages
 from .errors import InputError
-from .io import read_noise_file, read_poses
-from .noise import Noise, PoseNoise
-from .noise_estimation import NoisePrior
-from .poses import SETUPS, PosePairs
-from .units import parse_deviations
+
+# The names of likelihood.ESTIMATORS, METHODS, ROBOT_WORLD_METHODS, SETUPS, request.COVARIANCES and io.FORMATS.
+AT_THE_BOUND = ("efficient", "ml")
+PUBLISHED = (
+    *("tsai", "shiu", "chou", "park", "horaud", "daniilidis", "andreff", "lu"),
+    *("gwak", "heller", "condurache", "zhang", "zhao", "nguyen", "4dpa"),
+)
+ROBOT_WORLD = ("li", "shah")
+EVERY_METHOD = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
+SETUP_NAMES = ("eye-in-hand", "eye-to-hand")
+COVARIANCE_NAMES = ("model", "sigma-points", "sandwich", "hac", "jackknife", "bootstrap")
+FORMAT_NAMES = ("csv", "tum", "npz", "npy", "easy_handeye", "easy_handeye2", "moveit", "opencv", "json")
+ROBOT_FRAMES = ("base_T_gripper", "gripper_T_base")
+CAMERA_FRAMES = ("camera_T_target", "target_T_camera")
+PAIRINGS = ("rows", "time", "async")
+UNITS = ("m", "mm", "cm", "um", "in")
+
+OUTPUT = "Output"
+
+
+# ------------------------------------------------------------------------------------------- groups of options
+
+
+def made_of(**makers: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Parameters of a command as the options that they are made of.
+
+    ``@made_of(noise=noise_of)`` gives ``command(noise, seed)`` the options of ``noise_of`` and ``seed``: the values of
+    the former go to ``noise_of``, and what it returns to the command. A class does as well as a function. Parameters
+    that are made are annotated in quotes: Typer is not to see them.
+    """
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        parts = {
+            name: list(inspect.signature(makers[name]).parameters.values()) if name in makers else [parameter]
+            for name, parameter in inspect.signature(command).parameters.items()
+        }
+
+        def run(**given: Any) -> Any:
+            made = {name: maker(**{p.name: given.pop(p.name) for p in parts[name]}) for name, maker in makers.items()}
+            return command(**made, **given)
+
+        return _with_parameters(run, command, [parameter for part in parts.values() for parameter in part])
+
+    return decorate
+
+
+def with_messages(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of `Messages` after those of a command; they hold before anything else is done."""
+    parameters = inspect.signature(Messages).parameters
+
+    def run(**given: Any) -> Any:
+        Messages(**{name: given.pop(name) for name in parameters}).apply()
+        return command(**given)
+
+    return _with_parameters(run, command, [*inspect.signature(command).parameters.values(), *parameters.values()])
+
+
+def _with_parameters(
+    run: Callable[..., Any], command: Callable[..., Any], parameters: list[inspect.Parameter]
+) -> Callable[..., Any]:
+    """``run`` with the name and help of ``command``, and these parameters where Typer looks for them."""
+    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters]
+    run = wraps(command)(run)
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in parameters}
+    return run
+
+
+def choices(names: Sequence[str]) -> Callable[[str], list[str]]:
+    """What a shell completes: one of ``names``, also as the last of a list with commas."""
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [f"{before}{comma}{name}" for name in names if name.startswith(last)]
+
+    return complete
+
+
+def one_of(value: str, option: str, names: Sequence[str]) -> str:
+    """``value`` in small letters if it is one of ``names``; else an `InputError` that says which is nearest."""
+    if value.lower() in names:
+        return value.lower()
+    raise InputError(f"Expected {option} to be one of {', '.join(names)}, got {value!r}.{did_you_mean(value, names)}")
+
+
+def did_you_mean(value: str, names: Iterable[str]) -> str:
+    """`` Did you mean park?``, or nothing if no name is near."""
+    near = difflib.get_close_matches(value.lower(), names, n=1)
+    return f" Did you mean {near[0]}?" if near else ""
+
+
+def methods_of(text: str, option: str, known: Sequence[str], most: int | None = None) -> list[str]:
+    """The methods of a list with commas, each once, in small letters or capitals."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    names = list(dict.fromkeys(part.lower() for part in parts))
+    wrong = next((part for part in parts if part.lower() not in known), None)
+    if wrong is not None or not names or (most and len(names) > most):
+        what = "one method" if most == 1 else "methods"
+        got = text if wrong is None else wrong
+        raise InputError(
+            f"Expected {option} to name {what} among {', '.join(known)}, got {got!r}.{did_you_mean(got, known)}"
+        )
+    return names
+
+
+def option(*names: str, help: str, panel: str | None = None, of: Sequence[str] = (), metavar: str | None = None) -> Any:
+    """A Typer option that takes text or a number; the shell completes the names ``of``."""
+    completed = choices(of) if of else None
+    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel=panel, autocompletion=completed)
+
+
+def flag(*names: str, help: str, panel: str | None = None) -> Any:
+    """A Typer option without a value."""
+    return typer.Option(*names, help=help, metavar="", rich_help_panel=panel)
+
+
+# ------------------------------------------------------------------------------------------------------ output
 
 
 def named_folder(directory: Path | None) -> Path | None:
-    """An empty name would mean the current folder."""
+    """An empty name would mean the current folder, and a file is none: said before the work, not after."""
+    if directory is not None and directory.exists() and not directory.is_dir():
+        raise InputError(f"Cannot write into {directory}: expected a folder, got a file.")
     if directory is not None and str(directory) == ".":
         raise InputError("Expected -o to name a folder, got an empty name or '.'; write for example -o result.")
     return directory
 
 
-SetupOption = Annotated[str, typer.Option("--setup", help=f"{' or '.join(SETUPS)}.")]
-RobotNoise = Annotated[
-    str | None,
-    typer.Option("--robot-noise", metavar="ROT,TRANS", help="Standard deviations, e.g. 0.02deg,0.05mm."),
-]
-CameraNoise = Annotated[
-    str | None,
-    typer.Option("--camera-noise", metavar="ROT,TRANS", help="Standard deviations, e.g. 0.1deg,0.5mm."),
-]
-NoiseFile = Annotated[
-    Path | None, typer.Option("--noise", metavar="FILE.toml", help="Noise with full 6x6 covariances.")
-]
-RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot poses base_T_gripper, CSV.")]
-CameraFile = Annotated[Path, typer.Argument(metavar="CAMERA", help="Camera poses camera_T_target, CSV.")]
-PairsOption = Annotated[str, typer.Option("--pairs", help="Which poses make a motion: all, consecutive or disjoint.")]
-Units = Annotated[str, typer.Option("--units", help="Length unit of both files: m, mm, cm, ...")]
-RobotUnits = Annotated[str | None, typer.Option("--robot-units", help="Length unit of the robot file alone.")]
-CameraUnits = Annotated[str | None, typer.Option("--camera-units", help="Length unit of the camera file alone.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
-WorkersOption = Annotated[int | None, typer.Option("--workers", help="Processes. Left out: one per core.")]
-OutputOption = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        callback=named_folder,
-        help="Write result.json, poses.csv, ellipses.png and ellipses.svg here.",
-    ),
-]
-
-
-def deviations(value: str, name: str) -> tuple[float, float]:
-    """Standard deviations (rad, m) of an option ROTATION,TRANSLATION."""
-    rotation, comma, translation = value.partition(",")
-    if not comma or "," in translation:
-        raise InputError(f"Expected {name} to be ROTATION,TRANSLATION such as 0.02deg,0.05mm, got {value!r}.")
-    try:
-        return parse_deviations((rotation, translation), name)
-    except InputError as error:
-        try:
-            parse_deviations((translation, rotation), name)
-        except InputError:
-            raise error from None
-        raise InputError(
-            f"{name} {value}: rotation and translation look swapped; write {translation},{rotation}."
-        ) from None
-
-
-def noise_of(robot: str | None, camera: str | None, file: Path | None) -> Noise | None:
-    """The noise of the three options, or None if none of them is given."""
-    if file is not None:
-        if robot is not None or camera is not None:
-            raise InputError("Give either --noise FILE or --robot-noise and --camera-noise, not both.")
-        return read_noise_file(file)
-    if robot is None and camera is None:
-        return None
-    return PoseNoise.isotropic(
-        robot=None if robot is None else deviations(robot, "--robot-noise"),
-        camera=None if camera is None else deviations(camera, "--camera-noise"),
+def folder_option(help: str) -> Any:
+    """``-o DIR``."""
+    return typer.Option(
+        "-o", "--output", metavar="DIR", callback=named_folder, help=help, rich_help_panel=OUTPUT, show_default=False
     )
 
 
-def prior_of(robot: str | None, camera: str | None, factor: float) -> NoisePrior | None:
-    """What the data sheets say, or None if nothing is given."""
-    if robot is None and camera is None:
-        return None
-    return NoisePrior(_partly_known(robot, "--robot-prior"), _partly_known(camera, "--camera-prior"), factor)
+def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = ()) -> None:
+    """Raise `InputError`, before the work and not after, unless a file of that name can be written."""
+    if path is None:
+        return
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise InputError(f"Expected {option} to be named {' or '.join(suffixes)}, got {str(path)!r}.")
+    if path.is_dir():
+        raise InputError(f"Cannot write {option} {path}: it is a folder, expected the name of a file.")
+    if not path.parent.is_dir():
+        raise InputError(f"Cannot write {option} {path}: there is no folder {path.parent}; make it first.")
 
 
-def _partly_known(value: str | None, name: str) -> tuple[str | None, str | None] | None:
-    if value is None:
-        return None
-    parts = [part.strip() for part in value.split(",")]
-    if len(parts) != 2:
-        raise InputError(f"Expected {name} to be ROTATION,TRANSLATION such as ?,0.05mm, got {value!r}.")
-    rotation, translation = (None if part in ("", "?") else part for part in parts)
-    return rotation, translation
-
-
-def poses_of(robot: Path, camera: Path, setup: str, units: tuple[str, str]) -> PosePairs:
-    """At least three poses from both files; ``units`` of the robot's and of the camera's."""
-    poses = read_poses(robot, camera, setup=setup, units=units)
-    if poses.n < 3:
-        raise InputError(
-            f"{robot} and {camera} hold {poses.n} poses; at least 3 poses are needed, which make 2 motions."
-        )
-    return poses
+PairsOption = Annotated[
+    str,
+    option(
+        "--pairs",
+        of=("all", "consecutive", "disjoint"),
+        metavar="NAME",
+        help="Which poses make a motion: all, consecutive or disjoint.",
+    ),
+]
+JsonOption = Annotated[bool, flag("--json", panel=OUTPUT, help="Print one JSON object.")]
+WorkersOption = Annotated[int | None, option("--workers", help="Processes. Left out: one per core.")]
 
 
 def cores() -> int:

@@ -1,36 +1,26 @@
 """The command ``uq-handeye validate``: whether the covariance of a method is true."""
 
-from __future__ import annotations
-
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
+from .cli_inputs import PoseFiles, noise_of, warn_as_calibrate
+from .cli_messages import LOG, progress_wanted
 from .cli_options import (
-    CameraFile,
-    CameraNoise,
-    CameraUnits,
+    EVERY_METHOD,
+    OUTPUT,
     JsonOption,
-    NoiseFile,
     PairsOption,
-    RobotFile,
-    RobotNoise,
-    RobotUnits,
-    SetupOption,
-    Units,
     WorkersOption,
     cores,
     emit,
-    named_folder,
-    noise_of,
-    poses_of,
+    flag,
+    folder_option,
+    made_of,
+    methods_of,
+    option,
+    require_writable,
 )
 from .errors import InputError
-from .estimators import METHODS, ROBOT_WORLD_METHODS
-from .io import json_text
-from .likelihood import ESTIMATORS
 
 if TYPE_CHECKING:
     from .noise import Noise
@@ -41,90 +31,86 @@ if TYPE_CHECKING:
 INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
+@made_of(noise=noise_of, files=PoseFiles)
 def validate_command(
-    robot: RobotFile,
-    camera: CameraFile,
-    setup: SetupOption = "eye-in-hand",
-    robot_noise: RobotNoise = None,
-    camera_noise: CameraNoise = None,
-    noise: NoiseFile = None,
+    files: "PoseFiles",
+    noise: "Noise | None",
     method: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--method",
+            of=EVERY_METHOD,
             metavar="NAME,NAME,...",
-            help=f"One or several of {', '.join([*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS])}. Left out: efficient.",
+            help=f"One or several of {', '.join(EVERY_METHOD)}. Left out: efficient.",
         ),
     ] = None,
     trials: Annotated[
-        int | None, typer.Option(help="How many. Left out: 10,000, or with --digits at most 1,000,000.")
+        int | None, option("--trials", help="How many. Left out: 10,000, or with --digits at most 1,000,000.")
     ] = None,
     digits: Annotated[
-        int | None, typer.Option(help="Stop once the result is stable to so many digits, 1 to 4 (JCGM 102).")
+        int | None, option("--digits", help="Stop once the result is stable to so many digits, 1 to 4 (JCGM 102).")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the noise: the same seed gives the same numbers.")] = 0,
+    seed: Annotated[int, option("--seed", help="Seed of the noise: the same seed gives the same numbers.")] = 0,
     covariance: Annotated[
         str,
-        typer.Option(
+        option(
+            "--covariance",
+            of=("model", "each"),
             metavar="model|each",
             help="Which is tested: that of the method at the true poses, or what each trial reports of itself.",
         ),
     ] = "model",
     pairs: PairsOption = "all",
     scale: Annotated[
-        float | None, typer.Option(help="Scaling factor d of 4dpa; left out, its limit in closed form.")
+        float | None, option("--scale", help="Scaling factor d of 4dpa; left out, its limit in closed form.")
     ] = None,
     sweep_noise: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "--sweep-noise",
             metavar="FACTOR,FACTOR,...",
             help="Where first order ends: the noise covariances times each, e.g. 1,3,10,30,100.",
         ),
     ] = None,
     workers: WorkersOption = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
+        str | None, option("--scheduler", metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
     ] = None,
-    units: Units = "m",
-    robot_units: RobotUnits = None,
-    camera_units: CameraUnits = None,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Write a figure, .png or .svg; one per method.")
+        Path | None,
+        option("--figure", metavar="FILE.png", panel=OUTPUT, help="Write a figure, .png or .svg; one per method."),
     ] = None,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            callback=named_folder,
-            help="Keep the trials here, from which --resume goes on; of several methods in a folder each.",
-        ),
+        folder_option("Keep the trials here, from which --resume goes on; of several methods in a folder each."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in DIR, or add trials to it.")] = False,
+    resume: Annotated[
+        bool, flag("--resume", panel=OUTPUT, help="Go on with the run in DIR, or add trials to it.")
+    ] = False,
 ) -> int:
     """Monte Carlo: draw the noise again and again, calibrate each time, and see whether the covariance is true.
 
-    Example: uq-handeye validate robot.csv camera.csv --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
+    Example: uq-handeye validate robot.csv camera.csv --trials 10000
 
-    Noise is drawn around the poses as fitted. Without noise options the noise is estimated from the poses. A rejected
-    covariance is a result: exit status 0. What ends the run early prints what the trials so far say: Ctrl-C (exit
-    status 130), or workers that are lost (exit status 1); with -o DIR, --resume goes on.
+    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
+    0.1deg,0.5mm. Without, it is estimated from the data. It is drawn around the
+    poses as fitted.
+
+    A rejected covariance is a result: exit status 0. What ends the run early
+    prints what the trials so far say: Ctrl-C (exit status 130), or workers that
+    are lost (exit status 1); with -o DIR, --resume goes on.
     """
-    names = _names(method)
+    names = methods_of(",".join(method or ["efficient"]), "--method", EVERY_METHOD)
     if covariance not in ("model", "each"):
         raise InputError(f"Expected --covariance to be model or each, got {covariance!r}.")
     if resume and output is None:
         raise InputError("--resume needs the folder of the run: give -o DIR.")
-    if figure is not None and figure.suffix.lower() not in (".png", ".svg"):  # before the work, not after
-        raise InputError(f"Expected --figure to be named .png or .svg, got {str(figure)!r}.")
-    if figure is not None and not figure.parent.is_dir():
-        raise InputError(f"Cannot write --figure {figure}: there is no folder {figure.parent}; make it first.")
+    require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
-    model = noise_of(robot_noise, camera_noise, noise)
-    poses = poses_of(robot, camera, setup, (robot_units or units, camera_units or units))
+    poses = files.poses()
+    warn_as_calibrate(poses, noise, pairs)
     if workers is None:
         workers = cores()
     if sweep_noise is not None:
@@ -133,8 +119,9 @@ def validate_command(
             if value is not None:
                 raise InputError(f"--sweep-noise goes without {option}.")
         options = {"seed": seed, "pairs": pairs, **({} if trials is None else {"trials": trials})}
-        return _sweep(poses, model, names, _factors(sweep_noise), options, figure, as_json)
+        return _sweep(poses, noise, names, _factors(sweep_noise), options, figure, as_json)
 
+    from .io import json_text
     from .validation.monte_carlo import INTERRUPTED as ended_by_hand
     from .validation.monte_carlo import monte_carlo
 
@@ -142,7 +129,7 @@ def validate_command(
     for name in names:
         result = monte_carlo(
             poses,
-            noise=model,
+            noise=noise,
             method=name,
             trials=trials,
             seed=seed,
@@ -154,7 +141,7 @@ def validate_command(
             directory=output if output is None or len(names) == 1 else output / name,
             resume=resume,
             client=scheduler,
-            progress=True,
+            progress=progress_wanted(),
         )
         results[name] = result
         if not as_json:
@@ -171,14 +158,14 @@ def validate_command(
     if result.ended_early:
         how = "--resume goes on" if output is not None else "with -o DIR, --resume would go on"
         reason = " ".join(result.reason.split())
-        print(f"uq-handeye: the run by {result.method} is not complete: {reason}; {how}.", file=sys.stderr)
+        LOG.error("the run by %s is not complete: %s; %s.", result.method, reason, how)
         return NOT_COMPLETE
     return 0
 
 
 def _sweep(
-    poses: PosePairs,
-    noise: Noise | None,
+    poses: "PosePairs",
+    noise: "Noise | None",
     methods: list[str],
     factors: list[float],
     options: dict[str, Any],
@@ -187,21 +174,11 @@ def _sweep(
 ) -> int:
     from .validation.sweep import sweep
 
-    result = sweep(poses, noise=noise, methods=methods, factors=factors, progress=True, **options)
+    result = sweep(poses, noise=noise, methods=methods, factors=factors, progress=progress_wanted(), **options)
     emit(result.to_json() if as_json else result.summary())
     if figure is not None:
         result.figure(figure)
     return 0
-
-
-def _names(given: list[str] | None) -> list[str]:
-    """The methods, each once, of options that may be lists with commas."""
-    known = [*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS]
-    names = [name.strip().lower() for part in given or ["efficient"] for name in part.split(",") if name.strip()]
-    wrong = next((name for name in names if name not in known), None)
-    if wrong is not None or not names:
-        raise InputError(f"Expected --method to name methods among {', '.join(known)}, got {wrong or ''!r}.")
-    return list(dict.fromkeys(names))
 
 
 def _factors(text: str) -> list[float]:

@@ -97,6 +97,12 @@ class Comparison:
     def __repr__(self) -> str:
         return f"Comparison({len(self.rows)} methods, reference {self.reference}, {self.n_pairs} pairs)"
 
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from .report.notebook import text_html
+
+        return text_html("Comparison of methods", self.verdict, self.to_text(), self.warnings)
+
     @property
     def base(self) -> Row | None:
         """The row of the reference."""

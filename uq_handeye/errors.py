@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from numbers import Integral
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class InputError(ValueError):
@@ -48,7 +50,7 @@ class SingularNoiseError(InputError):
 
 def require_integer(name: str, value: Any, least: int) -> None:
     """Raise `InputError` unless ``value`` is an integer, of Python or NumPy, of at least ``least``."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise InputError(f"Expected `{name}` to be an integer of at least {least}, got {value!r}.")
 
 

@@ -49,6 +49,7 @@ from .poses import PosePairs
 from .procrustes import solve_limit
 from .robot_world import mean_target
 from .se3 import Array, as_transforms, left_jacobian, perturb
+from .timing import Timing, warn_left_out
 
 # Steps of `efficient`, and at most of `ml`.
 CLOSED_FORM_STEPS, MOST_STEPS = 2, 50
@@ -195,6 +196,7 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
     """
     constraint = _checked(data, noise)
     poses = data if isinstance(data, PosePairs) else data.poses
+    warn_left_out("bound()", data)
     if isinstance(constraint, OnPoses) and X is None and poses is not None and poses.truth is not None:
         truth = poses.truth
         at = Unknowns(truth.X, truth.W)
@@ -268,6 +270,17 @@ def fit(constraint: Constraint, noise: Noise, start: Unknowns, steps: int, weigh
             for T, v in zip((constraint.first, constraint.second), errors, strict=True)
         )
     return Fit(unknowns, covariance, linear, S, residual, done, converged, weights)
+
+
+def offset_sensitivity(fit: Fit, timing: Timing) -> Array:
+    """By how much X and W move, (12,), per second of the time offset of the n poses that were fitted.
+
+    ``g = -C J^T S^-1 j`` with ``j_i = D_i rate_i``: rad/s and m/s. At the joint optimum of X, W and an offset known
+    with the variance v, the covariance of (X, W) is ``C + v g g^T`` (`synchronisation`).
+    """
+    j = fit.linear.sides[0 if timing.side == "robot" else 1] @ timing.rate[..., None]
+    white = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, j], axis=-1))
+    return -fit.covariance @ gram(white)[:-1, -1]
 
 
 def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Array, Array]:

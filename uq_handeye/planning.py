@@ -17,7 +17,7 @@ to be made small:
 - ``logdet``: ``log det Sigma``, the volume of the ellipsoid, whatever the units.
 
 Poses are chosen greedily, then exchanged one by one as long as that helps, and put into the order in which each brings
-most (`planning_selection`). That is no proof of the best set; docs/plan.md has the gap.
+most (`planning_selection`). That is no proof of the best set; docs/how-to/plan.md has the gap.
 
 Poses that leave a part of X open (parallel axes, pure translations) can be planned from: there a weak prior stands in
 (`planning_start`), and `Plan.open_directions` says where.
@@ -45,6 +45,7 @@ from .poses import SETUPS, PosePairs
 from .result import CONVENTION
 from .result_file import noise_to_dict
 from .se3 import Array, as_transforms, skew
+from .timing import warn_left_out
 from .units import parse_length
 
 CRITERIA = ("trace", "logdet", "point")
@@ -99,6 +100,12 @@ class Plan:
 
     def __repr__(self) -> str:
         return f"Plan({len(self.chosen)} poses after {self.n_poses}, criterion {self.criterion})"
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from .report.notebook import text_html
+
+        return text_html("Plan", repr(self), self.to_text())
 
     def to_text(self) -> str:
         """A sentence, a table with a row per pose, and what the numbers mean."""
@@ -221,6 +228,7 @@ def plan(
         raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")
     if data.n < 3:
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
+    warn_left_out("plan()", data)
     require_integer("k", k, 1)
     estimated = noise is None
     if noise is None:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .errors import InputError
 from .se3 import Array, as_numbers, as_transforms, inverse
 from .sources import Source
+from .timing import Timing
 
 SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
 # The frames of W = G X C, the same for all poses.
@@ -52,11 +53,14 @@ class PosePairs:
         Known for simulated poses.
     sources : tuple of Source
         The files they came from.
+    timing : Timing or None
+        Of poses that `synchronise` paired: their time offset and how it moves them.
 
     Raises
     ------
     InputError
-        Wrong shapes, matrices that are not rigid motions, different numbers of poses, repeated timestamps.
+        Wrong shapes, matrices that are not rigid motions, different numbers of poses, repeated timestamps, a timing of
+        other poses.
     """
 
     robot: Array
@@ -65,6 +69,7 @@ class PosePairs:
     timestamps: NDArray[np.float64] | None = None
     truth: Truth | None = None
     sources: tuple[Source, ...] = ()
+    timing: Timing | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.setup, str) or self.setup not in SETUPS:
@@ -88,6 +93,8 @@ class PosePairs:
                 )
             times.flags.writeable = False
             object.__setattr__(self, "timestamps", times)
+        if self.timing is not None and (self.robot.ndim != 3 or len(self.timing) != self.n):
+            raise InputError(f"Expected the `timing` of {self.n} poses, got one of {len(self.timing)}.")
 
     @property
     def n(self) -> int:
@@ -106,8 +113,9 @@ class PosePairs:
         if truth is not None:
             truth = truth._replace(robot=truth.robot[..., index, :, :], camera=truth.camera[..., index, :, :])
         times = None if self.timestamps is None else self.timestamps[index]
+        timing = None if self.timing is None else self.timing.rows(index)
         return PosePairs(
-            self.robot[..., index, :, :], self.camera[..., index, :, :], self.setup, times, truth, self.sources
+            self.robot[..., index, :, :], self.camera[..., index, :, :], self.setup, times, truth, self.sources, timing
         )
 
     @property

@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+
+def _on_terminal() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+
+
+@contextmanager
+def working(label: str, show: bool = True) -> Iterator[None]:
+    """Shows that something takes its time and cannot be counted, where `progress_bar` would show a bar."""
+    if not (show and _on_terminal()):
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(label, spinner="line"):
+        yield
 
 
 @contextmanager
@@ -13,7 +30,7 @@ def progress_bar(label: str, total: int | None, unit: str, show: bool = True) ->
 
     The bar goes away at the end. ``total`` None: not known beforehand.
     """
-    if not (show and sys.stderr.isatty()):
+    if not (show and _on_terminal()):
         yield lambda more: None
         return
     from rich.console import Console

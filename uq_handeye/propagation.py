@@ -38,7 +38,6 @@ from .estimators.registry import find
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise
 from .noise_transport import DataSide, Shared, Start, data_side, made_from_poses, noise_of_pairs
-from .octonion_covariance import PAPER_SCALE, literal_covariance
 from .procrustes import (
     Suspicious,
     as_pairs,
@@ -50,6 +49,7 @@ from .procrustes import (
 )
 from .se3 import Array, as_transforms
 from .sensitivity import LimitDerivatives, ScaledDerivatives, linearised
+from .so4_covariances import PAPER_SCALE, literal_covariance
 
 # Pairs whose derivatives are held at once, about 2 kB each: larger blocks cost more in fresh pages than they save.
 BLOCK = 1024

@@ -17,11 +17,11 @@ from .diagnostics import Diagnostics
 from .errors import InputError
 from .goodness_of_fit import GoodnessOfFit
 from .io.atomic import json_text
+from .motions import Motions
 from .noise import Noise
 from .noise_estimation import NoiseEstimate
-from .octonion_covariance import PAPER_SCALE
 from .pose_table import PoseTable
-from .poses import SETUPS, TARGETS
+from .poses import SETUPS, TARGETS, PosePairs
 from .procrustes import octonion
 from .provenance import Provenance
 from .reference import Reference
@@ -29,9 +29,11 @@ from .residuals import Residuals
 from .result_file import FourDPA, noise_to_dict, parts_of
 from .se3 import Array, inverse, inverse_jacobian
 from .sensitivity import pose_from_octonion_jacobian
+from .so4_covariances import PAPER_SCALE
 from .split_half import SplitHalf
 from .stored import misfit, not_finite, unequal
 from .task_space import Budget, PointUncertainty, through_robot, through_target, through_X
+from .timing import TimeOffset
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,7 +80,9 @@ class Calibration:
     fourdpa: FourDPA | None = None  # 4DPA's own answer, beside efficient and ml
     fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
     table: PoseTable | None = None  # residual, leverage and flag of each pose
+    time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
+    data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of; not in the JSON file
     analysis: Analysis | StoredAnalysis | None = field(
         default=None, repr=False
     )  # diagnostics, other covariances, split halves, budget
@@ -297,7 +301,14 @@ class Calibration:
         )
 
     def __repr__(self) -> str:
-        return f"Calibration({self.frame}, {self.method}, {self.n_pairs} pairs)"
+        from .report.numbers import digits
+
+        data = f"{self.n_pairs} pairs" if self.n_poses is None else f"{self.n_poses} poses"
+        known = "uncertainty not determined"
+        if self.weakest_translation is not None and self.weakest_rotation is not None:
+            move, turn = 1e3 * self.weakest_translation[1], np.degrees(self.weakest_rotation[1])
+            known = f"{digits(move, 2)} mm, {digits(turn, 2)} deg (1 sigma, worst axis)"
+        return f"Calibration({self.frame} by {self.method}, {data}: {known})"
 
     def summary(self, threshold: float = 0.5) -> str:
         """The result as text; correlations at or above ``threshold`` are listed."""
@@ -390,6 +401,7 @@ class Calibration:
             "poses": None if self.table is None else self.table.to_dict(),
             "analysis": None if self.analysis is None else self.analysis.to_dict(),
             "provenance": None if self.provenance is None else self.provenance.to_dict(),
+            "time_offset": None if self.time_offset is None else self.time_offset.to_dict(),
             "residuals": self.residuals._asdict(),
             "warnings": list(self.warnings),
         }

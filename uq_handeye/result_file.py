@@ -19,6 +19,7 @@ from .reference import Reference
 from .request import COVARIANCES
 from .residuals import Residuals
 from .se3 import Array, as_transforms
+from .timing import TimeOffset
 
 T = TypeVar("T")
 
@@ -58,6 +59,7 @@ def parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "table": _read(data, "poses", PoseTable.from_dict),
         "analysis": _read(data, "analysis", lambda part: StoredAnalysis.from_dict(part, X)),
         "provenance": _read(data, "provenance", Provenance.from_dict),
+        "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
         "noise": _read(data, "noise", noise_from_dict),
         "residuals": Residuals(**data["residuals"]),
         "warnings": tuple(data["warnings"]),

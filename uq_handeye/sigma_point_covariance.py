@@ -50,6 +50,7 @@ from .noise import Noise, factor
 from .poses import PosePairs
 from .se3 import Array
 from .simulation import moved
+from .timing import warn_left_out
 from .trials.experiment import Experiment, experiment
 from .trials.run import BLOCK, errors_of, estimates
 
@@ -126,6 +127,7 @@ def sigma_points(
     >>> found.covariance.shape, found.failures
     ((6, 6), 0)
     """
+    warn_left_out("sigma_points()", data)
     return sigma_points_of(experiment(data, noise, method, pairs=pairs, scale=scale), rounds=rounds, seed=seed)
 
 

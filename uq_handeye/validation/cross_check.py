@@ -101,6 +101,12 @@ class CrossCheck:
         state += "" if self.complete else f"; not complete: {self.reason}"
         return f"CrossCheck({len(self.rows)} rows, {self.trials:,} trials, {state})"
 
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from ..report.notebook import text_html
+
+        return text_html("Cross-check", repr(self), self.to_text())
+
     def to_text(self) -> str:
         """Which relations hold, the table, and what is behind it."""
         from ..report.cross_check_text import to_text

@@ -21,9 +21,9 @@ from ..likelihood import ESTIMATORS, Fit
 from ..motions import Motions
 from ..noise import Noise, PairNoise, PoseNoise
 from ..noise_transport import noise_of_pairs
-from ..octonion_covariance import PAPER_SCALE, literal_covariance
 from ..poses import PosePairs
 from ..se3 import Array
+from ..so4_covariances import PAPER_SCALE, literal_covariance
 from ..trials.experiment import Experiment
 from .monte_carlo import INTERRUPTED, MonteCarlo, monte_carlo
 

@@ -31,6 +31,7 @@ from ..noise import Noise, checked_covariance
 from ..poses import SETUPS, PosePairs
 from ..progress import progress_bar
 from ..se3 import Array
+from ..timing import warn_left_out
 from ..trials.experiment import experiment
 from .chunks import Chunk, Work, chunk_size, from_bytes, one_thread, to_bytes
 from .consistency import Consistency, Sums, consistency
@@ -125,6 +126,7 @@ def monte_carlo(
     >>> result.errors.shape, result.consistent
     ((2000, 6), True)
     """
+    warn_left_out("monte_carlo()", data)
     started = time.monotonic()
     total, digits = _checked_counts(trials, seed, workers, digits, resume, directory)
     with ExitStack() as stack:

@@ -149,6 +149,12 @@ class MonteCarlo:
         what = {True: "consistent", False: "not consistent", None: "undecided"}[self.consistent]
         return f"MonteCarlo({self.method}, {self.trials:,} trials, {what}{'' if self.complete else ', incomplete'})"
 
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from ..report.notebook import text_html
+
+        return text_html("Monte Carlo", self.verdict, self.summary())
+
     def summary(self) -> str:
         """The result as text."""
         from ..report.validation_text import summary

@@ -27,6 +27,7 @@ from ..poses import SETUPS, PosePairs
 from ..result import CONVENTION
 from ..result_file import noise_to_dict
 from ..se3 import Array
+from ..timing import warn_left_out
 from .posterior_convergence import LENGTHS, LONGEST_R_HAT, PosteriorDiagnostics, arviz, inference_data
 from .posterior_density import ScalePrior, density_of
 from .posterior_file import ChainFile
@@ -178,6 +179,12 @@ class Posterior:
         data["posterior"].attrs.update(attributes)
         return data
 
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from ..report.notebook import text_html
+
+        return text_html("Posterior", repr(self), self.summary())
+
     def summary(self) -> str:
         """The result as text, with units on every number."""
         from ..report import posterior_text
@@ -314,6 +321,7 @@ def sample_posterior(
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
     if (data.robot if isinstance(data, PosePairs) else data.A).ndim != 3:
         raise InputError("Expected one data set; sample the posterior of each problem of a batch by itself.")
+    warn_left_out("sample_posterior()", data)
     if noise is not None and not isinstance(noise, PoseNoise | PairNoise):
         raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
     for name, value, least in (("seed", seed, 0), ("samples", samples, 100), ("max_steps", max_steps, 1)):

@@ -47,6 +47,7 @@ from ..poses import SETUPS, PosePairs
 from ..progress import progress_bar
 from ..result import CONVENTION
 from ..result_file import noise_to_dict
+from ..timing import warn_left_out
 from ..trials.experiment import Experiment, experiment
 from .chunks import one_thread
 from .consistency import PARTS
@@ -126,6 +127,12 @@ class Sweep:
     def __repr__(self) -> str:
         ends = ", ".join(f"{found.method} {_ends(found.limit(KINDS[0]))}" for found in self.methods)
         return f"Sweep({self.trials:,} trials per level, covariance of the noise times a factor; first order: {ends})"
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from ..report.notebook import text_html
+
+        return text_html("Sweep of the noise", repr(self), self.summary())
 
     def summary(self) -> str:
         """What holds up to which noise, in words and as a table."""
@@ -261,6 +268,7 @@ def sweep(
     >>> found["4dpa"].own.first_order.holds, found["4dpa"].at(900).first_order.holds
     (True, False)
     """
+    warn_left_out("sweep()", data)
     names, grid = _checked(methods, factors, trials, seed, tolerance)
     trials, seed, tolerance = int(trials), int(seed), float(tolerance)
     problems: dict[str, Experiment] = {}

@@ -1,0 +1,249 @@
+"""What the command says beside its result: notes, warnings, errors, colours, progress, the log file, exit statuses."""
+
+import json
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import warnings
+
+import pytest
+from cli_cases import NOISE, run, run_on_terminal, run_process, write_session
+
+import uq_handeye as uq
+from uq_handeye import InputWarning
+from uq_handeye.cli_messages import messages
+
+YELLOW, RED = "\x1b[33m", "\x1b[31m"
+LOG = logging.getLogger("uq_handeye")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("session")
+    write_session(folder)
+    return folder
+
+
+@pytest.fixture
+def talkative(monkeypatch):
+    """`calibrate` that logs, warns and then goes on."""
+    ordinary = uq.calibrate
+
+    def calibrate(*args, **kwargs):
+        LOG.debug("a detail")
+        LOG.info("a finding")
+        warnings.warn("a doubt", uq.InputWarning, stacklevel=1)
+        warnings.warn("a doubt", uq.InputWarning, stacklevel=1)
+        return ordinary(*args, **kwargs)
+
+    monkeypatch.setattr("uq_handeye.calibration.calibrate", calibrate)
+
+
+@pytest.fixture
+def broken(monkeypatch):
+    """`calibrate` with a fault."""
+
+    def calibrate(*_, **__):
+        raise ZeroDivisionError("one\nby zero")
+
+    monkeypatch.setattr("uq_handeye.calibration.calibrate", calibrate)
+
+
+# -------------------------------------------------------------------------------------------- what is said where
+
+
+def test_notes_and_warnings_stand_on_stderr_each_once(session, talkative):
+    done = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--json", cwd=session)
+    assert done.stderr == "uq-handeye: note: a finding\nuq-handeye: warning: a doubt\n"
+    assert json.loads(done.stdout)["method"] == "efficient"
+
+
+@pytest.mark.parametrize("quiet", ["-q", "--quiet"])
+@pytest.mark.parametrize("before", [True, False])
+def test_quiet_before_or_after_the_command(session, talkative, quiet, before):
+    command = ("calibrate", "robot.csv", "camera.csv", *NOISE)
+    done = run(*((quiet, *command) if before else (*command, quiet)), cwd=session)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("gripper_T_camera by efficient")
+    wrong = run("calibrate", "robot.csv", "nothing.csv", quiet, cwd=session)
+    assert wrong.returncode == 2 and "no such file" in wrong.stderr
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_verbose_says_what_is_done_and_how_long_it_takes(session, talkative, before):
+    command = ("calibrate", "robot.csv", "camera.csv", *NOISE)
+    done = run(*(("-v", *command) if before else (*command, "--verbose")), cwd=session)
+    lines = done.stderr.splitlines()
+    assert "uq-handeye: a detail" in lines and "uq-handeye: 12 pairs of poses, eye-in-hand" in lines
+    assert any(re.fullmatch(r"uq-handeye: calibrating: done in \d+\.\d\d s", line) for line in lines)
+
+
+def test_log_file_has_everything_and_is_appended_to(session, talkative, tmp_path):
+    log = tmp_path / "run.log"
+    run("calibrate", "robot.csv", "camera.csv", *NOISE, "--log-file", log, "-q", cwd=session)
+    run("--log-file", log, "calibrate", "robot.csv", "nothing.csv", cwd=session)
+    text = log.read_text()
+    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ ", line) for line in text.splitlines())
+    for part in (
+        f"DEBUG uq-handeye {uq.__version__}: uq-handeye calibrate robot.csv camera.csv",
+        "DEBUG a detail",
+        "INFO a finding",
+        "WARNING a doubt",
+        "nothing.csv (in ",
+        "ERROR Cannot read nothing.csv",
+    ):
+        assert part in text
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")
+def test_a_log_file_that_cannot_be_written_does_not_end_the_run(session):
+    done = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--log-file", "/dev/full", cwd=session)
+    assert done.returncode == 0 and done.stdout.startswith("gripper_T_camera")
+    assert "warning: Cannot write the log file /dev/full any more" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_nothing_of_a_run_stays_behind(session, talkative):
+    before = list(LOG.handlers), LOG.level, LOG.propagate, warnings.showwarning, list(warnings.filters)
+    run("calibrate", "robot.csv", "camera.csv", "-v", "--no-color", cwd=session)
+    assert (list(LOG.handlers), LOG.level, LOG.propagate, warnings.showwarning, list(warnings.filters)) == before
+
+
+# ------------------------------------------------------------------------------------------------ exit statuses
+
+
+def test_an_internal_error_is_one_line_and_status_1(session, broken, tmp_path):
+    done = run("calibrate", "robot.csv", "camera.csv", cwd=session)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
+    for part in ("uq-handeye: error: internal error: ZeroDivisionError: one by zero", "--log-file", "report it"):
+        assert part in done.stderr
+    verbose = run("calibrate", "robot.csv", "camera.csv", "-v", cwd=session)
+    assert verbose.returncode == 1 and "Traceback (most recent call last)" in verbose.stderr
+    kept = run("calibrate", "robot.csv", "camera.csv", "--log-file", tmp_path / "log", cwd=session)
+    assert kept.stderr.count("\n") == 1 and "the log file has the details" in kept.stderr
+    assert "Traceback (most recent call last)" in (tmp_path / "log").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["calibrat"], ["No such command 'calibrat'", "Did you mean 'calibrate'"]),
+        (["--verison"], ["--verison", "--version"]),
+        (
+            ["calibrate", "robot.csv", "camera.csv", "--methd", "park"],
+            ["--method", "(see uq-handeye calibrate --help)"],
+        ),
+        (["calibrate", "robot.csv", "camera.csv", "--seed", "x"], ["--seed", "integer"]),
+        (["calibrate", "empty.csv", "camera.csv"], ["empty.csv", "empty"]),
+        (["calibrate", "binary.csv", "camera.csv"], ["binary.csv"]),
+        (["compare", "robot.csv", "camera.csv", "--json", "--csv"], ["either --json or --csv"]),
+        (["compare", "robot.csv", "camera.csv", "--methods", "prak"], ["Did you mean park?"]),
+        (["validate", "robot.csv", "camera.csv", "--method", "eficient"], ["Did you mean efficient?"]),
+        (["export", "nothing.json", "x.urdf"], ["nothing.json", "o such file"]),
+        (["export", "robot.csv", "x.urdf"], ["robot.csv", "not JSON"]),
+        (["export", "robot.csv", "x.urdf", "--format", "udrf"], ["Did you mean urdf?"]),
+        (["report", "nothing.json", "r.html"], ["nothing.json", "o such file"]),
+        (["report", "nothing.json", "r.txt"], [".html or .pdf", "r.txt"]),
+        (["report", "nothing.json", "folder.html"], ["folder.html", "it is a folder"]),
+        (["sync", "robot.csv"], ["file of the camera"]),
+        (["sync", "robot.csv", "camera.csv", "--interpolation", "linear"], ["so4, geodesic", "linear"]),
+        (["simulate", "-o", "robot.csv"], ["robot.csv", "expected a folder"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_bad_input_is_one_line_and_status_2(session, arguments, parts):
+    (session / "empty.csv").write_text("")
+    (session / "binary.csv").write_bytes(bytes(range(256)))
+    (session / "folder.html").mkdir(exist_ok=True)
+    done = run(*arguments, cwd=session)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+    assert done.stderr.startswith("uq-handeye: error: ") and "Traceback" not in done.stderr
+    for part in parts:
+        assert part in done.stderr
+
+
+def test_ctrl_c_while_the_program_is_being_loaded():
+    """An import that is interrupted, as by a key at that moment."""
+    program = (
+        "import sys, builtins\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'uq_handeye.cli_inputs': raise KeyboardInterrupt\n"
+        "from uq_handeye.__main__ import main\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "uq-handeye: interrupted\n")
+
+
+# -------------------------------------------------------------------------------------------- colours, progress
+
+
+def test_colours_on_a_terminal_only(session):
+    swapped = ("calibrate", "camera.csv", "robot.csv", *NOISE)
+    status, seen = run_on_terminal(*swapped, cwd=session)
+    assert status == 0 and f"{YELLOW}uq-handeye: warning: " in seen
+    assert f"{RED}uq-handeye: error: " in run_on_terminal("calibrate", "nothing.csv", "robot.csv", cwd=session)[1]
+    for environment in ({"NO_COLOR": "1"}, {"TERM": "dumb"}, {"NO_COLOR": "1", "FORCE_COLOR": "1"}):
+        assert "\x1b" not in run_on_terminal(*swapped, cwd=session, **environment)[1]
+    assert "\x1b" not in run_on_terminal(*swapped, "--no-color", cwd=session)[1]
+    piped = run_process(*swapped, cwd=session)
+    assert "warning" in piped.stderr and "\x1b" not in piped.stderr + piped.stdout
+    forced = run_process(*swapped, "--json", cwd=session, FORCE_COLOR="1")
+    assert f"{YELLOW}uq-handeye: warning: " in forced.stderr
+    assert "\x1b" not in forced.stdout and json.loads(forced.stdout)
+
+
+def test_colours_of_help():
+    assert "\x1b[" in run_on_terminal("calibrate", "--help")[1]
+    assert "\x1b[" not in run_on_terminal("calibrate", "--help", NO_COLOR="1")[1]
+    assert "\x1b[" not in run_on_terminal("calibrate", "--help", "--no-color")[1]
+    assert "\x1b[" not in run_process("calibrate", "--help", GITHUB_ACTIONS="true").stdout
+    assert "\x1b[" in run_process("--help", FORCE_COLOR="1").stdout
+
+
+def test_progress_on_a_terminal_only(session):
+    command = ("validate", "robot.csv", "camera.csv", *NOISE, "--method", "4dpa", "--workers", 1, "--trials", 3_000)
+    status, seen = run_on_terminal(*command, cwd=session)
+    assert status == 0 and "trials" in seen and "/3,000 trials" in seen
+    for environment, more in (({"TERM": "dumb"}, ()), ({}, ("-q",))):
+        assert "/3,000 trials" not in run_on_terminal(*command, *more, cwd=session, **environment)[1]
+    piped = run_process(*command, cwd=session, FORCE_COLOR="1")
+    assert piped.stderr == "" and "/3,000 trials" not in piped.stdout
+
+
+def test_a_report_that_is_being_written_says_so_on_a_terminal(session, tmp_path):
+    report = ("--report", tmp_path / "r.html", "--no-compare")
+    status, seen = run_on_terminal("calibrate", "robot.csv", "camera.csv", *NOISE, *report, cwd=session)
+    assert status == 0 and "writing /" in seen and "gripper_T_camera by efficient" in seen
+
+
+def test_ctrl_c_before_the_first_trial(session):
+    # what a shell starts in the background ignores SIGINT, and so would all that it starts
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    program += "; from uq_handeye.__main__ import main; main()"
+    command = [sys.executable, "-c", program, "validate", "robot.csv", "camera.csv", *NOISE, "--trials", "100000000"]
+    process = subprocess.Popen(
+        [*command, "-v"], cwd=session, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        while "checking the input" not in process.stderr.readline():
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        process.communicate()
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "uq-handeye: interrupted" and "Traceback" not in err
+
+
+def test_the_same_warning_is_given_once(capsys):
+    with messages("uq-handeye", no_color=True):
+        for _ in range(2):
+            warnings.warn("Something looks wrong.", InputWarning, stacklevel=1)
+    assert capsys.readouterr().err.count("Something looks wrong.") == 1

@@ -1,0 +1,214 @@
+"""What the commands have in common: groups of options, names that are completed, pairing, the warnings of calibrate."""
+
+import inspect
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import typer
+from cli_cases import MODEL, NOISE, run, write_session
+
+import uq_handeye as uq
+from uq_handeye import cli, cli_files, cli_inputs, cli_options
+from uq_handeye.cli_options import choices, made_of, methods_of, one_of
+from uq_handeye.estimators import METHODS, ROBOT_WORLD_METHODS
+from uq_handeye.export import FORMATS as EXPORTED
+from uq_handeye.io import FORMATS, pose_text, write_pose_file
+from uq_handeye.likelihood import ESTIMATORS
+from uq_handeye.poses import SETUPS
+from uq_handeye.request import COVARIANCES
+from uq_handeye.units import LENGTH_UNITS
+
+TAKES_POSES = ("calibrate", "compare", "plan", "validate", "posterior", "cross-check")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("session")
+    scaled = write_session(folder).camera.copy()
+    scaled[:, :3, 3] *= 1e3
+    write_pose_file(folder / "millimetres.csv", scaled)
+    return folder
+
+
+# --------------------------------------------------------------------------------------------- names, completion
+
+
+def test_names_are_those_of_the_registries():
+    assert tuple(ESTIMATORS) == cli_options.AT_THE_BOUND
+    assert tuple(METHODS) == cli_options.PUBLISHED
+    assert tuple(ROBOT_WORLD_METHODS) == cli_options.ROBOT_WORLD
+    assert tuple(SETUPS) == cli_options.SETUP_NAMES
+    assert cli_options.COVARIANCE_NAMES == COVARIANCES
+    assert set(cli_options.FORMAT_NAMES) == set(FORMATS)
+    assert set(cli_options.UNITS) <= set(LENGTH_UNITS)
+    assert set(cli_files.EXPORT_NAMES) == set(EXPORTED)
+
+
+def test_choices_complete_the_last_of_a_list():
+    complete = choices(("park", "tsai", "park2"))
+    assert complete("pa") == ["park", "park2"]
+    assert complete("tsai,p") == ["tsai,park", "tsai,park2"]
+    assert complete("x") == []
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("calib", ["calibrate"]),
+        ("calibrate --setup eye-t", ["eye-to-hand"]),
+        ("calibrate --method eff", ["efficient"]),
+        ("compare --methods tsai,pa", ["tsai,park"]),
+        ("validate --pair a", ["async"]),
+        ("plan --format easy", ["easy_handeye", "easy_handeye2"]),
+        ("export --format ur", ["urdf"]),
+        ("calibrate --robot-fr", ["--robot-frame"]),
+    ],
+)
+def test_a_shell_completes(words, expected):
+    environment = {
+        **os.environ,
+        "_UQ_HANDEYE_COMPLETE": "complete_bash",
+        "COMP_WORDS": f"uq-handeye {words}",
+        "COMP_CWORD": str(len(words.split())),
+    }
+    command = [sys.executable, "-m", "uq_handeye"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout.split()) == (0, expected)
+
+
+def test_help_and_completion_load_nothing_that_takes_long():
+    """What `import uq_handeye` itself loads aside."""
+    program = (
+        "import sys, uq_handeye; before = set(sys.modules)\n"
+        "from uq_handeye.cli import main\n"
+        "try: main(['calibrate', '--help'])\n"
+        "except SystemExit: pass\n"
+        "print(sorted({name.split('.')[0] for name in set(sys.modules) - before}))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    loaded = set(eval(done.stdout.splitlines()[-1]))
+    assert not loaded & {"pandas", "matplotlib", "sympy", "emcee", "scipy", "numpy", "yaml", "jinja2"}
+
+
+# -------------------------------------------------------------------------------------------- groups of options
+
+
+def test_made_of_spreads_and_makes():
+    def pair(first: int, second: int = 2) -> tuple[int, int]:
+        return first, second
+
+    @made_of(both=pair)
+    def command(both: "tuple[int, int]", third: int = 3) -> tuple[int, ...]:
+        """Help."""
+        return (*both, third)
+
+    assert command(first=1, second=5, third=7) == (1, 5, 7)
+    assert command.__doc__ == "Help."
+    app = typer.Typer()
+    app.command()(command)
+    assert app(["1", "--second", "4"], standalone_mode=False) == (1, 4, 3)
+
+
+def test_help_is_not_wrapped_twice():
+    """Rich keeps the line ends of all paragraphs but the first, and wraps at 78 columns."""
+    for command in cli.app.registered_commands:
+        lines = inspect.cleandoc(command.callback.__doc__).partition("\n\n")[2].splitlines()
+        assert max(map(len, lines)) <= 78, command.name
+
+
+def test_every_command_that_takes_poses_has_the_same_options():
+    helps = {name: run(name, "--help").stdout for name in TAKES_POSES}
+    for option in (
+        *("--setup", "--format", "--robot-format", "--camera-format", "--units", "--robot-units", "--camera-units"),
+        *("--quaternion", "--robot-quaternion", "--camera-quaternion", "--robot-frame", "--camera-frame", "--pair"),
+        *("--tolerance", "--offset", "--robot-noise", "--camera-noise", "--noise", "--quiet", "--log-file"),
+    ):
+        for name, text in helps.items():
+            assert f"{option} " in text, (name, option)
+
+
+def test_one_of_and_methods_of():
+    assert one_of("ROWS", "--pair", ("rows", "time")) == "rows"
+    assert methods_of("Tsai, park,,tsai", "--methods", ("tsai", "park")) == ["tsai", "park"]
+    with pytest.raises(uq.InputError, match=r"got 'row'. Did you mean rows\?"):
+        one_of("row", "--pair", ("rows", "time"))
+    with pytest.raises(uq.InputError, match=r"got 'x'\.$"):
+        one_of("x", "--pair", ("rows", "time"))
+    with pytest.raises(uq.InputError, match="one method among"):
+        methods_of("tsai,park", "--reference", ("tsai", "park"), most=1)
+
+
+# ------------------------------------------------------------------------------------------ files and pairing
+
+
+def test_options_reach_the_reader(session, tmp_path):
+    """Inverted frames, quaternions with the scalar first, units and formats give the X of the plain files."""
+    poses = uq.read_poses(session / "robot.csv", session / "camera.csv")
+    expected = json.loads(run("calibrate", "robot.csv", "camera.csv", *NOISE, "--json", cwd=session).stdout)["X"]
+    lines = pose_text(np.linalg.inv(poses.robot)).splitlines()
+    fields = [line.split(",") for line in lines[1:]]
+    rows = [" ".join([f[0], *(repr(100 * float(x)) for x in f[1:4]), f[7], *f[4:7]]) for f in fields]
+    (tmp_path / "robot.txt").write_text("\n".join(rows) + "\n")
+    np.save(tmp_path / "camera.npy", np.linalg.inv(poses.camera))
+    for options in (("--robot-units", "cm", "--robot-quaternion", "wxyz"), ("--units", "cm", "--camera-units", "m")):
+        order = () if "--robot-quaternion" in options else ("--robot-quaternion", "wxyz")
+        frames = ("--robot-frame", "gripper_T_base", "--camera-frame", "target_T_camera")
+        formats = ("--robot-format", "tum", "--camera-format", "npy")
+        done = run(
+            "calibrate", "robot.txt", "camera.npy", *NOISE, *options, *order, *frames, *formats, "--json", cwd=tmp_path
+        )
+        np.testing.assert_allclose(json.loads(done.stdout)["X"], expected, atol=1e-9)
+
+
+def test_pairing_by_time(session, tmp_path):
+    poses = uq.read_poses(session / "robot.csv", session / "camera.csv")
+    times = np.arange(12.0)
+    write_pose_file(tmp_path / "robot.csv", poses.robot, timestamps=times)
+    write_pose_file(tmp_path / "camera.csv", poses.camera[1:], timestamps=times[1:] + 0.1)
+    refused = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--pair", "time", cwd=tmp_path)
+    assert refused.returncode == 2
+    done = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--pair", "time", "--tolerance", 0.2, cwd=tmp_path)
+    assert done.returncode == 0 and "from 11 poses" in done.stdout
+
+
+# -------------------------------------------------------------------------------- the same warnings as calibrate
+
+QUICK = {
+    "validate": ("--trials", 50, "--workers", 1, "--method", "4dpa"),
+    "plan": ("-k", 1, "--sample", 20),
+    "cross-check": ("--trials", 200, "--workers", 1, "--no-posterior"),
+    "posterior": ("--samples", 200, "--walkers", 32, "--max-steps", 10),
+}
+
+
+@pytest.mark.parametrize("files", [("camera.csv", "robot.csv"), ("robot.csv", "millimetres.csv")])
+@pytest.mark.parametrize("noise", [NOISE, ()])
+def test_what_calibrate_warns_of_every_command_warns_of(session, files, noise):
+    said = run("calibrate", *files, *noise, cwd=session).stderr.splitlines()
+    warned = [line for line in said if line.startswith("uq-handeye: warning: ")]
+    assert warned
+    for name, options in QUICK.items():
+        found = run(name, *files, *noise, *options, cwd=session).stderr.splitlines()
+        assert set(warned) <= set(found), name
+
+
+def test_good_files_are_not_warned_of(session):
+    for name in ("validate", "plan", "cross-check"):
+        done = run(name, "robot.csv", "camera.csv", *NOISE, *QUICK[name], cwd=session)
+        assert (done.returncode, done.stderr) == (0, ""), name
+
+
+def test_data_that_calibrate_refuses_are_left_to_the_command(session):
+    poses = uq.simulate(8, tilt=0.0, seed=1)
+    assert cli_inputs.warn_as_calibrate(uq.simulate(8, noise=MODEL, seed=1), MODEL).n_poses == 8
+    with pytest.warns(uq.InputWarning, match="nearly parallel"):
+        assert cli_inputs.warn_as_calibrate(poses, MODEL) is None
+
+
+def test_the_commands():
+    names = [command.name for command in cli.app.registered_commands]
+    assert set(TAKES_POSES) | {"demo", "simulate", "sync", "report", "export"} == set(names)
