@@ -2,8 +2,9 @@
 
     python -m studies.against_gtsam [--csv against_gtsam.csv]
 
-Prints the two tables of docs/likelihood.md. Needs GTSAM (extra `test`; without it the exit code is 2). The factor
-graphs are those of tests/test_against_gtsam.py. Real poses are compared where UQ_HANDEYE_DATA names their folder.
+Prints the two tables of docs/explanation/likelihood.md. Needs GTSAM (extra `test`; without it the exit code is 2). The
+factor graphs are those of tests/test_against_gtsam.py. Real poses are compared where UQ_HANDEYE_DATA names their
+folder.
 
 Agreement: the largest ``|eigenvalue - 1|`` of the covariances of X (and of W) whitened by GTSAM's, and the distance of
 the two X (and W) in standard deviations; with GTSAM's own errors, and with the toolkit's written into its factors.

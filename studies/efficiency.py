@@ -2,11 +2,11 @@
 
     python -m studies.efficiency [--full] [--csv efficiency.csv]
 
-Prints the table of docs/likelihood.md and writes it as CSV, with a fixed seed. Per row one geometry and 1,000 noise
-draws (``--full``: 10,000, in about six minutes), and per estimator the smallest and largest of its six standard
-deviations about the truth as multiples of the bound's, and the mean NEES ``e^T Sigma^-1 e`` with its own covariance,
-6 if that is true. 4DPA's is the one predicted at exact data, for all pairs where there are poses. Below the table: what
-the section on limits of that page says.
+Prints the table of docs/explanation/likelihood.md and writes it as CSV, with a fixed seed. Per row one geometry and
+1,000 noise draws (``--full``: 10,000, in about six minutes), and per estimator the smallest and largest of its six
+standard deviations about the truth as multiples of the bound's, and the mean NEES ``e^T Sigma^-1 e`` with its own
+covariance, 6 if that is true. 4DPA's is the one predicted at exact data, for all pairs where there are poses. Below the
+table: what the section on limits of that page says.
 """
 
 from __future__ import annotations

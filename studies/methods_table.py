@@ -1,4 +1,4 @@
-"""The table of methods of docs/methods.md, from the registry and from one run with a fixed seed.
+"""The table of methods of docs/explanation/methods.md, from the registry and from one run with a fixed seed.
 
     python -m studies.methods_table [--trials 2000]
 

@@ -2,8 +2,9 @@
 
     python -m studies.nguyen_cross_term
 
-Prints the tables of docs/nguyen_pham.md, with a fixed seed, in less than a minute. NEES of t is ``e^T Sigma_t^-1 e`` of
-the error of the translation; its mean is 3 if Sigma_t is true. Data sets that did not converge are left out of it.
+Prints the tables of docs/explanation/nguyen_pham.md, with a fixed seed, in less than a minute. NEES of t is ``e^T
+Sigma_t^-1 e`` of the error of the translation; its mean is 3 if Sigma_t is true. Data sets that did not converge are
+left out of it.
 """
 
 from __future__ import annotations

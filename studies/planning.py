@@ -2,9 +2,9 @@
 
     python -m studies.planning [--full] [--csv planning.csv]
 
-Prints the tables of docs/plan.md and writes their numbers as CSV, with a fixed seed. 200 simulated sessions for the
-first two tables, 50 for each row of the others (``--full``: 1,000 and 250, in about two minutes), poses and noise of
-each drawn anew: robot 0.02 deg, 0.05 mm; camera 0.1 deg, 0.5 mm. Real poses are looked for in the folder named by
+Prints the tables of docs/how-to/plan.md and writes their numbers as CSV, with a fixed seed. 200 simulated sessions for
+the first two tables, 50 for each row of the others (``--full``: 1,000 and 250, in about two minutes), poses and noise
+of each drawn anew: robot 0.02 deg, 0.05 mm; camera 0.1 deg, 0.5 mm. Real poses are looked for in the folder named by
 UQ_HANDEYE_DATA; without it their table is left out. Times are ratios within one run.
 """
 

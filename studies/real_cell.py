@@ -2,8 +2,8 @@
 
     python -m studies.real_cell [--full] [--csv real_cell.csv]
 
-Prints the tables of docs/real_cell.md and writes them as CSV, with a fixed seed: everything through `uq.calibrate`
-without any noise model. 100 sets per row (``--full``: 500).
+Prints the tables of docs/how-to/real_cell.md and writes them as CSV, with a fixed seed: everything through
+`uq.calibrate` without any noise model. 100 sets per row (``--full``: 500).
 """
 
 from __future__ import annotations
