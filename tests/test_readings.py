@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.io import write_pose_file
+from uq_handeye.readings import other_readings
+from uq_handeye.residuals import pose_residuals
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 
@@ -92,6 +94,17 @@ def test_an_order_that_was_asked_for_wrongly(good, tmp_path):
     text = said(files, setup=good.setup, quaternion="wxyz")
     assert 'quaternion="xyzw" (--quaternion xyzw)' in text
     assert "both files have the scalar of the quaternion last" in text
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_a_camera_file_with_the_scalar_first_where_the_translations_fit_all_the_same(seed):
+    """The translation of W does not contain the rotation of the camera poses."""
+    poses = uq.simulate(20, noise=NOISE, seed=seed)
+    G, C = poses.robot, scalar_first(poses.camera)
+    turn, shift = np.sqrt(np.mean(np.square(pose_residuals(G, C, poses.truth.X)), axis=1))
+    assert shift < 2e-3 < 0.1 < turn
+    text = other_readings(uq.PosePairs(G, C), float(turn), float(shift))
+    assert "--camera-quaternion wxyz" in text
 
 
 def test_swapped_files_and_both_inverse(good):

@@ -19,6 +19,8 @@ from .units import LENGTH_UNITS
 LARGE_ROTATION = np.radians(2.0)
 # Data without noise, from a simulation, say nothing about noise (rad, or share of the travel).
 EXACT = 1e-7
+# Of two readings that fit, the worse is named if its translation residuals are below so many times those of the better.
+ALIKE = 4.0
 # Pairs that the search for another reading looks at.
 SEARCH_PAIRS = 2000
 
@@ -60,8 +62,11 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> str:
         fit = _fit(robot, camera)
         # Two files in the same wrong order agree in rotation; only their translations tell.
         turns = fit is not None and (fit[0] < max(0.4 * turn, EXACT) or fit[0] < 1.5 * turn < 1.5 * LARGE_ROTATION)
-        if fit is not None and turns and fit[1] < 0.4 * shift:
+        # The camera's rotation is not in the translation of W, which may fit already.
+        only_turns = fit is not None and fit[0] < 0.1 * turn and fit[1] < 1.5 * shift
+        if fit is not None and ((turns and fit[1] < 0.4 * shift) or only_turns):
             fitting.append((fit[1], f"{text} (X would be {fit[2]:.3g} m long): {option}"))
+    fitting = [(left, text) for left, text in fitting if left < ALIKE * min(fitting)[0] + EXACT]
     if scaled := scaled_reading(G, C, shift):
         fitting.append((0.0, scaled))
     if not fitting:
