@@ -225,7 +225,7 @@ def test_sigma_keeps_two_digits(everything):
 
 
 def test_the_page_documents_every_field(everything):
-    page = (Path(__file__).parent.parent / "docs" / "compare.md").read_text()
+    page = (Path(__file__).parent.parent / "docs" / "reference" / "compare.md").read_text()
     sections = {title: page.split(f"\n## {title}\n")[1].split("\n## ")[0] for title in ("JSON", "CSV")}
 
     def documented(title):
