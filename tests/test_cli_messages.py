@@ -151,6 +151,8 @@ def test_an_internal_error_is_one_line_and_status_1(session, broken, tmp_path):
         (["sync", "robot.csv"], ["file of the camera"]),
         (["sync", "robot.csv", "camera.csv", "--interpolation", "linear"], ["so4, geodesic", "linear"]),
         (["simulate", "-o", "robot.csv"], ["robot.csv", "expected a folder"]),
+        (["calibrate", "robot.csv", "camera.csv", "-o", "robot.csv/x"], ["robot.csv/x", "robot.csv is a file"]),
+        (["simulate", "-o", "sim", "--poses", "1000000001"], ["--poses", "from 1 to 1000000", "1000000001"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
@@ -247,3 +249,67 @@ def test_the_same_warning_is_given_once(capsys):
         for _ in range(2):
             warnings.warn("Something looks wrong.", InputWarning, stacklevel=1)
     assert capsys.readouterr().err.count("Something looks wrong.") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments", [["calibrate", "robot.csv", "camera.csv", *NOISE], ["export", "r.json", "x.urdf"]]
+)
+def test_a_closed_standard_output_is_one_line_and_status_2(session, arguments):
+    result = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--json", cwd=session).stdout
+    (session / "r.json").write_text(result)
+    program = f"import os, sys; os.close(1); sys.stdout = None; from uq_handeye.cli import main; main({arguments})"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=session, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "the standard output is closed" in done.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="file names are text here")
+def test_file_names_that_are_no_utf_8(session):
+    name = os.fsdecode(b"bad\xff.csv")
+    (session / name).write_bytes((session / "robot.csv").read_bytes())
+    done = run("calibrate", name, "camera.csv", *NOISE, "--json", "--log-file", "odd.log", cwd=session)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["provenance"]["command"].startswith("uq-handeye calibrate 'bad\\udcff.csv'")
+    assert "bad\\udcff.csv" in (session / "odd.log").read_text()
+
+
+@pytest.fixture
+def keyboard():
+    """Ctrl-C as in a program of its own; a run that was interrupted ignores it from then on."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_that_a_library_turns_into_an_error_of_its_own(session, monkeypatch, keyboard):
+    def calibrate(*_, **__):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ValueError("a library's") from None
+
+    monkeypatch.setattr("uq_handeye.calibration.calibrate", calibrate)
+    hook = sys.unraisablehook
+    done = run("calibrate", "robot.csv", "camera.csv", cwd=session)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "uq-handeye: interrupted\n")
+    assert sys.unraisablehook is hook
+
+
+def test_ctrl_c_within_a_finaliser_is_not_lost(session, monkeypatch, keyboard):
+    class Fragile:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    def calibrate(*_, **__):
+        one = Fragile()
+        del one
+        for _ in range(500):  # where Ctrl-C arrives once more
+            time.sleep(0.01)
+
+    monkeypatch.setattr("uq_handeye.calibration.calibrate", calibrate)
+    start = time.monotonic()
+    done = run("calibrate", "robot.csv", "camera.csv", cwd=session)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "uq-handeye: interrupted\n")
+    assert time.monotonic() - start < 4

@@ -139,8 +139,8 @@ def test_the_weakest_direction_in_words():
 def test_directions_that_are_equally_certain():
     S = np.diag([1e-3, 1.2e-3, 1e-3, 1e-3, 1e-3, 1.4e-3]) ** 2
     words = " ".join(text for _, text in diagnosis_words.spectrum_words(module._spectrum(S, "gripper", 0.5, True)))
-    assert "translation is equally certain in all directions (1 to 1.4 mm)" in words
-    assert "rotation is equally certain in all directions (0.057 to 0.069 deg)" in words
+    assert "translation is about equally certain in all directions (1 to 1.4 mm)" in words
+    assert "rotation is about equally certain in all directions (0.057 to 0.069 deg)" in words
     assert "less certain" not in words
 
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from support import moved
 
 import uq_handeye as uq
+from uq_handeye.plausibility import check_poses
 from uq_handeye.residuals import residuals, rotation_angles, summarise
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -363,3 +364,13 @@ def test_the_data_set_of_the_paper_does_not_pass_silently(noise):
     assert "Columns y and z of the robot poses are identical in all 224 rows" in text
     assert "do not belong together" in text
     assert unanswered(poses, noise)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000.0, "mm"), (100.0, "cm")])
+def test_the_unit_that_is_named_is_the_right_one(good, factor, unit):
+    robot, camera = good.robot.copy(), good.camera.copy()
+    robot[:, :3, 3] *= factor / np.abs(robot[:, :3, 3]).max()  # reaching one metre
+    camera[:, :3, 3] *= 0.6 * factor / np.abs(camera[:, :3, 3]).max()
+    texts = check_poses(uq.PosePairs(robot, camera))
+    assert any(f"--robot-units {unit}" in text for text in texts)
+    assert any(f"--camera-units {unit}" in text for text in texts)

@@ -129,6 +129,24 @@ def test_noise_of_the_samples_becomes_that_of_the_poses():
     assert calibrated(sync.poses, noise=sync.noise).fit.p_value > 1e-4
 
 
+def test_samples_that_neighbours_share_count_in_the_noise():
+    """At equal rates every sample is in two rows: together they tell no more than one, whatever the weights."""
+    _, _, robot, camera = case(rates=(21.0, 20.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        sync = uq.synchronise(robot, camera, noise=pose_noise(LARGER))
+    side = getattr(sync.noise, sync.side)
+    S = getattr(pose_noise(LARGER), sync.side)
+    assert 0.9 < side[:, 0, 0].mean() / S[0, 0] < 1.1
+    # Of the sum over all rows it is the exact variance: that of the weights of each sample.
+    found = sync.pairing.interpolated(sync.offset - sync.shift)
+    found = found.rows(np.flatnonzero(found.fine))
+    used = np.zeros(found.left.max() + 2)
+    np.add.at(used, found.left, found.weight)
+    np.add.at(used, found.left + 1, 1 - found.weight)
+    assert np.allclose(side.sum(axis=0), (used**2).sum() * S, rtol=1e-9)
+
+
 # --------------------------------------------------------------------------------------- the offset that is given
 
 

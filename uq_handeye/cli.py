@@ -4,11 +4,14 @@ Exit status: 0 success; 2 bad usage or bad input, with one line on stderr; 1 an 
 workers; 130 Ctrl-C, with one line on stderr.
 """
 
+import _thread
 import shlex
 import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
 from typing import Annotated, Any
 
 import typer
@@ -104,8 +107,9 @@ for panel, commands in _COMMANDS.items():
 def main(arguments: list[str] | None = None) -> None:
     """Run the command; every expected failure is one line on stderr and exit status 2."""
     given = sys.argv[1:] if arguments is None else arguments
-    with messages(shlex.join(["uq-handeye", *given]), no_color="--no-color" in given):
-        status = _status_of(given)
+    command = shlex.join(["uq-handeye", *given]).encode(errors="backslashreplace").decode()  # names may be no UTF-8
+    with messages(command, no_color="--no-color" in given), _interrupts() as interrupted:
+        status = _status_of(given, interrupted)
         if status == INTERRUPTED:  # of a command that has printed what it had, or of Typer, which catches the exception
             with suppress(ValueError):  # not in the main thread
                 signal.signal(signal.SIGINT, signal.SIG_IGN)  # once more would end this line too
@@ -113,24 +117,61 @@ def main(arguments: list[str] | None = None) -> None:
     raise SystemExit(status)
 
 
-def _status_of(arguments: list[str]) -> int:
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Within it every Ctrl-C is counted, for not every one arrives as a KeyboardInterrupt.
+
+    Libraries in C turn it into an error of their own, and within a finaliser Python prints and drops it; then it is
+    sent once more.
+    """
+    count: list[int] = []
+    before, hook = signal.getsignal(signal.SIGINT), sys.unraisablehook
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        count.append(number)
+        signal.default_int_handler(number, frame)
+
+    def dropped(error: "sys.UnraisableHookArgs") -> None:
+        if issubclass(error.exc_type, KeyboardInterrupt):
+            threading.Timer(0.01, _thread.interrupt_main).start()
+        else:
+            hook(error)
+
+    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
+        yield count  # somebody else's to handle
+        return
+    signal.signal(signal.SIGINT, handle)
+    sys.unraisablehook = dropped
+    try:
+        yield count
+    finally:
+        sys.unraisablehook = hook
+        if signal.getsignal(signal.SIGINT) is handle:
+            signal.signal(signal.SIGINT, before)
+
+
+def _status_of(arguments: list[str], interrupted: list[int]) -> int:
     try:
         status = app(arguments, prog_name="uq-handeye", standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # it may be closed
+            sys.stdout.flush()
     except ClickException as error:
         context = getattr(error, "ctx", None)
         path = "uq-handeye" if context is None else context.command_path
         return fail(f"{error.format_message()} (see {path} --help)")  # type: ignore[attr-defined]
-    except (InputError, NotConvergedError) as error:
-        return fail(str(error))
     except (typer.Abort, KeyboardInterrupt):
         return INTERRUPTED
-    except OSError as error:
-        if error.filename is not None:
-            return fail_internally(error)
+    except Exception as error:
+        return INTERRUPTED if interrupted else _failed(error)
+    return status if isinstance(status, int) else 0
+
+
+def _failed(error: Exception) -> int:
+    """The exit status of an error, after its one line."""
+    if isinstance(error, InputError | NotConvergedError):
+        return fail(str(error))
+    if isinstance(error, OSError) and error.filename is None:
         # files have their own messages, so this is the standard output
         sys.stdout = None  # or Python would try, and fail, to flush it once more
         return fail(f"Cannot write the output: {error.strerror or error}.")
-    except Exception as error:
-        return fail_internally(error)
-    return status if isinstance(status, int) else 0
+    return fail_internally(error)

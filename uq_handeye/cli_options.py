@@ -140,6 +140,12 @@ def named_folder(directory: Path | None) -> Path | None:
     """An empty name would mean the current folder, and a file is none: said before the work, not after."""
     if directory is not None and directory.exists() and not directory.is_dir():
         raise InputError(f"Cannot write into {directory}: expected a folder, got a file.")
+    if directory is not None and not directory.exists():
+        above = next((folder for folder in directory.absolute().parents if folder.exists()), None)
+        if above is not None and not above.is_dir():
+            raise InputError(f"Cannot make the folder {directory}: {above} is a file.")
+        if above is not None and not os.access(above, os.W_OK | os.X_OK):
+            raise InputError(f"Cannot make the folder {directory}: no permission to write into {above}.")
     if directory is not None and str(directory) == ".":
         raise InputError("Expected -o to name a folder, got an empty name or '.'; write for example -o result.")
     return directory
@@ -184,6 +190,8 @@ def cores() -> int:
 
 def emit(output: str) -> None:
     """Print; a reader that closes the pipe early (`| head`) has seen enough, which is no failure."""
+    if sys.stdout is None:  # closed by the caller
+        raise InputError("Cannot write the output: the standard output is closed.")
     try:
         sys.stdout.write(output)
         sys.stdout.flush()

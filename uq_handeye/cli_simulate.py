@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from .noise import Noise
 
 
+MAX_POSES = 1_000_000  # about 1 GB of memory; more would end the machine's, not the work
+
+
 @made_of(noise=noise_of)
 def simulate_command(
     noise: "Noise | None",
@@ -39,8 +42,8 @@ def simulate_command(
         raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     if seed < 0:
         raise InputError(f"Expected --seed to be 0 or more, got {seed}.")
-    if n_poses < 1:
-        raise InputError(f"Expected --poses to be at least 1, got {n_poses}.")
+    if not 1 <= n_poses <= MAX_POSES:
+        raise InputError(f"Expected --poses to be from 1 to {MAX_POSES}, got {n_poses}.")
     near, _, far = distance.partition(",")
     poses = simulate(n_poses, noise=noise, setup=setup, distance=(near, far or near), tilt=tilt, roll=roll, seed=seed)
     if poses.truth is None or poses.timestamps is None:

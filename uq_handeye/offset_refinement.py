@@ -236,6 +236,24 @@ def noise_at(noise: PoseNoise, found: Interpolated, side: str) -> PoseNoise:
     return PoseNoise(less, noise.camera) if side == "robot" else PoseNoise(noise.robot, less)
 
 
+def noise_of_rows(noise: PoseNoise, found: Interpolated, side: str) -> PoseNoise:
+    """The noise to calibrate all rows with as if they were independent: `noise_at`, and samples that rows share.
+
+    Rows whose intervals touch share a sample. With the weights ``w_ik`` of sample k in row i, their errors have the
+    covariances ``sum_k w_ik w_jk S``. What neighbours do to X is alike, so that of row i counts what it shares with all
+    others: ``sum_k w_ik s_k S``, with ``s_k = sum_j w_jk``. That is `noise_at` where the interpolated stream has twice
+    the rate of the other, and S itself, not 2/3 of it, where both have the same.
+    """
+    S = getattr(noise, side)
+    if S is None:
+        return noise
+    w = np.clip(found.weight, 0.0, 1.0)
+    size = int(found.left.max(initial=0)) + 2
+    used = np.bincount(found.left, w, size) + np.bincount(found.left + 1, 1 - w, size)
+    counted = (w * used[found.left] + (1 - w) * used[found.left + 1])[:, None, None] * S
+    return PoseNoise(counted, noise.camera) if side == "robot" else PoseNoise(noise.robot, counted)
+
+
 def honest(c: Array, model_std: float) -> tuple[float, float]:
     """The deviation of the offset from its contributions (n,), and the factor for correlated neighbours in it."""
     n = len(c)

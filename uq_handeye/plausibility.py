@@ -38,6 +38,8 @@ SIGNAL_TO_NOISE = 4.0
 POOR = 0.03
 # Farther from its base than any arm reaches, in metres.
 FAR = 20.0
+# Numbers above this are millimetres: in centimetres they would be farther than most arms reach.
+IN_MILLIMETRES = 250.0
 # What sits farther from the gripper than this, and than the fixed part from the base, is unusual (m).
 LONG_BRACKET = 0.4
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
@@ -54,9 +56,11 @@ def check_poses(poses: PosePairs) -> list[str]:
         t = T[:, :3, 3]
         far = float(np.abs(t).max())
         if far > FAR:
+            unit, looks = ("mm", "millimetres") if far > IN_MILLIMETRES else ("cm", "centimetres, or inches (in)")
+            small = "" if unit == "mm" else "; or mm, if the rig is smaller than a hand"
             found.append(
-                f"The {name} translations reach {far:.4g} m: they look like millimetres or centimetres. Give "
-                f"{in_both(name, 'units', 'mm', 'm')}."
+                f"The {name} translations reach {far:.4g} m: they look like {looks}. Give "
+                f"{in_both(name, 'units', unit, 'm')}{small}."
             )
         span = np.ptp(t, axis=0)
         for axis in range(3):

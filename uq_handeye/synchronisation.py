@@ -35,7 +35,7 @@ from .offset_refinement import (
     Pairing,
     Refined,
     bias_of_interpolation,
-    noise_at,
+    noise_of_rows,
     refine,
     start,
     thinned,
@@ -104,7 +104,8 @@ def synchronise(
     still : bool
         One averaged pose pair for each stop, instead of all poses in motion; for robots that stop for each picture.
     noise : PoseNoise or None
-        Of the samples of each stream, 6x6. None estimates that of the pairs (and `calibrate` may do so again).
+        Of the samples of each stream, 6x6. None estimates that of the pairs (and `calibrate` may do so again). With it
+        ``Synchronised.noise`` is that of the pairs, to be given to `calibrate`: the mean of two samples is less noisy.
     seed : int
         Of the random subsets.
 
@@ -357,7 +358,7 @@ def _assembled(
         alternatives=() if estimate is None else tuple(value + shift for value in estimate.alternatives),
         stops=len(stops) if still else None,
         stops_found=len(stops),
-        noise=None if noise is None or still else noise_at(noise, fine, pairing.side),
+        noise=None if noise is None or still else noise_of_rows(noise, fine, pairing.side),
         notes=tuple(_notes(robot, camera, stops, still)),
         warnings=tuple(texts),
         correlation=None if estimate is None else estimate.correlation,

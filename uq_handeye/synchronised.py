@@ -40,7 +40,7 @@ class Synchronised:
     alternatives: tuple[float, ...]  # other offsets that fit nearly as well
     stops: int | None  # that the poses were averaged from; None: poses in motion
     stops_found: int
-    noise: PoseNoise | None  # of the pose pairs, from that of the samples, where that was given
+    noise: PoseNoise | None  # of the pose pairs, for `calibrate`, where that of the samples was given
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     correlation: Correlation | None = field(repr=False)

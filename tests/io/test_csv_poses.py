@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from uq_handeye.errors import InputError
 from uq_handeye.io import _lines, csv_poses, pose_text, read_pose_file, write_pose_file
+from uq_handeye.io.formats import read_contents
 
 HEADER = "timestamp,x,y,z,qx,qy,qz,qw"
 GOOD = f"{HEADER}\n0.5,1,2,3,0,0,0,1\n1.5,4,5,6,1,0,0,0\n"
@@ -77,6 +78,59 @@ def test_reads(file, content):
     check_good(file(content))
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        GOOD.replace(",", ";"),
+        GOOD.replace(",", ";").replace("0.5", "0,5").replace("1.5", "1,5"),
+        GOOD.replace(",", "\t"),
+        "\n".join([HEADER, '"0.5","1","2","3","0","0","0","1"', '"1.5","4","5","6","1","0","0","0"']),
+        "#" + GOOD,
+        "# made by a tool, in a lab\n# " + GOOD,
+        "# " + HEADER + "\n" + GOOD,
+        GOOD.replace("x,y,z", "x_m,y_m,z_m"),
+        "timestamp [ms],x [mm],y [mm],z [mm],qx [],qy [],qz [],qw []\n500,1000,2000,3000,0,0,0,1\n"
+        "1500,4000,5000,6000,1,0,0,0\n",
+        "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z [],v [m s^-1]\n"
+        "500000000,1,2,3,1,0,0,0,9\n1500000000,4,5,6,0,1,0,0,9\n",
+        "%time,field.header.frame_id,field.pose.position.x,field.pose.position.y,field.pose.position.z,"
+        "field.pose.orientation.x,field.pose.orientation.y,field.pose.orientation.z,field.pose.orientation.w\n"
+        "500000000,base,1,2,3,0,0,0,1\n1500000000,base,4,5,6,1,0,0,0\n",
+        "name,__time,/p/position/x,/p/position/y,/p/position/z,/p/orientation/x,/p/orientation/y,/p/orientation/z,"
+        "/p/orientation/w\na b.png,0.5,1,2,3,0,0,0,1\nc.png,1.5,4,5,6,1,0,0,0\n",
+    ],
+    ids=[
+        *(
+            "semicolons",
+            "decimal-commas",
+            "tabs",
+            "quoted-numbers",
+            "comment-header",
+            "comments-header",
+            "both-headers",
+        ),
+        *("metres", "millimetres", "euroc", "rostopic", "plotjuggler"),
+    ],
+)
+def test_reads_tables_of_other_programs(file, content):
+    check_good(file(content))
+
+
+def test_units_in_the_header_and_units_given(file):
+    path = file(GOOD.replace("x,y,z", "x_mm,y_mm,z_mm"))
+    _, poses = read_pose_file(path)
+    np.testing.assert_array_equal(read_pose_file(path, units="mm")[1], poses)
+    assert poses[0, 0, 3] == 0.001
+    text = message(path, units="cm")
+    assert "in mm" in text
+    assert "cm" in text
+
+
+def test_what_is_not_used_is_said(file):
+    contents = read_contents(file(f"id,{HEADER}\n7,0.5,1,2,3,0,0,0,1\n"), None)[0]
+    assert "not used: the columns 'id'" in contents.notes
+
+
 def test_comment_in_any_encoding_is_skipped(file):
     check_good(file(b"# \xe4\xff\n" + GOOD.encode()))
 
@@ -106,11 +160,17 @@ ROW = "0,1,2,3,0,0,0,1\n"
         (HEADER, ["no rows"]),
         (ROW, ["line 1", HEADER, "header line is missing"]),
         ("# time x y z\n0 1 2 3 0 0 0 1\n", ["line 2", "header line is missing"]),
-        (HEADER.replace(",", ";") + "\n", ["line 1", "separate the fields by commas"]),
+        (HEADER.replace(",", ";") + "\n0;1;2\n", ["line 2", "8 fields separated by semicolons", "got 3"]),
+        ("x,y,z,qx,qy,qz\n" + ROW, ["line 1", "missing: 'qw'"]),
+        ("x,y,z,roll,pitch,yaw\n" + ROW, ["line 1", "unknown: 'roll, pitch, yaw'", "must be quaternions"]),
+        (HEADER.replace("x,y", "x_mm,y_m") + "\n" + ROW, ["line 1", "one unit for x, y and z", "m, mm, none"]),
+        (HEADER.replace("qx", "qx_deg") + "\n" + ROW, ["line 1", "missing: 'qx'"]),
+        ("1,2,3,0,0,0,1\n", ["line 1", "header line is missing", "x,y,z,qx,qy,qz,qw"]),
+        (",".join("1" * 16) + "\n", ["line 1", "(n, 4, 4)", "numpy.save"]),
         (GOOD.replace("\n", "\r"), ["line 1", "line feed"]),
-        ("when,x,y,z,qx,qy,qz,qw\n" + ROW, ["line 1", HEADER, "'when,x,y", "missing: 'timestamp'", "unknown: 'when'"]),
-        (HEADER + ",note\n" + ROW, ["line 1", "unknown: 'note'"]),
-        ("x,x,y,z,qx,qy,qz,qw\n", ["missing: 'timestamp'", "repeated: 'x'"]),
+        ("when,x,y,qx,qy,qz,qw\n" + ROW, ["line 1", HEADER, "'when,x,y", "missing: 'z'", "unknown: 'when'"]),
+        ("x,x,y,z,qx,qy,qz,qw\n", ["repeated: 'x'"]),
+        ("tx,x,y,z,qx,qy,qz,qw\n", ["repeated: 'x'"]),
         (f"{HEADER}\n{ROW}1,2,3\n", ["line 3", "expected 8 fields", "got 3"]),
         (f"{HEADER}\n1,2,3,4,0,0,0,1,\n", ["line 2", "got 9"]),
         (f"{HEADER}\na,b,c\n", ["line 2", "got 3"]),

@@ -286,6 +286,87 @@ def test_tum_with_a_line_of_names(tmp_path, rig):
     assert any("scalar first" in note for note in poses.sources[0].notes)
 
 
+def test_tum_with_names_in_a_comment(tmp_path, rig):
+    q = [Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True) for T in rig[0]]
+    rows = [[k, *T[:3, 3], *one] for k, (T, one) in enumerate(zip(rig[0], q, strict=True))]
+    path = tmp_path / "robot.txt"
+    path.write_text(
+        "# timestamp tx ty tz qw qx qy qz\n" + "\n".join(" ".join(map(repr, map(float, row))) for row in rows)
+    )
+    np.testing.assert_allclose(read_stream(path, "robot").poses, rig[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("column", [False, True])
+def test_npz_with_the_names_of_opencv(tmp_path, rig, column):
+    T, C = rig[0], rig[1]
+    shape = (-1, 3, 1) if column else (-1, 3)
+    rvecs = Rotation.from_matrix(C[:, :3, :3]).as_rotvec().reshape(shape)
+    robot = {"R_gripper2base": T[:, :3, :3], "t_gripper2base": T[:, :3, 3].reshape(shape)}
+    np.savez(tmp_path / "both.npz", **robot, rvecs=rvecs, tvecs=C[:, :3, 3].reshape(shape))
+    check(read_poses(tmp_path / "both.npz"), rig, 1e-12)
+    np.savez(tmp_path / "robot.npz", R=T[:, :3, :3], t=T[:, :3, 3].reshape(shape))
+    np.savez(tmp_path / "camera.npz", rvecs=rvecs, tvecs=C[:, :3, 3].reshape(shape))
+    check(read_poses(tmp_path / "robot.npz", tmp_path / "camera.npz"), rig, 1e-12)
+
+
+def test_arrays_without_the_last_row_or_flat(tmp_path, rig):
+    np.save(tmp_path / "robot.npy", rig[0][:, :3])
+    np.save(tmp_path / "camera.npy", rig[1].reshape(-1, 16))
+    check(read_poses(tmp_path / "robot.npy", tmp_path / "camera.npy"), rig)
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
+def test_opencv_with_names_of_either_side(tmp_path, rig, suffix):
+    for name, poses in (("robot", rig[0]), ("camera", rig[1])):
+        storage = cv2.FileStorage(str(tmp_path / f"{name}.{suffix}"), cv2.FILE_STORAGE_WRITE)
+        storage.write("rvecs", Rotation.from_matrix(poses[:, :3, :3]).as_rotvec())
+        storage.write("tvecs", np.ascontiguousarray(poses[:, :3, 3]))
+        storage.release()
+        storage = cv2.FileStorage(str(tmp_path / f"{name}_T.{suffix}"), cv2.FILE_STORAGE_WRITE)
+        storage.startWriteStruct("poses", cv2.FileNode_SEQ)
+        for T in poses:
+            storage.write("", T)
+        storage.endWriteStruct()
+        storage.release()
+    for tail in ("", "_T"):
+        poses = read_poses(tmp_path / f"robot{tail}.{suffix}", tmp_path / f"camera{tail}.{suffix}")
+        check(poses, rig, 1e-12)
+
+
+def renamed(transform):
+    return {"position": transform["translation"], "orientation": transform["rotation"]}
+
+
+def test_json_of_other_programs(tmp_path, rig):
+    pairs = list(zip(rig[0], rig[1], strict=True))
+    forms = {
+        "poses": ({"poses": T.tolist()} for T in (rig[0], rig[1])),
+        "message": ([message(T) for T in side] for side in (rig[0], rig[1])),
+        "pose": ([{"header": {}, "pose": renamed(message(T))} for T in side] for side in (rig[0], rig[1])),
+        "rigid": (
+            [{"translation": T[:3, 3].tolist(), "rotation": T[:3, :3].tolist()} for T in side]
+            for side in (rig[0], rig[1])
+        ),
+        "samples": [{"samples": [{"robot_pose": A.tolist(), "camera_pose": C.tolist()} for A, C in pairs]}],
+        "pairs": [[{"robot": message(A), "camera": message(C)} for A, C in pairs]],
+    }
+    for form, trees in forms.items():
+        paths = []
+        for k, tree in enumerate(trees):
+            paths.append(tmp_path / f"{form}{k}.json")
+            paths[-1].write_text(json.dumps(tree))
+        check(read_poses(*paths), rig, 1e-12)
+
+
+def test_samples_within_the_server_of_easy_handeye(tmp_path, rig):
+    samples = [
+        {"robot": {"transform": message(A)}, "optical": {"transform": message(C)}}
+        for A, C in zip(rig[0], rig[1], strict=True)
+    ]
+    (tmp_path / "samples.yaml").write_text(yaml.safe_dump(samples))
+    check(read_poses(tmp_path / "samples.yaml", setup="eye-in-hand"), rig, 1e-12)
+
+
 def test_frames_and_units(tmp_path, rig):
     robot, camera = (np.linalg.inv(T) for T in rig)
     camera[:, :3, 3] *= 1000

@@ -12,7 +12,7 @@ from uq_handeye.analysis import StoredAnalysis
 from uq_handeye.errors import InputError
 from uq_handeye.pose_table import PoseTable
 from uq_handeye.report.budget_figure import budget_figure
-from uq_handeye.report.figure_parts import WIDTH, inline_svg
+from uq_handeye.report.figure_parts import BLUE, GREEN, WIDTH, inline_svg
 from uq_handeye.report.figures import figures, pictures
 from uq_handeye.report.methods_figure import methods_figure
 from uq_handeye.report.residual_figure import residual_figure
@@ -166,6 +166,40 @@ def test_residuals_show_every_pose_and_name_the_worst():
     assert [text.get_text() for text in figure.get_axes()[2].texts] == ["7", "1500"]
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert legend[:3] == ["kept (1,998)", "downweighted (1)", "rejected (1)"]
+
+
+@pytest.mark.parametrize("largest", [2.6, 15.0, 400.0, 37_982.0, 4e9])
+def test_d2_has_few_plain_ticks_and_shows_every_pose_and_the_limit(largest):
+    some = table(30)
+    distance2 = np.geomspace(0.8, largest, 30)
+    some = replace(some, distance2=distance2, translation=1e-4 * distance2)
+    figure = residual_figure(some)
+    axis = figure.get_axes()[2]
+    low, high = axis.get_ylim()
+    assert low < max(distance2.min(), 1e-6 * largest) and high > max(some.limit, distance2.max())
+    figure.draw_without_rendering()
+    for part in figure.get_axes():
+        if part.get_yscale() != "log":
+            continue
+        low, high = part.get_ylim()
+        both = zip(part.get_yticks(), part.get_yticklabels(), strict=True)
+        texts = [text.get_text() for tick, text in both if low <= tick <= high]
+        assert 2 <= len(texts) <= 9
+        assert not any(text.get_text() for text in part.get_yticklabels(minor=True))
+        if high < 1e6:
+            assert all(re.fullmatch(r"[0-9.,]+", text) for text in texts), texts
+    assert overlapping(figure) == []
+
+
+def test_what_stands_still_is_seen_whole(both):
+    poses, result = both
+    scene = rig(poses, result.X, result.W, result.covariance, None)
+    axis = rig_figure(scene).get_axes()[1]
+    low, high = np.array([axis.get_xlim(), axis.get_ylim()]).T
+    colour = GREEN if poses.setup == "eye-in-hand" else BLUE
+    drawn = next(np.array(line.get_xydata()) for line in axis.get_lines() if line.get_color() == colour)
+    assert len(drawn) > 2  # target or camera, not an axis of the base
+    assert (drawn >= low).all() and (drawn <= high).all()
 
 
 def test_residuals_of_very_many_poses_stay_a_small_drawing():

@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -14,13 +15,14 @@ import pytest
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.errors import InputError, MissingExtraError
+from uq_handeye.errors import InputError, InputWarning, MissingExtraError
 from uq_handeye.provenance import Provenance
-from uq_handeye.report import pdf
+from uq_handeye.report import pdf, sections_data, sections_repeat
 from uq_handeye.report.figure_parts import canvas
 from uq_handeye.report.html import report_html
 from uq_handeye.report.sections_data import pretty
 from uq_handeye.sources import Source
+from uq_handeye.timing import TimeOffset, Timing
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 ANCHORS = [
@@ -313,3 +315,49 @@ def test_signs_of_print(plain, shown):
 def test_the_package_stays_light():
     code = "import sys, uq_handeye; assert not {'matplotlib', 'jinja2', 'weasyprint', 'pandas'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+# ------------------------------------------------------------------------------------------------- what repeats a run
+
+
+def test_the_noise_that_was_given_can_be_given_again(result):
+    words = " ".join(t for row in sections_repeat._noise(result) for t in row)
+    for name, rotation, translation in (("robot", 0.02, 5e-5), ("camera", 0.1, 5e-4)):
+        found = re.search(rf"noise of {name} (\S+) rad, (\S+) m", words)
+        assert np.allclose([float(x) for x in found.groups()], [np.radians(rotation), translation], rtol=1e-12)
+    several = uq.PoseNoise(None, np.stack([NOISE.camera] * 12))
+    facts = sections_repeat._noise(replace(result, noise=several))
+    assert facts[0] == ["noise of robot", "exact"]
+    assert re.fullmatch(r"12 x 6 x 6, SHA-256 [0-9a-f]{64}", facts[1][1])
+    other = several.camera.copy()
+    other[3, 2, 2] *= 1.001
+    assert sections_repeat._noise(replace(result, noise=uq.PoseNoise(None, other)))[1] != facts[1]
+    diagonal = np.diag([1e-6, 2e-6, 1e-6, 1e-8, 1e-8, 1e-8])  # axes that differ are not two numbers
+    assert "SHA-256" in sections_repeat._noise(replace(result, noise=uq.PoseNoise(diagonal)))[0][1]
+    pairs = uq.PairNoise(B=1e-6 * np.eye(6))
+    assert [fact[0] for fact in sections_repeat._noise(replace(result, noise=pairs))] == ["noise of A", "noise of B"]
+
+
+def test_the_section_on_the_run_has_noise_and_time_offset(result, page, quick):
+    assert "noise of camera" in page.words("repeat") and "time offset" not in page.words("repeat")
+    offset = TimeOffset(-0.0168947, 0.00117944, "robot", (0.1,) * 6, 0.3)
+    with_offset = Page(report_html(replace(result, time_offset=offset), comparison=False))
+    assert "by the noise alone: the time offset" in with_offset.words("observability")
+    assert "by the noise alone" not in page.words("observability")
+    found = with_offset.words("repeat")
+    assert "time offset (s) -0.0168947" in found and "its standard deviation (s) 0.00117944" in found
+
+
+def test_what_many_methods_say_is_said_once(result):
+    rate = np.ones((12, 6))
+    poses = replace(simulated(), timing=Timing(0.1, 1e-3, rate, "robot"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        compared = uq.compare(poses, noise=NOISE)
+    said = [text for text in sections_data._gathered(compared) if "time offset" in text]
+    assert len(said) == 1 and said[0].startswith("tsai, shiu, ") and "the method takes it as exact" in said[0]
+
+
+def test_numbers_in_a_column_keep_their_zeros(page, result):
+    weights = re.findall(r" (\d\.\d+) kept", page.words("residuals"))
+    assert weights == [f"{w:.3f}" for w in result.table.weight]

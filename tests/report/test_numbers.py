@@ -8,7 +8,7 @@ import pytest
 from support import SEED
 
 from uq_handeye import InputError
-from uq_handeye.report.numbers import concise
+from uq_handeye.report.numbers import column, concise, fixed
 
 TABLE = [
     (12.3452, 0.0668, "12.345(67)"),
@@ -71,3 +71,31 @@ def test_what_is_written_is_what_it_is():
 def test_numbers_that_are_none_are_refused(value, std):
     with pytest.raises(InputError, match="finite value and a standard deviation of 0 or more"):
         concise(value, std)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.8, "0.800"), (10, "10.0"), (99.96, "100"), (0.048, "0.0480"), (1234.5, "1234"), (0, "0"), (1e-9, "1.00e-09"),
+     (-2, "-2.00"), (123456, "123456"), (0.9996, "1.00")],
+)  # fmt: skip
+def test_zeros_at_the_end_are_kept_in_tables(value, text):
+    assert fixed(value) == text
+
+
+def test_a_column_has_its_decimal_points_below_each_other():
+    assert column([0.158, 0.0586, 1.2, 0.84]) == ["0.158", "0.059", "1.200", "0.840"]
+    assert column([2.52, 10, 0.454, 5.4, 16.9]) == ["2.52", "10.00", "0.45", "5.40", "16.90"]
+    assert column([2.1, 3, 5.04], 2) == ["2.1", "3.0", "5.0"]
+    assert column([840, 300, 1290]) == ["840", "300", "1290"]
+    assert column([0.0, 0.5, 2.0]) == ["0", "0.500", "2.000"]
+    assert column([0.01, 250.0, 90000.0]) == ["0.0100", "250", "90000"]  # too far apart for that
+    assert column([1e-9, 1.0, 2.0])[0] == "1.00e-09"
+    assert column([]) == [] and column([0.0]) == ["0"]
+
+
+def test_a_column_shows_a_digit_of_every_number():
+    rng = np.random.default_rng(SEED)
+    for spread in (0.1, 1, 3, 8):
+        values = 10 ** (spread * rng.normal(size=30))
+        for value, text in zip(values, column(values), strict=True):
+            assert abs(float(text) - value) <= 0.5 * value, (value, text)

@@ -16,6 +16,10 @@ POSE_NAMES = {
     "base_T_gripper": ("robot", "base_T_gripper"),
     "T_gripper2base": ("robot", "base_T_gripper"),
     "gripper2base": ("robot", "base_T_gripper"),
+    "H_gripper2base": ("robot", "base_T_gripper"),
+    "T_base_gripper": ("robot", "base_T_gripper"),
+    "robot_poses": ("robot", "base_T_gripper"),
+    "robot_pose": ("robot", "base_T_gripper"),
     "gripper_T_base": ("robot", "gripper_T_base"),
     "T_base2gripper": ("robot", "gripper_T_base"),
     "base2gripper": ("robot", "gripper_T_base"),
@@ -23,6 +27,11 @@ POSE_NAMES = {
     "camera_T_target": ("camera", "camera_T_target"),
     "T_target2cam": ("camera", "camera_T_target"),
     "target2cam": ("camera", "camera_T_target"),
+    "H_target2cam": ("camera", "camera_T_target"),
+    "T_camera_target": ("camera", "camera_T_target"),
+    "T_cam_target": ("camera", "camera_T_target"),
+    "camera_poses": ("camera", "camera_T_target"),
+    "camera_pose": ("camera", "camera_T_target"),
     "target_T_camera": ("camera", "target_T_camera"),
     "T_cam2target": ("camera", "target_T_camera"),
     "cam2target": ("camera", "target_T_camera"),
@@ -69,12 +78,17 @@ def vector(value: Any, size: int, where: str) -> list[float]:
     return [number(entry, f"{where}[{k}]") for k, entry in enumerate(value)]
 
 
+_TRANSFORM = ("translation", "rotation")
+
+
 def transform(value: Any, where: str) -> list[float]:
-    """x, y, z and the quaternion x, y, z, w of a ``geometry_msgs/Transform`` or ``TransformStamped``."""
-    if isinstance(value, dict) and "transform" in value and "translation" not in value:
-        return transform(value["transform"], f"{where}, transform")
+    """x, y, z and the quaternion x, y, z, w of a ``geometry_msgs/Transform`` or ``Pose``, stamped or not."""
+    for outer in ("transform", "pose"):
+        if isinstance(value, dict) and outer in value and not {"translation", "position"} & set(value):
+            return transform(value[outer], f"{where}, {outer}")
+    names = ("position", "orientation") if isinstance(value, dict) and "position" in value else _TRANSFORM
     numbers: list[float] = []
-    for part, axes in (("translation", "xyz"), ("rotation", "xyzw")):
+    for part, axes in zip(names, ("xyz", "xyzw"), strict=True):
         fields = item(value, part, where)
         numbers += [number(item(fields, axis, f"{where}, {part}"), f"{where}, {part}.{axis}") for axis in axes]
     return numbers

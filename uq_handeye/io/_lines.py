@@ -23,18 +23,24 @@ def rows_of(
     name: str,
     fields_of: Callable[[bytes, str], list[bytes] | None],
     explain: Callable[[list[bytes], str], NoReturn],
+    comment: Callable[[bytes, str], None],
 ) -> tuple[Array, NDArray[np.int64]]:
     """The numbers (n, k) of a file, finite or not, and the line number of each row.
 
     Blank lines and lines that start with # are left out. ``fields_of`` splits a line, always into as many fields, or
-    returns None for one that holds no row; ``explain`` raises for fields that are not all numbers.
+    returns None for one that holds no row; ``explain`` raises for fields that are not all numbers; ``comment`` sees the
+    lines that start with # before the first row: some tools name the columns there.
     """
     values, numbers = array("d"), array("q")
     for number, line in enumerate(_lines(file, name), start=1):
         text = line.strip()
-        if not text or text.startswith(b"#"):
+        if not text:
             continue
         where = f"{name}, line {number}"
+        if text.startswith(b"#"):
+            if not numbers:
+                comment(text, where)
+            continue
         if (fields := fields_of(text, where)) is None:
             continue
         try:

@@ -43,6 +43,7 @@ class Side:
     order : order of the quaternions, by their names or the rules of the format
     columns : names of timestamp, translation and quaternion in messages
     frame : what the file itself says the poses are, one of `FRAMES`, or None
+    units : length unit that the file itself says, or None
     """
 
     name: str
@@ -54,6 +55,7 @@ class Side:
     order: str = "xyzw"
     columns: tuple[str, ...] = COLUMNS
     frame: str | None = None
+    units: str | None = None
 
     def __len__(self) -> int:
         return len(self.translation)
@@ -107,7 +109,7 @@ def finished(side: Side, role: str, units: str, quaternion: str | None, frame: s
     ----------
     side : what the file holds
     role : "robot" or "camera"
-    units : unit of the translations
+    units : unit of the translations, unless the file says it
     quaternion : "xyzw", "wxyz" or None, the order in which the four numbers stand in the file; None: `Side.order`
     frame : one of `FRAMES`; the first is that of the file, if the file names one, and the second inverts
 
@@ -118,6 +120,13 @@ def finished(side: Side, role: str, units: str, quaternion: str | None, frame: s
         normalised), an order of quaternions for matrices.
     """
     factor = require_units(units)
+    if side.units is not None:
+        if units not in ("m", side.units):  # m is what is left out
+            raise InputError(
+                f"{side.name} names its translations in {side.units}, and `units` (--units, --{role}-units) says "
+                f"{units}: leave `units` out, or correct the names of the columns."
+            )
+        factor = require_units(side.units)
     check_numbers(side)
     if quaternion is not None and quaternion not in ORDERS:
         raise InputError(f"Expected `quaternion` (--quaternion) to be xyzw or wxyz, got {quaternion!r}.")

@@ -1,15 +1,19 @@
 """Pose files in CSV: one pose per line under the header ``timestamp,x,y,z,qx,qy,qz,qw``.
 
 A line is a timestamp (seconds, or a row number), a position (metres) and a unit quaternion; the columns may come in any
-order. Other common names of them are taken as well (`ALIASES`), and the timestamp may be left out. Blank lines, comment
-lines that start with ``#``, spaces around fields, a byte order mark and Windows line ends are tolerated; everything
-else that is not such a table is an error that names the file, the line as an editor numbers it, and the column.
+order. Other common names of them are taken as well (`_columns`), with units behind them; the timestamp may be left out,
+and further columns are not used. Fields are separated by commas, or, where the header has none, by semicolons (numbers
+then may have decimal commas) or tabs. Blank lines, comment lines that start with ``#``, spaces and quotes around
+fields, a byte order mark and Windows line ends are tolerated, and so is a header that is a comment; everything else
+that is not such a table is an error that names the file, the line as an editor numbers it, and the column.
 """
 
 from __future__ import annotations
 
 import re
 import warnings
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
@@ -19,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError, InputWarning
 from ..poses import first_duplicate
 from ..se3 import Array, as_transforms
+from ._columns import SECONDS, meaning_and_unit
 from ._files import StrPath, as_path, opened, shown
 from ._lines import MAX_BYTES, decoded, is_number, rows_of, short
 from ._side import COLUMNS, Contents, Side, finished, require_units
@@ -26,46 +31,81 @@ from .atomic import write_atomically
 
 HEADER = ",".join(COLUMNS)
 
-# Other names of the columns, in small letters, that mean one thing only.
-ALIASES = {
-    **dict.fromkeys(("t", "time", "stamp", "time_s", "timestamp_s"), "timestamp"),
-    **{f"{prefix}{axis}": axis for prefix in ("t", "t_", "p", "p_", "pos_") for axis in "xyz"},
-    **{f"{prefix}{axis}": f"q{axis}" for prefix in ("q_", "quat_") for axis in "xyzw"},
-}
+_MARKS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The line of names: those that are used, where they stand, and what they mean."""
+
+    separator: bytes
+    count: int  # columns of the file
+    used: list[int]
+    names: list[str]
+    meant: list[str]
+    units: dict[str, str | None]  # of what is meant
+    left: list[str]  # names that are not used
 
 
 def read_csv(file: BinaryIO, name: str) -> Contents:
     """The poses of a CSV file, as they stand there."""
-    names: list[str] = []
-    notes: list[str] = []
+    header: _Header | None = None
+    commented = False  # the header stood in a comment; a real one may follow
+    decimal_commas = False
+
+    def comment(text: bytes, where: str) -> None:
+        nonlocal header, commented
+        if header is None:
+            with suppress(InputError):  # any other comment
+                header, commented = _header(text.lstrip(b"# \t"), where), True
 
     def fields_of(text: bytes, where: str) -> list[bytes] | None:
-        if not names:
-            found = _column_names(text, where)
-            names.extend(found)
+        nonlocal header, commented, decimal_commas
+        again = commented and not any(map(is_number, re.split(rb"[,;\s]+", text)))
+        commented = False
+        if header is None or again:
+            header = _header(text, where)
             return None
-        fields = text.split(b",")
-        if len(fields) != len(names):
-            decoded(text, f"{where}: expected {len(names)} fields")
-            raise InputError(f"{where}: expected {len(names)} fields separated by commas, got {len(fields)}.")
+        if b'"' in text:
+            text = text.replace(b'"', b"")
+        fields = text.split(header.separator)
+        if len(fields) != header.count:
+            decoded(text, f"{where}: expected {header.count} fields")
+            mark = _MARKS[header.separator.decode()]
+            raise InputError(f"{where}: expected {header.count} fields separated by {mark}, got {len(fields)}.")
+        if header.left:
+            fields = [fields[k] for k in header.used]
+        if header.separator != b"," and b"," in text:
+            decimal_commas = True
+            fields = [field.replace(b",", b".") for field in fields]
         return fields
 
     def explain(fields: list[bytes], where: str) -> NoReturn:
-        for column, field in zip(names, fields, strict=True):
+        for column, field in zip([] if header is None else header.names, fields, strict=True):
             if not is_number(field):
                 text = decoded(field, f"{where}, column {column}: expected a number").strip(" \t")
                 got = short(text) if text else "an empty field"
                 raise InputError(f"{where}, column {column}: expected a number, got {got}.")
         raise AssertionError(where)  # the caller has found something wrong
 
-    table, lines = rows_of(file, name, fields_of, explain)
-    if not names:
+    table, lines = rows_of(file, name, fields_of, explain, comment)
+    if header is None:
         raise InputError(f"{name}: the file is empty; expected the header {HEADER} and one line per pose.")
     if not len(lines):
         raise InputError(f"{name}: no rows after the header; expected one line per pose.")
-    meant = [meaning(column) for column in names]
+    return _contents(name, header, table, lines, decimal_commas)
+
+
+def _contents(name: str, header: _Header, table: Array, lines: NDArray[np.int64], decimal_commas: bool) -> Contents:
+    """The poses under a header, and notes of what was found out from it."""
+    names, meant, notes = header.names, header.meant, []
     if meant != names:
         notes.append(f"columns {', '.join(names)} read as {', '.join(meant)}")
+    if header.left:
+        notes.append(f"not used: the columns {short(', '.join(header.left))}")
+    if header.separator != b",":
+        marks = "semicolons, numbers with decimal commas" if decimal_commas else _MARKS[header.separator.decode()]
+        notes.append(f"fields separated by {marks}")
     # The quaternion as it stands in the file, and the order in which its columns are named.
     quaternion = [k for k, column in enumerate(meant) if column.startswith("q")]
     order = "".join(meant[k][1] for k in quaternion)
@@ -75,15 +115,20 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
         notes.append("quaternions with the scalar first, as the columns are named")
     times = None
     if "timestamp" in meant:
-        times = table[:, meant.index("timestamp")].copy()
+        unit = header.units["timestamp"] or "s"
+        times = table[:, meant.index("timestamp")] * SECONDS[unit]
+        if unit not in ("s", "sec"):
+            notes.append(f"timestamps in {unit}, as the column is named")
     else:
         notes.append("no timestamp column: rows are numbered 0, 1, 2, ...")
     translation = [meant.index(axis) for axis in "xyz"]
+    if (length := header.units["x"]) is not None:
+        notes.append(f"translations in {length}, as the columns are named")
     columns = (
         names[meant.index("timestamp")] if times is not None else "timestamp",
         *(names[k] for k in translation + quaternion),
     )
-    side = Side(name, table[:, translation], table[:, quaternion], times, lines, "line", order, columns)
+    side = Side(name, table[:, translation], table[:, quaternion], times, lines, "line", order, columns, units=length)
     return Contents(only=side, notes=tuple(notes))
 
 
@@ -167,29 +212,41 @@ def pose_text(poses: Any, timestamps: ArrayLike | None = None) -> str:
     return "\n".join([HEADER, *rows, ""])
 
 
-def meaning(column: str) -> str:
-    """The column of `COLUMNS` that a name means, or the name itself."""
-    small = column.lower()
-    return small if small in COLUMNS else ALIASES.get(small, column)
-
-
-def _column_names(line: bytes, where: str) -> list[str]:
-    """The names in the header line; raises `InputError` unless they mean those of `COLUMNS`, in any order."""
+def _header(line: bytes, where: str) -> _Header:
+    """The names of a header line; raises `InputError` unless they mean those of `COLUMNS`, in any order, and others."""
     text = decoded(line, f"{where}: expected the header {HEADER}")
-    names = [name.strip(" \t\"'") for name in text.split(",")]
-    meant = [meaning(name) for name in names]
-    if sorted(meant) in (sorted(COLUMNS), sorted(COLUMNS[1:])):
-        return names
-    words = re.split(r"[,;\s]+", text)
+    separator = next((mark for mark in _MARKS if mark in text), ",")
+    names = [name.strip(" \t\"'") for name in text.split(separator)]
+    meant, units = map(list, zip(*map(meaning_and_unit, names), strict=True))
+    used = [k for k, column in enumerate(meant) if column in COLUMNS]
+    found = sorted(meant[k] for k in used)
+    if found in (sorted(COLUMNS), sorted(COLUMNS[1:])):
+        unit_of = {meant[k]: units[k] for k in used}
+        if len(lengths := {unit_of[axis] for axis in "xyz"}) > 1:
+            got = ", ".join(sorted(unit or "none" for unit in lengths))
+            raise InputError(f"{where}: expected one unit for x, y and z, got {got}.")
+        left = [name for k, name in enumerate(names) if k not in used]
+        return _Header(
+            separator.encode(), len(names), used, [names[k] for k in used], [meant[k] for k in used], unit_of, left
+        )
+    words = [word for word in re.split(r"[,;\s]+", text) if word]
     if len(words) > 1 and all(is_number(word.encode()) for word in words):
-        problem = "got numbers: the header line is missing, add it as the first line"
-    elif set(words) >= set(COLUMNS) and not set(names) >= set(COLUMNS):
-        problem = f"got {short(text)}: separate the fields by commas and end each line with a line feed"
-    else:
-        missing = [column for column in COLUMNS if column not in meant]
-        unknown = [name for name, column in zip(names, meant, strict=True) if column not in COLUMNS]
-        repeated = sorted({column for column in meant if meant.count(column) > 1} - set(unknown))
-        parts = (("missing", missing), ("unknown", unknown), ("repeated", repeated))
-        details = "; ".join(f"{what}: {short(', '.join(which))}" for what, which in parts if which)
-        problem = f"got {short(text)} ({details})"
-    raise InputError(f"{where}: expected the header {HEADER}, {problem}.")
+        what = f"got numbers: the header line is missing, {_missing_line(len(words))}"
+        raise InputError(f"{where}: expected the header {HEADER}, {what}.")
+    missing = [column for column in COLUMNS[1:] if column not in meant]
+    unknown = [name for name, column in zip(names, meant, strict=True) if column not in COLUMNS]
+    repeated = sorted({column for column in meant if column in COLUMNS and meant.count(column) > 1})
+    parts = (("missing", missing), ("unknown", unknown), ("repeated", repeated))
+    details = "; ".join(f"{what}: {short(', '.join(which))}" for what, which in parts if which)
+    hint = "; end each line with a line feed" if "\r" in text else ""
+    if not {"x", "y", "z"} & set(missing) and set(COLUMNS[4:]) <= set(missing):
+        hint = "; rotations must be quaternions, which scipy.spatial.transform.Rotation makes of angles or vectors"
+    raise InputError(f"{where}: expected the header {HEADER}, got {short(text)} ({details}){hint}.")
+
+
+def _missing_line(n: int) -> str:
+    """What to do with n numbers in a line and no names of them."""
+    if n in (12, 16):
+        return f"or, if the {n} numbers are a matrix, save the matrices (n, 4, 4) with numpy.save"
+    names = f"{HEADER} or {','.join(COLUMNS[1:])}"
+    return f"add it as the first line, as the columns stand in the file: {names}, or with qw first"

@@ -28,19 +28,22 @@ FIELDS = ("timestamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" f
 
 
 def read_easy_handeye2(tree: Any, name: str) -> Contents:
-    """``samples: [{robot, tracking}, ...]``, with ``parameters``."""
+    """``samples: [{robot, tracking}, ...]``, with ``parameters``; or the list alone."""
     _refuse_result(tree, name)
-    samples = item(tree, "samples", name)
+    samples = tree if isinstance(tree, list) else item(tree, "samples", name)
     if not isinstance(samples, list) or not samples:
         raise InputError(f"{name}, samples: expected a list of samples, got {got(samples)}.")
     parts = [
-        [transform(item(sample, part, f"{name}, sample {k}"), f"{name}, sample {k}, {part}") for part in _PARTS]
+        [transform(item(sample, part, f"{name}, sample {k}"), f"{name}, sample {k}, {part}") for part in _parts(sample)]
         for k, sample in enumerate(samples)
     ]
-    return _contents(np.array(parts), tree.get("parameters"), name)
+    return _contents(np.array(parts), None if isinstance(tree, list) else tree.get("parameters"), name)
 
 
-_PARTS = ("robot", "tracking")
+def _parts(sample: Any) -> tuple[str, str]:
+    """The names of both sides; easy_handeye calls the tracking ``optical`` within its server."""
+    old = isinstance(sample, dict) and "optical" in sample and "tracking" not in sample
+    return "robot", "optical" if old else "tracking"
 
 
 def read_easy_handeye(tree: Any, name: str) -> Contents:

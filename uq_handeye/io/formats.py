@@ -18,7 +18,7 @@ from ._lines import is_number, short
 from ._side import COLUMNS, Contents
 from .csv_poses import read_csv
 from .easy_handeye import read_easy_handeye, read_easy_handeye2
-from .json_poses import read_json
+from .json_poses import ONE_SIDE, is_message, read_json, samples_of
 from .moveit import NAMES as MOVEIT_NAMES
 from .moveit import read_moveit
 from .numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
@@ -143,7 +143,7 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
         if len(head) >= _HEAD:
             raise _unknown(name, head[:80])
         raise InputError(f"{name}: the file is empty; expected poses ({', '.join(FORMATS)}).")
-    words, fields = first.split(), first.split(b",")
+    words, fields = first.split(), re.split(rb"[,;\t]", first)
     names = {column.encode() for column in COLUMNS}
     if all(map(is_number, words)):
         return "tum"
@@ -191,7 +191,12 @@ def _samples(tree: Any) -> Any:
 
 def _is_json(tree: Any) -> bool:
     if isinstance(tree, list):
-        return bool(tree) and (isinstance(tree[0], list) or "translation" in _keys(tree))
+        one_side = isinstance(tree[0], list) if tree else False
+        return (
+            one_side or is_message(tree[0] if tree else None) or "translation" in _keys(tree) or bool(samples_of(tree))
+        )
+    if samples_of(tree) or (isinstance(tree, dict) and isinstance(tree.get(ONE_SIDE), list) and not is_storage(tree)):
+        return True
     return not is_storage(tree) and bool(_keys(tree) & {*POSE_NAMES, "format"}) and "R_gripper2base" not in tree
 
 
@@ -201,8 +206,10 @@ def _is_easy_handeye(tree: Any) -> bool:
 
 
 def _is_easy_handeye2(tree: Any) -> bool:
-    result = "parameters" in _keys(tree) and bool(_keys(tree) & {"transform", "transformation"})
-    return isinstance(tree, dict) and (isinstance(_samples(tree), list) or result)
+    if isinstance(tree, list):
+        return "robot" in _keys(tree) and bool(_keys(tree) & {"tracking", "optical"})
+    samples = isinstance(_samples(tree), list) and not samples_of(tree)
+    return samples or ("parameters" in _keys(tree) and bool(_keys(tree) & {"transform", "transformation"}))
 
 
 _MARKS: dict[str, Callable[[Any], bool]] = {

@@ -1,9 +1,11 @@
 """Poses in NumPy's files: ``.npy`` with one array (n, 4, 4), ``.npz`` with arrays by name.
 
-Names in ``.npz``: ``robot`` and ``camera``, or a frame (`POSE_NAMES`), each (n, 4, 4); ``timestamps`` for both, or
-``robot_timestamps`` and ``camera_timestamps``; ``setup``. A file with a single array (n, 4, 4) of another name holds
-one side. Nothing is unpickled, and the sizes that a file declares are checked before anything is read. Source of the
-rules: numpy/numpy, ``numpy/lib/_format_impl.py``.
+Names in ``.npz``: ``robot`` and ``camera``, or a frame (`POSE_NAMES`), each (n, 4, 4); or rotations and translations by
+the names of OpenCV's arguments (`opencv_storage.PAIRS`); ``timestamps`` for both, or ``robot_timestamps`` and
+``camera_timestamps``; ``setup``. A file with a single array (n, 4, 4) of another name, or with ``R`` and ``t`` or
+``rvecs`` and ``tvecs`` alone, holds one side. Matrices may lack their last row, (n, 3, 4), or be flat, (n, 16). Nothing
+is unpickled, and the sizes that a file declares are checked before anything is read. Source of the rules: numpy/numpy,
+``numpy/lib/_format_impl.py``.
 """
 
 from __future__ import annotations
@@ -23,9 +25,11 @@ from ..se3 import Array
 from ._fields import POSE_NAMES
 from ._lines import one_line, short
 from ._side import Contents, Side, matrices_side
+from .opencv_storage import EITHER_SIDE, PAIRS, joined
 
 MAX_BYTES = 500_000_000  # of all arrays of a file, unpacked
 MAX_ARRAYS = 100
+_SHAPES = ((4, 4), (3, 4), (16,))  # of a pose
 TIMES = ("timestamps", "timestamp", "times", "t")
 
 
@@ -50,11 +54,23 @@ def read_npz(data: bytes, name: str) -> Contents:
             raise InputError(f"{name}, setup: expected {' or '.join(SETUPS)}, got {short(setup)}.")
         notes.append(f"{setup}, as the file says")
     common = next((key for key in TIMES if key in arrays), None)
+    if common == "t" and "R" in arrays:  # translations
+        common = None
     sides: dict[str, Side] = {}
-    for key, array in arrays.items():
-        if key not in POSE_NAMES:
+    found = [(key, role, frame, array) for key, array in arrays.items() for role, frame in _named(key)]
+    either: tuple[str, NDArray[Any]] | None = None
+    for R_key, t_key, role, frame in (*PAIRS, ("R", "t", "", "")):
+        if R_key not in arrays or t_key not in arrays:
             continue
-        role, frame = POSE_NAMES[key]
+        R, t = (_numbers(arrays[key], f"{name}, {key}") for key in (R_key, t_key))
+        T = joined(R, t, f"{name}, {R_key}", f"{name}, {t_key}")
+        if R_key in (EITHER_SIDE, "R"):
+            either = (R_key, T)
+        else:
+            found.append((R_key, role, frame, T))
+    if either is not None and found:
+        found.append((either[0], "camera", "camera_T_target", either[1]))
+    for key, role, frame, array in found:
         if role in sides:
             raise InputError(f"{name}: expected the {role} poses once, got the arrays {keys}.")
         if key != role:
@@ -63,11 +79,14 @@ def read_npz(data: bytes, name: str) -> Contents:
         sides[role] = _side(array, name, f"{name}, {key}", None if key == role else frame, _times(arrays, times, name))
     if sides:
         return Contents(sides.get("robot"), sides.get("camera"), setup=setup, notes=tuple(notes))
-    stacks = [key for key, array in arrays.items() if array.ndim == 3 and array.shape[1:] == (4, 4)]
+    if either is not None:
+        side = _side(either[1], name, f"{name}, {either[0]}", None, _times(arrays, common, name))
+        return Contents(only=side, setup=setup, notes=(*notes, f"poses from {either[0]}"))
+    stacks = [key for key, array in arrays.items() if array.shape[1:] in _SHAPES]
     if len(stacks) != 1:
         raise InputError(
-            f"{name}: expected the arrays robot and camera, each (n, 4, 4), or a single one of that shape, got the "
-            f"arrays {keys}."
+            f"{name}: expected the arrays robot and camera, each (n, 4, 4), or a single one of that shape, or "
+            f"rotations and translations as R_gripper2base and t_gripper2base, got the arrays {keys}."
         )
     notes.append(f"poses from {short(stacks[0])}")
     side = _side(arrays[stacks[0]], name, f"{name}, {short(stacks[0])}", None, _times(arrays, common, name))
@@ -84,13 +103,27 @@ def _times(arrays: dict[str, NDArray[Any]], key: str | None, name: str) -> Array
 
 
 def _side(array: NDArray[Any], name: str, where: str, frame: str | None, times: Array | None) -> Side:
-    if array.dtype.kind not in "fiu":
-        raise InputError(f"{where}: expected numbers, got {array.dtype}.")
-    if array.ndim != 3 or array.shape[1:] != (4, 4) or not len(array):
-        raise InputError(f"{where}: expected poses of shape (n, 4, 4), got {array.shape}.")
+    T = _numbers(array, where)
+    if T.shape[1:] not in _SHAPES or not len(T):
+        hint = "; as x, y, z and quaternion they can be read from CSV" if T.shape[1:] in ((7,), (8,)) else ""
+        raise InputError(f"{where}: expected poses of shape (n, 4, 4), got {array.shape}{hint}.")
+    if T.shape[1:] == (3, 4):
+        T = np.concatenate([T, np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(T), 1, 4))], axis=1)
+    T = T.reshape(-1, 4, 4)
     if times is not None and len(times) != len(array):
         raise InputError(f"{where}: expected a time for each of the {len(array)} poses, got {len(times)}.")
-    return matrices_side(where, array.astype(float), timestamps=times, frame=frame)
+    return matrices_side(where, T, timestamps=times, frame=frame)
+
+
+def _named(key: str) -> list[tuple[str, str]]:
+    return [POSE_NAMES[key]] if key in POSE_NAMES else []
+
+
+def _numbers(array: NDArray[Any], where: str) -> Array:
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{where}: expected numbers, got {array.dtype}.")
+    numbers: Array = array.astype(float)
+    return numbers
 
 
 def _members(data: bytes, name: str) -> dict[str, NDArray[Any]]:

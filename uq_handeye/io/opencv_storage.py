@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..se3 import Array
 from ._fields import POSE_NAMES, got, number
+from ._lines import short
 from ._side import Contents, matrices_side
 
 # The names of rotation and translation, the side and the frame that OpenCV documents.
@@ -31,11 +32,11 @@ PAIRS = (
     ("R_cam2target", "t_cam2target", "camera", "target_T_camera"),
     ("rvecs", "tvecs", "camera", "camera_T_target"),
 )
+# Names that other poses go by, too: alone in a file they are of the side that the file is given for.
+EITHER_SIDE = "rvecs"
 
 
-def names_found(tree: dict[str, Any]) -> list[str]:
-    """Which names of rotations or of poses a tree has."""
-    return [pair[0] for pair in PAIRS if pair[0] in tree] + [key for key in POSE_NAMES if key in tree]
+_NAMED = {pair[0] for pair in PAIRS if pair[0] != EITHER_SIDE} | set(POSE_NAMES)
 
 
 def read_opencv(tree: Any, name: str) -> Contents:
@@ -63,10 +64,11 @@ def read_opencv(tree: Any, name: str) -> Contents:
         if t_found is None:
             raise InputError(f"{name}: expected {t_name} beside {R_name}, got {got(tree)}.")
         used.add(t_found)
-        t = _vectors(_stack(tree[t_found], f"{name}, {t_found}"), f"{name}, {t_found}")
-        R = _rotations(_stack(tree[R_name], f"{name}, {R_name}"), len(t), f"{name}, {R_name}")
-        T = np.zeros((len(t), 4, 4))
-        T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = R, t, 1.0
+        wheres = (f"{name}, {R_name}", f"{name}, {t_found}")
+        t = _stack(tree[t_found], wheres[1])
+        T = joined(_stack(tree[R_name], wheres[0]), t, *wheres)
+        if R_name == EITHER_SIDE and not {*tree} & _NAMED:
+            return Contents(only=matrices_side(wheres[0], T), notes=(f"poses from {R_name} and {t_found}",))
         take(role, R_name, T, frame)
     for key, (role, frame) in POSE_NAMES.items():
         if key in tree and key not in used:
@@ -74,9 +76,23 @@ def read_opencv(tree: Any, name: str) -> Contents:
             if values.size % 16:
                 raise InputError(f"{name}, {key}: expected 16 numbers per pose (4x4), got {values.size}.")
             take(role, key, values.reshape(-1, 4, 4), frame)
+    if not sides and len(tree) == 1 and is_storage(tree):
+        (key,) = tree
+        values = _stack(tree[key], f"{name}, {short(key)}").reshape(-1)
+        if values.size and not values.size % 16:
+            only = matrices_side(f"{name}, {short(key)}", values.reshape(-1, 4, 4))
+            return Contents(only=only, notes=(f"poses from {short(key)}",))
     if not sides:
         raise InputError(f"{name}: expected {expected}, got {got(tree)}.")
     return Contents(sides.get("robot"), sides.get("camera"), notes=tuple(notes))
+
+
+def joined(rotations: Array, translations: Array, R_where: str, t_where: str) -> Array:
+    """Poses (n, 4, 4) from matrices or rotation vectors, and translations, in any of the shapes that are read."""
+    t = _vectors(translations, t_where)
+    T = np.zeros((len(t), 4, 4))
+    T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = _rotations(rotations, len(t), R_where), t, 1.0
+    return T
 
 
 def _rotations(values: Array, n: int, where: str) -> Array:

@@ -1,9 +1,9 @@
 """TUM trajectories: ``timestamp tx ty tz qx qy qz qw`` per line, separated by spaces; ``#`` starts a comment line.
 
-Seconds, metres, unit quaternion with the scalar last. A first line with these names is taken, though the format has
-none; it may say that the scalar comes first. Source of the rules: TUM RGB-D benchmark, "File Formats"
-(cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats), and its reader in ``evo`` (MichaelGrupp/evo,
-``evo/tools/file_interface.py``).
+Seconds, metres, unit quaternion with the scalar last. A line with these names before the first row is taken, as a
+comment or without #, though the format has none; it may say that the scalar comes first. Source of the rules: TUM RGB-D
+benchmark, "File Formats" (cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats), and its reader in ``evo``
+(MichaelGrupp/evo, ``evo/tools/file_interface.py``).
 """
 
 from __future__ import annotations
@@ -11,12 +11,21 @@ from __future__ import annotations
 from typing import BinaryIO, NoReturn
 
 from ..errors import InputError
+from ._columns import meaning
 from ._lines import decoded, is_number, rows_of, short
 from ._side import COLUMNS as USUAL
 from ._side import ORDERS, Contents, Side
-from .csv_poses import meaning
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+
+
+_SAVE = "save the matrices (n, 4, 4) with numpy.save"
+_HINTS = {
+    4: f"; if four lines are a 4x4 matrix, {_SAVE}",
+    7: "; add a time, or the row number, as the first column",
+    12: f"; 12 numbers are a KITTI pose, which is not read: {_SAVE}",
+    16: f"; if they are a 4x4 matrix, {_SAVE}",
+}
 
 
 def names_order(words: list[bytes]) -> str | None:
@@ -29,17 +38,25 @@ def names_order(words: list[bytes]) -> str | None:
 def read_tum(file: BinaryIO, name: str) -> Contents:
     """The poses of a TUM file, as they stand there."""
     orders: list[str] = []
+    begun = False
+
+    def comment(text: bytes, where: str) -> None:
+        if order := names_order(text.lstrip(b"# \t").split()):
+            orders[:] = [order]
 
     def fields_of(text: bytes, where: str) -> list[bytes] | None:
         fields = text.split()
-        if not orders:
+        nonlocal begun
+        if not begun:
             order = names_order(fields) if len(fields) == len(COLUMNS) else None
-            orders.append(order or "xyzw")
             if order:
+                orders[:] = [order]
                 return None
+            begun = True
+            orders[:] = orders or ["xyzw"]
         if len(fields) != len(COLUMNS):
             words = decoded(text, f"{where}: expected {' '.join(COLUMNS)}")
-            hint = "; 12 numbers are a KITTI pose, which is not read" if len(fields) == 12 else ""
+            hint = _HINTS.get(len(fields), "")
             raise InputError(
                 f"{where}: expected the 8 numbers {' '.join(COLUMNS)} separated by spaces, got {len(fields)} "
                 f"fields, {short(words)}{hint}."
@@ -53,7 +70,7 @@ def read_tum(file: BinaryIO, name: str) -> Contents:
                 raise InputError(f"{where}, column {column}: expected a number, got {short(text)}.")
         raise AssertionError(where)  # the caller has found something wrong
 
-    table, lines = rows_of(file, name, fields_of, explain)
+    table, lines = rows_of(file, name, fields_of, explain, comment)
     if not len(lines):
         raise InputError(f"{name}: the file is empty; expected {' '.join(COLUMNS)} on each line.")
     notes = ("quaternions with the scalar first, as the columns are named",) if orders[0] == "wxyz" else ()

@@ -42,6 +42,11 @@ class Table:
     verbatim: bool = False  # names and values as they are: no typographic signs
     kind: str = "table"
 
+    @property
+    def worded(self) -> bool:
+        """Whether a heading of a row is longer than a short word or number, and needs room on a narrow screen."""
+        return any(len(row[0]) > 12 for row in self.rows if isinstance(row[0], str))
+
 
 @dataclass(frozen=True)
 class Drawing:

@@ -79,7 +79,7 @@ def direction_words(name: str, sd: Array, axis: Array, frame: str) -> str:
     least, most = digits(sd[-1], 2), digits(sd[0], 2)
     if sd[0] < _EVEN * sd[-1]:
         sizes = f"about {most}" if least == most else f"{least} to {most}"
-        return f"{name} is equally certain in all directions ({sizes} {unit})"
+        return f"{name} is about equally certain in all directions ({sizes} {unit})"
     ratio = f"{digits(sd[0] / sd[-1], 2)} times" if sd[-1] > 0 else "infinitely"
     return (
         f"{name} {way} {along(axis, frame)} is {ratio} less certain than {way} its best direction ({most} against "

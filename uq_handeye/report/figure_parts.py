@@ -51,6 +51,8 @@ def plain(axis: Axes) -> None:
     axis.tick_params(labelsize=SMALL, length=2.5, color=QUIET)
     axis.grid(color=GRID, linewidth=0.6)
     axis.set_axisbelow(True)
+    for line in (axis.xaxis, axis.yaxis):
+        line.get_offset_text().set_fontsize(SMALL)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
     for side in ("left", "bottom"):

@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..se3 import Array, left_jacobian
@@ -22,6 +23,44 @@ def digits(value: float | np.floating[Any], significant: int = 3) -> str:
         whole = value != 0 and abs(value) >= 10 ** (significant - 1)
         return f"{value:.0f}" if whole else f"{value:.{significant}g}"
     return f"{value:.{significant - 1}e}"
+
+
+def fixed(value: float | np.floating[Any], significant: int = 3) -> str:
+    """As `digits`, with the zeros at the end that it cuts: for columns of a table.
+
+    >>> fixed(0.8), fixed(10), fixed(1234.5), fixed(0)
+    ('0.800', '10.0', '1234', '0')
+    """
+    value = float(value)
+    if value == 0 or not isfinite(value) or not 1e-4 <= abs(value) < 1e6:
+        return digits(value, significant)
+    return f"{value:.0f}" if abs(value) >= 10**significant else f"{value:#.{significant}g}".rstrip(".")
+
+
+def column(values: ArrayLike, significant: int = 3) -> list[str]:
+    """Numbers of a column with their decimal points below each other.
+
+    So many decimals that the median has ``significant`` digits. Where that would leave less than one digit of the
+    smallest, or give the largest more than three too many, each number has its own (`fixed`).
+
+    >>> column([0.158, 0.0586, 1.2])
+    ['0.158', '0.059', '1.200']
+    >>> column([0.01, 250.0, 90000.0])
+    ['0.0100', '250', '90000']
+    """
+    numbers = np.asarray(values, dtype=float).ravel()
+    sizes = np.abs(numbers[np.isfinite(numbers) & (numbers != 0)])
+    if sizes.size:
+        powers = [int(f"{size:.{significant - 1}e}".partition("e")[2]) for size in sorted(sizes)]
+        decimals = significant - 1 - powers[(len(powers) - 1) // 2]
+        if (
+            decimals >= 0
+            and powers[0] >= -decimals
+            and powers[-1] + 1 + decimals <= significant + 3
+            and powers[0] >= -4
+        ):
+            return [f"{x:.{decimals}f}" if np.isfinite(x) and x != 0 else digits(x) for x in numbers]
+    return [fixed(x, significant) for x in numbers]
 
 
 def probability(p: float, significant: int = 1) -> str:

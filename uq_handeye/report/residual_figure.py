@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from ..pose_table import PoseTable
 from ..se3 import Array
@@ -53,6 +53,10 @@ def residual_figure(table: PoseTable) -> Figure:
                 marks = marks | {"rasterized": rows.sum() > VERY_MANY}
             axis.plot(np.flatnonzero(rows), value[rows], linestyle="", label=f"{word} ({rows.sum():,})", **marks)
     axes[2].axhline(table.limit, color=INK, linewidth=1.0, linestyle="--")
+    axes[2].set_ylim(top=max(axes[2].get_ylim()[1], 2.0 * table.limit))
+    for axis in axes:
+        if axis.get_yscale() == "log":
+            _plain_numbers(axis)
     _named(axes[2], named, values[2], len(table))
     axes[2].set_xlabel(f"number of the {table.item}, counted from 0", fontsize=TEXT)
     axes[2].xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True, min_n_ticks=1))
@@ -79,8 +83,21 @@ def _limits(axis: Axes, value: Array, logarithmic: bool) -> None:
         return
     axis.set_yscale("log")
     positive = value[value > 0]
-    low = max(float(np.quantile(positive, 0.01)), 1e-4 * float(positive.max()))
-    axis.set_ylim(0.5 * low, 3.0 * float(positive.max()))
+    # Of very many poses the smallest residuals say nothing; of few all are shown.
+    low = float(np.quantile(positive, 0.01 if len(positive) > MANY else 0.0)) if positive.size else 1.0
+    high = float(positive.max()) if positive.size else 1.0
+    axis.set_ylim(0.5 * max(low, 1e-6 * high), 3.0 * high)
+
+
+def _plain_numbers(axis: Axes) -> None:
+    """Few ticks of a logarithmic axis, as numbers: 0.5, 1, 10, 20, and powers only where that would be long."""
+    low, high = axis.get_ylim()
+    decades = float(np.log10(high / low))
+    steps = (1.0, 2.0, 5.0) if decades < 1.5 else (1.0, 3.0) if decades < 2.2 else (1.0,)
+    axis.yaxis.set_major_locator(LogLocator(subs=steps, numticks=6 if decades >= 2.2 else 12))
+    axis.yaxis.set_minor_formatter(NullFormatter())
+    if low >= 1e-4 and high < 1e6:
+        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
 
 
 def _named(axis: Axes, rows: list[int], value: Array, count: int) -> None:

@@ -114,12 +114,15 @@ def rig_figure(scene: Rig) -> Figure:
     side.set_box_aspect(high - low, zoom=0.93)
     side.tick_params(labelsize=SMALL, pad=-2)
     for direction, name in ((side.xaxis, "x"), (side.yaxis, "y"), (side.zaxis, "z")):
-        direction.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
+        length = float((high - low)["xyz".index(name)] / (high - low).max())
+        direction.set_major_locator(
+            MaxNLocator(nbins=4 if length > 0.75 else 3 if length > 0.5 else 2, steps=[1, 2, 5, 10])
+        )
         direction.pane.set_facecolor("white")
         direction.pane.set_edgecolor("0.85")
         direction._axinfo["grid"].update(color="0.9", linewidth=0.5)  # there is no public way
         direction.set_label_text(f"{name} (m)", fontsize=SMALL)
-        direction.labelpad = -5
+        direction.labelpad = -5 if name == "z" else -2
     plain(above)
     above.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     for line, name in ((above.xaxis, "x"), (above.yaxis, "y")):
@@ -196,6 +199,10 @@ def _limits(scene: Rig) -> tuple[Array, Array]:
     several = [T if len(T) == 1 else T[kept] for T in (scene.grippers, scene.cameras, scene.targets)]
     points = np.concatenate([np.zeros((1, 3)), *(T[:, :3, 3] for T in several)])
     ring = scene.factor * np.linalg.norm(scene.half_axes, axis=1)
+    if len(scene.targets) == 1:
+        points = np.concatenate([points, _target(scene.targets[0], 2.2 * _SMALL * scene.size)])
+    if len(scene.cameras) == 1:
+        points = np.concatenate([points, _camera(scene.cameras[0], 2.0 * _SMALL * scene.size)])
     room = 0.11 * scene.size
     low = np.minimum(points.min(axis=0) - room, scene.centre - 1.1 * ring)
     high = np.maximum(points.max(axis=0) + room, scene.centre + 1.1 * ring)

@@ -15,7 +15,7 @@ from .analysis_text import (
     noise_sizes,
 )
 from .blocks import Block, Cell, Drawing, Paragraph, Points, Section, Table
-from .numbers import digits
+from .numbers import column, fixed
 from .sync_text import offset_lines
 
 if TYPE_CHECKING:
@@ -68,32 +68,30 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
             which = f"{len(shown)} of {len(table):,} {table.item}s: flagged ones and those of largest d², worst first"
             if len(flagged) < len(table.flagged):
                 which += f" ({len(table.flagged) - len(flagged)} more are flagged)"
-        rows = [
-            [
-                str(k),
-                digits(_DEG * table.rotation[k]),
-                digits(_MM * table.translation[k]),
-                digits(table.distance2[k]),
-                f"{100 * table.leverage[k]:.2g}",
-                f"{table.weight[k]:.3g}",
-                table.flag[k],
-            ]
-            for k in shown
-        ]
+        columns = (
+            [str(k) for k in shown],
+            column(_DEG * table.rotation[shown]),
+            column(_MM * table.translation[shown]),
+            column(table.distance2[shown]),
+            column(100 * table.leverage[shown], 2),
+            [f"{table.weight[k]:.3f}" for k in shown],
+            [table.flag[k] for k in shown],
+        )
+        rows = list(zip(*columns, strict=True))
         head = [table.item, "rotation (deg)", "translation (mm)", "d²", "leverage (%)", "weight", "flag"]
         marked = frozenset(row for row, k in enumerate(shown) if table.flag[k] != "kept")
         blocks.append(Table(f"{which}. Numbers count from 0.", head, rows, frozenset({6}), marked))
     r = result.residuals
     looked = f"{r.pairs:,}" if r.pairs == result.n_pairs else f"{r.pairs:,} of {result.n_pairs:,}"
-    rows = [
-        [name, *(digits(factor * value) for value in values)]
+    sizes = [
+        [name, *(fixed(factor * value) for value in values)]
         for name, factor, values in (
             ("rotation (deg)", _DEG, (r.rotation_rms, r.rotation_median, r.rotation_max)),
             ("translation (mm)", _MM, (r.translation_rms, r.translation_median, r.translation_max)),
         )
     ]
     caption = f"Residuals of AX = XB over {looked} pairs: how well X explains them, not how accurate it is"
-    blocks.append(Table(caption, ["", "RMS", "median", "largest"], rows))
+    blocks.append(Table(caption, ["", "RMS", "median", "largest"], sizes))
     return Section("residuals", "Residuals", blocks)
 
 
@@ -130,7 +128,7 @@ def methods_section(comparison: Comparison | None, reason: str, note: str, drawi
         weakest = ["", ""]
         if row.covariance is not None:
             turn, move = (np.sqrt(np.linalg.eigvalsh(row.covariance[part, part])[-1]) for part in (_TURN, _MOVE))
-            weakest = [digits(_DEG * turn), digits(_MM * move)]
+            weakest = [fixed(_DEG * turn), fixed(_MM * move)]
         rows.append([*cells, differences[0], differences[1], *weakest, differences[2], said])
     table = Table(
         f"Differences of each method from {comparison.reference or 'a reference'}, its own standard deviations (1 "
@@ -147,15 +145,24 @@ def methods_section(comparison: Comparison | None, reason: str, note: str, drawi
         blocks.append(drawing)
     blocks.append(table)
     if comparison.own_warnings:
-        blocks.append(Points(comparison.own_warnings))
+        blocks.append(Points(_gathered(comparison)))
     return Section("methods", title, blocks)
+
+
+def _gathered(comparison: Comparison) -> list[str]:
+    """The warnings of single methods; what several say is said once."""
+    said: dict[str, list[str]] = {}
+    for line in comparison.own_warnings:
+        method, _, text = line.partition(": ")  # or methods, which then say the same
+        said.setdefault(text.replace(f"method '{method}'", "the method"), []).append(method)
+    return [f"{', '.join(methods)}: {text}" for text, methods in said.items()]
 
 
 _TURN, _MOVE = slice(0, 3), slice(3, 6)
 
 
 def _optional(value: float | None, factor: float = 1.0) -> str:
-    return "" if value is None else "infinite" if np.isinf(value) else digits(factor * value)
+    return "" if value is None else "infinite" if np.isinf(value) else fixed(factor * value)
 
 
 def observability_section(result: Calibration) -> Section:
@@ -173,11 +180,27 @@ def observability_section(result: Calibration) -> Section:
     ):
         for k, word in enumerate(("least certain", "middle", "most certain")):
             axis = ", ".join(f"{x:+.2f}" for x in axes[k])
-            rows.append([f"{name}, {word}", f"{digits(sd[k])} {unit}", f"({axis})"])
+            rows.append([f"{name}, {word}", f"{fixed(sd[k])} {unit}", f"({axis})"])
     frame = s.frame if "frame" in s.frame else f"{s.frame} frame"
-    table = Table(f"Principal directions of X, in the {frame}", ["direction", "1 sigma", "unit vector"], rows)
+    table = Table(
+        f"Principal directions of X, in the {frame}{_of_noise_alone(result)}",
+        ["direction", "1 sigma", "unit vector"],
+        rows,
+    )
     sentences = Points(found.sentences(), frozenset(found.warnings()))
     return Section("observability", title, [table, sentences])
+
+
+def _of_noise_alone(result: Calibration) -> str:
+    """What the covariance of the result has and the diagnostics, which are those of the noise model, have not."""
+    offset = result.time_offset
+    if offset is not None and offset.share > 0:
+        return (
+            f"; by the noise alone: the time offset, which the answer contains, adds to it (share {offset.share:.0%})"
+        )
+    if result.covariance_kind not in ("model", "sigma-points"):
+        return "; by the model of the noise, not by the covariance of the answer"
+    return ""
 
 
 def noise_section(result: Calibration) -> Section:
@@ -192,7 +215,7 @@ def noise_section(result: Calibration) -> Section:
             blocks.append(Points(estimate.statement))
     elif result.noise is not None:
         rows = [
-            [name, "exact", "exact"] if size is None else [name, f"{size[0]:.3g}", f"{size[1]:.3g}"]
+            [name, "exact", "exact"] if size is None else [name, fixed(size[0]), fixed(size[1])]
             for name, size in noise_sizes(result.noise).items()
         ]
         caption = "Noise as it was given: standard deviation per axis, in the mean over axes and poses"
@@ -215,13 +238,13 @@ NO_NOISE = "Not known: no noise was given, and none could be estimated from the 
 
 def _component(component: Component) -> list[str]:
     factor, unit = (_DEG, "deg") if component.unit == "rad" else (_MM, "mm")
-    high = "not determined" if component.high is None else f"{digits(factor * component.high)} {unit}"
+    high = "not determined" if component.high is None else f"{fixed(factor * component.high)} {unit}"
     if component.high is not None and not np.isfinite(component.high):
         high = "not limited"
-    between = f"{digits(factor * component.low)} to {high}"
+    between = f"{fixed(factor * component.low)} to {high}"
     if component.status == "fixed":
         between = ""
-    return [component.name, f"{digits(factor * component.value)} {unit}", between, component.status]
+    return [component.name, f"{fixed(factor * component.value)} {unit}", between, component.status]
 
 
 def covariances_section(result: Calibration) -> Section:
@@ -239,7 +262,7 @@ def covariances_section(result: Calibration) -> Section:
             rows.append([name, (f"not determined: {analysis.reasons[kind]}", 6)])
             continue
         sd = np.sqrt(np.diag(S))
-        rows.append([name, *(digits(_DEG * x) for x in sd[:3]), *(digits(_MM * x) for x in sd[3:])])
+        rows.append([name, *(fixed(_DEG * x) for x in sd[:3]), *(fixed(_MM * x) for x in sd[3:])])
     head = ["covariance", *(f"rotation {a} (deg)" for a in "xyz"), *(f"translation {a} (mm)" for a in "xyz")]
     caption = (
         "Standard deviations of X by every covariance (* that of the result). All but the first are made of the "

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from .blocks import Block, Code, Paragraph, Points, Section, Table
 
 if TYPE_CHECKING:
     from ..result import Calibration
+
+# Sides of the noise, of poses and of motions.
+NAMES = ("robot", "camera", "A", "B")
 
 
 def repeat_section(result: Calibration, date: str, version: str) -> Section:
@@ -31,10 +37,34 @@ def repeat_section(result: Calibration, date: str, version: str) -> Section:
         blocks.append(Code("Command line", found.command, "Run it in the folder of the files."))
     facts: list[list[str]] = [["data, SHA-256", found.data_sha256]]
     facts += [[f"option {name}", _shown(value)] for name, value in found.options.items()]
+    facts += _noise(result)
+    if (offset := result.time_offset) is not None:
+        facts += [["time offset (s)", repr(offset.offset)], ["its standard deviation (s)", repr(offset.std)]]
     facts += [[f"version of {name}", value] for name, value in found.versions.items()]
     caption = "Data as used (float64, little-endian, robot first), arguments of calibrate(), versions"
     blocks.append(Table(caption, ["what", "value"], facts, frozenset({1}), verbatim=True))
     return Section("repeat", title, [*blocks, written])
+
+
+def _noise(result: Calibration) -> list[list[str]]:
+    """The noise that was given: its deviations where they are all there is to it, else a hash."""
+    if result.noise is None or result.noise_estimate is not None:
+        return [["noise", "not given"]]
+    facts = []
+    for name in NAMES:
+        S = getattr(result.noise, name, None)
+        if S is None:
+            if hasattr(result.noise, name):
+                facts.append([f"noise of {name}", "exact"])
+            continue
+        S = np.ascontiguousarray(S, dtype="<f8")
+        sizes = np.sqrt([S[..., 0, 0].flat[0], S[..., 3, 3].flat[0]]) if S.shape[-1] == 6 else np.zeros(2)
+        if S.shape == (6, 6) and np.allclose(S, np.diag(np.repeat(sizes**2, 3)), rtol=1e-14, atol=0):
+            text = f"{float(sizes[0])!r} rad, {float(sizes[1])!r} m, 1 sigma per axis"
+        else:
+            text = f"{' x '.join(map(str, S.shape))}, SHA-256 {hashlib.sha256(S.tobytes()).hexdigest()}"
+        facts.append([f"noise of {name}", text])
+    return facts
 
 
 def _shown(value: Any) -> str:

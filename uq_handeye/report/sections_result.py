@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ..se3 import Array
 from .blocks import Block, Code, Drawing, Paragraph, Points, Section, Table
 from .cross_check_text import state, verdict
-from .numbers import concise, digits, rotvec_jacobian, std_of
+from .numbers import concise, fixed, rotvec_jacobian, std_of
 from .sections_data import needs
 from .task_space_figure import ahead
 from .text import answer, directions, ellipsoid_words, parent_frame, source_words
@@ -55,13 +55,19 @@ def answer_section(result: Calibration) -> Section:
         parent = parent_frame(result)
         lines = []
         for name, unit, factor, part in (
-            (f"along the axes of the {parent}", "mm", 1e3, slice(3, 6)),
-            (f"turn about the axes of the {parent}", "deg", 180 / np.pi, slice(0, 3)),
+            ("translation", "mm", 1e3, slice(3, 6)),
+            ("rotation", "deg", 180 / np.pi, slice(0, 3)),
         ):
             worst = np.sqrt(np.linalg.eigvalsh(result.covariance[part, part])[-1])
-            numbers = [digits(factor * x) for x in (*result.std[part], worst)]
+            numbers = [fixed(factor * x) for x in (*result.std[part], worst)]
             lines.append([f"{name} ({unit})", *numbers])
-        blocks.append(Table("Standard deviations of X", ["1 sigma", "x", "y", "z", "worst direction"], lines))
+        blocks.append(
+            Table(
+                f"Standard deviations of X, along and about the axes of the {parent}",
+                ["1 sigma", "x", "y", "z", "worst direction"],
+                lines,
+            )
+        )
     return Section("answer", "The answer", blocks)
 
 
@@ -96,7 +102,10 @@ def warnings_section(result: Calibration) -> Section:
     if result.analysis is None:
         text += f" {needs('Residuals and halves of the data are tested', result)}"
     else:
-        text += " No test of the data, of the residuals or of the two halves gave a warning."
+        text += (
+            " No test of the data, of the residuals or of the two halves gave a warning. What no test can show stands "
+            "in the last section."
+        )
     return Section("warnings", "Warnings", [Paragraph(text)])
 
 
@@ -142,7 +151,7 @@ def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> 
     if result.covariance is None:
         return Section("task-space", title, [Paragraph(NO_COVARIANCE, empty=True)])
     points = ahead(result)
-    rows = [[f"{z:g}", *(digits(1e3 * x) for x in numbers)] for z, *numbers in zip(*points, strict=True)]
+    rows = [[f"{z:g}", *(fixed(1e3 * x) for x in numbers)] for z, *numbers in zip(*points, strict=True)]
     table = Table(
         f"Uncertainty of a point on the optical axis, in the {parent_frame(result)} (mm, 1 sigma; last column: radius "
         "of a sphere that holds 95 %)",

@@ -99,6 +99,8 @@ def _scope(sync: Synchronised) -> str:
         if sync.offset_std > 0 and sync.stops is None
         else ""
     )
+    if sync.noise is not None:
+        carried += "Give it the noise of the pose pairs, `noise` of this result, not that of the samples. "
     return (
         f"{carried}Not covered: clocks that run at different rates, delays that change while recording. A delay that "
         "is constant is part of the offset."
