@@ -169,6 +169,15 @@ def test_calibrate_pairs_streams(streams):
     assert max(X["std"][3:]) > max(exact["std"][3:])  # the uncertainty of the offset is in that of X
 
 
+def test_interpolated_poses_are_less_noisy_than_the_samples(streams):
+    noise = ("--robot-noise", "1mrad,0.5mm", "--camera-noise", "1mrad,1mm")
+    done = run("calibrate", "robot.csv", "camera.csv", "--pair", "async", "--json", "--no-robust", *noise, cwd=streams)
+    of_pairs = json.loads(done.stdout)["noise"]
+    robot, camera = (np.array(of_pairs[side])[..., 0, 0] for side in ("robot", "camera"))
+    assert 0.4e-6 < robot.mean() < 0.9e-6 and robot.max() < 1.001e-6
+    np.testing.assert_allclose(camera, 1e-6)
+
+
 @pytest.mark.parametrize(
     ("options", "parts"),
     [

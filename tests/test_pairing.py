@@ -192,3 +192,10 @@ def test_silent_on_real_data(name):
     """The first is a set whose rows lag by 1 to 16 rows, and whose z is lost: no shift explains it."""
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / name
     assert find_shift(read_poses(folder / "robot.csv", folder / "camera.csv")) is None
+
+
+def test_two_short_stretches_with_a_large_change_between_them():
+    """More rows without partner than both stretches have: the change stays where it is."""
+    stretches = [(0, 3, 5), (3, 6, -4), (6, 30, -4)]
+    shifts = np.arange(-10, 11)
+    assert _refined(stretches, np.zeros((30, len(shifts))), shifts)[0] == stretches[0]

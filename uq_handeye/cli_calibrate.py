@@ -131,7 +131,7 @@ def calibrate_command(
             raise InputError(f"{name} is about the report: give --report FILE, too.")
     if method is not None:
         method = one_of(method, "--method", EVERY_METHOD)
-    poses = files.poses()
+    poses, noise = files.read(noise)
     from .calibration import calibrate
 
     with timed("calibrating"):

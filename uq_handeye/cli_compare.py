@@ -61,7 +61,7 @@ def compare_command(
         raise InputError("Give either --json or --csv, not both.")
     names = None if methods is None else methods_of(methods, "--methods", COMPARED)
     (base,) = methods_of(reference, "--reference", COMPARED, most=1)
-    poses = files.poses()
+    poses, noise = files.read(noise)
     from .comparison import compare
     from .report import comparison_text
 

@@ -50,7 +50,7 @@ def cross_check_command(
     far (exit status 130); so does a run that lost its workers (exit status 1).
     """
     require_writable(report, "--report", REPORTS)
-    poses = files.poses()
+    poses, noise = files.read(noise)
     from .io import write_files
     from .motions import relative_motions
     from .noise import PairNoise

@@ -169,29 +169,30 @@ class PoseFiles(StreamFiles):
         option("--tolerance", metavar="SECONDS", panel=INPUT, help="Of --pair time: farthest partner. Left out: 0.02."),
     ] = None
 
-    def poses(self) -> "PosePairs":
-        """At least three pairs of poses."""
+    def read(self, noise: "Noise | None") -> "tuple[PosePairs, Noise | None]":
+        """At least three pairs of poses, and their noise where that of the samples is given."""
         how = one_of(self.pair, "--pair", PAIRINGS)
         for name, value, needed in (("--tolerance", self.tolerance, "time"), ("--offset", self.offset, "async")):
             if value is not None and how != needed:
                 raise InputError(f"{name} goes with --pair {needed}, got --pair {how}.")
         with timed(f"reading {self._shown()}"):
-            poses = self._synchronised_poses() if how == "async" else self._read(how)
+            poses, noise = self._synchronised_poses(noise) if how == "async" else (self._read(how), noise)
         LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
         if poses.n < 3:
             raise InputError(
                 f"{self._shown()} hold{'s' if self.camera is None else ''} {poses.n} poses; at least 3 poses are "
                 "needed, which make 2 motions."
             )
-        return poses
+        return poses, noise
 
-    def _synchronised_poses(self) -> "PosePairs":
+    def _synchronised_poses(self, noise: "Noise | None") -> "tuple[PosePairs, Noise | None]":
+        """An interpolated pose is less noisy than the samples it lies between, whose noise is what people know."""
         from .report.numbers import concise
 
-        found = self.synchronised()
+        found = self.synchronised(noise=noise)
         offset = concise(1e3 * found.offset, 1e3 * found.offset_std, "ms")
         LOG.info("The clocks differ by %s (robot time less camera time); uq-handeye sync says more.", offset)
-        return found.poses
+        return found.poses, found.noise
 
     def _read(self, how: str) -> "PosePairs":
         from .io import read_poses

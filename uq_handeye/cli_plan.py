@@ -71,8 +71,6 @@ def plan_command(
     from .noise import PoseNoise
     from .planning import plan
 
-    if noise is not None and not isinstance(noise, PoseNoise):
-        raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     for name, value, least in (("-k", k, 1), ("--sample", sample, 1), ("--seed", seed, 0)):
         if value < least:
             raise InputError(f"Expected {name} to be at least {least}, got {value}.")
@@ -81,7 +79,9 @@ def plan_command(
     if point is not None and criterion != "point":
         raise InputError(f"--point goes with --criterion point, got --criterion {criterion}.")
     require_writable(output, "-o")
-    poses = files.poses()
+    poses, noise = files.read(noise)
+    if noise is not None and not isinstance(noise, PoseNoise):
+        raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     rows = None if candidates is None else read_pose_file(candidates, files.both_units[0])[1]
     warn_as_calibrate(poses, noise)
     with timed("planning"):

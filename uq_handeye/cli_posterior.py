@@ -62,7 +62,7 @@ def posterior_command(
     """
     if resume and output is None:
         raise InputError("--resume needs -o DIR, the folder of the run to go on with.")
-    poses = files.poses()
+    poses, noise = files.read(noise)
     from .io import write_files
     from .motions import relative_motions
     from .noise import PairNoise

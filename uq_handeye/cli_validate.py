@@ -109,7 +109,7 @@ def validate_command(
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
-    poses = files.poses()
+    poses, noise = files.read(noise)
     warn_as_calibrate(poses, noise, pairs)
     if workers is None:
         workers = cores()

@@ -290,7 +290,7 @@ def _refined(
     found = list(stretches)
     for s in range(len(found) - 1):
         (first, edge, old), (_, after, new) = found[s], found[s + 1]
-        if (dropped := old - new) <= 0:
+        if (dropped := old - new) <= 0 or dropped > after - first:  # or there is no room for a better place
             continue
         by_old, by_new = (np.concatenate([[0.0], np.cumsum(cost[first:after, k - shifts[0]])]) for k in (old, new))
         begins = np.arange(after - first - dropped + 1)  # rows of the stretch before; then come those without a partner

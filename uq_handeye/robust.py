@@ -177,7 +177,8 @@ def robust_fit(
     if kept < fewest or 2 * kept < n:
         raise InputError(
             f"Only {kept} of {n} {kind} agree with one X within the noise; at least half of them must. Look at the "
-            "pairing of the rows, the setup (eye-in-hand or eye-to-hand), the units and the noise given."
+            "pairing of the rows, the setup (eye-in-hand or eye-to-hand), the units and the noise given; if the robot "
+            "moved and the clocks differ, synchronise the streams (--pair async)."
         )
     flags = tuple(
         "kept" if d <= limit else "rejected" if w == 0 else f"downweighted ({min(w, 0.99):.2f})"
