@@ -64,6 +64,16 @@ def test_what_goes_into_the_report(session, tmp_path, asked):
         assert result.provenance.command.startswith("uq-handeye ")
 
 
+def test_the_comparison_of_the_report_is_a_figure_of_the_folder(session, tmp_path, asked):
+    files = ("robot.csv", "camera.csv", *NOISE, "-o", tmp_path / "out")
+    for more in (("--report", tmp_path / "r.html"), ()):
+        assert run("calibrate", *files, *more, cwd=session).returncode == 0
+        names = {file.name for file in (tmp_path / "out").iterdir()}
+        assert {"methods.png", "methods.svg"} & names == ({"methods.png", "methods.svg"} if more else set())
+    ((_, _, found, _),) = asked
+    assert found.comparison.reference == "efficient (this result)"
+
+
 def test_cross_check_in_the_report(session, tmp_path, asked, monkeypatch):
     from uq_handeye.validation import cross_check as module
 

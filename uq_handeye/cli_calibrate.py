@@ -28,9 +28,11 @@ from .errors import InputError
 from .progress import working
 
 if TYPE_CHECKING:
+    from .comparison import Comparison
     from .noise import Noise
     from .noise_estimation import NoisePrior
     from .poses import PosePairs
+    from .report.compared import Compared
     from .result import Calibration
     from .validation.cross_check import CrossCheck
 
@@ -41,13 +43,16 @@ DEMO_NOISE = {"robot": ("0.02deg", "0.05mm"), "camera": ("0.1deg", "0.5mm")}
 EXPORTS = {"ros": "x_ros.yaml", "urdf": "x.urdf", "opencv": "x_opencv.yaml", "npz": "x.npz"}
 
 # Every figure that `report.figures` may draw.
-FIGURES = ("ellipses", "rig", "residuals", "budget", "task_space")
+FIGURES = ("ellipses", "rig", "residuals", "budget", "task_space", "methods")
 
 REPORTS = (".html", ".pdf")
 
 ResultFolder = Annotated[
     Path | None,
-    folder_option("Write result.json, poses.csv, every figure (PNG, SVG) and X for ROS, URDF, OpenCV and NumPy here."),
+    folder_option(
+        "Write result.json, poses.csv, every figure (PNG, SVG; that of the methods with --report) and X for ROS, URDF, "
+        "OpenCV and NumPy here."
+    ),
 ]
 ReportFile = Annotated[
     Path | None,
@@ -197,15 +202,21 @@ def _deliver(
 ) -> None:
     """Files first: where one cannot be written, nothing is printed as if all were well."""
     result = _with_command(result)
+    methods: Compared | bool = comparison
+    if report is not None and output is not None and comparison:  # for both
+        from .report.compared import compared
+
+        with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
+            methods = compared(result, True)
     if output is not None:
         with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
-            _write_result(result, output, check)
+            _write_result(result, output, check, None if isinstance(methods, bool) else methods.comparison)
     if report is not None:
-        write_report(result, report, comparison, check)
+        write_report(result, report, methods, check)
     emit(result.to_json() if as_json else result.summary(threshold))
 
 
-def write_report(result: "Calibration", file: Path, comparison: bool, check: "CrossCheck | None") -> None:
+def write_report(result: "Calibration", file: Path, comparison: "Compared | bool", check: "CrossCheck | None") -> None:
     """The report, which names this command line as what made it."""
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
         _with_command(result).report(file, comparison=comparison, cross_check=check)
@@ -217,7 +228,9 @@ def _with_command(result: "Calibration") -> "Calibration":
     return replace(result, provenance=replace(result.provenance, command=command_line()))
 
 
-def _write_result(result: "Calibration", directory: Path, check: "CrossCheck | None") -> None:
+def _write_result(
+    result: "Calibration", directory: Path, check: "CrossCheck | None", comparison: "Comparison | None"
+) -> None:
     from .io import write_files
     from .report.ellipses import render  # Matplotlib is slow to import
     from .report.figures import figures
@@ -225,7 +238,7 @@ def _write_result(result: "Calibration", directory: Path, check: "CrossCheck | N
     files: dict[str, Any] = {"result.json": result.to_json(), **_exports(result)}
     if result.table is not None:
         files["poses.csv"] = result.table.to_dataframe().to_csv(index=False, lineterminator="\n")
-    for stem, figure in figures(result, check).items():
+    for stem, figure in figures(result, check, comparison).items():
         files |= {f"{stem}.{kind}": render(figure, kind) for kind in ("png", "svg")}
     write_files(directory, files)
     possible = {"poses.csv", *EXPORTS.values(), *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg"))}

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from .comparison import Comparison
+    from .report.compared import Compared
     from .validation.cross_check import CrossCheck
 
 CONVENTION = (
@@ -57,6 +58,60 @@ class Calibration:
     ``covariance`` is that of xi, to first order.
 
     `diagnostics`, `covariances`, `split_half` and `budget` are worked out when they are first asked for.
+
+    Attributes
+    ----------
+    X : (4, 4)
+        The pose that was sought, `frame`: ``gripper_T_camera`` for eye-in-hand, ``base_T_camera`` for eye-to-hand; m.
+    covariance : (6, 6) or None
+        Of (theta, tau), rad and m. None: not determined, as no noise was given and none could be estimated.
+    method : str
+        The estimator.
+    scale : float or None
+        Scaling factor of 4DPA; None: its limit, which needs none.
+    kind : str or None
+        How the noise was propagated: "pairs", "poses" or "literal".
+    setup : str or None
+        "eye-in-hand" or "eye-to-hand"; None for motions that came without poses.
+    n_poses : int or None
+        None for motions that came without poses.
+    n_pairs : int
+        Motions that were made of the poses.
+    noise : PoseNoise, PairNoise or None
+        The noise that the covariance is of, given or estimated.
+    residuals : Residuals
+        How well X explains the pairs: RMS, median, maximum. It is not how accurate X is.
+    warnings : tuple of str
+        What looked wrong, one sentence or more each. Read them before X is used.
+    W : (4, 4) or None
+        The pose of the target, `frame_W`: ``base_T_target``, or ``gripper_T_target`` for eye-to-hand; m.
+    covariance_W : (6, 6) or None
+        That of W, in the parent frame of W; needs noise on the poses.
+    iterations : int
+        0: closed form.
+    covariance_kind : str
+        "model", "sigma-points", "sandwich", "hac", "jackknife" or "bootstrap".
+    reference : Reference
+        The distribution of ``d^2 = xi^T covariance^-1 xi``: chi-square, or wider where the noise is estimated.
+    noise_estimate : NoiseEstimate or None
+        Standard deviations with intervals, where the noise comes from the data.
+    bound : (6, 6) or None
+        Cramer-Rao bound at this noise and these poses: no unbiased estimate has a smaller covariance. Of `efficient`
+        and `ml`.
+    fourdpa : FourDPA or None
+        ``X`` and ``covariance`` by 4DPA alone, beside `efficient` and `ml`.
+    fit : GoodnessOfFit or None
+        Chi-square test of the residuals against the noise.
+    table : PoseTable or None
+        Residual, distance, leverage, weight and flag of each pose.
+    time_offset : TimeOffset or None
+        Of interpolated poses: the offset and its share of the covariance.
+    provenance : Provenance or None
+        Files, options, versions: enough to repeat the run.
+    data : PosePairs, Motions or None
+        What it was made of. Not in the JSON file: None when it was read from one.
+    analysis : Analysis, StoredAnalysis or None
+        Where `diagnostics`, `covariances`, `split_half`, `split_in_time` and `budget` come from.
     """
 
     X: Array  # (4, 4)
@@ -323,7 +378,11 @@ class Calibration:
         return calibration_html(self)
 
     def report(
-        self, path: str | Path, *, comparison: Comparison | bool = True, cross_check: CrossCheck | None = None
+        self,
+        path: str | Path,
+        *,
+        comparison: Comparison | Compared | bool = True,
+        cross_check: CrossCheck | None = None,
     ) -> Path:
         """One self-contained file for people: ``.html``, or ``.pdf``; see `report.html` for the sections.
 
@@ -331,8 +390,9 @@ class Calibration:
         ----------
         path : str or Path
             Its suffix says which: .html or .pdf.
-        comparison : Comparison or bool
-            The methods side by side (`compare`); True compares them now, False leaves the section without.
+        comparison : Comparison, Compared or bool
+            The methods side by side: what `compare` or `report.compared` gave; True compares them now, False leaves the
+            section without.
         cross_check : CrossCheck or None
             Where given, its covariances are drawn over the ellipses and its relations listed.
 

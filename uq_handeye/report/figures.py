@@ -18,6 +18,7 @@ from ..poses import PosePairs
 from ..robot_world import mean_target
 from .analysis_text import budget_shares
 from .budget_figure import budget_figure
+from .compared import methods_picture
 from .ellipses import LEVELS, covariance_ellipses
 from .figure_parts import Picture
 from .numbers import digits
@@ -27,6 +28,7 @@ from .task_space_figure import ahead, task_space_figure, typical_distance
 from .text import directions, parent_frame
 
 if TYPE_CHECKING:
+    from ..comparison import Comparison
     from ..result import Calibration
     from ..se3 import Array
     from ..validation.cross_check import CrossCheck
@@ -41,7 +43,9 @@ OVERLAY = (
 )
 
 
-def figures(result: Calibration, cross_check: CrossCheck | None = None) -> dict[str, Figure]:
+def figures(
+    result: Calibration, cross_check: CrossCheck | None = None, comparison: Comparison | None = None
+) -> dict[str, Figure]:
     """The figures of a calibration by the stem of their file names; those that cannot be drawn are left out.
 
     Parameters
@@ -49,16 +53,20 @@ def figures(result: Calibration, cross_check: CrossCheck | None = None) -> dict[
     result : Calibration
     cross_check : CrossCheck or None
         Of the same problem: its covariances are laid over the ellipses.
+    comparison : Comparison or None
+        Of the same data: its methods get a figure.
 
     Raises
     ------
     InputError
         A cross-check of another X or another number of poses.
     """
-    return {stem: picture.figure for stem, picture in pictures(result, cross_check).items()}
+    return {stem: picture.figure for stem, picture in pictures(result, cross_check, comparison).items()}
 
 
-def pictures(result: Calibration, cross_check: CrossCheck | None = None) -> dict[str, Picture]:
+def pictures(
+    result: Calibration, cross_check: CrossCheck | None = None, comparison: Comparison | None = None
+) -> dict[str, Picture]:
     """`figures` with alt text and caption."""
     found = {
         "ellipses": _ellipses(result, cross_check),
@@ -66,6 +74,7 @@ def pictures(result: Calibration, cross_check: CrossCheck | None = None) -> dict
         "residuals": _residuals(result),
         "budget": _budget(result),
         "task_space": _task_space(result),
+        "methods": None if comparison is None else methods_picture(comparison),
     }
     return {stem: picture for stem, picture in found.items() if picture is not None}
 
