@@ -24,6 +24,7 @@ release = version = uq_handeye.__version__
 
 extensions = [
     "commands",
+    "fields",
     "mathml",
     "myst_parser",
     "sphinx.ext.autodoc",
@@ -54,6 +55,7 @@ html_static_path = ["_static"]
 html_css_files = ["style.css"]
 html_math_renderer = "mathml"
 html_copy_source = False
+html_show_search_summary = False  # they are fetched, which a browser refuses for files on disk
 html_show_sourcelink = False
 html_context = {"default_mode": "auto"}
 html_sidebars = {"index": []}
@@ -66,15 +68,18 @@ html_theme_options = {
 }
 
 
+COLON = "\ue000"  # of no alphabet
+
+
 def readable(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Docstrings as reStructuredText.
 
     They write |t| and log_scale_..., characters that would be read as markup; and prose after a list of parameters,
     which napoleon would read as more parameters: it becomes a section of notes. In the first line of a property
-    it would take what stands before a colon for a type.
+    it would take what stands before a colon for a type: `colons` puts the colon back afterwards.
     """
-    if what in ("property", "attribute", "data"):
-        lines.insert(0, "")
+    if what in ("property", "attribute", "data") and lines:
+        lines[0] = lines[0].replace(":", COLON)
     found: list[str] = []
     in_list = False
     for k, line in enumerate(lines):
@@ -91,6 +96,11 @@ def readable(app: Any, what: str, name: str, obj: Any, options: Any, lines: list
     lines[:] = found
 
 
+def colons(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """The colons that `readable` hid from napoleon."""
+    lines[:] = [line.replace(COLON, ":") for line in lines]
+
+
 def mark_commands(app: Any, document: nodes.document) -> None:
     """Blocks of commands look other than what they print, and only they can be copied."""
     for block in document.findall(nodes.literal_block):
@@ -101,3 +111,4 @@ def mark_commands(app: Any, document: nodes.document) -> None:
 def setup(app: Any) -> None:
     app.connect("doctree-read", mark_commands)
     app.connect("autodoc-process-docstring", readable, priority=100)  # before napoleon
+    app.connect("autodoc-process-docstring", colons, priority=900)  # after it

@@ -1,10 +1,13 @@
 """The documentation can be followed word for word: its commands run, print what is shown, and links lead somewhere."""
 
+import dataclasses
+import inspect
 import re
 import runpy
 import xml.etree.ElementTree as ET
 from fnmatch import fnmatch
 
+import numpy as np
 import pytest
 import yaml
 from pages import DOCS, ROOT, blocks, missing, run_command, run_page
@@ -13,12 +16,15 @@ from stream_cases import motion, streams
 import uq_handeye as uq
 from uq_handeye.io import write_pose_file
 
+FLAGS = re.DOTALL | re.MULTILINE
+
 # Pages that show what is printed, in full or by lines with "..." between them.
 SHOWN = [
     "tutorial/signed_off_report",
     "how-to/looks_wrong",
     "how-to/ros",
     "how-to/opencv",
+    "how-to/controller",
     "how-to/eye_to_hand",
     "how-to/which_poses",
     "how-to/cluster",
@@ -32,6 +38,35 @@ def test_a_page_prints_what_it_shows(page, tmp_path, monkeypatch):
     assert any(block.kind == "shown" for block in found)
     for block in found:
         assert block.kind != "shown" or missing(block) == [], block.printed
+
+
+def test_poses_from_pictures_of_a_board(tmp_path, monkeypatch, capsys):
+    """The block that reads pictures, on rendered ones; one of them is blank and must be left out by its number."""
+    cv2 = pytest.importorskip("cv2")
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"^```py\n(.*?)^```", (DOCS / "how-to" / "opencv.md").read_text(encoding="utf-8"), FLAGS)
+    poses = uq.simulate(n_poses=10, seed=3)
+    write_pose_file("robot.csv", poses.truth.robot)
+    K = np.array([[1500.0, 0, 640], [0, 1500, 480], [0, 0, 1]])
+    np.savetxt("K.txt", K)
+    np.savetxt("distortion.txt", np.zeros(5))
+    words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    board = cv2.aruco.CharucoBoard((7, 5), 0.030, 0.022, words).generateImage((420, 300))  # 2 pixels per mm
+    (tmp_path / "pictures").mkdir()
+    for k, T in enumerate(poses.truth.camera):
+        # z of OpenCV's boards points away from the camera; the middle of the board is the target's origin
+        seen = T @ np.diag([1.0, -1, -1, 1])
+        middle = seen[:3, 3] - seen[:3, :3] @ [0.105, 0.075, 0]
+        H = K @ np.column_stack([seen[:3, 0], seen[:3, 1], middle]) @ np.diag([1 / 2000, 1 / 2000, 1])
+        picture = cv2.warpPerspective(board, H, (1280, 960), flags=cv2.INTER_AREA, borderValue=255)
+        cv2.imwrite(f"pictures/{k:02d}.png", np.full_like(picture, 255) if k == 4 else picture)
+    exec(compile(code, "opencv.md", "exec"), {"__name__": "page"})
+    assert "04.png: board not found" in capsys.readouterr().out
+    paired = uq.read_poses("robot.csv", "camera.csv", pair="time")
+    assert len(paired.robot) == 9
+    X = uq.calibrate(paired, method="4dpa").X
+    assert np.abs(X[:3, 3] - poses.truth.X[:3, 3]).max() < 3e-4
+    assert np.abs(X[:3, :3] - poses.truth.X[:3, :3]).max() < 1e-3
 
 
 def test_every_guide_is_run():
@@ -125,6 +160,36 @@ def test_every_field_of_a_result_is_on_its_page():
     fields = uq.calibrate(uq.simulate(n_poses=10, noise=noise, seed=1)).to_dict()
     names = set(re.findall(r"`([\w]+)`", page))
     assert {*fields, *fields["analysis"], *fields["provenance"]} <= names
+
+
+def test_every_field_of_a_result_is_in_the_reference(monkeypatch):
+    """Those whose docstring does not list them come from the comments beside them, by an extension of the build."""
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    source = (
+        (DOCS / "_ext" / "fields.py").read_text(encoding="utf-8").replace("from sphinx.application import Sphinx", "")
+    )
+    extension = {"__name__": "fields"}
+    exec(compile(source, "fields.py", "exec"), extension)
+    for name in uq.__all__:
+        cls = getattr(uq, name)
+        if not dataclasses.is_dataclass(cls):
+            continue
+        lines = inspect.getdoc(cls).splitlines()
+        extension["describe"](None, "class", name, cls, None, lines)
+        listed = {part.strip() for line in lines if " : " in line for part in line.split(" : ")[0].split(",")}
+        listed |= {line.strip() for line in lines}
+        public = {field.name for field in dataclasses.fields(cls) if not field.name.startswith("_")}
+        assert public - listed - {"setup"} == set(), name
+    ((_, _, comment),) = [field for field in extension["fields_of"](uq.Plan) if field[0] == "chosen"]
+    assert comment == "(k,) rows of the candidates, from 0"
+
+
+def test_every_word_of_the_glossary_is_explained_once():
+    text = (DOCS / "reference" / "glossary.md").read_text(encoding="utf-8")
+    words = re.findall(r"^(.+)\n: ", text, re.MULTILINE)
+    assert len(words) > 30 and len(set(words)) == len(words)
+    for word in ("NEES", "X", "W", "Cramer-Rao bound", "residual", "intrinsics", "4DPA"):
+        assert word in words
 
 
 def test_every_module_is_on_the_page_of_the_architecture():

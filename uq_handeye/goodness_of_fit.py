@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GoodnessOfFit:
-    """Chi-square test of the noise; see the module. ``sigma0`` is 1 where the noise is right."""
+    """Chi-square test of the noise. ``sigma0`` is the root of ``chi2 / dof``: 1 where the noise is right."""
 
     chi2: float
     dof: float

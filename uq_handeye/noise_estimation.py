@@ -148,7 +148,7 @@ class Component:
 
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate:
-    """The noise that a data set shows; see the module.
+    """The noise that a data set shows; see `estimate_noise`.
 
     ``variances`` and ``covariance`` (of their estimates) are of side 1 rotation, side 2 rotation (rad^2) and of the
     translations together (m^2): what S is made of.

@@ -196,7 +196,8 @@ def plan(
     noise : PoseNoise or None
         6x6 or (n, 6, 6), whose mean is taken for new poses. None estimates it from the poses so far.
     criterion : "trace", "logdet" or "point"
-        What the poses are chosen by; see the module.
+        What the poses are chosen by: the mean squared error of points at a distance (``length``), the volume of the
+        ellipsoid, or the mean squared error of one point (``point``).
     point : 3 numbers (m) or texts with units, or None
         For criterion "point": in camera coordinates.
     length : float (m), str or None

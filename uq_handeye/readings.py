@@ -21,6 +21,8 @@ LARGE_ROTATION = np.radians(2.0)
 EXACT = 1e-7
 # Of two readings that fit, the worse is named if its translation residuals are below so many times those of the better.
 ALIKE = 4.0
+# Another reading fits if its translation residuals are below this share of the travel of the robot.
+FITS = 0.2
 # Pairs that the search for another reading looks at.
 SEARCH_PAIRS = 2000
 
@@ -58,8 +60,11 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> str:
             )
         ]
     fitting = []
+    largest = FITS * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))
     for text, option, robot, camera in candidates:
         fit = _fit(robot, camera)
+        if fit is not None and fit[1] > largest:
+            continue
         # Two files in the same wrong order agree in rotation; only their translations tell.
         turns = fit is not None and (fit[0] < max(0.4 * turn, EXACT) or fit[0] < 1.5 * turn < 1.5 * LARGE_ROTATION)
         # The camera's rotation is not in the translation of W, which may fit already.

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Synchronised:
-    """Two streams made one; see the module. ``offset`` and times in s, ``robot_time = camera_time + offset``."""
+    """Two streams made one; see `synchronise`. ``offset`` and times in s, ``robot_time = camera_time + offset``."""
 
     poses: PosePairs  # at the times of the camera's clock; `poses.timing` carries the uncertainty of the offset
     offset: float

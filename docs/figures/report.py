@@ -41,7 +41,7 @@ def png(image: Image.Image) -> bytes:
 def screen(page: Path, profile: str, dark: bool) -> Image.Image:
     options = webdriver.ChromeOptions()
     options.binary_location = str(found_browser())
-    for flag in (*FLAGS, f"--user-data-dir={profile}"):
+    for flag in (*FLAGS, "--hide-scrollbars", f"--user-data-dir={profile}"):
         options.add_argument(flag)
     driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
     try:
