@@ -211,4 +211,4 @@ def test_data_that_calibrate_refuses_are_left_to_the_command(session):
 
 def test_the_commands():
     names = [command.name for command in cli.app.registered_commands]
-    assert set(TAKES_POSES) | {"demo", "simulate", "sync", "report", "export"} == set(names)
+    assert set(TAKES_POSES) | {"demo", "simulate", "sync", "report", "export", "codegen"} == set(names)

@@ -28,6 +28,7 @@ SHOWN = [
     "how-to/eye_to_hand",
     "how-to/which_poses",
     "how-to/cluster",
+    "how-to/codegen",
 ]
 
 

@@ -18,6 +18,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from .cli_calibrate import calibrate_command, demo_command
+from .cli_codegen import codegen_command
 from .cli_compare import compare_command
 from .cli_cross_check import cross_check_command
 from .cli_files import export_command, report_command
@@ -97,6 +98,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "report": report_command,
         "export": export_command,
         "simulate": simulate_command,
+        "codegen": codegen_command,
     },
 }
 for panel, commands in _COMMANDS.items():
