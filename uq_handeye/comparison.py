@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike
 from . import __version__
 from .calibration import calibrate
 from .comparison_row import CHI2_95, Row, against, flat, squared_distance
+from .conventions import CONVENTION
 from .errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from .estimators import METHODS, ROBOT_WORLD_METHODS
 from .estimators.method import Estimate, Method
@@ -46,7 +47,7 @@ from .published import fit_published
 from .report.comparison_text import table, verdict, without_numbers
 from .request import require_noise_fits
 from .residuals import residuals, summarise
-from .result import CONVENTION, Calibration
+from .result import Calibration
 from .result_file import noise_to_dict
 
 if TYPE_CHECKING:

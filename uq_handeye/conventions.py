@@ -30,6 +30,13 @@ from numpy.typing import ArrayLike
 from .errors import InputError
 from .se3 import Array, as_transforms, block, skew
 
+# In words, for files and reports: that of (theta, tau) in the parent frame of a pose, and that of X.
+TOOLKIT = (
+    "(theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau; rotation first, left rotation, additive "
+    "translation; rad and m; in the parent frame"
+)
+CONVENTION = f"xi = {TOOLKIT} of X"
+
 CONVENTIONS = ("toolkit", "ros", "se3-left", "se3-right", "gtsam", "manif", "sophus", "paper")
 
 _EYE = np.eye(3)

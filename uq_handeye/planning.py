@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from .calibration import calibrate
 from .candidates import MOST, predicted_camera, sample_candidates
 from .constraint import OnPoses, constraint_of, residual_covariance
+from .conventions import CONVENTION
 from .errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
 from .io import json_text, pose_text, write_atomically
 from .likelihood import cholesky_of, whiten
@@ -42,7 +43,6 @@ from .noise import PoseNoise, is_joint
 from .planning_selection import covariance_of, exchanged, greedy, value
 from .planning_start import PRIOR, so_far
 from .poses import SETUPS, PosePairs
-from .result import CONVENTION
 from .result_file import noise_to_dict
 from .se3 import Array, as_transforms, skew
 from .timing import warn_left_out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,12 +26,11 @@ from .procrustes import octonion
 from .provenance import Provenance
 from .reference import Reference
 from .residuals import Residuals
-from .result_file import FourDPA, noise_to_dict, parts_of
+from .result_file import FourDPA, from_dict, to_dict
 from .se3 import Array, inverse, inverse_jacobian
 from .sensitivity import pose_from_octonion_jacobian
 from .so4_covariances import PAPER_SCALE
 from .split_half import SplitHalf
-from .stored import misfit, not_finite, unequal
 from .task_space import Budget, PointUncertainty, through_robot, through_target, through_X
 from .timing import TimeOffset
 
@@ -41,12 +40,6 @@ if TYPE_CHECKING:
     from .comparison import Comparison
     from .report.compared import Compared
     from .validation.cross_check import CrossCheck
-
-CONVENTION = (
-    "xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau; rotation first, left rotation, additive "
-    "translation; rad and m; in the parent frame of X"
-)
-_FORMAT = "uq-handeye calibration 3"
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,70 +417,13 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
-        std, correlation, J = self.std, self.correlation, self.covariance_inverse
-        return {
-            "format": _FORMAT,
-            "convention": CONVENTION,
-            "units": {"rotation": "rad", "translation": "m"},
-            "method": self.method,
-            "scale": self.scale,
-            "kind": self.kind,
-            "setup": self.setup,
-            "frame": self.frame,
-            "X": self.X.tolist(),
-            "covariance": _plain(self.covariance),
-            "std": _plain(std),
-            "correlation": _plain(correlation),
-            "quaternion_xyzw": self.quaternion.tolist(),
-            "inverse": self.inverse.tolist(),
-            "covariance_inverse": _plain(J),
-            "n_poses": self.n_poses,
-            "n_pairs": self.n_pairs,
-            "noise": noise_to_dict(self.noise),
-            "frame_W": self.frame_W,
-            "W": _plain(self.W),
-            "covariance_W": _plain(self.covariance_W),
-            "std_W": _plain(self.std_W),
-            "iterations": self.iterations,
-            "covariance_kind": self.covariance_kind,
-            "reference": {"kind": self.reference.kind, "dof": self.reference.dof},
-            "noise_estimate": None if self.noise_estimate is None else self.noise_estimate.to_dict(),
-            "bound": _plain(self.bound),
-            "efficiency": _plain(self.efficiency),
-            "4dpa": None
-            if self.fourdpa is None
-            else {"X": self.fourdpa.X.tolist(), "covariance": _plain(self.fourdpa.covariance)},
-            "fit": None if self.fit is None else asdict(self.fit),
-            "poses": None if self.table is None else self.table.to_dict(),
-            "analysis": None if self.analysis is None else self.analysis.to_dict(),
-            "provenance": None if self.provenance is None else self.provenance.to_dict(),
-            "time_offset": None if self.time_offset is None else self.time_offset.to_dict(),
-            "residuals": self.residuals._asdict(),
-            "warnings": list(self.warnings),
-        }
+        return to_dict(self)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Calibration:
         """The inverse of `to_dict`; raises `InputError` on anything else: parts that are missing, of another type, not
         finite, or that do not belong to each other."""
-        if not isinstance(data, dict) or data.get("format") != _FORMAT:
-            raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
-        try:
-            if (where := not_finite(data, "calibration")) is not None:
-                raise ValueError(f"{where} is not finite")
-            result = cls(**parts_of(data))
-            if (where := misfit(result, cls, "calibration")) is not None:
-                raise TypeError(f"{where} is of the wrong type")
-            with np.errstate(divide="raise", over="raise", invalid="raise"):
-                again = result.to_dict()
-                if (where := not_finite(again, "calibration") or unequal(again, data, "calibration")) is not None:
-                    raise ValueError(f"{where} does not fit the rest")
-                result.summary()
-        except KeyError as error:
-            raise InputError(f"The calibration is damaged: {error} is missing.") from error
-        except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
-            raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
-        return result
+        return from_dict(cls, data)
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
@@ -513,10 +449,6 @@ def _weakest(covariance: Array) -> tuple[Array, float]:
     axis = vectors[:, -1]
     axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
     return axis, float(np.sqrt(max(values[-1], 0.0)))
-
-
-def _plain(array: Array | None) -> Any:
-    return None if array is None else array.tolist()
 
 
 def _refuse(constant: str) -> None:

@@ -1,12 +1,16 @@
-"""The parts of a `Calibration` from the plain numbers, lists and text of its file; `stored` checks what comes out."""
+"""A `Calibration` as the plain numbers, lists and text of its file, and back; `stored` checks what comes out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
-from typing import Any, NamedTuple, TypeVar
+from dataclasses import asdict, fields
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
 
 from .analysis import StoredAnalysis
+from .conventions import CONVENTION
+from .errors import InputError
 from .estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from .goodness_of_fit import GoodnessOfFit
 from .likelihood import ESTIMATORS
@@ -19,9 +23,16 @@ from .reference import Reference
 from .request import COVARIANCES
 from .residuals import Residuals
 from .se3 import Array, as_transforms
+from .stored import misfit, not_finite, unequal
 from .timing import TimeOffset
 
+if TYPE_CHECKING:
+    from .result import Calibration
+
 T = TypeVar("T")
+C = TypeVar("C", bound="Calibration")
+
+_FORMAT = "uq-handeye calibration 3"
 
 # Parts that are taken as they are, covariances (6, 6), and what some parts may be.
 _PLAIN = ("iterations", "covariance_kind", "method", "scale", "kind", "setup", "n_poses", "n_pairs")
@@ -41,7 +52,77 @@ class FourDPA(NamedTuple):
     covariance: Array | None  # (6, 6), to first order, at the same noise
 
 
-def parts_of(data: dict[str, Any]) -> dict[str, Any]:
+def to_dict(result: Calibration) -> dict[str, Any]:
+    """Everything as plain numbers, lists and text, with units and convention."""
+    std, correlation, J = result.std, result.correlation, result.covariance_inverse
+    return {
+        "format": _FORMAT,
+        "convention": CONVENTION,
+        "units": {"rotation": "rad", "translation": "m"},
+        "method": result.method,
+        "scale": result.scale,
+        "kind": result.kind,
+        "setup": result.setup,
+        "frame": result.frame,
+        "X": result.X.tolist(),
+        "covariance": _plain(result.covariance),
+        "std": _plain(std),
+        "correlation": _plain(correlation),
+        "quaternion_xyzw": result.quaternion.tolist(),
+        "inverse": result.inverse.tolist(),
+        "covariance_inverse": _plain(J),
+        "n_poses": result.n_poses,
+        "n_pairs": result.n_pairs,
+        "noise": noise_to_dict(result.noise),
+        "frame_W": result.frame_W,
+        "W": _plain(result.W),
+        "covariance_W": _plain(result.covariance_W),
+        "std_W": _plain(result.std_W),
+        "iterations": result.iterations,
+        "covariance_kind": result.covariance_kind,
+        "reference": {"kind": result.reference.kind, "dof": result.reference.dof},
+        "noise_estimate": None if result.noise_estimate is None else result.noise_estimate.to_dict(),
+        "bound": _plain(result.bound),
+        "efficiency": _plain(result.efficiency),
+        "4dpa": None
+        if result.fourdpa is None
+        else {"X": result.fourdpa.X.tolist(), "covariance": _plain(result.fourdpa.covariance)},
+        "fit": None if result.fit is None else asdict(result.fit),
+        "poses": None if result.table is None else result.table.to_dict(),
+        "analysis": None if result.analysis is None else result.analysis.to_dict(),
+        "provenance": None if result.provenance is None else result.provenance.to_dict(),
+        "time_offset": None if result.time_offset is None else result.time_offset.to_dict(),
+        "residuals": result.residuals._asdict(),
+        "warnings": list(result.warnings),
+    }
+
+
+def from_dict(kind: type[C], data: dict[str, Any]) -> C:
+    """The inverse of `to_dict`; raises `InputError` on anything else.
+
+    Parts that are missing, of another type, not finite, or that do not belong to each other.
+    """
+    if not isinstance(data, dict) or data.get("format") != _FORMAT:
+        raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
+    try:
+        if (where := not_finite(data, "calibration")) is not None:
+            raise ValueError(f"{where} is not finite")
+        result = kind(**_parts_of(data))
+        if (where := misfit(result, kind, "calibration")) is not None:
+            raise TypeError(f"{where} is of the wrong type")
+        with np.errstate(divide="raise", over="raise", invalid="raise"):
+            again = result.to_dict()
+            if (where := not_finite(again, "calibration") or unequal(again, data, "calibration")) is not None:
+                raise ValueError(f"{where} does not fit the rest")
+            result.summary()
+    except KeyError as error:
+        raise InputError(f"The calibration is damaged: {error} is missing.") from error
+    except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
+        raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
+    return result
+
+
+def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
     """The arguments of `Calibration`; raises whatever comes (KeyError for parts that are missing)."""
     for name, known in _KNOWN.items():
         if data[name] not in known:
@@ -99,3 +180,7 @@ def noise_from_dict(data: dict[str, Any]) -> Noise:
     if data["type"] == "PairNoise":
         return PairNoise(data["A"], data["B"])
     return PoseNoise(data["robot"], data["camera"])
+
+
+def _plain(array: Array | None) -> Any:
+    return None if array is None else array.tolist()

@@ -78,7 +78,7 @@ def test_numpy(result):
         names = run(snippet)
         np.testing.assert_allclose(names[f"{parent}_T_{child}"], T, rtol=0, atol=1e-11)
         assert_same_covariance(names["covariance"], covariance, 1e-6)
-        assert f"in the frame {parent}" in snippet.convention
+        assert f"in the parent frame {parent}" in snippet.convention
         assert "rad and m" in snippet.convention
         assert snippet.language == "python"
 

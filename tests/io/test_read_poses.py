@@ -1,5 +1,6 @@
 """Two pose files become pairs only if their rows belong together."""
 
+import json
 import os
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.io import read_poses, write_pose_file
+from uq_handeye.io import read_poses, read_stream, write_pose_file
 
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 
@@ -115,3 +116,13 @@ def test_real_asynchronous_files():
     text = message((folder / "robot.csv", folder / "camera.csv"))
     assert "2817" in text
     assert "1703" in text
+
+
+def test_a_stream_says_that_it_does_not_carry_the_setup(tmp_path, caplog):
+    T = np.broadcast_to(np.eye(4), (3, 4, 4)).tolist()
+    text = json.dumps({"setup": "eye-to-hand", "timestamps": [0, 1, 2], "robot": T, "camera": T})
+    (tmp_path / "both.json").write_text(text)
+    with caplog.at_level("INFO", logger="uq_handeye"):
+        stream = read_stream(tmp_path / "both.json", "robot")
+    assert any("eye-to-hand" in note and "--setup" in note for note in stream.source.notes)
+    assert "it says eye-to-hand" in caplog.text

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..conventions import TOOLKIT
 from ..errors import InputError
 from ..io._files import StrPath, as_path, shown
 from ..io.atomic import write_atomically
@@ -19,11 +20,7 @@ from .snippets import opencv_name, urdf_joint
 if TYPE_CHECKING:
     from ..result import Calibration
 
-# What a file says of its covariance 6x6; `Calibration.CONVENTION` in one line.
-_TOOLKIT = (
-    "(theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau; rotation first, left rotation, additive translation; "
-    "rad and m; in the parent frame"
-)
+# What a ROS file says of its covariance.
 _ROS = "(x, y, z, rotation about x, y, z), translation first, fixed axes of the parent frame; m and rad; 6x6 row by row"
 
 
@@ -106,7 +103,7 @@ def opencv_text(result: Calibration) -> str:
         ]
         if X.covariance is not None:
             lines += _opencv_matrix(f"covariance_{X.name}", X.covariance)
-    said = NOT_DETERMINED if result.covariance is None else f"Covariances of {_TOOLKIT}"
+    said = NOT_DETERMINED if result.covariance is None else f"Covariances of {TOOLKIT}"
     return "\n".join([*lines, 'units: "m"', f'convention: "{said}"', ""])
 
 
@@ -134,7 +131,7 @@ def npz_bytes(result: Calibration) -> bytes:
         "frame": result.frame,
         "frame_W": result.frame_W,
         "units": "m",
-        "convention": NOT_DETERMINED if result.covariance is None else f"covariances of {_TOOLKIT}",
+        "convention": NOT_DETERMINED if result.covariance is None else f"covariances of {TOOLKIT}",
     }
     buffer = io.BytesIO()
     known: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items() if value is not None}

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..conventions import TOOLKIT
 from ..se3 import Array
 from .frames import NOT_DETERMINED, Transform, fixed_axis_angles, transforms_of, yaml_fields, yaml_number
 
@@ -59,10 +60,8 @@ def _with(transform: Transform, sentence: str, of_covariance: str) -> str:
     return f"{sentence} {NOT_DETERMINED if transform.covariance is None else of_covariance}"
 
 
-_TOOLKIT = (
-    "Covariance of (theta, tau), R = exp([theta]x) R_hat, t = t_hat + tau: rotation first, left rotation, additive "
-    "translation, rad and m, in the frame {parent}."
-)
+def _of_toolkit(X: Transform) -> str:
+    return f"Covariance of {TOOLKIT} {X.parent}."
 
 
 def _numpy(X: Transform) -> Snippet:
@@ -70,7 +69,7 @@ def _numpy(X: Transform) -> Snippet:
     if X.covariance is not None:
         lines.append(_matrix("covariance", X.covariance))
     sentence = f"4x4 matrix, metres; maps points of {X.child} into {X.parent}: p_{X.parent} = {X.name} p_{X.child}."
-    return Snippet(f"NumPy: {X.name}", _with(X, sentence, _TOOLKIT.format(parent=X.parent)), "\n".join(lines), "python")
+    return Snippet(f"NumPy: {X.name}", _with(X, sentence, _of_toolkit(X)), "\n".join(lines), "python")
 
 
 def opencv_name(X: Transform) -> str:
@@ -85,7 +84,7 @@ def _opencv(X: Transform) -> Snippet:
     if X.covariance is not None:
         lines.append(_matrix(f"covariance_{name}", X.covariance))
     sentence = f"R (3x3) and t (3x1, metres) as of cv::calibrateHandEye: p_{X.parent} = R p_{X.child} + t."
-    of_covariance = f"OpenCV has no convention for the covariance; this is ours. {_TOOLKIT.format(parent=X.parent)}"
+    of_covariance = f"OpenCV has no convention for the covariance; this is ours. {_of_toolkit(X)}"
     return Snippet(f"OpenCV: {X.name}", _with(X, sentence, of_covariance), "\n".join(lines), "python")
 
 

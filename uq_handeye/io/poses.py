@@ -165,6 +165,9 @@ def read_stream(
             f"{found.name} has no timestamps ({source.format}), and streams are put together by time; if its rows "
             "belong to those of the other file, use --pair rows."
         )
+    if contents.setup is not None:
+        note = f"it says {contents.setup}, which a stream does not carry: give it to synchronise() as setup (--setup)"
+        (source,) = _noted((source,), 0, location, [note])
     return Stream(found.timestamps, poses, source)
 
 

@@ -17,9 +17,9 @@ from markupsafe import Markup
 
 from .. import __version__
 from ..comparison import Comparison
+from ..conventions import CONVENTION
 from ..errors import InputError
 from ..io.atomic import write_atomically
-from ..result import CONVENTION
 from .blocks import Drawing, Section
 from .compared import Compared, compared
 from .figure_parts import Picture, inline_svg

@@ -117,8 +117,9 @@ def ellipses_section(result: Calibration, drawings: Mapping[str, Drawing], cross
     if cross_check is None:
         blocks.append(
             Paragraph(
-                "No cross-check is laid over them: report(path, cross_check=cross_check(poses, noise=noise)) compares "
-                "with Monte Carlo, a sampled posterior, the Cramer-Rao bound and other methods.",
+                "No cross-check is laid over them: calibrate --with-cross-check, or report(path, cross_check="
+                "cross_check(poses, noise=noise)), compares with Monte Carlo, a sampled posterior, the Cramer-Rao "
+                "bound and other methods.",
                 empty=True,
             )
         )

@@ -27,12 +27,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
+from ..conventions import CONVENTION
 from ..errors import InputError, require_integer
 from ..io.atomic import json_text
 from ..motions import Motions, relative_motions
 from ..noise import Noise, PairNoise, PoseNoise
 from ..poses import SETUPS, PosePairs
-from ..result import CONVENTION
 from ..result_file import noise_to_dict
 from ..trials.experiment import experiment
 from .cross_check_rows import (

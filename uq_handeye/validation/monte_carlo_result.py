@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
+from ..conventions import CONVENTION
 from ..errors import InputError
 from ..io.atomic import json_text, write_atomically
 from ..noise import Noise
-from ..result import CONVENTION
 from ..result_file import noise_to_dict
 from ..se3 import Array
 from ..trials.experiment import Experiment

@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..conventions import CONVENTION
 from ..errors import InputError, NotConvergedError, require_integer
 from ..io.atomic import json_text, write_atomically
 from ..motions import Motions
 from ..noise import Noise, PairNoise, PoseNoise
 from ..noise_estimation import estimate_noise
 from ..poses import SETUPS, PosePairs
-from ..result import CONVENTION
 from ..result_file import noise_to_dict
 from ..se3 import Array
 from ..timing import warn_left_out

@@ -39,13 +39,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import __version__
+from ..conventions import CONVENTION
 from ..errors import InputError, require_integer
 from ..io.atomic import json_text
 from ..motions import Motions
 from ..noise import Noise
 from ..poses import SETUPS, PosePairs
 from ..progress import progress_bar
-from ..result import CONVENTION
 from ..result_file import noise_to_dict
 from ..timing import warn_left_out
 from ..trials.experiment import Experiment, experiment

@@ -1,4 +1,4 @@
-"""Helpers made importable, a cache for the session, and a folder per language with everything that it has."""
+"""Helpers made importable, and a folder per language with everything that it has."""
 
 import os
 import sys
@@ -12,16 +12,6 @@ from uq_handeye.symbolic import codegen
 from uq_handeye.symbolic.matrices import FORMS
 
 sys.path.insert(0, str(Path(__file__).parent))  # drivers, whole_functions
-
-
-@pytest.fixture(scope="session")
-def session_cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
-@pytest.fixture(autouse=True)
-def _private_cache(monkeypatch, session_cache):
-    monkeypatch.setenv("UQ_HANDEYE_CACHE", str(session_cache))
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ from uq_handeye.symbolic.languages import LANGUAGES
 from uq_handeye.symbolic.latex import latex_files
 from uq_handeye.symbolic.matrices import FORMS
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")
