@@ -1,10 +1,12 @@
 """The figures of the report: what they show, in numbers; that nothing overlaps; ids that do not collide."""
 
+import io
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 from support import SEED, moved
 
 import uq_handeye as uq
@@ -12,6 +14,8 @@ from uq_handeye.analysis import StoredAnalysis
 from uq_handeye.errors import InputError
 from uq_handeye.pose_table import PoseTable
 from uq_handeye.report.budget_figure import budget_figure
+from uq_handeye.report.compared import compared
+from uq_handeye.report.ellipses import render
 from uq_handeye.report.figure_parts import BLUE, GREEN, WIDTH, inline_svg
 from uq_handeye.report.figures import figures, pictures
 from uq_handeye.report.methods_figure import methods_figure
@@ -269,3 +273,14 @@ def test_inline_svg_is_the_same_again_and_shares_no_id(drawn, both):
     for text in first.values():
         assert set(re.findall(r'(?:href="#|url\(#)([^")]*)', text)) <= set(ids)
         assert text.startswith("<svg ") and "<metadata>" not in text and "<?xml" not in text
+
+
+def test_nothing_is_cut_at_the_rim():
+    """No ink on the outermost pixels of any picture; names of methods are the longest labels."""
+    result = uq.calibrate(uq.simulate(n_poses=8, noise=NOISE, seed=SEED), noise=NOISE)
+    found = figures(result, None, compared(result, True).comparison)
+    assert list(found) == [*ALL, "methods"]
+    for stem, figure in found.items():
+        grey = np.asarray(Image.open(io.BytesIO(render(figure, "png"))).convert("L"))
+        rim = np.concatenate([grey[0], grey[-1], grey[:, 0], grey[:, -1]])
+        assert rim.min() > 200, stem

@@ -13,10 +13,12 @@ from typing import NamedTuple
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .ellipses import render
 
 WIDTH = 6.9
+ROOM = 0.015  # share of the width at both sides
 BLUE, ORANGE, SKY, GREEN, PURPLE = "#0072B2", "#D55E00", "#56B4E9", "#009E73", "#CC79A7"
 INK, QUIET, GRID = "0.15", "0.45", "0.87"
 TEXT, SMALL = 8.5, 7.5  # points
@@ -34,7 +36,8 @@ class Picture(NamedTuple):
 
 def canvas(height: float) -> Figure:
     """An empty figure of the common width, ``height`` in inches."""
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    # Hinting makes text a little wider at the resolution of a picture than where the layout is settled: leave it room.
+    figure = Figure(figsize=(WIDTH, height), layout=ConstrainedLayoutEngine(rect=(ROOM, 0.0, 1.0 - 2 * ROOM, 1.0)))
     FigureCanvasAgg(figure)
     return figure
 
