@@ -43,9 +43,15 @@ def canvas(height: float) -> Figure:
 
 
 def finished(figure: Figure) -> Figure:
-    """The figure with its layout settled: every further pass would shift the panels a little."""
+    """The figure with its layout settled: every further pass would shift the panels a little.
+
+    Positions are rounded: the last digits of the solver of the layout differ from time to time.
+    """
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
+    for axis in figure.axes:
+        left, bottom, width, height = (round(float(x), 4) for x in axis.get_position(original=True).bounds)
+        axis.set_position((left, bottom, width, height))
     return figure
 
 
