@@ -32,7 +32,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["_ext", "figures/*.py"]
+exclude_patterns = ["_ext", "figures/*.py", "studies/*/*.md"]  # the last are included by the pages of the studies
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 smartquotes = False  # "--units" stays as it is typed

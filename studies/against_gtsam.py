@@ -1,23 +1,20 @@
-"""`ml` and `efficient` against GTSAM: how far the answers agree, and the time of both.
+"""How far do `ml` and GTSAM agree on the same poses and noise, and how long do `efficient` and GTSAM take?
 
-    python -m studies.against_gtsam [--csv against_gtsam.csv]
+Model: ``G X C = W`` with a Gaussian error on every robot and camera pose. GTSAM has the same poses and noise in a
+factor graph with latent robot poses, `LevenbergMarquardt` and `Marginals`; the graphs are those of the tests
+(test_against_gtsam.py). Seed 2019. Real poses are compared where UQ_HANDEYE_DATA names their folder. Needs GTSAM (extra
+`test`; without it the exit code is 2). Quick: simulated poses, and 10 and 30 poses for the times. The paper does not
+compare with GTSAM.
 
-Prints the two tables of docs/explanation/likelihood.md. Needs GTSAM (extra `test`; without it the exit code is 2). The
-factor graphs are those of tests/test_against_gtsam.py. Real poses are compared where UQ_HANDEYE_DATA names their
-folder.
-
-Agreement: the largest ``|eigenvalue - 1|`` of the covariances of X (and of W) whitened by GTSAM's, and the distance of
-the two X (and W) in standard deviations; with GTSAM's own errors, and with the toolkit's written into its factors.
-Times: ratios of the medians of interleaved runs, one thread in BLAS; the CSV has the medians. GTSAM starts at 4DPA's X;
-neither that start nor building its graph is counted, while `efficient` finds its own.
+Agreement: the largest ``|eigenvalue - 1|`` of the covariances of X and of W whitened by GTSAM's, and the distance of
+the two X and W in standard deviations, the larger of the two; with GTSAM's own errors (right perturbation, logarithm of
+SE(3)), and with the toolkit's (left rotation, additive translation) written into GTSAM's factors. Times: medians of
+interleaved runs, one thread in BLAS. GTSAM starts at 4DPA's X; neither that start nor building its graph is counted,
+while `efficient` finds its own; GTSAM's camera factor is a Python callback.
 """
 
 from __future__ import annotations
 
-import studies.performance.core  # before NumPy: it sets one thread  # isort: skip  # noqa: F401
-
-import argparse
-import csv
 import importlib.util
 import os
 import sys
@@ -28,10 +25,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 
 import uq_handeye as uq
+from studies.study import Study, Tables, markdown
 from uq_handeye.all_pairs import solve_all_pairs
 from uq_handeye.likelihood import efficient
+from uq_handeye.progress import progress_bar
+from uq_handeye.report.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.robot_world import mean_target
 
 SEED = 2019
@@ -39,39 +41,46 @@ OTHERS = 20  # random covariances tried besides those of the tests
 POSES = (10, 30, 60, 100, 300, 1000)
 
 
-def cases(tests: Any) -> Iterator[tuple[str, int, uq.PosePairs, uq.PoseNoise]]:
-    """Label, which of several random covariances, poses and noise."""
+def cases(tests: Any, full: bool) -> Iterator[tuple[str, uq.PosePairs, uq.PoseNoise]]:
+    """Label, poses and noise."""
     for setup in ("eye-in-hand", "eye-to-hand"):
         for sd in (1e-4, 1e-3):
             noise = tests.anisotropic(sd)
             poses = uq.simulate(20, noise=noise, setup=setup, seed=SEED)
-            yield f"simulated, {setup}, full 6x6 of {1e3 * sd:g} mrad, mm", 0, poses, noise
-    if "UQ_HANDEYE_DATA" not in os.environ:
+            yield f"simulated, {setup}, full 6x6 of {1e3 * sd:g} mrad, mm", poses, noise
+    if not full or "UQ_HANDEYE_DATA" not in os.environ:
         return
     for label, (folder, count, setup, noise) in tests.REAL.items():
-        yield label, 0, tests.poses_of(folder, count, setup), noise
+        yield label, tests.poses_of(folder, count, setup), noise
     poses = tests.poses_of("nguyen_pham", 100, "eye-to-hand")
     rng = np.random.default_rng(SEED)
-    for k in range(OTHERS):
+    for _ in range(OTHERS):
         robot, camera = (tests.random_covariance(rng, sd=sd) for sd in (1e-3, 5e-3))
-        yield f"nguyen, {OTHERS} other full 6x6, largest", k, poses, uq.PoseNoise(robot, camera)
+        yield f"nguyen, {OTHERS} other full 6x6, largest", poses, uq.PoseNoise(robot, camera)
 
 
-def agreement(tests: Any, write: Callable[[list[object]], object]) -> None:
-    """Rows of one label: the largest figures are printed."""
+def agreement(tests: Any, full: bool) -> Iterator[dict[str, Any]]:
+    """Of each label the largest differences."""
     rows: dict[str, tuple[int, list[list[float]]]] = {}
-    for label, which, poses, noise in cases(tests):
-        found = []
-        for graph_of in (tests.native, tests.in_our_convention):
-            difference = tests.Difference(poses, noise, graph_of)
-            found += [max(difference.spread), max(difference.shift)]
-        rows.setdefault(label, (poses.n, []))[1].append(found)
-        write(["agreement", label, poses.n, which, *(f"{value:.3g}" for value in found)])
-    print("| poses | n | covariance | X, W | covariance, our errors | X, W, our errors |")
-    print("|---|---|---|---|---|---|")
+    with progress_bar("poses", None, "sets") as advance:
+        for label, poses, noise in cases(tests, full):
+            found = []
+            for graph_of in (tests.native, tests.in_our_convention):
+                difference = tests.Difference(poses, noise, graph_of)
+                found += [max(difference.spread), max(difference.shift)]
+            rows.setdefault(label, (poses.n, []))[1].append(found)
+            advance(1)
     for label, (n, all_found) in rows.items():
         spread, shift, our_spread, our_shift = np.max(all_found, axis=0)
-        print(f"| {label} | {n} | {100 * spread:.2f} % | {shift:.3f} | {our_spread:.0e} | {our_shift:.0e} |")
+        yield {
+            "data": label,
+            "poses": n,
+            "sets": len(all_found),
+            "covariance": spread,
+            "X_and_W_sd": shift,
+            "covariance_our_errors": our_spread,
+            "X_and_W_sd_our_errors": our_shift,
+        }
 
 
 def by_gtsam(tests: Any, poses: uq.PosePairs, noise: uq.PoseNoise) -> Callable[[], object]:
@@ -92,7 +101,7 @@ def by_gtsam(tests: Any, poses: uq.PosePairs, noise: uq.PoseNoise) -> Callable[[
     return run
 
 
-def interleaved(runs: list[Callable[[], object]], seconds: float = 4.0) -> list[float]:
+def interleaved(runs: list[Callable[[], object]], seconds: float) -> list[float]:
     """Medians in ms, each run once per round."""
     taken: list[list[float]] = [[] for _ in runs]
     end = time.perf_counter() + seconds
@@ -104,37 +113,104 @@ def interleaved(runs: list[Callable[[], object]], seconds: float = 4.0) -> list[
     return [float(np.median(times)) for times in taken]
 
 
-def times(tests: Any, write: Callable[[list[object]], object]) -> None:
+def times(tests: Any, counts: tuple[int, ...], seconds: float) -> Iterator[dict[str, Any]]:
     noise = tests.anisotropic(1e-3)
-    ratios = []
-    for n in POSES:
+    for n in counts:
         poses = uq.simulate(n, noise=noise, seed=SEED)
-        ours, theirs = interleaved([partial(efficient, poses, noise), by_gtsam(tests, poses, noise)])
-        ratios.append(f"{theirs / ours:.2g}")
-        write(["time", "efficient, GTSAM in ms", n, "", f"{ours:.3f}", f"{theirs:.3f}"])
-    print("\n| poses | " + " | ".join(f"{n:,}" for n in POSES) + " |")
-    print("|---" * (1 + len(POSES)) + "|")
-    print("| GTSAM / `efficient` | " + " | ".join(ratios) + " |")
+        ours, theirs = interleaved([partial(efficient, poses, noise), by_gtsam(tests, poses, noise)], seconds)
+        yield {"poses": n, "efficient_ms": ours, "gtsam_ms": theirs}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--csv", default="against_gtsam.csv")
-    options = parser.parse_args()
+def the_tests() -> Any:
+    """The module with the factor graphs; without GTSAM the program ends."""
     if importlib.util.find_spec("gtsam") is None:
         print("GTSAM is not installed: pip install gtsam, where it has wheels.", file=sys.stderr)
         raise SystemExit(2)
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-    tests = importlib.import_module("test_against_gtsam")
-    with open(options.csv, "w", newline="") as file:
-        writer = csv.writer(file)
-        columns = ["covariance or ms", "X and W or ms", "covariance, our errors", "X and W, our errors"]
-        writer.writerow(["table", "row", "poses", "number", *columns])
-        agreement(tests, writer.writerow)
-        times(tests, writer.writerow)
-    if "UQ_HANDEYE_DATA" not in os.environ:
-        print("\nReal poses were left out: UQ_HANDEYE_DATA is not set.")
+    folder = str(Path(__file__).resolve().parents[1] / "tests")
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    return importlib.import_module("test_against_gtsam")
 
+
+def measure(full: bool) -> Tables:
+    tests = the_tests()
+    counts, seconds = (POSES, 4.0) if full else (POSES[:2], 0.5)
+    return {
+        "agreement": pd.DataFrame(agreement(tests, full)),
+        "times": pd.DataFrame(times(tests, counts, seconds)),
+    }
+
+
+def findings(tables: Tables) -> str:
+    table, taken = tables["agreement"], tables["times"]
+    ratios = taken["gtsam_ms"] / taken["efficient_ms"]
+    worst = table.sort_values("covariance").to_dict("records")[-1]
+    same = table[["covariance_our_errors", "X_and_W_sd_our_errors"]].max().max()
+    faster = (ratios > 1).sum()
+    return "\n\n".join(
+        [
+            "Largest |eigenvalue - 1| of the whitened covariances of X and of W, and distance of X and of W in "
+            "standard deviations, the larger of the two: with GTSAM's errors, then with the toolkit's in its factors.",
+            markdown(
+                ["poses", "n", "covariance", "X, W", "covariance, our errors", "X, W, our errors"],
+                [
+                    [
+                        row["data"],
+                        row["poses"],
+                        f"{100 * row['covariance']:.2f} %",
+                        f"{row['X_and_W_sd']:.3f}",
+                        f"{row['covariance_our_errors']:.0e}",
+                        f"{row['X_and_W_sd_our_errors']:.0e}",
+                    ]
+                    for row in table.to_dict("records")
+                ],
+            ),
+            f"With GTSAM's errors the covariances agree to 1 % in {(table['covariance'] < 0.01).sum()} of {len(table)} "
+            f"rows, X and W to a tenth of a standard deviation in {(table['X_and_W_sd'] < 0.1).sum()}; farthest apart "
+            f'are the covariances on "{worst["data"]}": {100 * worst["covariance"]:.2f} %. With the same errors on '
+            f"both sides the largest difference of all is {same:.0e}.",
+            "Time of GTSAM's solve and marginals over that of `efficient`, full 6x6 noise on both sides:",
+            markdown(
+                ["poses", *(f"{n:,}" for n in taken["poses"])],
+                [["GTSAM / `efficient`", *(f"{ratio:.2g}" for ratio in ratios)]],
+            ),
+            f"`efficient` is the faster one in {faster} of {len(taken)} sizes, {ratios.min():.2g} to "
+            f"{ratios.max():.2g} "
+            "times as fast.",
+        ]
+    )
+
+
+def figures(tables: Tables) -> dict[str, Figure]:
+    table, taken = tables["agreement"], tables["times"]
+    figure = canvas(2.2 + 0.17 * len(table))
+    differences, ratio = figure.subplots(1, 2, width_ratios=(3, 2))
+    y = np.arange(len(table))
+    for column, colour, marker, label in (
+        ("covariance", ORANGE, "o", "GTSAM's errors"),
+        ("covariance_our_errors", BLUE, "s", "our errors in GTSAM"),
+    ):
+        differences.plot(table[column], y, color=colour, marker=marker, markersize=5, linestyle="none", label=label)
+    plain(differences)
+    differences.set_xscale("log")
+    differences.set_xlabel("|eigenvalue - 1| of covariances", fontsize=TEXT)
+    differences.set_ylim(len(table) - 0.5, -0.5)
+    differences.set_yticks(
+        y, [label.replace(", largest", "").replace("simulated, ", "") for label in table["data"]], fontsize=SMALL
+    )
+    differences.tick_params(axis="y", length=0)
+    differences.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=SMALL, frameon=False)
+    plain(ratio)
+    ratio.plot(taken["poses"], taken["gtsam_ms"] / taken["efficient_ms"], color=INK, marker="D", markersize=4.5)
+    ratio.axhline(1, color=QUIET, linewidth=0.8, linestyle=":")
+    ratio.set_xscale("log")
+    ratio.set_yscale("log")
+    ratio.set_xlabel("poses", fontsize=TEXT)
+    ratio.set_ylabel("time of GTSAM / efficient", fontsize=TEXT)
+    return {"agreement": finished(figure)}
+
+
+STUDY = Study("against_gtsam", measure, findings, figures, packages=("gtsam",))
 
 if __name__ == "__main__":
-    main()
+    STUDY.run(__doc__)

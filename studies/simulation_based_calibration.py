@@ -1,13 +1,12 @@
 """Simulation-based calibration of the posterior: are its probabilities those of the world it claims?
 
-    python -m studies.simulation_based_calibration [--full] [--workers 2] [--csv x.csv] [--figure x.png]
-
 Talts et al. 2018 (arXiv:1804.06788): draw the unknowns from the prior, data from the model, and samples from the
 posterior of those data; the rank of the true value among the samples is uniform, whatever the data look like, if and
-only if the posterior is right. Per case 100 problems (``--full``: 2,000), each with an X, a geometry and noise of its
-own, run through `sample_posterior` as a user would (at least 100 effective samples), of which 99 are drawn. Ranked are
-the six coordinates of the true X, the scales where they are unknown, and the Mahalanobis distance of the true X from
-the samples' mean, which is most sensitive to a covariance that is too large or too small.
+only if the posterior is right. Model: 30 pairs ``A X = X B`` with the noise (70) of the paper's section IV-C, or 15
+poses ``G X C = W``. Per case 100 problems (quick: two cases, 4), each with an X, a geometry and noise of its own, seed
+1804, run through `sample_posterior` as a user would (at least 100 effective samples), of which 99 are drawn. Ranked
+are the six coordinates of the true X, the scales where they are unknown, and the Mahalanobis distance of the true X
+from the samples' mean, which is most sensitive to a covariance that is too large or too small.
 
 *What stands in for the flat prior.* X of the problems has rotations of 0.4 to 2.6 rad about any axis and translations
 of 0.5 m: with the data transformed along, every X is like every other, so that the ranks of its error are uniform under
@@ -21,21 +20,21 @@ are Student-t. They must be rejected.
 
 from __future__ import annotations
 
-import argparse
-import csv
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-from multiprocessing import get_context
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 from scipy import stats
 
 import uq_handeye as uq
-from studies.efficiency import errors, paper
 from studies.geometries import random_transforms
+from studies.noises import paper
+from studies.scores import errors
+from studies.study import Study, Tables, markdown
+from uq_handeye.progress import progress_bar
+from uq_handeye.report.figure_parts import BLUE, GRID, INK, ORANGE, PURPLE, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.se3 import Array, inverse, perturb
 from uq_handeye.validation.posterior import sample_posterior
 from uq_handeye.validation.posterior_density import ScalePrior
@@ -43,6 +42,7 @@ from uq_handeye.validation.posterior_density import ScalePrior
 SEED = 1804
 DRAWN, BINS = 99, 20
 FACTOR, NU = 1.5, 5.0
+LEVEL = 0.001  # of the test of all quantities of a case together
 POSE_NOISE = uq.PoseNoise.isotropic(robot=("0.5mrad", "0.2mm"), camera=("1mrad", "1mm"))
 
 
@@ -69,6 +69,8 @@ CASES = (
     Case("15 poses, Student-t told Gaussian", POSE_NOISE, 15, heavy=True, told_heavy=False, wrong=True),
 )
 
+QUICK = (0, 5)  # of them
+
 
 def problem(case: Case, rng: np.random.Generator) -> tuple[Array, uq.PosePairs | uq.Motions, Array]:
     """The true X, data, and the true log-scales of both sides."""
@@ -87,7 +89,7 @@ def problem(case: Case, rng: np.random.Generator) -> tuple[Array, uq.PosePairs |
         assert S is not None
         xi = rng.standard_normal((case.n, 6)) @ np.linalg.cholesky(S).T
         measured.append(perturb(T, np.exp(log_s) * tail[:, None] * xi))
-    return X, make(*measured), log_scales
+    return X, make(measured[0], measured[1]), log_scales
 
 
 def told(case: Case) -> uq.PairNoise | uq.PoseNoise:
@@ -119,104 +121,143 @@ def ranked(case: Case, seed: int, number: int) -> tuple[list[str], Array]:
     return [*(posterior.names[k] for k in kept), "distance"], below
 
 
-def ranks(case: Case, problems: int, seed: int, workers: int = 1) -> tuple[list[str], Array]:
-    """Names, and the ranks (problems, quantities); the same for any number of workers."""
-    work = partial(ranked, case, seed)
-    if workers == 1:
-        found = [work(number) for number in range(problems)]
-    else:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            found = list(pool.map(work, range(problems), chunksize=10))
-    return found[0][0], np.array([below for _, below in found])
-
-
-class Verdict(NamedTuple):
-    name: str
-    counts: Array  # (BINS,)
-    p: float
-
-
-def verdicts(names: list[str], found: Array) -> list[Verdict]:
-    """Chi-square tests of uniform ranks."""
+def ranks(case: Case, problems: int, seed: int, advance: Callable[[int], None] = lambda more: None) -> pd.DataFrame:
+    """How many ranks of each quantity fall into each of `BINS` bins."""
+    found = []
+    for number in range(problems):
+        names, below = ranked(case, seed, number)
+        found.append(below)
+        advance(1)
     edges = np.linspace(-0.5, DRAWN + 0.5, BINS + 1)
-    rows = []
-    for name, column in zip(names, found.T, strict=True):
-        counts = np.histogram(column, edges)[0]
-        rows.append(Verdict(name, counts, float(stats.chisquare(counts).pvalue)))
-    return rows
+    return pd.concat(
+        pd.DataFrame(
+            {
+                "case": case.name,
+                "wrong_on_purpose": case.wrong,
+                "quantity": name,
+                "problems": problems,
+                "bin": np.arange(1, BINS + 1),
+                "ranks": np.histogram(column, edges)[0],
+            }
+        )
+        for name, column in zip(names, np.array(found).T, strict=True)
+    )
+
+
+def measure(full: bool) -> Tables:
+    problems, cases = (100, list(enumerate(CASES))) if full else (4, [(k, CASES[k]) for k in QUICK])
+    tables = []
+    with progress_bar("problems", len(cases) * problems, "problems") as advance:
+        for number, case in cases:
+            tables.append(ranks(case, problems, SEED + number, advance))
+    return {"ranks": pd.concat(tables)}
+
+
+def verdicts(table: pd.DataFrame) -> pd.DataFrame:
+    """p of the chi-square test of uniform ranks, of each quantity; ``uniform`` by all quantities of its case."""
+    by_quantity = table.groupby(["case", "wrong_on_purpose", "quantity"], sort=False)["ranks"]
+    judged = by_quantity.agg(lambda counts: float(stats.chisquare(counts).pvalue)).rename("p").reset_index()
+    of_case = judged.groupby("case")["p"]
+    judged["uniform"] = of_case.transform("min") > LEVEL / of_case.transform("size")
+    return judged
+
+
+def findings(tables: Tables) -> str:
+    judged = verdicts(tables["ranks"])
+    rows: list[list[str]] = []
+    right: list[bool] = []
+    rejected: list[bool] = []
+    for (case, wrong), own in judged.groupby(["case", "wrong_on_purpose"], sort=False):
+        coordinates, distance = own[own["quantity"] != "distance"], own[own["quantity"] == "distance"]
+        least = coordinates.sort_values("p").to_dict("records")[0]
+        uniform = bool(own["uniform"].all())
+        (rejected if wrong else right).append(uniform)
+        rows.append(
+            [
+                f"{case}{' (wrong on purpose)' if wrong else ''}",
+                f"{least['p']:.2g} ({least['quantity']})",
+                f"{distance['p'].iloc[0]:.2g}",
+                "yes" if uniform else "no",
+            ]
+        )
+    problems = int(tables["ranks"]["problems"].iloc[0])
+    text = [
+        f"{problems} problems per case; p of the chi-square test of uniform ranks in {BINS} bins. Uniform: no p of a "
+        "case "
+        f"below {100 * LEVEL:g} % over its number of quantities.",
+        markdown(["case", "smallest p of a coordinate", "p of the distance", "uniform"], rows),
+        f"The ranks are uniform, as far as {problems} problems can tell, in {sum(right)} of {len(right)} cases in "
+        "which "
+        f"the sampler is told the truth; {len(rejected) - sum(rejected)} of {len(rejected)} cases that are wrong on "
+        "purpose are rejected.",
+    ]
+    if problems < BINS:
+        text.append("So few problems can reject almost nothing: this is a run to see that the study works.")
+    return "\n\n".join(text)
 
 
 def band(problems: int, level: float = 0.99) -> Array:
-    """Half the width (DRAWN + 1,) of a simultaneous band about the distribution function of uniform ranks."""
+    """Half the width (BINS,) of a simultaneous band about the distribution function of uniform ranks, at the bins."""
     rng = np.random.default_rng(SEED)
-    expected = np.arange(1, DRAWN + 2) / (DRAWN + 1)
+    expected = np.arange(1, BINS + 1) / BINS
     deviation = np.sqrt(expected * (1 - expected) / problems)
-    counts = rng.multinomial(problems, np.full(DRAWN + 1, 1 / (DRAWN + 1)), size=4000)
+    counts = rng.multinomial(problems, np.full(BINS, 1 / BINS), size=4000)
     apart = np.abs(np.cumsum(counts, axis=1) / problems - expected)[:, :-1] / deviation[:-1]
     return np.asarray(np.quantile(apart.max(axis=1), level) * deviation)
 
 
-def figure(results: list[tuple[Case, list[str], Array]], path: Path) -> None:
-    """Per case the distribution functions of the ranks less that of uniform ones, in the 99 % band."""
-    from matplotlib.figure import Figure
-
-    columns = 4
-    rows = -(-len(results) // columns)
-    drawing = Figure(figsize=(3.3 * columns, 2.9 * rows), layout="constrained")
-    axes = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    share = np.arange(DRAWN + 1) / DRAWN
-    for axis, (case, names, found) in zip(axes, results, strict=False):
-        half = band(len(found))
-        axis.fill_between(share, -half, half, color="0.88", label="99 % band, all ranks together")
-        for k, name in enumerate(names):
-            counts = np.bincount(found[:, k].astype(int), minlength=DRAWN + 1)
-            apart = np.cumsum(counts) / len(found) - np.arange(1, DRAWN + 2) / (DRAWN + 1)
-            colour = "black" if name == "distance" else f"C{k % 3}" if k < 6 else f"C{k - 1}"
-            style = "-" if k < 3 or name == "distance" else "--" if k < 6 else ":"
-            axis.plot(share, apart, style, color=colour, linewidth=1.4 if name == "distance" else 0.9, label=name)
-        axis.set_title(f"{case.name}{' (wrong)' if case.wrong else ''}", fontsize=8)
-        axis.tick_params(labelsize=7)
-        axis.set_xlabel("rank of the truth / 99", fontsize=8)
-    for axis in axes[len(results) :]:
+def figures(tables: Tables) -> dict[str, Figure]:
+    """Per case the distribution functions of the ranks less that of uniform ones, in the 99 % band of one quantity."""
+    table = tables["ranks"]
+    cases = list(dict.fromkeys(table["case"]))
+    rows = len(cases) // 4 + 1  # one place is for the legend
+    figure = canvas(max(2.9, 2.2 * rows))
+    axes = figure.subplots(rows, 4, sharex=True, sharey=True).ravel()
+    share = np.arange(BINS + 1) / BINS
+    for axis, case in zip(axes, cases, strict=False):
+        plain(axis)
+        of_case = table[table["case"] == case]
+        half = np.append(0.0, band(int(of_case["problems"].iloc[0])))
+        axis.fill_between(share, -half, half, color=GRID, label="99 % of one quantity", linewidth=0)
+        for name, own in of_case.groupby("quantity", sort=False):
+            counts = own.sort_values("bin")["ranks"].to_numpy()
+            apart = np.append(0.0, np.cumsum(counts) / counts.sum()) - share
+            axis.plot(share, apart, label=LABELS[kind_of(str(name))], **LOOKS[kind_of(str(name))])
+        wrong = bool(of_case["wrong_on_purpose"].iloc[0])
+        axis.set_title(wrapped(case) + ("\n(wrong on purpose)" if wrong else ""), fontsize=SMALL)
+        axis.set_xlim(0, 1)
+        axis.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
+    for axis in axes[len(cases) :]:
         axis.set_axis_off()
-    fullest = max(range(len(results)), key=lambda k: len(results[k][1]))
-    handles, labels = axes[fullest].get_legend_handles_labels()
-    axes[-1].legend(handles, labels, loc="center", fontsize=8, frameon=False)
-    drawing.supylabel("distribution function of the ranks less that of uniform ranks", fontsize=8)
-    drawing.savefig(path, dpi=160)
+    handles: dict[str, Any] = {}
+    for axis in axes[: len(cases)]:
+        handles.update(dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True)))
+    axes[-1].legend(handles.values(), handles.keys(), loc="center", fontsize=SMALL, frameon=False)
+    figure.supxlabel("rank of the truth / number of samples", fontsize=TEXT)
+    figure.supylabel("distribution of the ranks less uniform", fontsize=TEXT)
+    return {"ranks": finished(figure)}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--full", action="store_true", help="2,000 problems per case instead of 100")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--csv", default="ranks.csv")
-    parser.add_argument("--figure", default="ranks.png")
-    options = parser.parse_args()
-    problems = 2_000 if options.full else 100
-    results = []
-    print(f"{problems} problems per case; p of the chi-square test of uniform ranks in {BINS} bins\n")
-    print("| case | smallest p of a coordinate | p of the distance | uniform at 0.1 % over all quantities |")
-    print("|---|---|---|---|")
-    with open(options.csv, "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["case", "wrong on purpose", "quantity", "problems", "p", *(f"bin {k}" for k in range(BINS))])
-        for number, case in enumerate(CASES):
-            names, found = ranks(case, problems, SEED + number, options.workers)
-            results.append((case, names, found))
-            judged = verdicts(names, found)
-            for row in judged:
-                writer.writerow([case.name, case.wrong, row.name, problems, f"{row.p:.3g}", *row.counts])
-            *coordinates, distance = judged
-            least = min(coordinates, key=lambda row: row.p)
-            uniform = min(row.p for row in judged) > 0.001 / len(judged)
-            print(
-                f"| {case.name}{' (wrong on purpose)' if case.wrong else ''} | {least.p:.2g} ({least.name}) | "
-                f"{distance.p:.2g} | {'yes' if uniform else 'no'} |",
-                flush=True,
-            )
-    figure(results, Path(options.figure))
+LABELS = {"theta": "rotation", "tau": "translation", "scale": "scale of the noise", "distance": "distance"}
+LOOKS: dict[str, dict[str, Any]] = {
+    "theta": {"color": BLUE, "linestyle": "-", "linewidth": 0.9},
+    "tau": {"color": ORANGE, "linestyle": "--", "linewidth": 0.9},
+    "scale": {"color": PURPLE, "linestyle": ":", "linewidth": 1.2},
+    "distance": {"color": INK, "linestyle": "-", "linewidth": 1.7},
+}
 
+
+def kind_of(quantity: str) -> str:
+    return next((kind for kind in ("theta", "tau", "distance") if quantity.startswith(kind)), "scale")
+
+
+def wrapped(case: str) -> str:
+    """In two lines, at the last comma."""
+    first, _, second = case.rpartition(", ")
+    return f"{first},\n{second}" if first else case
+
+
+STUDY = Study("simulation_based_calibration", measure, findings, figures, packages=("emcee", "arviz"))
 
 if __name__ == "__main__":
-    main()
+    STUDY.run(__doc__)

@@ -69,7 +69,10 @@ class Study:
             if not (folder / RUN).exists():
                 parser.error(f"there is no {folder / RUN}: run the study without --redraw first, or say -o FOLDER.")
         else:
-            self._measure(folder, options.full)
+            try:
+                self._measure(folder, options.full)
+            except uq.MissingExtraError as missing:
+                parser.error(str(missing))
         text, names = self.write(folder)
         print(f"{text}\nWritten to {folder}: {', '.join(names)}")
 

@@ -11,7 +11,7 @@ One step (Gauss-Helmert) linearises r at guesses of X, W and the errors v. With 
 
 The first step from 4DPA's X, with v = 0, is that of T5: at the bound to first order in the errors. It takes the
 derivatives at measured data, whose noise biases X and makes ``I_F^-1`` too small where rotation noise times a lever
-exceeds the translation noise (motions with 10 mrad and 0.1 mm in `studies.efficiency`: mean NEES 8 and 12, not 6).
+exceeds the translation noise (motions with 10 mrad and 0.1 mm in `studies.likelihood`: mean NEES 8 and 12, not 6).
 ``efficient`` therefore takes a second one, with the derivatives at the poses as the first corrected them. What further
 steps change is small beside the deviations, but for the largest noise there. ``ml`` goes on until it stands still:
 there the conditions of the constrained maximum hold exactly. The covariance of both is ``I_F^-1``, where the last step

@@ -9,6 +9,8 @@ compared with forming all pairs and solving. Needs OpenCV 4 (extra `bench`).
 from __future__ import annotations
 
 import time
+from functools import partial
+from typing import Any
 
 from studies.performance.core import (  # before NumPy: it sets one thread  # isort: skip
     OPENCV_AT_30,
@@ -31,11 +33,13 @@ def against_opencv(n: int) -> None:
     poses = uq.simulate(n_poses=n, noise=NOISE, seed=0)
     G, C = poses.robot, poses.camera
     B = np.linalg.inv(G)
+    hand_eye: Any = cv2.calibrateHandEye  # its stubs know lists of matrices only
+    robot_world: Any = cv2.calibrateRobotWorldHandEye
     for name in HAND_EYE:
         flag = getattr(cv2, f"CALIB_HAND_EYE_{name.upper()}")
 
         def theirs(flag: int = flag) -> None:
-            cv2.calibrateHandEye(G[:, :3, :3], G[:, :3, 3], C[:, :3, :3], C[:, :3, 3], method=flag)
+            hand_eye(G[:, :3, :3], G[:, :3, 3], C[:, :3, :3], C[:, :3, 3], method=flag)
 
         def ours(name: str = name) -> None:
             motions = uq.relative_motions(poses, "all")
@@ -46,9 +50,9 @@ def against_opencv(n: int) -> None:
         flag = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name.upper()}")
 
         def theirs(flag: int = flag) -> None:
-            cv2.calibrateRobotWorldHandEye(C[:, :3, :3], C[:, :3, 3], B[:, :3, :3], B[:, :3, 3], method=flag)
+            robot_world(C[:, :3, :3], C[:, :3, 3], B[:, :3, :3], B[:, :3, 3], method=flag)
 
-        print_row(n, name, median_ms(theirs), median_ms(lambda name=name: uq.ROBOT_WORLD_METHODS[name](poses)))
+        print_row(n, name, median_ms(theirs), median_ms(partial(uq.ROBOT_WORLD_METHODS[name], poses)))
 
 
 def print_row(n: int, name: str, theirs: float, ours: float) -> None:
@@ -70,17 +74,16 @@ def main() -> None:
     noise = uq.PairNoise(covariance, covariance)
     a, b = (perturbed(T, covariance, rng) for T in (A, B))
     for name in uq.METHODS:
-        solve = median_ms(lambda name=name: uq.solve(a, b, method=name))
-        both = median_ms(lambda name=name: uq.propagate(a, b, noise, method=name))
+        solve = median_ms(partial(uq.solve, a, b, method=name))
+        both = median_ms(partial(uq.propagate, a, b, noise, method=name))
         print(f"{name:11s} {solve:20.3f} {both:18.3f}", flush=True)
 
     nguyen = uq.METHODS["nguyen"]
     one = median_ms(lambda: nguyen.estimate(a, b, noise))
     print(f"\nnguyen, 60 pairs, X with Sigma_R and Sigma_t: {one:.3f} ms (goal {0.9 * machine:.3f})")
-    trials = [np.broadcast_to(T, (10_000, *T.shape)) for T in (A, B)]
-    trials = [perturbed(T, covariance, rng) for T in trials]
+    many_A, many_B = (perturbed(np.broadcast_to(T, (10_000, *T.shape)), covariance, rng) for T in (A, B))
     start = time.perf_counter()
-    estimate = nguyen.estimate(*trials, noise)
+    estimate = nguyen.estimate(many_A, many_B, noise)
     seconds = time.perf_counter() - start
     print(f"nguyen, 10,000 trials of 60 pairs: {seconds:.2f} s (goal 20), {estimate.converged.mean():.2%} converged")
 

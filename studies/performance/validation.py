@@ -1,6 +1,6 @@
 """Time and memory of the validation against its goals: Monte Carlo, two workers, posterior, cross-check.
 
-    OPENBLAS_NUM_THREADS=1 python -m studies.performance.validation [--full]
+    python -m studies.performance.validation [--full]
 
 Prints ratios of one run, each the median over interleaved repeats. The unit is the time NumPy takes to draw as many
 standard normals as 10,000 trials of 60 motions with two full covariances need, 7.2 million. ``--full`` adds 1,000,000
@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def seconds(function: Callable[[], object]) -> float:
 
 def interleaved(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
     """Median time of each, the calls taking turns."""
-    times = {name: [] for name in functions}
+    times: dict[str, list[float]] = {name: [] for name in functions}
     for _ in range(repeats):
         for name, function in functions.items():
             times[name].append(seconds(function))
@@ -93,7 +94,7 @@ def main() -> None:
     ratio = medians["efficient"] / call
     line("monte_carlo of efficient", f"{ratio:.2f} times 4dpa", "6", ratio <= 6)
     for name in ("ml", "nguyen"):
-        taken = seconds(lambda name=name: uq.monte_carlo(data, noise=noise, method=name, trials=TRIALS, seed=SEED))
+        taken = seconds(partial(uq.monte_carlo, data, noise=noise, method=name, trials=TRIALS, seed=SEED))
         line(f"monte_carlo of {name}", f"{taken / call:.0f} times 4dpa", "", True)
     taken = seconds(lambda: uq.sample_posterior(data, noise=noise, seed=SEED))
     limit = 15 * draw / PEER_DRAW
@@ -102,7 +103,7 @@ def main() -> None:
         return
     million = 1_000_000
     one, two = (
-        seconds(lambda workers=workers: uq.monte_carlo(data, noise=noise, trials=million, seed=SEED, workers=workers))
+        seconds(partial(uq.monte_carlo, data, noise=noise, trials=million, seed=SEED, workers=workers))
         for workers in (1, 2)
     )
     line("1,000,000 trials, two workers", f"{one / two:.2f} times faster", "1.7", one >= 1.7 * two)

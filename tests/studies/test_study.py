@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import uq_handeye as uq
 from studies.study import Study, markdown, read_table, read_tables
 from uq_handeye.report.figure_parts import canvas, finished
 
@@ -70,6 +71,16 @@ def test_nothing_to_redraw(study, tmp_path, capsys):
     assert stopped.value.code == 2
     assert "run the study without --redraw first" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
+
+
+def test_a_package_that_is_missing_is_named_without_a_traceback(tmp_path, capsys):
+    def needy(full):
+        raise uq.MissingExtraError("Method 'heller' needs CVXPY and Clarabel.")
+
+    with pytest.raises(SystemExit) as stopped:
+        Study("example", needy, findings, figures).run("", ["-o", str(tmp_path)])
+    assert stopped.value.code == 2 and "needs CVXPY" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_empty_cells_of_words_stay_words():

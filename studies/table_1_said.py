@@ -1,0 +1,316 @@
+"""What `studies.table_1` says and draws, from its tables alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from studies.study import Tables, markdown
+from studies.styles import style
+from uq_handeye.report.figure_parts import GRID, INK, QUIET, SMALL, TEXT, canvas, finished, plain
+
+SPEED = (("High", 5.0), ("Medium", 15.0), ("Low", 50.0), ("Very Low", np.inf))  # time / that of the fastest
+ACCURACY = (("High", 1.25), ("Medium", 2.0), ("Low", np.inf))  # RMS error / bound, geometric mean
+RATIOS = ["rotation_over_bound", "translation_over_bound"]
+OURS = ("li", "shah", "efficient", "ml")  # beneath the paper's fifteen
+
+
+def class_of(value: float, rule: Sequence[tuple[str, float]]) -> str:
+    return next(name for name, limit in rule if value < limit)
+
+
+def rule_text(rule: Sequence[tuple[str, float]]) -> str:
+    return ", ".join(f"{name} below {limit:g}" for name, limit in rule[:-1]) + f", else {rule[-1][0]}"
+
+
+def summary(tables: Tables) -> pd.DataFrame:
+    """Per method: geometric means over the cases, mean NEES, where it lies, and classes."""
+    accuracy, rows = tables["accuracy"], []
+    for name in tables["about"]["method"]:
+        cells = accuracy[accuracy["method"] == name]
+        inside = cells["nees"].between(cells["nees_low"], cells["nees_high"])
+        turn, shift = (float(np.exp(np.log(cells[column]).mean())) for column in RATIOS)
+        rows.append(
+            {
+                "method": name,
+                "cases": len(cells),
+                "rotation": turn,
+                "translation": shift,
+                "ratio": float(np.sqrt(turn * shift)),
+                "nees": float(np.average(cells["nees"], weights=cells["trials"])),
+                "inside": int(inside.sum()),
+                "failed": int(cells["failed"].sum()),
+            }
+        )
+    table = pd.DataFrame(rows).merge(tables["times"], on="method").merge(tables["exact"], on="method")
+    table["speed"] = [class_of(x, SPEED) for x in table["one_over_fastest"]]
+    table["accuracy"] = [class_of(x, ACCURACY) for x in table["ratio"]]
+    return table.merge(tables["about"], on="method").set_index("method")
+
+
+def findings(tables: Tables) -> str:
+    table = summary(tables)
+    return "\n\n".join(
+        [
+            _measured(table, tables["accuracy"]),
+            _classes(table, tables["paper_times"]),
+            _by_case(tables["accuracy"], table["structure"]),
+            _tools(table),
+        ]
+    )
+
+
+def _measured(table: pd.DataFrame, accuracy: pd.DataFrame) -> str:
+    rows = [
+        [
+            f"`{name}`",
+            "" if pd.isna(row["year"]) else f"{row['year']:.0f}",
+            row["structure"],
+            row["form"],
+            f"{row['largest_error']:.0e}",
+            f"{row['rotation']:.2f}",
+            f"{row['translation']:.2f}",
+            f"{row['nees']:.2f}",
+            f"{row['inside']} of {row['cases']}",
+        ]
+        for name, row in table.iterrows()
+    ]
+    most = accuracy.sort_values("trials").iloc[-1]
+    problems, draws = int(table["problems"].max()), int(most["trials"])
+    outside = accuracy[~accuracy["nees"].between(accuracy["nees_low"], accuracy["nees_high"])]
+    where = ", ".join(f'`{row.method}` in "{row.case}" ({row.nees:.2f})' for row in outside.itertuples())
+    by_chance = 0.001 * len(accuracy)
+    failed = int(table["failed"].sum())
+    return (
+        "## All methods, measured\n\n"
+        f"Exact data: largest error (rad, m) on {problems} problems without noise. Rotation, translation: RMS error "
+        f"over that of the Cramer-Rao bound, geometric mean over the cases ({accuracy['case'].nunique()}; `li` and "
+        f"`shah` need poses: {int(table['cases'].min())}). NEES: mean of `e^T Sigma^-1 e` over up to {draws:,} draws "
+        f"per case, 6 if the predicted covariance is true; 99.9 % of such means lie between {most['nees_low']:.2f} and "
+        f"{most['nees_high']:.2f} at {draws:,} draws (wider for the fewer of `zhao` and `heller`); last column: in how "
+        "many cases it does.\n\n"
+        + markdown(
+            ["method", "year", "structure", "form", "exact data", "rotation", "translation", "NEES", "inside"], rows
+        )
+        + "\n\nUncertainty: in the paper's table only `nguyen` has one. Here all have: the mean NEES is inside its "
+        f"99.9 % interval in {len(accuracy) - len(outside)} of {len(accuracy)} cells (by chance about {by_chance:.1f} "
+        f"would be outside). " + (f"Outside: {where}. " if len(outside) else "") + f"{failed} estimates failed."
+    )
+
+
+def _classes(table: pd.DataFrame, paper_times: pd.DataFrame) -> str:
+    rows = [
+        [
+            f"`{name}`",
+            row["paper_speed"] or "",
+            f"{row['speed']} ({row['one_over_fastest']:.3g}; {row['batch_over_fastest']:.3g})",
+            row["paper_accuracy"] or "",
+            f"{row['accuracy']} ({row['ratio']:.2f})"
+            + ("" if row["cases"] == table["cases"].max() else f", of {row['cases']} cases"),
+            row["paper_uncertainty"] or "",
+            "yes" if np.isfinite(row["nees"]) else "no",
+        ]
+        for name, row in table.iterrows()
+    ]
+    printed = table[table["paper_speed"] != ""]
+    other = {
+        what: [f"`{name}`" for name, row in printed.iterrows() if row[f"paper_{what}"] != row[what]]
+        for what in ("speed", "accuracy")
+    }
+    published = _comparable(table)
+    ratio = {str(name): float(x) for name, x in table["ratio"].items()}
+    best, worst = str(published["ratio"].idxmin()), str(published["ratio"].idxmax())
+    return (
+        "## Classes\n\n"
+        f"Speed: processor time of one problem over that of the fastest, {rule_text(SPEED)}; in brackets that ratio, "
+        "and the same in a batch. Accuracy: RMS error over bound, geometric mean over cases, rotation and "
+        f"translation, {rule_text(ACCURACY)}. The paper states no rule; 4DPA has no row in its table.\n\n"
+        + markdown(
+            ["method", "speed: paper", "measured", "accuracy: paper", "measured", "uncertainty: paper", "here"], rows
+        )
+        + f"\n\nThe classes differ in speed for {len(other['speed'])} of {len(printed)} methods "
+        f"({_list(other['speed'])}), in accuracy for {len(other['accuracy'])} ({_list(other['accuracy'])}). Of the "
+        f"published methods that run on all cases `{best}` is nearest to the bound ({ratio[best]:.2f}), `{worst}` "
+        f"farthest ({ratio[worst]:.2f}); `4dpa` has {ratio['4dpa']:.2f}, `efficient` {ratio['efficient']:.2f}. "
+        f"{_separated(table)}\n\n{_order(printed)}\n\n{_against_its_own_times(table, paper_times)}"
+    )
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+def _comparable(table: pd.DataFrame) -> pd.DataFrame:
+    """The published methods that were run on all cases."""
+    found: pd.DataFrame = table[(table["cases"] == table["cases"].max()) & ~table.index.isin(["efficient", "ml"])]
+    return found
+
+
+def _order(printed: pd.DataFrame) -> str:
+    """What does not depend on where our classes end: pairs of methods that Table I and the measurement rank alike."""
+    said = []
+    for what, column, rule in (("speed", "one_over_fastest", SPEED), ("accuracy", "ratio", ACCURACY)):
+        order = [name for name, _ in rule]
+        rank, value = [order.index(word) for word in printed[f"paper_{what}"]], printed[column].to_numpy()
+        better = [value[a] < value[b] for a in range(len(rank)) for b in range(len(rank)) if rank[a] < rank[b]]
+        said.append(f"{what}, {sum(better)} of {len(better)}")
+    return (
+        "Whatever the limits of the classes, pairs of methods that Table I puts into different ones and that are in "
+        f"the same order here: {'; '.join(said)}."
+    )
+
+
+def _separated(table: pd.DataFrame) -> str:
+    means = {
+        str(kind): (float(np.exp(np.log(rows["ratio"]).mean())), len(rows))
+        for kind, rows in _comparable(table).groupby("structure")
+    }
+    return (
+        "Geometric mean of the ratio by structure (number of methods): "
+        + ", ".join(f"{kind} {x:.2f} ({n})" for kind, (x, n) in means.items())
+        + "."
+    )
+
+
+def _against_its_own_times(table: pd.DataFrame, paper_times: pd.DataFrame) -> str:
+    """Pairs of methods whose classes in Table I contradict the times in Tables II and III."""
+    first = paper_times[paper_times["N"] == paper_times["N"].min()].set_index("method")["seconds"]
+    order = [name for name, _ in SPEED]
+    words = {str(name): str(word) for name, word in table["paper_speed"].items()}
+    classes = {name: order.index(words[name]) for name in first.index if words[name]}
+    wrong, compared = [], 0
+    for fast in classes:
+        for slow in classes:
+            if classes[fast] < classes[slow]:
+                compared += 1
+                if first[fast] > first[slow]:
+                    wrong.append((first[fast] / first[slow], fast, slow))
+    text = (
+        f"Of {compared} pairs of methods that Table I puts into different classes of speed and Tables II and III time, "
+        f'{len(wrong)} have the "faster" one slower in the first case there.'
+    )
+    if wrong:
+        factor, fast, slow = max(wrong)
+        text += f" Most so: `{fast}` ({words[fast]}) takes {factor:.1f} times as long as `{slow}` ({words[slow]})."
+    return text
+
+
+def _by_case(accuracy: pd.DataFrame, structure: pd.Series) -> str:
+    cases = list(accuracy["case"].unique())
+    cells = {
+        (row.method, row.case): f"{row.rotation_over_bound:.2f}, {row.translation_over_bound:.2f}; {row.nees:.2f}"
+        for row in accuracy.itertuples()
+    }
+    rows = [
+        [f"`{name}`", *(cells.get((name, case), "needs poses") for case in cases)]
+        for name in accuracy["method"].unique()
+    ]
+    hard = cases[-1]
+    of_hard = accuracy[(accuracy["case"] == hard)].set_index("method")["translation_over_bound"]
+    published = of_hard.drop(["efficient", "ml"], errors="ignore")
+    parts = {kind: published[structure[published.index] == kind] for kind in ("separated", "simultaneous")}
+    said = "; ".join(
+        f"{kind} methods {x.min():.2f} (`{x.idxmin()}`) to {x.max():.2f} (`{x.idxmax()}`)" for kind, x in parts.items()
+    )
+    worse = parts["separated"].min() > parts["simultaneous"].min()
+    trials = int(accuracy["trials"].max())
+    return (
+        "## Case by case\n\n"
+        f"RMS error over bound of rotation, translation; mean NEES. One standard error of a ratio from {trials:,} "
+        f"draws is about {100 / np.sqrt(6 * trials):.1f} to {100 / np.sqrt(2 * trials):.1f} %.\n\n"
+        + markdown(["method", *cases], rows)
+        + '\n\nThe ranking depends on the case. The paper says that separated methods "can not produce good enough '
+        f'results" when translations are more accurate than rotations, as in "{hard}". Translation error over bound '
+        f"there: {said}. "
+        + (
+            "The best of the separated ones is worse than the best of the others: the sentence holds here."
+            if worse
+            else "The best of the separated ones is not worse than the best of the others: the sentence does not hold "
+            "here."
+        )
+        + f" `4dpa`: {published['4dpa']:.2f}."
+    )
+
+
+def _tools(table: pd.DataFrame) -> str:
+    def text(value: object) -> str:
+        return str(value).replace("|", "\\|")
+
+    rows = [
+        [
+            f"`{name}`",
+            *(text(row[column]) for column in ("paper_type", "paper_tools")),
+            f"{row['structure']}, {row['form']}",
+            *(text(row[column]) for column in ("minimises", "reference")),
+        ]
+        for name, row in table.iterrows()
+    ]
+    return "## Type and tools\n\n" + markdown(
+        ["method", "type: paper", "basic tools: paper", "here", "minimises, as implemented here", "reference"], rows
+    )
+
+
+def figures(tables: Tables) -> dict[str, Figure]:
+    return {"table_1": _figure(summary(tables), tables["accuracy"])}
+
+
+def _figure(table: pd.DataFrame, accuracy: pd.DataFrame) -> Figure:
+    figure = canvas(5.6)
+    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
+    looks = {str(name): style(str(name)) | {"linestyle": "none", "markersize": 6.5} for name in table.index}
+    for name in table.index[table["cases"] < table["cases"].max()]:
+        looks[str(name)]["markerfacecolor"] = "white"
+    for name, row in table.iterrows():
+        left.plot(row["one_over_fastest"], row["ratio"], **looks[str(name)])
+    left.set_xscale("log")
+    left.set_yscale("log")
+    plain(left)
+    left.set_xlim(0.85, max(table["one_over_fastest"].max() * 1.5, 110.0))
+    left.set_ylim(0.93, max(table["ratio"].max() * 1.12, 2.3))
+    for _, limit in SPEED[:-1]:
+        left.axvline(limit, color=QUIET, linewidth=0.8, linestyle="--", zorder=0)
+    for _, limit in ACCURACY[:-1]:
+        left.axhline(limit, color=QUIET, linewidth=0.8, linestyle="--", zorder=0)
+    ticks = [1, 1.25, 1.5, 2, 2.5]
+    left.set_yticks(ticks, [f"{x:g}" for x in ticks])
+    left.set_yticks([], minor=True)
+    left.set_xticks([1, 2, 5, 15, 50], ["1", "2", "5", "15", "50"])
+    left.set_xticks([], minor=True)
+    for (name, _), at in zip(SPEED, (2.0, 8.5, 27.0, 75.0), strict=True):
+        left.text(at, 1.01, name, transform=left.get_xaxis_transform(), ha="center", fontsize=SMALL, color=QUIET)
+    for (name, _), at in zip(ACCURACY, (1.12, 1.6, 2.15), strict=True):
+        left.text(
+            1.01, at, name, transform=left.get_yaxis_transform(), va="center", rotation=90, fontsize=SMALL, color=QUIET
+        )
+    left.set_xlabel("time of one problem / fastest", fontsize=TEXT)
+    left.set_ylabel("RMS error / Cramer-Rao bound", fontsize=TEXT)
+
+    names = list(table.index)[::-1]
+    shades = dict(zip(accuracy["case"].unique(), ("o", "s", "^", "D", "X"), strict=False))
+    for height, name in enumerate(names):
+        cells = accuracy[accuracy["method"] == name]
+        offsets = np.linspace(0.3, -0.3, len(cells)) if len(cells) > 1 else [0.0]
+        for offset, (_, row) in zip(offsets, cells.iterrows(), strict=True):
+            low, high = row["nees_low"], row["nees_high"]
+            right.plot([low, high], [height + offset] * 2, color="0.78", linewidth=1.6, solid_capstyle="butt", zorder=1)
+            right.plot(row["nees"], height + offset, marker=shades[row["case"]], color=INK, markersize=2.8, zorder=2)
+    right.axvline(6.0, color=QUIET, linewidth=0.8, zorder=0)
+    right.set_yticks(range(len(names)), names)
+    right.set_ylim(-0.7, len(names) - 0.3)
+    right.set_xlabel("mean NEES (6 is true), 99.9 % interval in grey", fontsize=TEXT)
+    plain(right)
+    right.grid(axis="y", visible=False)
+    for height in range(1, len(names)):
+        right.axhline(height - 0.5, color=GRID, linewidth=0.5, zorder=0)
+    methods = [Line2D([], [], **(look | {"markersize": 5}), label=name) for name, look in looks.items()]
+    marks = [
+        Line2D([], [], linestyle="none", marker=mark, color=INK, markersize=3.5, label=case)
+        for case, mark in shades.items()
+    ]
+    figure.legend(handles=methods, loc="outside lower center", ncols=7, fontsize=SMALL, frameon=False)
+    right.legend(handles=marks, loc="lower center", bbox_to_anchor=(0.42, 1.0), ncols=2, fontsize=SMALL, frameon=False)
+    return finished(figure)
