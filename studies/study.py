@@ -70,6 +70,10 @@ class Study:
                 parser.error(f"there is no {folder / RUN}: run the study without --redraw first, or say -o FOLDER.")
         else:
             try:
+                folder.mkdir(parents=True, exist_ok=True)  # now, not after minutes
+            except OSError as error:
+                parser.error(f"cannot make the folder {folder}: {error.strerror}.")
+            try:
                 self._measure(folder, options.full)
             except uq.MissingExtraError as missing:
                 parser.error(str(missing))

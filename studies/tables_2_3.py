@@ -258,17 +258,25 @@ def verdict(root: Path) -> pd.DataFrame:
     return pd.DataFrame([{"data": DEFECTIVE, "verdict": said, "warnings": len(caught)}])
 
 
-def measure(full: bool) -> Tables:
-    tables = {"paper": errors_and_times(), "accuracy": accuracy(full), "times": times(full)}
+def recordings(full: bool) -> Tables:
+    """Of the folder that UQ_HANDEYE_DATA names; no tables without one."""
     folder = os.environ.get("UQ_HANDEYE_DATA")
-    if folder:
-        root = Path(folder)
-        measured = real(root, full)
-        if len(measured):
-            tables["real"] = measured
-        if (root / DEFECTIVE).exists():
-            tables["published"] = verdict(root)
+    if not folder:
+        return {}
+    root, tables = Path(folder), {}
+    if not root.is_dir():
+        raise uq.InputError(f"UQ_HANDEYE_DATA names {folder}, which is not a folder.")
+    measured = real(root, full)
+    if len(measured):
+        tables["real"] = measured
+    if (root / DEFECTIVE).exists():
+        tables["published"] = verdict(root)
     return tables
+
+
+def measure(full: bool) -> Tables:
+    found = recordings(full)  # first, as they are quick and may be unreadable
+    return {"paper": errors_and_times(), "accuracy": accuracy(full), "times": times(full), **found}
 
 
 STUDY = Study("tables_2_3", measure, findings, figures, packages=("cvxpy",))

@@ -163,7 +163,7 @@ def _truth(accuracy: pd.DataFrame, printed: float) -> str:
         table_of, own = columns[column], columns[column]["4dpa"]
         others = table_of[list(PAPER[:-1])]
         rivals = others.min(axis=1)
-        rivals_se = pd.Series([columns[se][name][N] for N, name in others.idxmin(axis=1).items()], rivals.index)
+        rivals_se = columns[se][list(others)].to_numpy()[range(len(others)), np.nanargmin(others.to_numpy(), axis=1)]
         n, total = smallest(table_of), len(table_of)
         close = int((own - rivals <= 2 * np.hypot(columns[se]["4dpa"], rivals_se)).sum())
         verdict = holds(n / total, printed) if n >= printed * total or close < printed * total else "cannot be judged"

@@ -80,7 +80,15 @@ def test_a_package_that_is_missing_is_named_without_a_traceback(tmp_path, capsys
     with pytest.raises(SystemExit) as stopped:
         Study("example", needy, findings, figures).run("", ["-o", str(tmp_path)])
     assert stopped.value.code == 2 and "needs CVXPY" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
+    assert not list((tmp_path / "example").iterdir())
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_measured(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    measured = []
+    with pytest.raises(SystemExit) as stopped:
+        Study("example", measured.append, findings, figures).run("", ["-o", str(tmp_path / "file")])
+    assert stopped.value.code == 2 and "cannot make the folder" in capsys.readouterr().err and not measured
 
 
 def test_empty_cells_of_words_stay_words():

@@ -205,5 +205,15 @@ def test_recordings_that_are_at_hand(tmp_path):
     assert f"{said['verdict']} by `calibrate`" in text and "synthetic_camera_2, N = 18" in text
 
 
+def test_no_folder_and_a_wrong_folder_of_recordings(tmp_path, monkeypatch):
+    monkeypatch.delenv("UQ_HANDEYE_DATA", raising=False)
+    assert tables_2_3.recordings(False) == {}
+    monkeypatch.setenv("UQ_HANDEYE_DATA", str(tmp_path / "none"))
+    with pytest.raises(uq.InputError, match="which is not a folder"):
+        tables_2_3.recordings(False)
+    monkeypatch.setenv("UQ_HANDEYE_DATA", str(tmp_path))
+    assert tables_2_3.recordings(False) == {}
+
+
 def quaternions(T):
     return Rotation.from_matrix(T[:, :3, :3]).as_quat()
