@@ -27,8 +27,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 import uq_handeye as uq
+from studies.efficiency_findings import NEES, deviations_between, findings, first_order, means_between, rows_of
 from studies.efficiency_rig import METHODS, SWEEPS, Setting, Size, Sweep, cell, motions
-from studies.efficiency_words import NEES, deviations_between, findings, first_order, means_between, rows_of
 from studies.study import Study, Tables
 from studies.styles import style
 from uq_handeye.progress import progress_bar
@@ -113,8 +113,8 @@ def _of_the_bound(cells: pd.DataFrame) -> Figure:
         some = cells[cells.sweep == sweep.name]
         for method, rows in some[some.answer == "yes"].groupby("method", sort=False):
             look = style(str(method))
-            axis.plot(rows.value, rows.predicted_high, **(look | {"marker": ""}))
-            axis.plot(rows.value, rows.sampled_high, **(look | {"linestyle": ""}), markerfacecolor="none")
+            axis.plot(rows.value, rows.predicted_over_bound_high, **(look | {"marker": ""}))
+            axis.plot(rows.value, rows.drawn_over_bound_high, **(look | {"linestyle": ""}), markerfacecolor="none")
         axis.axhline(1.0, color=QUIET, linewidth=0.8, zorder=0)
         axis.set_yscale("log")
         _log(axis, sweep, some.value.to_numpy())
@@ -159,8 +159,8 @@ def _of_first_order(cells: pd.DataFrame) -> Figure:
     for method, rows in drawn.groupby("method", sort=False):
         look = style(str(method)) | {"linestyle": "", "markersize": 3, "markerfacecolor": "none"}
         at = rows.trials * rng.uniform(0.95, 1.05, len(rows))  # apart from each other
-        left.plot(at, rows.agreement_low, **look)
-        left.plot(at, rows.agreement_high, **look)
+        left.plot(at, rows.drawn_over_predicted_low, **look)
+        left.plot(at, rows.drawn_over_predicted_high, **look)
         right.plot(at, rows.nees, **look)
     for axis, (low, high) in zip(
         (left, right), (deviations_between(spans, len(drawn)), means_between(spans, len(drawn))), strict=True

@@ -176,7 +176,7 @@ class Size:
 def cell(setting: Setting, method: str, size: Size, part: float = 1.0) -> dict[str, Any]:
     """Deviations over the bound, predicted and of the drawn errors about the truth; smallest and largest of six.
 
-    ``answer`` is yes, or why there is none. ``bias``: largest mean error of the six, in deviations.
+    ``answer`` is yes, or why there is none. ``bias_over_sd``: largest mean error of the six, in deviations.
     """
     if method in uq.ROBOT_WORLD_METHODS and isinstance(setting.truth, uq.Motions):
         return {"answer": "solves for poses, not for motions", "trials": 0, "failed": 0}
@@ -191,8 +191,8 @@ def cell(setting: Setting, method: str, size: Size, part: float = 1.0) -> dict[s
         deviations = np.sqrt(np.diag(S))
         row: dict[str, Any] = {
             "answer": "yes",
-            "predicted_low": (deviations / limit).min(),
-            "predicted_high": (deviations / limit).max(),
+            "predicted_over_bound_low": (deviations / limit).min(),
+            "predicted_over_bound_high": (deviations / limit).max(),
             "trials": size.of(experiment),
             "failed": 0,
         }
@@ -205,8 +205,8 @@ def cell(setting: Setting, method: str, size: Size, part: float = 1.0) -> dict[s
         return row
     e = drawn.errors[drawn.ok]
     found = np.sqrt(np.mean(e**2, axis=0))
-    row |= {f"sampled_{end}": pick(found / limit) for end, pick in (("low", np.min), ("high", np.max))}
-    row |= {f"agreement_{end}": pick(found / deviations) for end, pick in (("low", np.min), ("high", np.max))}
+    for name, ratio in (("bound", found / limit), ("predicted", found / deviations)):
+        row |= {f"drawn_over_{name}_low": ratio.min(), f"drawn_over_{name}_high": ratio.max()}
     row["nees"] = np.einsum("ti,ti->", e, np.linalg.solve(S, e.T).T) / len(e)
-    row["bias"] = np.abs(e.mean(axis=0) / e.std(axis=0)).max()
+    row["bias_over_sd"] = np.abs(e.mean(axis=0) / e.std(axis=0)).max()
     return row

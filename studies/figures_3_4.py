@@ -65,7 +65,7 @@ def rows(full: bool) -> Iterator[dict[str, Any]]:
                 data = disturbed(exact(repeats, pairs, rng), kind, level, rng)
                 noise = assumed(kind, level)
                 least = error_62(uq.METHODS["gwak"].estimate(data.A, data.B).X, data)
-                about = {"noise": kind, "level": level, "pairs": pairs}
+                about = {"noise": kind, "noise_s": level, "pairs": pairs}
                 every = np.ones(repeats, dtype=bool)
                 yield about | {"method": TRUTH} | scores(data.X, every, data, least) | {"ms": 0.0}
                 for method in methods:
@@ -87,7 +87,7 @@ def noise_rows(full: bool) -> Iterator[dict[str, float]]:
         theta = logarithm(R)
         ratio = float(np.sqrt(2 * (theta**2).mean())) / level
         correlation = np.abs(np.asarray(np.corrcoef(theta.T))[np.triu_indices(3, 1)]).max()
-        yield {"level": level, "sd_ratio": ratio, "largest_correlation": float(correlation), "draws": draws}
+        yield {"noise_s": level, "sd_over_derived": ratio, "largest_correlation": float(correlation), "draws": draws}
 
 
 def measure(full: bool) -> dict[str, pd.DataFrame]:
@@ -118,7 +118,7 @@ class Grid(NamedTuple):
 
 def grid(errors: pd.DataFrame, kind: str, column: str) -> Grid:
     table = errors[(errors.noise == kind) & (errors.method != TRUTH)]
-    wide = table.pivot(index="method", columns="level", values=column)
+    wide = table.pivot(index="method", columns="noise_s", values=column)
     return Grid([str(name) for name in wide.index], wide.columns.to_numpy(dtype=float), wide.to_numpy(dtype=float))
 
 
@@ -129,11 +129,11 @@ def words(levels: Sequence[float] | Array) -> str:
 def findings(tables: Tables) -> str:
     errors, noise = tables["errors"], tables["noise_63"]
     truth = errors[errors.method == TRUTH]
-    repeats, pairs, levels = int(truth.repeats.iloc[0]), int(truth.pairs.iloc[0]), truth.level.nunique()
+    repeats, pairs, levels = int(truth.repeats.iloc[0]), int(truth.pairs.iloc[0]), truth.noise_s.nunique()
     return "\n\n".join(
         [
-            f"{pairs:,} motions, {repeats} repeats at each of {levels} levels from {words([truth.level.min()])} to "
-            f"{words([truth.level.max()])}, rad for rotation (entries of R) and m for translation.",
+            f"{pairs:,} motions, {repeats} repeats at each of {levels} levels from {words([truth.noise_s.min()])} to "
+            f"{words([truth.noise_s.max()])}, rad for rotation (entries of R) and m for translation.",
             *_of_noise(noise, errors),
             *_tables(errors),
             *_statements(errors),
@@ -143,21 +143,21 @@ def findings(tables: Tables) -> str:
 
 
 def _of_noise(noise: pd.DataFrame, errors: pd.DataFrame) -> list[str]:
-    small = noise[noise.level <= 0.01]
+    small = noise[noise.noise_s <= 0.01]
     uncertain = 1 / np.sqrt(6 * small.draws.iloc[0])
-    off = float((small.sd_ratio - 1).abs().max())
-    largest = noise.sort_values("level").iloc[-1]
+    off = float((small.sd_over_derived - 1).abs().max())
+    largest = noise.sort_values("noise_s").iloc[-1]
     holds = "as derived" if off <= 4 * uncertain + 1e-3 else "not as derived"
     truth = errors[errors.method == TRUTH]
     middle, most = truth.excess_percent.median(), truth.excess_percent.max()
     slopes = [
-        float(np.polyfit(np.log(rows.level), np.log(rows.error_62), 1)[0])
+        float(np.polyfit(np.log(rows.noise_s), np.log(rows.error_62), 1)[0])
         for _, rows in errors.groupby(["noise", "method"])
     ]
     return [
         f"**The noise.** (63) gives rotation vectors of deviation s/sqrt(2) per axis: up to s = 0.01 measured over "
         f"derived differs from 1 by {off:.2%} at most (Monte Carlo: {uncertain:.2%}), {holds}; at "
-        f"s = {largest.level:g} it is {largest.sd_ratio:.4f}. The largest "
+        f"s = {largest.noise_s:g} it is {largest.sd_over_derived:.4f}. The largest "
         f"correlation of two axes is {noise.largest_correlation.max():.3f}.",
         f"**(62) is a measure of the noise.** The true X, without any error, has a (62) that is {middle:.3f} % above "
         f"the least possible one (median over levels; largest {most:.3f} %). Fitted over all levels, (62) grows as "
@@ -201,7 +201,7 @@ def statements(errors: pd.DataFrame) -> Iterator[str]:
     counts = ", ".join(f"`{name}` {best.count(name)}" for name in dict.fromkeys(best))
     medians = {name: float(np.median(every.of(name))) for name in OPTIMISING if name in every.methods}
     nearest = min(medians, key=lambda name: medians[name])
-    deviation = np.median(grid(errors, "rotation", "excess_sd_percent").of(nearest))
+    deviation = np.median(grid(errors, "rotation", "excess_se_percent").of(nearest))
     yield (
         f"*The optimisation methods have the least (62) in Fig. 3.* {verdict(won, len(best))}: of the paper's methods, "
         f"one of {', '.join(medians)} is least at {won} of {len(best)} levels ({counts}). The nearest of them, "
@@ -316,19 +316,21 @@ def _draw(axis: Axes, errors: pd.DataFrame, quantity: str) -> None:
     """Means over the repeats; bars and bands are described in the caption."""
     floor = _FLOORS.get(quantity, 0.0)
     for method in METHODS:
-        rows = errors[errors.method == method].sort_values("level")
+        rows = errors[errors.method == method].sort_values("noise_s")
         if rows.empty:
             continue
-        unit = rows.level if quantity.endswith(("rad", "_m")) else 1.0
+        unit = rows.noise_s if quantity.endswith(("rad", "_m")) else 1.0
         value = rows[quantity] / unit
         value = value.where(value >= floor)
-        axis.plot(rows.level, value, label=method, **look(method))
-        sd = {"excess_percent": "excess_sd_percent"}.get(quantity, f"{quantity}_sd")
+        axis.plot(rows.noise_s, value, label=method, **look(method))
+        se = {"excess_percent": "excess_se_percent"}.get(quantity, f"{quantity}_se")
         if quantity == "error_62":
-            axis.fill_between(rows.level, rows.error_62_min, rows.error_62_max, color=look(method)["color"], alpha=0.1)
+            axis.fill_between(
+                rows.noise_s, rows.error_62_min, rows.error_62_max, color=look(method)["color"], alpha=0.1
+            )
         else:
-            low = (value - rows[sd] / unit).clip(lower=floor)
-            axis.vlines(rows.level, low, value + rows[sd] / unit, color=look(method)["color"], linewidth=0.7)
+            low = (value - rows[se] / unit).clip(lower=floor)
+            axis.vlines(rows.noise_s, low, value + rows[se] / unit, color=look(method)["color"], linewidth=0.7)
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.yaxis.set_minor_formatter(NullFormatter())

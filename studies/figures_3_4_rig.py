@@ -81,11 +81,11 @@ def scores(X: Array, ok: NDArray[np.bool_], data: Data, least: Array) -> dict[st
     count = int(ok.sum())
     row: dict[str, float] = {"repeats": len(ok), "converged": count}
     row |= {"error_62": of_62.mean(), "error_62_min": of_62.min(), "error_62_max": of_62.max()}
-    row |= {"excess_percent": excess.mean(), "excess_sd_percent": excess.std(ddof=1) / np.sqrt(count)}
+    row |= {"excess_percent": excess.mean(), "excess_se_percent": excess.std(ddof=1) / np.sqrt(count)}
     for name, error in (("rotation_rms_rad", theta), ("translation_rms_m", tau)):
         squares = np.asarray((error**2).mean(axis=1))
         rms = np.sqrt(squares.mean())
-        row |= {name: rms, f"{name}_sd": squares.std(ddof=1) / np.sqrt(count) / (2 * max(rms, 1e-300))}
+        row |= {name: rms, f"{name}_se": squares.std(ddof=1) / np.sqrt(count) / (2 * max(rms, 1e-300))}
     return row
 
 

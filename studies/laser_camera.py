@@ -278,7 +278,8 @@ def scaling(tables: Tables) -> str:
     (x, x_after), (y, _), _ = TABLE_IV[3]
     mixed = TABLE_V[1e5] == (x, x_after, y)
     return (
-        f"**d (Table V).** In the paper the error of experiment 3 changes by {theirs:.2f} m between d = 1e3 and 1e7. "
+        f"**d (Table V).** In the paper the error of experiment 3 changes by up to {theirs:.2f} m on an axis "
+        "between d = 1e3 and 1e7. "
         f"Here the place at the end is {distances[worst]:.1g} m at most from that of the limit (at d = {worst:.0e}): "
         f"the paper's dependence on d {'is not found' if distances[worst] < 0.01 * theirs else 'is found'}. The "
         "paper's row d = 1e5 "

@@ -32,8 +32,8 @@ from matplotlib.ticker import NullFormatter, NullLocator
 
 import uq_handeye as uq
 from studies.noises import diagonal
+from studies.peers_findings import OURS, REFERENCE, findings
 from studies.peers_programs import PEERS, Prepared, Program, installed
-from studies.peers_words import OURS, REFERENCE, findings
 from studies.scores import errors, nees, true_means
 from studies.study import Study, Tables
 from uq_handeye.progress import progress_bar
@@ -211,7 +211,8 @@ def _equal(
 
 
 def _times(programs: list[Program], counts: tuple[int, ...], seconds: float) -> Iterator[dict[str, Any]]:
-    noise = NOISES["isotropic"]
+    of_times = "isotropic"
+    noise = NOISES[of_times]
     for n in counts:
         poses = uq.simulate(n, noise=noise, seed=SEED)
         runs = [program.prepare(poses, noise) for program in programs]
@@ -219,6 +220,7 @@ def _times(programs: list[Program], counts: tuple[int, ...], seconds: float) -> 
         ours = medians[[program.label for program in programs].index(OURS)]
         for program, taken in zip(programs, medians, strict=True):
             yield {
+                "noise": of_times,
                 "program": program.name,
                 "method": program.method,
                 "poses": n,

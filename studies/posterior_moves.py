@@ -4,7 +4,7 @@ Posteriors: 60 pairs with the noise (70) of the paper's section IV-C in the geom
 simulated poses whose noise is estimated, so that the data do not tell robot from camera: the hardest of the usual ones.
 Each with a Gaussian and a Student-t likelihood (nu = 5), with and without noise scales. Seed 2019. 128 walkers begin at
 draws of the fitted proposal and run until the chain is 50 autocorrelation times long and has 2,000 effective samples,
-or for 4,000 steps (quick: 200 and 150 steps, the first posterior). Measured: acceptance, the longest autocorrelation
+or for 4,000 steps (quick: 200 and 120 steps, the first posterior). Measured: acceptance, the longest autocorrelation
 time of a coordinate (steps), effective samples of the worst coordinate (ArviZ, bulk), and these per second of sampling.
 A chain that ended before 50 autocorrelation times is marked: its numbers flatter it.
 """
@@ -103,7 +103,7 @@ def sampled(density: Density, moves: Callable[[Proposal], Any], asked: int, most
 
 
 def measure(full: bool) -> Tables:
-    asked, most = (2_000, 4_000) if full else (200, 150)
+    asked, most = (2_000, 4_000) if full else (200, 120)
     chosen = {name: density for name, density in problems().items() if full or name in QUICK}
     rows = []
     with progress_bar("chains", len(chosen) * len(MOVES), "chains") as advance:

@@ -23,8 +23,8 @@ import uq_handeye as uq
 from studies import single_precision as route
 from studies.geometries import random_transforms
 from studies.scaling_factor_curves import CLAIMED, LENGTHS, NOISE, PRECISIONS, SCALES
-from studies.scaling_factor_figure import figures
-from studies.scaling_factor_words import findings
+from studies.scaling_factor_figures import figures
+from studies.scaling_factor_findings import findings
 from studies.study import Study
 from uq_handeye.progress import progress_bar
 from uq_handeye.se3 import Array, inverse, logarithm, perturb

@@ -26,7 +26,8 @@ import uq_handeye as uq
 from studies.geometries import random_transforms
 from studies.noises import diagonal
 from studies.scores import nees, true_means
-from studies.shared_poses_findings import figures, findings
+from studies.shared_poses_figures import figures
+from studies.shared_poses_findings import findings
 from studies.study import Study, Tables
 from uq_handeye.poses import Truth
 from uq_handeye.progress import progress_bar

@@ -1,4 +1,4 @@
-"""What the tables of `shared_poses` say, in words and as a figure."""
+"""What the tables of `shared_poses` say in words."""
 
 from __future__ import annotations
 
@@ -7,14 +7,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 from scipy.stats import binom, linregress, t
 
 from studies.study import Tables, markdown
-from uq_handeye.report.figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.validation.ratios import number
 
 INDEPENDENT, AWARE = "NEES, pairs independent", "NEES, pose-aware"
@@ -25,12 +20,6 @@ NAMES = {
     "poses": "`efficient`, poses",
 }
 CERTAIN = 0.999
-STYLES: dict[str, tuple[str, str, Any]] = {
-    "disjoint": (GREEN, "^", ":"),
-    "consecutive": (BLUE, "s", "--"),
-    "all": (ORANGE, "o", "-"),
-    "poses": (INK, "D", "-."),
-}
 
 
 def findings(tables: Tables) -> str:
@@ -55,7 +44,7 @@ def inside(lines: pd.DataFrame, column: str) -> int:
     return int(((lines["NEES from"] <= lines[column]) & (lines[column] <= lines["NEES to"])).sum())
 
 
-def _poses(table: pd.DataFrame) -> list[int]:
+def numbers_of_poses(table: pd.DataFrame) -> list[int]:
     return sorted(int(n) for n in table["poses"].unique())
 
 
@@ -71,12 +60,12 @@ def _nees_table(sampled: pd.DataFrame) -> str:
     lines = []
     for noise in sampled["noise"].unique():
         for way in ("disjoint", "consecutive", "all"):
-            cells = [_cell(sampled, noise=noise, data=way, poses=n) for n in _poses(sampled)]
+            cells = [_cell(sampled, noise=noise, data=way, poses=n) for n in numbers_of_poses(sampled)]
             lines.append([noise, NAMES[way], *(f"{c[INDEPENDENT]:.2f} / {c[AWARE]:.2f}" for c in cells)])
-        cells = [_cell(sampled, noise=noise, data="poses", poses=n) for n in _poses(sampled)]
+        cells = [_cell(sampled, noise=noise, data="poses", poses=n) for n in numbers_of_poses(sampled)]
         lines.append([noise, NAMES["poses"], *(f"{c[AWARE]:.2f}" for c in cells)])
     text = "Mean NEES, 6 if the covariance is true: pairs taken as independent / pose-aware."
-    return f"{text}\n\n{markdown(['noise', 'data', *(f'{n} poses' for n in _poses(sampled))], lines)}"
+    return f"{text}\n\n{markdown(['noise', 'data', *(f'{n} poses' for n in numbers_of_poses(sampled))], lines)}"
 
 
 def _independent(sampled: pd.DataFrame) -> str:
@@ -127,14 +116,15 @@ def _law(sampled: pd.DataFrame, predicted: pd.DataFrame) -> str:
     ]
     near = sum(0.9 < value < 1.1 for value in slopes)
     consecutive = sampled[sampled["data"] == "consecutive"].groupby("poses")[INDEPENDENT].mean()
-    change = f"{consecutive.iloc[0]:.2f} at {_poses(sampled)[0]} poses to {consecutive.iloc[-1]:.2f}"
-    poses = _poses(predicted)
+    drawn = numbers_of_poses(sampled)
+    change = f"{consecutive.iloc[0]:.2f} at {drawn[0]} poses to {consecutive.iloc[-1]:.2f}"
+    poses = numbers_of_poses(predicted)
     return (
         f"**Growth with the number of poses n**, {poses[0]} to {poses[-1]}. Of all pairs taken as independent, the "
         "NEES as a power of n has the exponent (range over geometries and, in brackets, from the last two numbers of "
         f"poses alone):\n\n{markdown(header, lines)}\n\n"
         f"That it grows like n (exponent 0.9 to 1.1) holds in {near} of {len(slopes)} geometries and noises. Of "
-        f"consecutive pairs the NEES (mean over the three noises) goes from {change} at {_poses(sampled)[-1]}."
+        f"consecutive pairs the NEES (mean over the three noises) goes from {change} at {drawn[-1]}."
     )
 
 
@@ -180,7 +170,7 @@ def _accuracy(sampled: pd.DataFrame, predicted: pd.DataFrame) -> str:
     for noise in sampled["noise"].unique():
         for way in NAMES:
             cells = []
-            for n in _poses(sampled):
+            for n in numbers_of_poses(sampled):
                 line = _cell(sampled, noise=noise, data=way, poses=n)
                 cells.append("{} to {}".format(*(number(line[f"sd over bound: {k}"]) for k in ("least", "largest"))))
             lines.append([noise, NAMES[way], *cells])
@@ -191,66 +181,13 @@ def _accuracy(sampled: pd.DataFrame, predicted: pd.DataFrame) -> str:
     cost = by_way["disjoint"] / by_way["all"]
     better = int((by_way["all"] < by_way["disjoint"]).sum())
     worse = by_way["all"]
+    header = ["noise", "data", *(f"{n} poses" for n in numbers_of_poses(sampled))]
     return (
         f"**What it costs in accuracy.** Standard deviation over the Cramér-Rao bound, sampled (each to {chance:.1f} "
-        f"%), over the six axes:\n\n{markdown(['noise', 'data', *(f'{n} poses' for n in _poses(sampled))], lines)}\n\n"
+        f"%), over the six axes:\n\n{markdown(header, lines)}\n\n"
         f"To first order over {len(by_way)} geometries, noises and numbers of poses, disjoint pairs, whose independent "
         f"covariance is true, have {number(cost.min())} to {number(cost.max())} times (median "
         f"{number(cost.median())}) the standard deviation of all pairs (mean over the axes); all pairs are better in "
         f"{better}. All pairs in turn have {number(worse.min())} to {number(worse.max())} times (median "
         f"{number(worse.median())}) that of the bound, which `efficient` reaches on the poses."
     )
-
-
-def figures(tables: Tables) -> dict[str, Figure]:
-    """Columns: what carries noise. Rows: NEES of independent pairs, pose-aware NEES, accuracy."""
-    sampled = tables["sampled"]
-    figure = canvas(6.6)
-    noises = list(sampled["noise"].unique())
-    grid: Any = figure.subplots(3, len(noises), sharex=True, sharey="row")
-    for column, noise in enumerate(noises):
-        some = sampled[sampled["noise"] == noise]
-        top, middle, bottom = grid[:, column]
-        for axis in (top, middle, bottom):
-            plain(axis)
-            axis.set_xscale("log")
-            axis.set_xticks(_poses(sampled), list(map(str, _poses(sampled))))
-            axis.xaxis.set_minor_locator(NullLocator())
-        top.set_title(f"noise on {noise if noise == 'both' else f'{noise} poses'}", fontsize=TEXT)
-        low, high = some.iloc[0][["NEES from", "NEES to"]]
-        for axis in (top, middle):
-            axis.axhspan(low, high, color="0.8", zorder=1, linewidth=0)
-            axis.axhline(6, color=QUIET, linewidth=0.7, zorder=2)
-        for way, (colour, marker, line) in STYLES.items():
-            of = some[some["data"] == way]
-            style = {"color": colour, "marker": marker, "linestyle": line, "markersize": 4, "linewidth": 1.2}
-            if way != "poses":
-                top.plot(of["poses"], of[INDEPENDENT], **style)
-            middle.plot(of["poses"], of[AWARE], **{**style, "linestyle": ""})
-            bottom.plot(of["poses"], of["sd over bound: mean"], **style)
-            bottom.fill_between(
-                of["poses"],
-                of["sd over bound: least"],
-                of["sd over bound: largest"],
-                color=colour,
-                alpha=0.12,
-                linewidth=0,
-            )
-        top.set_yscale("log")
-        top.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        top.yaxis.set_minor_formatter(NullFormatter())
-        bottom.set_xlabel("poses n", fontsize=TEXT)
-    _labels(grid[:, 0])
-    handles = [
-        Line2D([], [], color=colour, marker=marker, linestyle=line, markersize=4, label=NAMES[way].replace("`", ""))
-        for way, (colour, marker, line) in STYLES.items()
-    ]
-    handles.append(Line2D([], [], color="0.8", linewidth=5, label="where a true NEES lies (99.9 %)"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=SMALL, handlelength=2.6)
-    return {"shared_poses": finished(figure)}
-
-
-def _labels(axes: Sequence[Axes]) -> None:
-    words = ("NEES, pairs taken\nas independent", "NEES, pose-aware", "sd over bound")
-    for axis, label in zip(axes, words, strict=True):
-        axis.set_ylabel(label, fontsize=TEXT)

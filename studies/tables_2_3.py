@@ -33,7 +33,7 @@ from studies import ur10_camera
 from studies.paper_tables import PAPER, SIZES, errors_and_times
 from studies.study import Study, Tables
 from studies.tables_2_3_figures import figures
-from studies.tables_2_3_said import BOUND, PAPER_SCALE, TRUTH, findings
+from studies.tables_2_3_findings import BOUND, PAPER_SCALE, TRUTH, findings
 from uq_handeye.errors import DegenerateMotionError
 from uq_handeye.motions import pair_indices
 from uq_handeye.noise_transport import noise_of_pairs
@@ -130,11 +130,11 @@ def accuracy(full: bool) -> pd.DataFrame:
                             "error62_high": float(np.quantile(errors[ok], 0.95)),
                             "error62_over_4dpa": float(ratio.mean()),
                             "rotation_mrad": turn,
-                            "rotation_se": turn_error,
-                            "rotation_bias": 1e3 * float(np.linalg.norm(xi[ok, :3].mean(axis=0))),
+                            "rotation_se_mrad": turn_error,
+                            "rotation_bias_mrad": 1e3 * float(np.linalg.norm(xi[ok, :3].mean(axis=0))),
                             "translation_mm": shift,
-                            "translation_se": shift_error,
-                            "translation_bias": 1e3 * float(np.linalg.norm(xi[ok, 3:].mean(axis=0))),
+                            "translation_se_mm": shift_error,
+                            "translation_bias_mm": 1e3 * float(np.linalg.norm(xi[ok, 3:].mean(axis=0))),
                         }
                     rows.append(row)
                 if not late:

@@ -13,7 +13,7 @@ from matplotlib.ticker import NullFormatter, NullLocator, ScalarFormatter
 from studies.paper_tables import PAPER
 from studies.study import Tables
 from studies.styles import style
-from studies.tables_2_3_said import BOUND, OTHERS, PAPER_SCALE, TRUTH, of
+from studies.tables_2_3_findings import BOUND, OTHERS, PAPER_SCALE, TRUTH, of
 from uq_handeye.report.figure_parts import INK, QUIET, SMALL, TEXT, canvas, finished, plain
 
 
@@ -29,7 +29,8 @@ def _band(accuracy: pd.DataFrame, sequence: str, method: str, column: str) -> tu
     rows = accuracy[(accuracy["sequence"] == sequence) & (accuracy["method"] == method)]
     if column == "error62":
         return rows["error62_low"], rows["error62_high"]
-    error = rows[column.partition("_")[0] + "_se"]
+    what, _, unit = column.partition("_")
+    error = rows[f"{what}_se_{unit}"]
     return rows[column] - 2 * error, rows[column] + 2 * error
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 from pages import DOCS, ROOT
 from PIL import Image
@@ -16,6 +17,18 @@ from studies.__main__ import described
 from studies.study import FINDINGS, RUN, read_tables
 
 PAGES = DOCS / "studies"
+OF_THE_PAPER = (
+    "table_1",
+    "tables_2_3",
+    "figures_3_4",
+    "figure_5",
+    "scaling_factor",
+    "laser_camera",
+    "registration",
+    "shared_poses",
+    "efficiency",
+    "peers",
+)
 NAMES = [name.removeprefix("studies.") for name in described() if name.count(".") == 1]
 
 
@@ -59,6 +72,15 @@ def test_the_page_says_what_the_tables_say(name):
     assert f"{name}/{FINDINGS}" in page
     for path in folder.glob("*.png"):
         assert f"{name}/{path.name}" in page, f"{path.name} is on no page"
+
+
+@pytest.mark.parametrize("name", OF_THE_PAPER)
+def test_the_page_names_every_column(name):
+    said = (PAGES / f"{name}.md").read_text(encoding="utf-8").partition("## Columns of the tables")[2]
+    for path in (PAGES / name).glob("*.csv"):
+        assert f"`{path.name}`" in said
+        header = pd.read_csv(path, nrows=0).columns
+        assert not [column for column in header if f"`{column}`" not in said], path.name
 
 
 def test_every_study_is_listed_and_has_a_page():

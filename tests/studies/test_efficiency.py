@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from studies import efficiency, efficiency_rig, efficiency_words
+from studies import efficiency, efficiency_findings, efficiency_rig
 
 SMALL = efficiency_rig.Size(budget=10_000, most=100_000, trials=400)
 
@@ -48,14 +48,14 @@ def test_motions_near_half_a_turn_and_motions_with_a_common_translation():
 @pytest.mark.parametrize("method", ["4dpa", "daniilidis", "shah", "efficient"])
 def test_a_cell_draws_what_first_order_predicts(method):
     row = efficiency_rig.cell(efficiency_rig.poses(10), method, SMALL)
-    low, high = efficiency_words.deviations_between(row["trials"], 4)
+    low, high = efficiency_findings.deviations_between(row["trials"], 4)
     assert row["answer"] == "yes" and row["failed"] == 0 and row["trials"] >= 200
-    assert low < row["agreement_low"] < row["agreement_high"] < high
-    least, most = efficiency_words.means_between(row["trials"], 4)
+    assert low < row["drawn_over_predicted_low"] < row["drawn_over_predicted_high"] < high
+    least, most = efficiency_findings.means_between(row["trials"], 4)
     assert least < row["nees"] < most
-    assert row["predicted_low"] > 1 - 1e-6
+    assert row["predicted_over_bound_low"] > 1 - 1e-6
     if method == "efficient":
-        assert row["predicted_high"] == pytest.approx(1.0)
+        assert row["predicted_over_bound_high"] == pytest.approx(1.0)
 
 
 def test_what_a_cell_says_without_an_answer_or_without_draws():
@@ -70,7 +70,7 @@ def test_what_a_cell_says_without_an_answer_or_without_draws():
         efficiency_rig.cell(degenerate, "4dpa", SMALL)
     pytest.importorskip("cvxpy")
     heller = efficiency_rig.cell(setting, "heller", SMALL)
-    assert heller["trials"] == 0 and heller["predicted_high"] > 1
+    assert heller["trials"] == 0 and heller["predicted_over_bound_high"] > 1
 
 
 def test_half_turns_count_nothing_for_4dpa_alone():
@@ -94,11 +94,11 @@ def test_verdicts_follow_the_tables(tables):
     assert "claim is general does not hold" in text
     assert "No method is below it by more than Monte Carlo error" in text
     cells, half_turns = tables["cells"].copy(), tables["half_turns"].copy()
-    cells.loc[cells.method == "4dpa", "predicted_high"] = 1.0
-    cells.loc[(cells.method == "park") & (cells.sweep == "poses"), "sampled_low"] = 0.3
+    cells.loc[cells.method == "4dpa", "predicted_over_bound_high"] = 1.0
+    cells.loc[(cells.method == "park") & (cells.sweep == "poses"), "drawn_over_bound_low"] = 0.3
     half_turns.loc[half_turns.method == "4dpa", "with_over_without_low"] = 0.4
     half_turns.loc[half_turns.method == "park", ["with_over_without_low", "with_over_without_high"]] = 1.0
-    cells.loc[(cells.method == "ml") & (cells.trials > 0), "sampled_high"] = 9.0
+    cells.loc[(cells.method == "ml") & (cells.trials > 0), "drawn_over_bound_high"] = 9.0
     text = efficiency.findings(tables | {"cells": cells, "half_turns": half_turns})
     assert "count nothing for 4DPA (T2) does not hold" in text
     assert "in all six) for `park`" in text
@@ -110,13 +110,13 @@ def test_verdicts_follow_the_tables(tables):
 def test_the_claim_of_the_paper_is_about_its_own_nine_methods(tables):
     """A method that the paper did not compare with takes nothing from the claim."""
     cells = tables["cells"].copy()
-    cells["predicted_high"] = 2.0
-    cells.loc[cells.method == "4dpa", "predicted_high"] = 1.5
-    cells.loc[cells.method == "condurache", "predicted_high"] = 1.0
+    cells["predicted_over_bound_high"] = 2.0
+    cells.loc[cells.method == "4dpa", "predicted_over_bound_high"] = 1.5
+    cells.loc[cells.method == "condurache", "predicted_over_bound_high"] = 1.0
     text = efficiency.findings(tables | {"cells": cells})
     assert "in 6 of 6 cells (poses 1 of 1, spread 1 of 1" in text and "claim is general holds" in text
     assert "holds over poses, spread, ratio, distance, share, star." in text and "smallest in 0 of 6" in text
-    cells.loc[(cells.method == "tsai") & (cells.sweep != "poses"), "predicted_high"] = 1.2
+    cells.loc[(cells.method == "tsai") & (cells.sweep != "poses"), "predicted_over_bound_high"] = 1.2
     text = efficiency.findings(tables | {"cells": cells})
     assert "claim is general does not hold" in text and "it holds over poses." in text
 
@@ -124,9 +124,9 @@ def test_the_claim_of_the_paper_is_about_its_own_nine_methods(tables):
 def test_where_first_order_ends_is_said(tables):
     cells = tables["cells"].copy()
     drawn = cells[cells.trials > 0]
-    assert efficiency_words.first_order(cells)[drawn.index].mean() > 0.9
+    assert efficiency_findings.first_order(cells)[drawn.index].mean() > 0.9
     wrong = (cells.method == "tsai") & (cells.sweep == "poses")
-    cells.loc[wrong, ["agreement_high", "nees"]] = 3.0, 40.0
+    cells.loc[wrong, ["drawn_over_predicted_high", "nees"]] = 3.0, 40.0
     smaller = tables["cells"][wrong]
     text = efficiency.findings(tables | {"cells": cells, "smaller": smaller})
     assert "Not for `tsai`: poses 5 (NEES 40.0)" in text
@@ -138,7 +138,7 @@ def test_where_first_order_ends_is_said(tables):
 def test_the_intervals_hold_what_they_should():
     rng = np.random.default_rng(2019)
     found = np.sqrt(np.mean(rng.normal(size=(4_000, 100, 6)) ** 2, axis=1))
-    low, high = efficiency_words.deviations_between(100, 4_000)
+    low, high = efficiency_findings.deviations_between(100, 4_000)
     assert ((found > low) & (found < high)).all()
     assert (found < 0.98 * high).mean() > 0.999 and found.max() > 0.9 * high
 

@@ -141,7 +141,7 @@ def test_the_verdicts_say_the_opposite_of_tables_that_say_it(tables):
     apart = changed(tables, lambda e: e.method == rig.FINITE[3], "translation_rms_m", 100)
     assert "Holds at some" in line(tables, "The performance") and "Holds: " in line(apart, "The performance")
     noise = tables["noise_63"].copy()
-    noise["sd_ratio"] *= np.sqrt(2.0)
+    noise["sd_over_derived"] *= np.sqrt(2.0)
     assert "not as derived" in study.findings({**tables, "noise_63": noise})
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import uq_handeye as uq
 from studies import peers, peers_programs
-from studies.peers_words import OURS, REFERENCE
+from studies.peers_findings import OURS, REFERENCE
 
 NOISE = peers.NOISES["isotropic"]
 PROGRAMS = {program.label: program for program in peers_programs.installed() if program.name != "SymForce"}

@@ -8,7 +8,7 @@ import pytest
 import uq_handeye as uq
 from studies import scaling_factor as study
 from studies import scaling_factor_curves as curves
-from studies import scaling_factor_words as words
+from studies import scaling_factor_findings as words
 from studies import single_precision as route
 from studies.study import read_table
 from uq_handeye import _closed_form

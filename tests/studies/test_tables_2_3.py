@@ -11,7 +11,7 @@ import uq_handeye as uq
 from studies import tables_2_3, ur10_camera
 from studies.paper_tables import CLASSICAL, PAPER, RECENT, SIZES, errors_and_times
 from studies.scores import errors, nees, true_means
-from studies.tables_2_3_said import OTHERS, PAPER_SCALE, findings, holds, printed_share, slope, smallest
+from studies.tables_2_3_findings import OTHERS, PAPER_SCALE, findings, holds, printed_share, slope, smallest
 from uq_handeye.se3 import perturb
 
 
@@ -130,7 +130,8 @@ def made(ratio=1.005, own=1.0, growth=-0.5, late=1.0, time=2.0, draws=100, se=1e
                     {"sequence": sequence, "N": N, "method": name, "draws": draws, "failed": 0}
                     | {"error62": base * x, "error62_low": base * x, "error62_high": base * x}
                     | {"error62_over_4dpa": x / own, "rotation_mrad": error, "translation_mm": error}
-                    | {"rotation_se": se, "translation_se": se, "rotation_bias": 0.0, "translation_bias": 0.0}
+                    | {"rotation_se_mrad": se, "translation_se_mm": se}
+                    | {"rotation_bias_mrad": 0.0, "translation_bias_mm": 0.0}
                 )
     times = [
         {"N": N, "method": name, "repeats": 3, "ms": 1.0, "over_4dpa": 1.0 if name == "4dpa" else time}

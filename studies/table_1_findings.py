@@ -1,4 +1,4 @@
-"""What `studies.table_1` says and draws, from its tables alone."""
+"""What the tables of `table_1` say in words."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from studies.study import Tables, markdown
-from studies.styles import style
-from uq_handeye.report.figure_parts import GRID, INK, QUIET, SMALL, TEXT, canvas, finished, plain
 
 SPEED = (("High", 5.0), ("Medium", 15.0), ("Low", 50.0), ("Very Low", np.inf))  # time / that of the fastest
-ACCURACY = (("High", 1.25), ("Medium", 2.0), ("Low", np.inf))  # RMS error / bound, geometric mean
+ACCURACY = (("High", 1.25), ("Medium", 2.0), ("Low", np.inf))  # predicted deviation / bound, geometric mean
 RATIOS = ["rotation_over_bound", "translation_over_bound"]
 OURS = ("li", "shah", "efficient", "ml")  # beneath the paper's fifteen
 
@@ -28,8 +24,12 @@ def rule_text(rule: Sequence[tuple[str, float]]) -> str:
 
 
 def summary(tables: Tables) -> pd.DataFrame:
-    """Per method: geometric means over the cases, mean NEES, where it lies, and classes."""
+    """Per method: geometric means over the cases, mean NEES, where it lies, and classes.
+
+    ``ratio`` is that of the further geometries, ``least`` and ``largest`` of one of them; ``drawn`` of the draws.
+    """
     accuracy, rows = tables["accuracy"], []
+    further = ratios(tables["geometries"][tables["geometries"]["geometry"] > 0])
     for name in tables["about"]["method"]:
         cells = accuracy[accuracy["method"] == name]
         inside = cells["nees"].between(cells["nees_low"], cells["nees_high"])
@@ -40,7 +40,10 @@ def summary(tables: Tables) -> pd.DataFrame:
                 "cases": len(cells),
                 "rotation": turn,
                 "translation": shift,
-                "ratio": float(np.sqrt(turn * shift)),
+                "drawn": float(np.sqrt(turn * shift)),
+                "ratio": float(np.exp(np.log(further[name]).mean())),
+                "least": float(further[name].min()),
+                "largest": float(further[name].max()),
                 "nees": float(np.average(cells["nees"], weights=cells["trials"])),
                 "inside": int(inside.sum()),
                 "failed": int(cells["failed"].sum()),
@@ -52,13 +55,20 @@ def summary(tables: Tables) -> pd.DataFrame:
     return table.merge(tables["about"], on="method").set_index("method")
 
 
+def ratios(geometries: pd.DataFrame) -> pd.Series:
+    """Predicted deviation over bound by method and geometry: geometric mean over cases, rotation and translation."""
+    logarithms = geometries.assign(logarithm=np.log(geometries[RATIOS]).mean(axis=1))
+    found: pd.Series = np.exp(logarithms.groupby(["method", "geometry"])["logarithm"].mean())
+    return found
+
+
 def findings(tables: Tables) -> str:
     table = summary(tables)
     return "\n\n".join(
         [
             _measured(table, tables["accuracy"]),
-            _classes(table, tables["paper_times"]),
-            _by_case(tables["accuracy"], table["structure"]),
+            _classes(table, tables["geometries"], tables["paper_times"]),
+            _by_case(tables["accuracy"], tables["geometries"], table["structure"]),
             _tools(table),
         ]
     )
@@ -71,7 +81,7 @@ def _measured(table: pd.DataFrame, accuracy: pd.DataFrame) -> str:
             "" if pd.isna(row["year"]) else f"{row['year']:.0f}",
             row["structure"],
             row["form"],
-            f"{row['largest_error']:.0e}",
+            f"{row['largest_error_rad_m']:.0e}",
             f"{row['rotation']:.2f}",
             f"{row['translation']:.2f}",
             f"{row['nees']:.2f}",
@@ -88,11 +98,11 @@ def _measured(table: pd.DataFrame, accuracy: pd.DataFrame) -> str:
     return (
         "## All methods, measured\n\n"
         f"Exact data: largest error (rad, m) on {problems} problems without noise. Rotation, translation: RMS error "
-        f"over that of the Cramer-Rao bound, geometric mean over the cases ({accuracy['case'].nunique()}; `li` and "
-        f"`shah` need poses: {int(table['cases'].min())}). NEES: mean of `e^T Sigma^-1 e` over up to {draws:,} draws "
-        f"per case, 6 if the predicted covariance is true; 99.9 % of such means lie between {most['nees_low']:.2f} and "
-        f"{most['nees_high']:.2f} at {draws:,} draws (wider for the fewer of `zhao` and `heller`); last column: in how "
-        "many cases it does.\n\n"
+        "of the draws over that of the Cramer-Rao bound, geometric mean over the cases "
+        f"({accuracy['case'].nunique()}; `li` and `shah` need poses: {int(table['cases'].min())}). NEES: mean of "
+        f"`e^T Sigma^-1 e` over up to {draws:,} draws per case, 6 if the predicted covariance is true; 99.9 % of such "
+        f"means lie between {most['nees_low']:.2f} and {most['nees_high']:.2f} at {draws:,} draws (wider for the "
+        "fewer of `zhao` and `heller`); last column: in how many cases it does.\n\n"
         + markdown(
             ["method", "year", "structure", "form", "exact data", "rotation", "translation", "NEES", "inside"], rows
         )
@@ -102,14 +112,14 @@ def _measured(table: pd.DataFrame, accuracy: pd.DataFrame) -> str:
     )
 
 
-def _classes(table: pd.DataFrame, paper_times: pd.DataFrame) -> str:
+def _classes(table: pd.DataFrame, geometries: pd.DataFrame, paper_times: pd.DataFrame) -> str:
     rows = [
         [
             f"`{name}`",
             row["paper_speed"] or "",
             f"{row['speed']} ({row['one_over_fastest']:.3g}; {row['batch_over_fastest']:.3g})",
             row["paper_accuracy"] or "",
-            f"{row['accuracy']} ({row['ratio']:.2f})"
+            f"{row['accuracy']} ({row['ratio']:.2f}; {row['least']:.2f} to {row['largest']:.2f}; {row['drawn']:.2f})"
             + ("" if row["cases"] == table["cases"].max() else f", of {row['cases']} cases"),
             row["paper_uncertainty"] or "",
             "yes" if np.isfinite(row["nees"]) else "no",
@@ -123,20 +133,41 @@ def _classes(table: pd.DataFrame, paper_times: pd.DataFrame) -> str:
     }
     published = _comparable(table)
     ratio = {str(name): float(x) for name, x in table["ratio"].items()}
+    count = geometries.loc[geometries["geometry"] > 0, "geometry"].nunique()
     best, worst = str(published["ratio"].idxmin()), str(published["ratio"].idxmax())
+    of_4dpa = "" if worst == "4dpa" else f"; `4dpa` has {ratio['4dpa']:.2f}"
     return (
         "## Classes\n\n"
         f"Speed: processor time of one problem over that of the fastest, {rule_text(SPEED)}; in brackets that ratio, "
-        "and the same in a batch. Accuracy: RMS error over bound, geometric mean over cases, rotation and "
-        f"translation, {rule_text(ACCURACY)}. The paper states no rule; 4DPA has no row in its table.\n\n"
+        "and the same in a batch. Accuracy: standard deviation over that of the bound, predicted to first order, "
+        f"geometric mean over {count} random geometries of each case, over the cases, rotation and translation, "
+        f"{rule_text(ACCURACY)}; in brackets that ratio, its range over single geometries, and the RMS error over "
+        "bound of the draws, which are of one more geometry. `efficient` and `ml` have the bound itself as their "
+        "prediction: of them the last number is the measured one. The paper states no rule; 4DPA has no row in its "
+        "table.\n\n"
         + markdown(
             ["method", "speed: paper", "measured", "accuracy: paper", "measured", "uncertainty: paper", "here"], rows
         )
         + f"\n\nThe classes differ in speed for {len(other['speed'])} of {len(printed)} methods "
         f"({_list(other['speed'])}), in accuracy for {len(other['accuracy'])} ({_list(other['accuracy'])}). Of the "
         f"published methods that run on all cases `{best}` is nearest to the bound ({ratio[best]:.2f}), `{worst}` "
-        f"farthest ({ratio[worst]:.2f}); `4dpa` has {ratio['4dpa']:.2f}, `efficient` {ratio['efficient']:.2f}. "
-        f"{_separated(table)}\n\n{_order(printed)}\n\n{_against_its_own_times(table, paper_times)}"
+        f"farthest ({ratio[worst]:.2f}){of_4dpa}. "
+        f"{_separated(table)}\n\n{_of_one_geometry(table, geometries)}\n\n{_order(printed)}\n\n"
+        f"{_against_its_own_times(table, paper_times)}"
+    )
+
+
+def _of_one_geometry(table: pd.DataFrame, geometries: pd.DataFrame) -> str:
+    """What the geometry decides of the class, and what is drawn of it against what is predicted."""
+    single = ratios(geometries[geometries["geometry"] > 0])
+    own = table["accuracy"]
+    varied = [
+        f"`{name}`" for name in table.index if len({class_of(x, ACCURACY) for x in single[name]} | {own[name]}) > 1
+    ]
+    drawn = [f"`{name}`" for name in table.index if class_of(table.loc[name, "drawn"], ACCURACY) != own[name]]
+    return (
+        f"One geometry alone need not give the same class: among single geometries it differs for {len(varied)} of "
+        f"{len(table)} methods ({_list(varied)}); that of the draws differs for {len(drawn)} ({_list(drawn)})."
     )
 
 
@@ -199,7 +230,7 @@ def _against_its_own_times(table: pd.DataFrame, paper_times: pd.DataFrame) -> st
     return text
 
 
-def _by_case(accuracy: pd.DataFrame, structure: pd.Series) -> str:
+def _by_case(accuracy: pd.DataFrame, geometries: pd.DataFrame, structure: pd.Series) -> str:
     cases = list(accuracy["case"].unique())
     cells = {
         (row.method, row.case): f"{row.rotation_over_bound:.2f}, {row.translation_over_bound:.2f}; {row.nees:.2f}"
@@ -219,11 +250,13 @@ def _by_case(accuracy: pd.DataFrame, structure: pd.Series) -> str:
     untold = parts["separated"].drop("nguyen")
     worse = parts["separated"].min() > parts["simultaneous"].min()
     trials = int(accuracy["trials"].max())
+    agreement = _agreement(accuracy, geometries)
     return (
         "## Case by case\n\n"
-        f"RMS error over bound of rotation, translation; mean NEES. One standard error of a ratio from {trials:,} "
-        f"draws is about {100 / np.sqrt(6 * trials):.1f} to {100 / np.sqrt(2 * trials):.1f} %.\n\n"
+        f"Of the draws: RMS error over bound of rotation, translation; mean NEES. One standard error of a ratio "
+        f"from {trials:,} draws is about {100 / np.sqrt(6 * trials):.1f} to {100 / np.sqrt(2 * trials):.1f} %.\n\n"
         + markdown(["method", *cases], rows)
+        + f"\n\n{agreement}"
         + '\n\nThe ranking depends on the case. The paper says that separated methods "can not produce good enough '
         f'results" when translations are more accurate than rotations, as in "{hard}". Translation error over bound '
         f"there: {said}. "
@@ -234,7 +267,33 @@ def _by_case(accuracy: pd.DataFrame, structure: pd.Series) -> str:
             "here."
         )
         + f" `nguyen` alone of these is told the noise; without it the best separated one has {untold.min():.2f} "
-        f"(`{untold.idxmin()}`). `4dpa`: {published['4dpa']:.2f}."
+        f"(`{untold.idxmin()}`). `4dpa`: {published['4dpa']:.2f}. {_further(geometries, hard, structure)}"
+    )
+
+
+def _agreement(accuracy: pd.DataFrame, geometries: pd.DataFrame) -> str:
+    """Drawn over predicted deviations in the geometry of the draws."""
+    keys = ["case", "method"]
+    both = accuracy.merge(geometries[geometries["geometry"] == 0], on=keys, suffixes=("", "_predicted"))
+    share = np.concatenate([both[name] / both[f"{name}_predicted"] for name in RATIOS])
+    return (
+        f"Over what is predicted to first order for the same geometry, these RMS errors are {share.min():.2f} to "
+        f"{share.max():.2f} (median {np.median(share):.2f})."
+    )
+
+
+def _further(geometries: pd.DataFrame, case: str, structure: pd.Series) -> str:
+    """In how many further geometries the best separated method has the larger translation error."""
+    chosen = geometries[(geometries["case"] == case) & (geometries["geometry"] > 0)]
+    chosen = chosen[~chosen["method"].isin(["efficient", "ml"])]
+    kind = chosen["method"].map(structure)
+    best = chosen["translation_over_bound"].groupby([chosen["geometry"], kind]).min().unstack()
+    told = chosen["method"] == "nguyen"
+    untold = chosen["translation_over_bound"][~told].groupby([chosen["geometry"], kind]).min().unstack()
+    count = [int((of["separated"] > of["simultaneous"]).sum()) for of in (best, untold)]
+    return (
+        f"In the {len(best)} further geometries, to first order, the best separated method is worse than the best of "
+        f"the others in {count[0]}, without `nguyen` in {count[1]}."
     )
 
 
@@ -254,65 +313,3 @@ def _tools(table: pd.DataFrame) -> str:
     return "## Type and tools\n\n" + markdown(
         ["method", "type: paper", "basic tools: paper", "here", "minimises, as implemented here", "reference"], rows
     )
-
-
-def figures(tables: Tables) -> dict[str, Figure]:
-    return {"table_1": _figure(summary(tables), tables["accuracy"])}
-
-
-def _figure(table: pd.DataFrame, accuracy: pd.DataFrame) -> Figure:
-    figure = canvas(5.6)
-    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-    looks = {str(name): style(str(name)) | {"linestyle": "none", "markersize": 6.5} for name in table.index}
-    for name in table.index[table["cases"] < table["cases"].max()]:
-        looks[str(name)]["markerfacecolor"] = "white"
-    for name, row in table.iterrows():
-        left.plot(row["one_over_fastest"], row["ratio"], **looks[str(name)])
-    left.set_xscale("log")
-    left.set_yscale("log")
-    plain(left)
-    left.set_xlim(0.85, max(table["one_over_fastest"].max() * 1.5, 110.0))
-    left.set_ylim(0.93, max(table["ratio"].max() * 1.12, 2.3))
-    for _, limit in SPEED[:-1]:
-        left.axvline(limit, color=QUIET, linewidth=0.8, linestyle="--", zorder=0)
-    for _, limit in ACCURACY[:-1]:
-        left.axhline(limit, color=QUIET, linewidth=0.8, linestyle="--", zorder=0)
-    ticks = [1, 1.25, 1.5, 2, 2.5]
-    left.set_yticks(ticks, [f"{x:g}" for x in ticks])
-    left.set_yticks([], minor=True)
-    left.set_xticks([1, 2, 5, 15, 50], ["1", "2", "5", "15", "50"])
-    left.set_xticks([], minor=True)
-    for (name, _), at in zip(SPEED, (2.0, 8.5, 27.0, 75.0), strict=True):
-        left.text(at, 1.01, name, transform=left.get_xaxis_transform(), ha="center", fontsize=SMALL, color=QUIET)
-    for (name, _), at in zip(ACCURACY, (1.12, 1.6, 2.15), strict=True):
-        left.text(
-            1.01, at, name, transform=left.get_yaxis_transform(), va="center", rotation=90, fontsize=SMALL, color=QUIET
-        )
-    left.set_xlabel("time of one problem / fastest", fontsize=TEXT)
-    left.set_ylabel("RMS error / Cramer-Rao bound", fontsize=TEXT)
-
-    names = list(table.index)[::-1]
-    shades = dict(zip(accuracy["case"].unique(), ("o", "s", "^", "D", "X"), strict=False))
-    for height, name in enumerate(names):
-        cells = accuracy[accuracy["method"] == name]
-        offsets = np.linspace(0.3, -0.3, len(cells)) if len(cells) > 1 else [0.0]
-        for offset, (_, row) in zip(offsets, cells.iterrows(), strict=True):
-            low, high = row["nees_low"], row["nees_high"]
-            right.plot([low, high], [height + offset] * 2, color="0.78", linewidth=1.6, solid_capstyle="butt", zorder=1)
-            right.plot(row["nees"], height + offset, marker=shades[row["case"]], color=INK, markersize=2.8, zorder=2)
-    right.axvline(6.0, color=QUIET, linewidth=0.8, zorder=0)
-    right.set_yticks(range(len(names)), names)
-    right.set_ylim(-0.7, len(names) - 0.3)
-    right.set_xlabel("mean NEES (6 is true), 99.9 % interval in grey", fontsize=TEXT)
-    plain(right)
-    right.grid(axis="y", visible=False)
-    for height in range(1, len(names)):
-        right.axhline(height - 0.5, color=GRID, linewidth=0.5, zorder=0)
-    methods = [Line2D([], [], **(look | {"markersize": 5}), label=name) for name, look in looks.items()]
-    marks = [
-        Line2D([], [], linestyle="none", marker=mark, color=INK, markersize=3.5, label=case)
-        for case, mark in shades.items()
-    ]
-    figure.legend(handles=methods, loc="outside lower center", ncols=7, fontsize=SMALL, frameon=False)
-    right.legend(handles=marks, loc="lower center", bbox_to_anchor=(0.42, 1.0), ncols=2, fontsize=SMALL, frameon=False)
-    return finished(figure)

@@ -22,7 +22,10 @@ TEXT = {  # 4DPA as % of the others, section IV-A
 }
 LIKE = 1.25, 0.25  # a (62) is like the printed one: within this factor at both ends, and this much in the exponent
 ENOUGH = 8  # draws, for a word on whether an error grows
-REAL_ERRORS = (("rotation", "rotation_mrad", "rotation_se"), ("translation", "translation_mm", "translation_se"))
+REAL_ERRORS = (
+    ("rotation", "rotation_mrad", "rotation_se_mrad"),
+    ("translation", "translation_mm", "translation_se_mm"),
+)
 
 
 def of(table: pd.DataFrame, column: str, **equal: object) -> pd.DataFrame:
@@ -148,14 +151,14 @@ def _truth(accuracy: pd.DataFrame, printed: float) -> str:
     """The real error beside (62); ``printed``: the share of cases from which the paper claims the smallest error."""
     table = accuracy[accuracy["sequence"] == "longer"]
     ends = sorted(table["N"].unique())[:: max(1, table["N"].nunique() - 1)][:2]
-    columns = {name: of(table, name) for name in ("rotation_mrad", "rotation_se", "translation_mm", "translation_se")}
+    columns = {name: of(table, name) for _, *pair in REAL_ERRORS for name in pair}
     failed = of(table, "failed")
     ratio = of(table, "error62_over_4dpa")
     rows = []
     for name in (*PAPER, *OTHERS, BOUND):
         cells = [name, "" if name == BOUND else f"{ratio[name].iloc[-1]:.4f}"]
-        for what in ("rotation", "translation"):
-            value, error = columns[f"{what}_{'mrad' if what == 'rotation' else 'mm'}"], columns[f"{what}_se"]
+        for _, column, se in REAL_ERRORS:
+            value, error = columns[column], columns[se]
             cells += [f"{value[name][N]:.3f}" + ("" if name == BOUND else f" ± {error[name][N]:.3f}") for N in ends]
         rows.append([*cells, "" if name == BOUND else int(failed[name].sum())])
     counts = []
@@ -226,7 +229,10 @@ def _growing(accuracy: pd.DataFrame) -> str:
                 change = values.iloc[-1] - values.iloc[0]
                 if change > 3 * np.hypot(noise.iloc[-1], noise.iloc[0]):
                     factor = values.iloc[-1] / values.iloc[0]
-                    bias = of(accuracy, f"{what}_bias", sequence=sequence)[name].iloc[-1] / values.iloc[-1]
+                    bias = (
+                        of(accuracy, error.replace("_se_", "_bias_"), sequence=sequence)[name].iloc[-1]
+                        / values.iloc[-1]
+                    )
                     worse.append((sequence, f"`{name}` in {what}, {factor:.1f} times ({bias:.0%} bias)"))
     fixed = [of(accuracy, "error62", sequence=s)[TRUTH] for s in ("longer", "denser")]
     said = [

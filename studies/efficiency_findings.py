@@ -13,7 +13,7 @@ from studies.efficiency_rig import METHODS, PUBLISHED, SWEEPS
 from studies.paper_tables import PAPER, errors_and_times
 from studies.scores import CERTAIN
 from studies.study import Tables, markdown
-from studies.tables_2_3_said import printed_share
+from studies.tables_2_3_findings import printed_share
 from uq_handeye.se3 import Array
 
 NEES = 6.0  # of a true covariance of X
@@ -46,7 +46,12 @@ def first_order(cells: pd.DataFrame) -> pd.Series:
     T, count = cells.trials.clip(lower=1), max(1, int(drawn.sum()))
     low, high = deviations_between(T, count)
     least, most = means_between(T, count)
-    return drawn & (cells.agreement_low >= low) & (cells.agreement_high <= high) & cells.nees.between(least, most)
+    return (
+        drawn
+        & (cells.drawn_over_predicted_low >= low)
+        & (cells.drawn_over_predicted_high <= high)
+        & cells.nees.between(least, most)
+    )
 
 
 def rows_of(table: pd.DataFrame) -> list[Any]:
@@ -102,7 +107,7 @@ def _overview(answered: pd.DataFrame, drawn: pd.DataFrame) -> str:
         found = drawn[drawn.method == method].nees
         if own.empty:
             continue
-        columns = [_range(own[own.sweep == sweep.name].predicted_high) for sweep in SWEEPS]
+        columns = [_range(own[own.sweep == sweep.name].predicted_over_bound_high) for sweep in SWEEPS]
         share = f"{near[method]} of {len(own)}" if method in PUBLISHED else ""
         rows.append([f"`{method}`", *columns, share, _range(found)])
     return markdown(["method", *(sweep.name for sweep in SWEEPS), "near", "NEES"], rows)
@@ -118,8 +123,8 @@ def _range(values: pd.Series) -> str:
 def _near(answered: pd.DataFrame) -> dict[str, int]:
     """In how many cells each published method is about the best of them."""
     published = answered[answered.method.isin(PUBLISHED)]
-    best = published.groupby(["sweep", "value"]).predicted_high.transform("min")
-    count = published[published.predicted_high <= NEAR * best].method.value_counts()
+    best = published.groupby(["sweep", "value"]).predicted_over_bound_high.transform("min")
+    count = published[published.predicted_over_bound_high <= NEAR * best].method.value_counts()
     return {method: int(count.get(method, 0)) for method in PUBLISHED}
 
 
@@ -133,7 +138,7 @@ def _nearest(answered: pd.DataFrame) -> list[str]:
         some = answered[(answered.sweep == sweep.name) & answered.method.isin(PUBLISHED)]
         if some.empty:
             continue
-        worst = some.groupby("method", sort=False).predicted_high.max().sort_values(kind="stable")
+        worst = some.groupby("method", sort=False).predicted_over_bound_high.max().sort_values(kind="stable")
         tied = list(worst[worst <= TIED * worst.iloc[0]].index)
         lines.append(
             f"- Over {sweep.name}, the published method whose worst case is nearest: {_names(tied)}, "
@@ -145,7 +150,7 @@ def _nearest(answered: pd.DataFrame) -> list[str]:
 def _claim(answered: pd.DataFrame) -> str:
     """Tables II, III and section IV-A: 4DPA almost always the most accurate, of nine methods."""
     table = answered[answered.method.isin(PUBLISHED)].pivot(
-        index=["sweep", "value"], columns="method", values="predicted_high"
+        index=["sweep", "value"], columns="method", values="predicted_over_bound_high"
     )
     count = len(table)
     of_nine, of_all = (
@@ -175,26 +180,27 @@ def _at_the_bound(drawn: pd.DataFrame) -> list[str]:
         if own.empty:
             continue
         low, high = deviations_between(own.trials, len(drawn))
-        inside = (own.sampled_low >= low) & (own.sampled_high <= high)
+        inside = (own.drawn_over_bound_low >= low) & (own.drawn_over_bound_high <= high)
         lines.append(
             f"- `{method}`: at the bound within Monte Carlo error in {int(inside.sum())} of {len(own)} cells drawn; "
-            f"deviations {own.sampled_low.min():.2f} to {own.sampled_high.max():.2f} times the bound's."
+            f"deviations {own.drawn_over_bound_low.min():.2f} to {own.drawn_over_bound_high.max():.2f} times the "
+            "bound's."
         )
     return lines
 
 
 def _below(drawn: pd.DataFrame) -> str:
     low, _ = deviations_between(drawn.trials, len(drawn))
-    under = drawn[drawn.sampled_low < low]
-    least = drawn.iloc[int(drawn.sampled_low.argmin())]
+    under = drawn[drawn.drawn_over_bound_low < low]
+    least = drawn.iloc[int(drawn.drawn_over_bound_low.argmin())]
     start = (
-        f"- Below the bound: the smallest of all deviations drawn is {least.sampled_low:.2f} times the bound's "
-        f"(`{least.method}`, {int(least.trials)} trials). "
+        f"- Below the bound: the smallest of all deviations drawn is {least.drawn_over_bound_low:.2f} times the "
+        f"bound's (`{least.method}`, {int(least.trials)} trials). "
     )
     if under.empty:
         return start + "No method is below it by more than Monte Carlo error."
-    biased = under[under.bias > 4 / np.sqrt(under.trials)]
-    cells = "; ".join(f"`{r.method}`, {_where(r.sweep, r.value)}: {r.sampled_low:.2f}" for r in rows_of(under))
+    biased = under[under.bias_over_sd > 4 / np.sqrt(under.trials)]
+    cells = "; ".join(f"`{r.method}`, {_where(r.sweep, r.value)}: {r.drawn_over_bound_low:.2f}" for r in rows_of(under))
     return start + (
         f"Below it by more than Monte Carlo error in {len(under)} of {len(drawn)} cells ({cells}), of which "
         f"{len(biased)} have a mean error that differs from 0: the bound is for estimators without bias."
@@ -224,9 +230,9 @@ def _breaks(answered: pd.DataFrame) -> list[list[str]]:
         own = answered[answered.method == method]
         row = []
         for sweep in SWEEPS:
-            bad = own[(own.sweep == sweep.name) & (own.predicted_high > BREAKS)]
+            bad = own[(own.sweep == sweep.name) & (own.predicted_over_bound_high > BREAKS)]
             values = ", ".join(f"{value:g}" for value in bad.value)
-            row.append(f"{values} (at most {bad.predicted_high.max():.1f})" if len(bad) else "")
+            row.append(f"{values} (at most {bad.predicted_over_bound_high.max():.1f})" if len(bad) else "")
         if any(row):
             rows.append([f"`{method}`", *row])
     return rows
@@ -243,8 +249,8 @@ def _agreement(tables: Tables) -> str:
     for method, rows in odd.groupby("method", sort=False):
         where = "; ".join(f"{_where(r.sweep, r.value)} (NEES {r.nees:.1f})" for r in rows_of(rows))
         lines.append(
-            f"- Not for `{method}`: {where}. Drawn deviations are {rows.agreement_low.min():.2f} to "
-            f"{rows.agreement_high.max():.2f} of the predicted."
+            f"- Not for `{method}`: {where}. Drawn deviations are {rows.drawn_over_predicted_low.min():.2f} to "
+            f"{rows.drawn_over_predicted_high.max():.2f} of the predicted."
         )
     if len(smaller):
         again = smaller[smaller.trials > 0]
