@@ -19,10 +19,11 @@ import uq_handeye as uq
 from studies.scores import errors, nees
 from uq_handeye.candidates import predicted_camera, sample_candidates
 from uq_handeye.constraint import OnPoses, residual_covariance
-from uq_handeye.likelihood import bound, cholesky_of, efficient, whiten
+from uq_handeye.likelihood import bound, efficient
 from uq_handeye.planning import CRITERIA, plan
 from uq_handeye.planning_selection import covariance_of, greedy, value
 from uq_handeye.planning_start import so_far
+from uq_handeye.residual_factor import cholesky_of, whiten
 from uq_handeye.se3 import Array, skew
 from uq_handeye.simulation import RIGS, disturbed
 

@@ -14,10 +14,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.likelihood import (
-    bound,
-    maximum_likelihood,
-)
+from uq_handeye.likelihood import bound, maximum_likelihood
 
 # ----------------------------------------------------------------------------------------------------- bound
 

@@ -19,7 +19,7 @@ from uq_handeye.export import FORMATS as EXPORTED
 from uq_handeye.io import FORMATS, pose_text, write_pose_file
 from uq_handeye.likelihood import ESTIMATORS
 from uq_handeye.poses import SETUPS
-from uq_handeye.request import COVARIANCES
+from uq_handeye.request import BUNDLE, COVARIANCES
 from uq_handeye.units import LENGTH_UNITS
 
 TAKES_POSES = ("calibrate", "compare", "plan", "validate", "posterior", "cross-check")
@@ -41,6 +41,7 @@ def test_names_are_those_of_the_registries():
     assert tuple(ESTIMATORS) == cli_options.AT_THE_BOUND
     assert tuple(METHODS) == cli_options.PUBLISHED
     assert tuple(ROBOT_WORLD_METHODS) == cli_options.ROBOT_WORLD
+    assert cli_options.BUNDLE == BUNDLE
     assert tuple(SETUPS) == cli_options.SETUP_NAMES
     assert cli_options.COVARIANCE_NAMES == COVARIANCES
     assert set(cli_options.FORMAT_NAMES) == set(FORMATS)
@@ -211,4 +212,4 @@ def test_data_that_calibrate_refuses_are_left_to_the_command(session):
 
 def test_the_commands():
     names = [command.name for command in cli.app.registered_commands]
-    assert set(TAKES_POSES) | {"demo", "simulate", "sync", "report", "export", "codegen"} == set(names)
+    assert set(TAKES_POSES) | {"demo", "camera", "simulate", "sync", "report", "export", "codegen"} == set(names)

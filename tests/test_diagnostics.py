@@ -16,8 +16,9 @@ from uq_handeye import diagnostics as module
 from uq_handeye import residual_patterns
 from uq_handeye.diagnostics import Diagnostics, diagnose
 from uq_handeye.goodness_of_fit import goodness_of_fit
-from uq_handeye.likelihood import cholesky_of, corrected, efficient, maximum_likelihood, whiten
+from uq_handeye.likelihood import corrected, efficient, maximum_likelihood
 from uq_handeye.report import diagnosis_words
+from uq_handeye.residual_factor import cholesky_of, whiten
 from uq_handeye.robust import robust_fit
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))

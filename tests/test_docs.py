@@ -6,11 +6,13 @@ import re
 import runpy
 import xml.etree.ElementTree as ET
 from fnmatch import fnmatch
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from pages import DOCS, ROOT, blocks, missing, run_command, run_page
+from picture_cases import write_pictures
 from stream_cases import motion, streams
 
 import uq_handeye as uq
@@ -70,8 +72,21 @@ def test_poses_from_pictures_of_a_board(tmp_path, monkeypatch, capsys):
     assert np.abs(X[:3, :3] - poses.truth.X[:3, :3]).max() < 1e-3
 
 
+def test_the_guide_from_pictures_runs(tmp_path, monkeypatch, rng):
+    monkeypatch.chdir(tmp_path)
+    write_pictures(tmp_path, uq.Board(9, 6, 0.02), rng, n=8)
+    found = run_page(DOCS / "how-to" / "camera.md")
+    for block in found:
+        assert block.kind != "shown" or missing(block) == [], block.printed
+    assert (tmp_path / "result" / "result.json").exists()
+    page = (DOCS / "how-to" / "camera.md").read_text(encoding="utf-8")
+    rows = "".join(re.findall(r"^\| .*", page, re.MULTILINE))
+    named = set(re.findall(r"`(\w+\.(?:csv|npz|json|yaml|html))`", rows))
+    assert len(named) == 6 and named <= {path.name for path in Path("camera").iterdir()}
+
+
 def test_every_guide_is_run():
-    elsewhere = {"index", "plan", "real_cell", "synchronise", "validation"}  # plan: tests/test_cli_plan.py
+    elsewhere = {"index", "camera", "plan", "real_cell", "synchronise", "validation"}  # plan: tests/test_cli_plan.py
     guides = {page.stem for page in (DOCS / "how-to").glob("*.md")}
     assert guides == elsewhere | {page.rsplit("/")[-1] for page in SHOWN if page.startswith("how-to/")}
 

@@ -21,13 +21,11 @@ from uq_handeye.likelihood import (
     bound,
     efficient,
     fit,
-    gram,
     inverse_information,
     maximum_likelihood,
     start_of,
-    weighted,
-    whiten,
 )
+from uq_handeye.residual_factor import gram, weighted, whiten
 
 
 @pytest.mark.parametrize("sd", [1e-4, 3e-2])

@@ -15,8 +15,9 @@ from support import SEED, assert_same_covariance, difference, random_transforms,
 import uq_handeye as uq
 from uq_handeye import DegenerateMotionError, InputError, InputWarning, PosePairs, Stream
 from uq_handeye.interpolation import interpolate
-from uq_handeye.likelihood import efficient, inverse_information, offset_sensitivity, whiten
+from uq_handeye.likelihood import efficient, inverse_information, offset_sensitivity
 from uq_handeye.offset_refinement import honest
+from uq_handeye.residual_factor import whiten
 from uq_handeye.timing import TimeOffset, Timing
 
 OFFSET, DURATION = 0.123, 12.0

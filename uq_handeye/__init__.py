@@ -14,6 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .calibration import calibrate
+    from .camera.board import Board, detect_board
+    from .camera.calibration import CameraCalibration, calibrate_camera
+    from .camera.corner_file import read_corners
+    from .camera.corners import Corners
+    from .camera.folder import read_camera
+    from .camera.intrinsics_file import read_intrinsics
+    from .camera.turns import resolve_turns
     from .comparison import Comparison, compare
     from .conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .errors import (
@@ -27,6 +34,7 @@ if TYPE_CHECKING:
     from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .estimators.nguyen import nguyen
     from .io import read_noise_file, read_poses, read_stream
+    from .joint_covariance import JointCovariance
     from .likelihood import bound, efficient, maximum_likelihood
     from .motions import Motions, relative_motions
     from .noise import PairNoise, PoseNoise
@@ -36,6 +44,8 @@ if TYPE_CHECKING:
     from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3
     from .propagation import propagate
     from .result import Calibration
+    from .rig_bundle import Agreement
+    from .robot_noise import estimate_robot_noise
     from .sigma_point_covariance import SigmaPoints, sigma_points
     from .simulation import simulate
     from .so4_covariances import octonion_covariance, paper_covariances, so4_covariance
@@ -53,12 +63,17 @@ __version__ = "0.1.0"
 __all__ = [
     "METHODS",
     "ROBOT_WORLD_METHODS",
+    "Agreement",
+    "Board",
     "Calibration",
+    "CameraCalibration",
     "Comparison",
+    "Corners",
     "CrossCheck",
     "DegenerateMotionError",
     "InputError",
     "InputWarning",
+    "JointCovariance",
     "Method",
     "MissingExtraError",
     "MonteCarlo",
@@ -79,10 +94,13 @@ __all__ = [
     "Synchronised",
     "bound",
     "calibrate",
+    "calibrate_camera",
     "compare",
     "cross_check",
+    "detect_board",
     "efficient",
     "estimate_noise",
+    "estimate_robot_noise",
     "from_convention",
     "maximum_likelihood",
     "monte_carlo",
@@ -93,11 +111,15 @@ __all__ = [
     "paper_from_theta",
     "plan",
     "propagate",
+    "read_camera",
+    "read_corners",
+    "read_intrinsics",
     "read_noise_file",
     "read_poses",
     "read_stream",
     "register",
     "relative_motions",
+    "resolve_turns",
     "sample_posterior",
     "se3_from_so4",
     "sigma_points",
@@ -115,6 +137,13 @@ __all__ = [
 # Everything is loaded when it is first asked for: the command starts in a third of the time, and Ctrl-C finds it ready.
 _LATER = {
     "calibration": ("calibrate",),
+    "camera.calibration": ("CameraCalibration", "calibrate_camera"),
+    "camera.board": ("Board", "detect_board"),
+    "camera.corner_file": ("read_corners",),
+    "camera.corners": ("Corners",),
+    "camera.folder": ("read_camera",),
+    "camera.intrinsics_file": ("read_intrinsics",),
+    "camera.turns": ("resolve_turns",),
     "conventions": ("from_convention", "paper_from_theta", "theta_from_paper", "to_convention"),
     "errors": (
         "DegenerateMotionError",
@@ -127,6 +156,7 @@ _LATER = {
     "estimators": ("METHODS", "ROBOT_WORLD_METHODS", "Method", "solve"),
     "estimators.nguyen": ("nguyen",),
     "io": ("read_noise_file", "read_poses", "read_stream"),
+    "joint_covariance": ("JointCovariance",),
     "likelihood": ("bound", "efficient", "maximum_likelihood"),
     "motions": ("Motions", "relative_motions"),
     "noise": ("PairNoise", "PoseNoise"),
@@ -136,6 +166,8 @@ _LATER = {
     "procrustes": ("orthonormalise", "register", "se3_from_so4", "so4_from_se3"),
     "propagation": ("propagate",),
     "result": ("Calibration",),
+    "rig_bundle": ("Agreement",),
+    "robot_noise": ("estimate_robot_noise",),
     "simulation": ("simulate",),
     "streams": ("Stream",),
     "comparison": ("Comparison", "compare"),

@@ -7,6 +7,7 @@ errors weighted down (`robust`). What looks wrong is said (`plausibility`, `pair
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -32,11 +33,12 @@ from .poses import PosePairs
 from .provenance import provenance
 from .published import Published, fit_published
 from .reference import Reference
-from .request import FEWEST_FOR_ROBUST, Job, request
+from .request import BUNDLE, FEWEST_FOR_ROBUST, Job, request
 from .resampling import Resampled, resampled
 from .residuals import Residuals, residuals, rotation_angles, summarise
 from .result import Calibration
 from .result_file import FourDPA
+from .rig_bundle import Agreement, adjust_rig
 from .robust import RobustFit, robust_fit
 from .se3 import Array
 from .timing import TimeOffset, left_out_of
@@ -52,6 +54,9 @@ RARE = 1e-4
 
 # Probability below which two halves of the data contradict each other.
 CONTRADICTION = 1e-3
+
+# Difference of bundle adjustment and `efficient`, in standard deviations, or ratio of variances, that is warned of.
+APART = 1.5
 
 # RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
 SUSPICIOUS = np.radians(1.0)
@@ -77,11 +82,14 @@ def calibrate(
     data : PosePairs or Motions
     noise : PoseNoise, PairNoise or None
         Noise of the poses or of the motions. None estimates it from the data (`estimate_noise`): isotropic components
-        for rotation and translation of robot and camera.
+        for rotation and translation of robot and camera. Camera poses from corners (``data.camera_calibration``) bring
+        their joint covariance: it is used where `noise` is None, and the robot's noise estimated beside it, or where
+        `noise` has no ``camera``.
     method : str or None
-        ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; a name in `METHODS` or, for
-        poses, in `ROBOT_WORLD_METHODS`. None is ``efficient``; or ``4dpa`` where `scale` or `kind` ask for it, or where
-        the noise given leaves a part of the residuals exact, so that nothing can be weighted by its inverse.
+        ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; ``bundle``, on the corners
+        themselves, for camera poses from corners (`rig_bundle`), with `efficient` beside it; a name in `METHODS` or,
+        for poses, in `ROBOT_WORLD_METHODS`. None is ``efficient``; or ``4dpa`` where `scale` or `kind` ask for it, or
+        where the noise given leaves a part of the residuals exact, so that nothing can be weighted by its inverse.
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
         Pairs to make of the poses (`relative_motions`); Motions come with theirs. ``efficient`` and ``ml`` work on the
         poses themselves; for them, as for `ROBOT_WORLD_METHODS`, pairs serve 4DPA and the residuals alone.
@@ -135,7 +143,7 @@ def calibrate(
         texts += check_rotations(job.motions, noise, job.method)
     try:
         try:
-            result, more = (_by_likelihood if job.method in ESTIMATORS else _by_published)(job)
+            result, more = _run(job)
         except SingularNoiseError:
             if method is not None or robust:
                 raise
@@ -165,6 +173,46 @@ def calibrate(
         warnings.warn(text, InputWarning, stacklevel=2)
     require_determined(result, job.motions)
     return result
+
+
+def _run(job: Job) -> tuple[Calibration, list[str]]:
+    if job.method == BUNDLE:
+        return _by_bundle(job)
+    return _by_likelihood(job) if job.method in ESTIMATORS else _by_published(job)
+
+
+def _by_bundle(job: Job) -> tuple[Calibration, list[str]]:
+    """`efficient`, which finds noise and wrong poses, and the bundle adjustment from there."""
+    result, texts = _by_likelihood(replace(job, method="efficient"))
+    analysis, poses = result.analysis, job.poses
+    assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None
+    assert result.covariance is not None
+    fit, robot = analysis.fit, analysis.noise.robot
+    begun = time.perf_counter()
+    efficient(poses, analysis.noise, result.X)
+    between = time.perf_counter()
+    found = adjust_rig(poses, robot, fit.unknowns, fit.weights)
+    seconds = time.perf_counter() - between, between - begun
+    agreement = Agreement.of(found.X, found.covariance_X, fit.X, fit.covariance_X, seconds)
+    of_offset = result.covariance - fit.covariance_X
+    angle, distance = residuals(job.motions.A, job.motions.B, found.X)
+    result = replace(
+        result,
+        X=found.X,
+        W=found.W,
+        covariance=found.covariance_X + of_offset,
+        covariance_W=found.covariance_W,
+        method=BUNDLE,
+        iterations=found.iterations,
+        residuals=summarise(angle, distance),
+        agreement=agreement,
+    )
+    if agreement.distance > APART or not 1 / APART < agreement.eigenvalues[0] <= agreement.eigenvalues[-1] < APART:
+        texts.append(
+            f"{agreement.sentence} They should agree to first order: errors are too large for that, or wrong poses or "
+            "corners spoil one of them."
+        )
+    return result, texts
 
 
 def _by_likelihood(job: Job) -> tuple[Calibration, list[str]]:
@@ -203,7 +251,7 @@ def _by_likelihood(job: Job) -> tuple[Calibration, list[str]]:
 def _without_robust(job: Job, error: DegenerateMotionError) -> tuple[Calibration, list[str]]:
     """The plain fit where the robust one, which was not asked for, does not determine X; else its error."""
     try:
-        result, texts = _by_likelihood(replace(job, robust=False))
+        result, texts = _run(replace(job, robust=False))
     except (InputError, NotConvergedError):
         raise error from None
     if result.table is None or (result.table.distance2 > result.table.limit_of_all).any():
@@ -238,7 +286,9 @@ def _assembled(
         covariance = covariance + of_offset[:6, :6]
         covariance_W = None if covariance_W is None else covariance_W + of_offset[6:, 6:]
     table = pose_table(fit, robust)
-    analysis = Analysis(data, noise, fit, job.method, estimate, of_model.dof, job.seed)
+    # Beside a camera covariance from corners the noise counts as known: most of it, or the test errs on the safe side.
+    dof = None if estimate is not None and estimate.from_corners else of_model.dof
+    analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed)
     angle, distance = residuals(motions.A, motions.B, fit.X)
     result = replace(
         _bare(job, fit.X, fit.W, summarise(angle, distance), noise),
@@ -270,7 +320,7 @@ def _assembled(
         if test.p_value is not None and test.p_value < CONTRADICTION:
             texts.append(test.sentence)
     if estimate is not None:
-        texts += _against_data_sheet(result) + analysis.diagnostics.shared_errors()
+        texts += _against_data_sheet(result) + _against_corners(estimate) + analysis.diagnostics.shared_errors()
         if len(data) < FEWEST_FOR_ROBUST:
             texts.append(
                 f"With {len(data)} {table.item}s a wrong one cannot be told from the others: take at least "
@@ -305,6 +355,16 @@ def _against_data_sheet(result: Calibration) -> list[str]:
         f"taken from the data sheet explains (chi-square test, p = {fit.p_value:.1g}): it is not that of these data, "
         "and the standard deviations of X are wrong by up to that."
     ]
+
+
+def _against_corners(estimate: NoiseEstimate) -> list[str]:
+    """Whether the residuals contradict the covariance of camera poses from corners."""
+    factor = estimate.camera_factor
+    if factor is None or factor.p_value > RARE:
+        return []
+    from .report.noise_words import camera_factor_words
+
+    return [camera_factor_words(factor)]
 
 
 def _wrong(job: Job, noise: Noise, table: PoseTable) -> list[str]:

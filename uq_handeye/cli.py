@@ -18,6 +18,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from .cli_calibrate import calibrate_command, demo_command
+from .cli_camera import camera_command
 from .cli_codegen import codegen_command
 from .cli_compare import compare_command
 from .cli_cross_check import cross_check_command
@@ -85,6 +86,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
     "Calibrate": {
         "demo": demo_command,
         "calibrate": calibrate_command,
+        "camera": camera_command,
         "compare": compare_command,
         "plan": plan_command,
     },

@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .cli_camera import pictures_of
 from .cli_inputs import PoseFiles, noise_of, prior_of
 from .cli_messages import command_line, progress_wanted, timed
 from .cli_options import (
+    AT_THE_BOUND,
+    BUNDLE,
     COVARIANCE_NAMES,
-    EVERY_METHOD,
     OUTPUT,
+    PUBLISHED,
+    ROBOT_WORLD,
     JsonOption,
     PairsOption,
     cores,
@@ -28,6 +32,7 @@ from .errors import InputError
 from .progress import working
 
 if TYPE_CHECKING:
+    from .cli_camera import Pictures
     from .comparison import Comparison
     from .noise import Noise
     from .noise_estimation import NoisePrior
@@ -35,6 +40,8 @@ if TYPE_CHECKING:
     from .report.compared import Compared
     from .result import Calibration
     from .validation.cross_check import CrossCheck
+
+METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
 
 # The noise that the embedded data set was simulated with; data/README.md has the command.
 DEMO_NOISE = {"robot": ("0.02deg", "0.05mm"), "camera": ("0.1deg", "0.5mm")}
@@ -60,19 +67,20 @@ ReportFile = Annotated[
 ]
 
 
-@made_of(noise=noise_of, prior=prior_of, files=PoseFiles)
+@made_of(noise=noise_of, prior=prior_of, files=PoseFiles, pictures=pictures_of)
 def calibrate_command(
     files: "PoseFiles",
+    pictures: "Pictures | None",
     noise: "Noise | None",
     prior: "NoisePrior | None",
     method: Annotated[
         str | None,
         option(
             "--method",
-            of=EVERY_METHOD,
+            of=METHODS,
             metavar="NAME",
-            help=f"Estimator: {', '.join(EVERY_METHOD)}. Left out: efficient, or 4dpa where --scale or --kind ask for "
-            "it.",
+            help=f"Estimator: {', '.join(METHODS)}; bundle is for pictures. Left out: efficient, or 4dpa where --scale "
+            "or --kind ask for it.",
         ),
     ] = None,
     pairs: PairsOption = "all",
@@ -129,14 +137,18 @@ def calibrate_command(
     The default format is CSV with the header timestamp,x,y,z,qx,qy,qz,qw:
     metres, unit quaternion with the scalar last, ROBOT holds base_T_gripper,
     CAMERA holds camera_T_target, and row k of both belongs to the same moment.
+
+    CAMERA may be the folder of uq-handeye camera -o, whose joint covariance is
+    used; or go from pictures to X at once:
+    uq-handeye calibrate robot.csv --images 'img/*.png' --board 9x6 --square 20mm
     """
     require_writable(report, "--report", REPORTS)
     for name, given in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
         if given and report is None:
             raise InputError(f"{name} is about the report: give --report FILE, too.")
     if method is not None:
-        method = one_of(method, "--method", EVERY_METHOD)
-    poses, noise = files.read(noise)
+        method = one_of(method, "--method", METHODS)
+    poses, noise = files.read(noise, pictures)
     from .calibration import calibrate
 
     with timed("calibrating"):

@@ -12,6 +12,7 @@ from .cli_options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SE
 from .errors import InputError, NotConvergedError
 
 if TYPE_CHECKING:
+    from .cli_camera import Pictures
     from .noise import Noise
     from .noise_estimation import NoisePrior
     from .poses import PosePairs
@@ -30,7 +31,12 @@ class StreamFiles:
     """Robot and camera poses in files, as the command line names them."""
 
     robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot poses, or a file that holds both sides.")]
-    camera: Annotated[Path | None, typer.Argument(metavar="CAMERA", help="Camera poses.", show_default=False)] = None
+    camera: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="CAMERA", help="Camera poses, or the folder of uq-handeye camera -o.", show_default=False
+        ),
+    ] = None
     setup: Annotated[
         str | None,
         option(
@@ -169,14 +175,21 @@ class PoseFiles(StreamFiles):
         option("--tolerance", metavar="SECONDS", panel=INPUT, help="Of --pair time: farthest partner. Left out: 0.02."),
     ] = None
 
-    def read(self, noise: "Noise | None") -> "tuple[PosePairs, Noise | None]":
+    def read(self, noise: "Noise | None", pictures: "Pictures | None" = None) -> "tuple[PosePairs, Noise | None]":
         """At least three pairs of poses, and their noise where that of the samples is given."""
         how = one_of(self.pair, "--pair", PAIRINGS)
+        if pictures is not None or (self.camera is not None and self.camera.is_dir()):
+            self._refuse_of_files("--images" if pictures is not None else f"the folder {self.camera}", how)
+        if pictures is not None and self.camera is not None:
+            raise InputError(
+                f"Give either a file of camera poses, {self.camera}, or --images; a pattern goes in quotes, "
+                "--images 'img/*.png', or the shell makes many files of it."
+            )
         for name, value, needed in (("--tolerance", self.tolerance, "time"), ("--offset", self.offset, "async")):
             if value is not None and how != needed:
                 raise InputError(f"{name} goes with --pair {needed}, got --pair {how}.")
         with timed(f"reading {self._shown()}"):
-            poses, noise = self._synchronised_poses(noise) if how == "async" else (self._read(how), noise)
+            poses, noise = self._synchronised_poses(noise) if how == "async" else (self._read(how, pictures), noise)
         LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
         if poses.n < 3:
             raise InputError(
@@ -194,9 +207,30 @@ class PoseFiles(StreamFiles):
         LOG.info("The clocks differ by %s (robot time less camera time); uq-handeye sync says more.", offset)
         return found.poses, found.noise
 
-    def _read(self, how: str) -> "PosePairs":
+    def _refuse_of_files(self, what: str, how: str) -> None:
+        """Options that are about a file of camera poses say nothing of pictures."""
+        given = {
+            "--pair": how != "rows",
+            "--camera-format": self.camera_format is not None,
+            "--camera-units": self.camera_units is not None,
+            "--camera-quaternion": self.camera_quaternion is not None,
+            "--camera-frame": self.camera_frame != CAMERA_FRAMES[0],
+        }
+        if wrong := [name for name, value in given.items() if value]:
+            raise InputError(f"{', '.join(wrong)}: for files of camera poses, not for {what}; leave it out.")
+
+    def _read(self, how: str, pictures: "Pictures | None") -> "PosePairs":
         from .io import read_poses
 
+        if pictures is not None:
+            return pictures.poses(
+                self.robot,
+                setup=self.setup,
+                units=self.both_units,
+                format=self._formats,
+                quaternion=self._quaternions,
+                robot_frame=self.robot_frame,
+            )
         return read_poses(
             self.robot,
             self.camera,

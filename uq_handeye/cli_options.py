@@ -25,6 +25,8 @@ PUBLISHED = (
     *("gwak", "heller", "condurache", "zhang", "zhao", "nguyen", "4dpa"),
 )
 ROBOT_WORLD = ("li", "shah")
+# Of `calibrate` alone: the bundle adjustment on corners, request.BUNDLE.
+BUNDLE = "bundle"
 EVERY_METHOD = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
 SETUP_NAMES = ("eye-in-hand", "eye-to-hand")
 COVARIANCE_NAMES = ("model", "sigma-points", "sandwich", "hac", "jackknife", "bootstrap")

@@ -26,11 +26,12 @@ The derivatives hold where ``r = 0``; elsewhere they are exact to first order in
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .errors import InputError
+from .joint_covariance import JointCovariance
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise, is_joint, require_count
 from .poses import PosePairs
@@ -157,14 +158,18 @@ def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> Constraint:
     return OnPoses(poses.robot, poses.camera, poses.setup == "eye-to-hand")
 
 
-def covariances_of(noise: Noise) -> tuple[Array | None, Array | None]:
+def covariances_of(noise: Noise) -> tuple[Any, Any]:
     """Those of side 1 and side 2, None where exact."""
     return (noise.A, noise.B) if isinstance(noise, PairNoise) else (noise.robot, noise.camera)
 
 
-def residual_covariance(sides: tuple[Array, Array], noise: Noise) -> Array:
-    """S (..., n, 6, 6), or (..., 6n, 6n) where errors of different poses are correlated."""
+def residual_covariance(sides: tuple[Array, Array], noise: Noise) -> Array | JointCovariance:
+    """S (..., n, 6, 6), or joint (..., 6n, 6n) where errors of different poses are correlated."""
     covariances = covariances_of(noise)
+    if any(isinstance(S, JointCovariance) for S in covariances):
+        found = _structured(sides, covariances)
+        if found is not None:
+            return found
     n = sides[0].shape[-3]
     whole = any(S is not None and is_joint(S) for S in covariances)
     result: Array | float = 0.0
@@ -175,10 +180,29 @@ def residual_covariance(sides: tuple[Array, Array], noise: Noise) -> Array:
             part = D @ S @ D.mT
             result = result + (block_diagonal(part) if whole else part)
         else:
+            S = np.asarray(S)
             by_first = (D @ S.reshape(n, 6, 6 * n)).reshape(*D.shape[:-3], 6 * n, n, 6)
             part = by_first.swapaxes(-3, -2) @ D.mT  # (..., n, 6n, 6)
             result = result + part.swapaxes(-3, -2).reshape(*D.shape[:-3], 6 * n, 6 * n)
     return np.asarray(result)
+
+
+def _structured(sides: tuple[Array, Array], covariances: tuple[Any, Any]) -> JointCovariance | None:
+    """S as a `JointCovariance`; None where the other side is a joint array, which makes it one too."""
+    result: JointCovariance | None = None
+    blocks: list[Array] = []
+    for D, S in zip(sides, covariances, strict=True):
+        if isinstance(S, JointCovariance):
+            part = S.carried(D)
+            result = part if result is None else result.plus(part)
+        elif S is not None and is_joint(S):
+            return None
+        elif S is not None:
+            blocks.append(D @ S @ D.mT)
+    assert result is not None
+    for more in blocks:
+        result = result.plus(more)
+    return result
 
 
 def block_diagonal(blocks: Array) -> Array:

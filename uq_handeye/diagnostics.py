@@ -22,15 +22,15 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_solve
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
 from .errors import InputError
-from .likelihood import Fit, corrected, whiten
+from .likelihood import Fit, corrected
 from .motions import Motions
 from .noise import Noise, PairNoise, is_joint
 from .poses import PosePairs
+from .residual_factor import Factor, inverse_blocks, joint_residuals, pulled, whiten
 from .residual_patterns import Autocorrelation, Normality, Regression, residual_tests
 from .scale_errors import ScaleError, inflation, scale_errors, shared_lengths
 from .se3 import Array, skew
@@ -91,6 +91,7 @@ class Diagnostics:
     normality: Normality
     regression: Regression
     probes: tuple[ScaleError, ...]
+    focal_covered: bool = False  # the noise contains the error of a focal length estimated with the camera poses
 
     def sentences(self) -> list[str]:
         """Everything in words."""
@@ -108,7 +109,10 @@ class Diagnostics:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text; None stands for an infinite number."""
-        return {name: _plain(value) for name, value in asdict(self).items()}
+        values = {name: _plain(value) for name, value in asdict(self).items()}
+        if not self.focal_covered:  # only where it is so, that files from before are read
+            del values["focal_covered"]
+        return values
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Diagnostics:
@@ -174,7 +178,7 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
     count = poses.n if on_poses and poses is not None else len(data)
     if count != n:
         raise InputError(f"Expected `data` to be what was fitted, {n} rows, got {count}.")
-    joint = fit.S.shape[-1] != 6
+    joint = joint_residuals(fit.S)
     factor = fit.weighted_factor
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
     white = whiten(factor, stacked)
@@ -190,18 +194,20 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
     camera = noise.B if isinstance(noise, PairNoise) else noise.camera
     frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
     distance = float(np.sqrt(np.mean(np.sum(second[:, :3, 3] ** 2, axis=-1))))
+    seen = None if poses is None else poses.camera_calibration
     return Diagnostics(
         n=n,
         item="pose" if on_poses else "motion",
         independent_camera=camera is not None and not is_joint(camera),
         sigma_0=sigma_0,
         spectrum=_spectrum(fit.covariance_X, frame, distance, on_poses),
-        influence=_influence(fit.covariance, *_own_parts(white, factor, stacked, joint)),
+        influence=_influence(fit.covariance, *_own_parts(white, factor, joint)),
         diversity=_diversity(data, poses),
         autocorrelation=tests[0],
         normality=tests[1],
         regression=tests[2],
         probes=scale_errors(fit, factor, white, lengths, max(1.0, sigma_0) * inflation(tests[0])),
+        focal_covered=camera is not None and is_joint(camera) and seen is not None and "fx" in seen.estimated,
     )
 
 
@@ -230,14 +236,11 @@ def _principal(S: Array) -> tuple[Array, Array]:
     return np.sqrt(np.maximum(values[::-1], 0.0)), axes * signs[:, None]
 
 
-def _own_parts(white: Array, factor: Array, stacked: Array, joint: bool) -> tuple[Array, Array]:
+def _own_parts(white: Array, factor: Factor, joint: bool) -> tuple[Array, Array]:
     """B (n, 6, p) and e (n, 6) of the module: each row given all others."""
     if not joint:
         return white[..., :-1], white[..., -1]
-    n, q = stacked.shape[0], stacked.shape[-1]
-    weight = np.asarray(cho_solve((factor, True), np.eye(6 * n)))
-    own = np.linalg.cholesky(weight.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :])
-    parts = np.linalg.solve(own, (weight @ stacked.reshape(6 * n, q)).reshape(n, 6, q))
+    parts = np.linalg.solve(np.linalg.cholesky(inverse_blocks(factor)), pulled(factor, white))
     return parts[..., :-1], parts[..., -1]
 
 

@@ -8,7 +8,10 @@ With noise that was estimated from the same residuals (`noise_estimation`) sigma
 says nothing, that of rotation and translation alone little.
 
 Rotation and translation alone: ``sum e_i^T S_i^-1 e_i`` over that part, over its expectation
-``sum tr(S_i^-1 (S_i - J_i C J_i^T))`` (the redundancy of that part; C is the covariance of the unknowns).
+``sum tr(S_i^-1 (S_i - J_i C J_i^T))`` (the redundancy of that part; C is the covariance of the unknowns). Where errors
+are shared by the poses (T4b) those residuals are all alike; there ``g = S^-1 e`` takes their place, what of each pose
+the others do not predict, with the covariance ``P = S^-1 - S^-1 J C J^T S^-1``: ``sum g_i^T P_ii^-1 g_i`` over that
+part, over the number of its components.
 
 Degrees of freedom. Where the noise was estimated, ``e^T Sigma_X^-1 e`` is not chi-square: Sigma_X itself is uncertain.
 ``F = e^T Sigma_X^-1 e / 6`` is about F(6, nu). To second order in the error of the variances phi, with covariance V,
@@ -32,8 +35,8 @@ import numpy as np
 from scipy.special import gammainc, gammaincc
 
 from .errors import InputError
-from .likelihood import Fit, whiten
-from .noise import is_joint
+from .likelihood import Fit
+from .residual_factor import inverse_blocks, joint_residuals, own_blocks, pulled, weighed_blocks, whiten
 from .se3 import Array
 
 if TYPE_CHECKING:
@@ -66,9 +69,13 @@ def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
     # The weights belong into S before it is whitened: a joint S would carry a rejected pose into the others' rows.
     chi2 = float(np.sum(whiten(fit.weighted_factor, fit.residual[..., None]) ** 2))
     tails = float(gammainc(dof / 2, chi2 / 2)), float(gammaincc(dof / 2, chi2 / 2))
-    S, J, e = fit.S, fit.linear.J, fit.residual
-    if is_joint(S):
-        S = S.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
+    parts = _parts_of_joint(fit, w) if joint_residuals(fit.S) else _parts(fit, w)
+    return GoodnessOfFit(chi2, dof, float(np.sqrt(chi2 / dof)), min(1.0, 2.0 * min(tails)), *parts)
+
+
+def _parts(fit: Fit, w: Array) -> list[float]:
+    """sigma_0 of rotation and of translation; residuals independent from pose to pose."""
+    S, J, e = own_blocks(fit.S), fit.linear.J, fit.residual
     parts = []
     for part in (slice(3), slice(3, 6)):
         inverse = np.linalg.inv(S[:, part, part])
@@ -76,36 +83,64 @@ def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
         expected = float((w * (inverse * left).sum(axis=(-2, -1))).sum())
         found = float((w * (e[:, None, part] @ inverse @ e[:, part, None])[:, 0, 0]).sum())
         parts.append(float(np.sqrt(found / expected)))
-    return GoodnessOfFit(chi2, dof, float(np.sqrt(chi2 / dof)), min(1.0, 2.0 * min(tails)), *parts)
+    return parts
+
+
+def _parts_of_joint(fit: Fit, w: Array) -> list[float]:
+    """The same where the residuals are joint over the poses."""
+    factor = fit.weighted_factor
+    back = pulled(factor, whiten(factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)))
+    Q, g = back[..., :-1], back[..., -1:]
+    P = inverse_blocks(factor) - Q @ fit.covariance @ Q.mT
+    own = weighed_blocks(fit.S)
+    parts = []
+    for part in (slice(3), slice(3, 6)):
+        L = np.linalg.cholesky(own[:, part, part])
+        mu, V = np.linalg.eigh(L.mT @ P[:, part, part] @ L)
+        along = (V.mT @ L.mT @ g[:, part])[..., 0]
+        told = (mu > 1e-9) & (w[:, None] > 0)  # the rest of the data predicts it, and the pose counts
+        squares = np.where(told, along**2 / np.where(told, mu, 1.0), 0.0)
+        parts.append(float(np.sqrt(squares.sum() / max(int(told.sum()), 1))))
+    return parts
 
 
 def effective_dof(fit: Fit, estimate: NoiseEstimate) -> float:
     """nu, for a fit with the noise of the estimate: ``e^T Sigma_X^-1 e / 6`` is about F(6, nu); infinite if fixed.
 
-    Raises `InputError` for a fit with noise that is joint over poses.
+    Beside a camera covariance from corners, which counts as known, the robot's variances alone are uncertain: nu grows
+    without bound as their share of Sigma_X falls.
     """
     _require_one(fit)
-    if is_joint(fit.S):
-        raise InputError("Expected a fit with noise independent from pose to pose, got a joint covariance.")
     A = float(spread_of(fit, estimate.covariance))
     return float("inf") if A <= 0 else 12.0 / A
 
 
 def spread_of(fit: Fit, covariance: Array) -> Array:
-    """A (...) of the module, for the covariance (..., 3, 3) of the variances."""
-    relative = np.linalg.solve(fit.covariance_X[..., None, :, :], covariance_derivatives(fit))
+    """A (...) of the module, for the covariance (..., 3, 3) of the variances, (..., 2, 2) of the robot's alone."""
+    derivatives = covariance_derivatives(fit, robot_alone=covariance.shape[-1] == 2)
+    relative = np.linalg.solve(fit.covariance_X[..., None, :, :], derivatives)
     return np.asarray(np.einsum("...kl,...kij,...lji->...", covariance, relative, relative))
 
 
-def covariance_derivatives(fit: Fit) -> Array:
-    """``d Sigma_X / d phi_k`` (..., 3, 6, 6) = ``C J^T S^-1 V_k S^-1 J C`` by the variances of `NoiseEstimate`."""
-    _, white = fit.white
-    pull = np.linalg.solve(fit.factor.mT, white) @ fit.covariance[..., None, :, :6]
+def covariance_derivatives(fit: Fit, robot_alone: bool = False) -> Array:
+    """``d Sigma_X / d phi_k`` (..., 3, 6, 6) = ``C J^T S^-1 V_k S^-1 J C`` by the variances of `NoiseEstimate`.
+
+    ``robot_alone``: by those of the robot's rotation and translation, (..., 2, 6, 6).
+    """
+    J, C = fit.linear.J, fit.covariance[..., None, :, :6]
+    if joint_residuals(fit.S):  # S has V_k divided by the weight of each pose in it
+        factor = fit.weighted_factor
+        pull = pulled(factor, whiten(factor, J)) @ C
+        if fit.weights is not None:
+            pull = pull / np.sqrt(np.maximum(fit.weights, 1e-12))[..., None, None]
+    else:
+        pull = pulled(fit.factor, fit.white[1]) @ C
+        if fit.weights is not None:
+            pull = np.sqrt(fit.weights)[..., None, None] * pull
     first, second = fit.linear.sides
-    if fit.weights is not None:
-        pull = np.sqrt(fit.weights)[..., None, None] * pull
+    parts = (first[..., :3], first[..., 3:]) if robot_alone else (first[..., :3], second[..., :3], second[..., 3:])
     found = []
-    for U in (first[..., :3], second[..., :3], second[..., 3:]):
+    for U in parts:
         part = U.mT @ pull
         flat = part.reshape(*part.shape[:-3], -1, 6)
         found.append(flat.mT @ flat)

@@ -23,13 +23,11 @@ inverted; S must be. Leading axes are independent problems.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from .all_pairs import solve_all_pairs
 from .constraint import (
@@ -42,11 +40,21 @@ from .constraint import (
     covariances_of,
     residual_covariance,
 )
-from .errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
+from .errors import DegenerateMotionError, InputError, NotConvergedError
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise, is_joint
 from .poses import PosePairs
 from .procrustes import solve_limit
+from .residual_factor import (
+    Covariance,
+    Factor,
+    cholesky_of,
+    gram,
+    joint_residuals,
+    pulled,
+    weighted,
+    whiten,
+)
 from .robot_world import mean_target
 from .se3 import Array, as_transforms, left_jacobian, perturb
 from .timing import Timing, warn_left_out
@@ -56,8 +64,6 @@ CLOSED_FORM_STEPS, MOST_STEPS = 2, 50
 # `ml` stands still when a step moves X and W by less than this, in standard deviations; or, for noise near rounding, by
 # less than so many units of the numbers themselves (translations: of the longest).
 STEP, ROUNDING = 1e-6, 16 * float(np.finfo(float).eps)
-# Share of a variance below which what is left of it beside the other components is rounding.
-EXACT = 1e-14
 # Smallest eigenvalue of the Fisher information scaled to a unit diagonal that still determines all unknowns.
 SINGULAR = 1e-12
 
@@ -77,7 +83,7 @@ class Fit:
     unknowns: Unknowns
     covariance: Array  # (..., p, p) of (xi_X, xi_W) on poses, p = 12; of xi_X on motions, p = 6
     linear: Linearised  # where the last step was taken
-    S: Array  # (..., n, 6, 6), or (..., 6n, 6n): covariance of the residuals, before any robust weight
+    S: Covariance  # (..., n, 6, 6), or joint (..., 6n, 6n): covariance of the residuals, before any robust weight
     residual: Array  # (..., n, 6) after the fit
     iterations: int
     converged: NDArray[np.bool_]  # (...)
@@ -104,12 +110,12 @@ class Fit:
         return None if self.W is None else self.covariance[..., 6:, 6:]
 
     @cached_property
-    def factor(self) -> Array:
+    def factor(self) -> Factor:
         """L with ``S = L L^T``, as S."""
         return cholesky_of(self.S)
 
     @cached_property
-    def weighted_factor(self) -> Array:
+    def weighted_factor(self) -> Factor:
         """The same of S with the robust weights in it."""
         return self.factor if self.weights is None else cholesky_of(weighted(self.S, self.weights))
 
@@ -289,7 +295,7 @@ def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Arra
     What is left of their noise is, to first order, uncorrelated with the residuals.
     """
     factor, white = fit.factor, fit.white[0][..., None]
-    if fit.weights is not None and fit.S.shape[-1] != 6:  # a wrong pose must not reach the others through their noise
+    if fit.weights is not None and joint_residuals(fit.S):  # a wrong pose must not reach the others through their noise
         factor = fit.weighted_factor
         white = whiten(factor, fit.residual[..., None])
     errors = _errors(fit.linear.sides, noise, factor, white)
@@ -317,14 +323,10 @@ def _by_own_errors(sides: tuple[Array, Array], errors: Errors) -> tuple[Array, A
     return first, second
 
 
-def _errors(sides: tuple[Array, Array], noise: Noise, factor: Array, white: Array) -> Errors:
+def _errors(sides: tuple[Array, Array], noise: Noise, factor: Factor, white: Array) -> Errors:
     """``v = Sigma D^T S^-1 residual`` (..., n, 6) of both sides, from ``L^-1 residual`` (..., n, 6, 1)."""
     n = white.shape[-3]
-    if factor.shape[-1] == 6:  # the last row first: a lower triangle again
-        pull = _substituted(factor.mT[..., ::-1, ::-1], white[..., ::-1, :])[..., ::-1, :]
-    else:
-        flat = white.reshape(*white.shape[:-3], 6 * n, 1)
-        pull = np.asarray(solve_triangular(factor, flat, lower=True, trans="T")).reshape(white.shape)
+    pull = pulled(factor, white)
     found: list[Array | None] = []
     for D, S in zip(sides, covariances_of(noise), strict=True):
         by_error = D.mT @ pull
@@ -335,61 +337,6 @@ def _errors(sides: tuple[Array, Array], noise: Noise, factor: Array, white: Arra
         else:
             found.append((S @ by_error)[..., 0])
     return found[0], found[1]
-
-
-def weighted(S: Array, weights: Array) -> Array:
-    """S with the own covariance of each pose divided by its weight; a weight of 0 becomes 1e-12."""
-    inverse_weights = 1.0 / np.maximum(weights, 1e-12)
-    if S.shape[-1] == 6:
-        return S * inverse_weights[..., None, None]
-    n = S.shape[-1] // 6
-    result = np.array(np.broadcast_to(S, (*np.broadcast_shapes(S.shape[:-2], weights.shape[:-1]), 6 * n, 6 * n)))
-    for k in range(n):
-        own = slice(6 * k, 6 * k + 6)
-        result[..., own, own] *= inverse_weights[..., k, None, None]
-    return result
-
-
-def cholesky_of(S: Array) -> Array:
-    """L with ``S = L L^T``; raises where the noise leaves a part of the residuals exact."""
-    factor = None
-    with suppress(np.linalg.LinAlgError):
-        factor = np.linalg.cholesky(S)
-    if factor is not None:  # rounding may hide that it is singular
-        pivots, variances = (np.diagonal(M, axis1=-2, axis2=-1) for M in (factor, S))
-        if (pivots * pivots > EXACT * variances).all():
-            return np.asarray(factor)
-    raise SingularNoiseError(
-        "The noise given leaves a part of the residuals exact, so that they cannot be weighted by its inverse. Give "
-        "the poses of one side a rotation and a translation deviation above 0, or use method '4dpa'."
-    )
-
-
-def whiten(factor: Array, values: Array) -> Array:
-    """``L^-1 values`` for values (..., n, 6, q) and L (..., n, 6, 6) or (..., 6n, 6n)."""
-    if factor.shape[-1] == 6:
-        return _substituted(factor, values)
-    n, q = values.shape[-3], values.shape[-1]
-    flat = values.reshape(*values.shape[:-3], 6 * n, q)
-    white = np.asarray(solve_triangular(factor, flat, lower=True))
-    return white.reshape(*white.shape[:-2], n, 6, q)
-
-
-def _substituted(lower: Array, values: Array) -> Array:
-    """``lower^-1 values``, row by row for all poses at once: NumPy's solver goes from pose to pose."""
-    result = np.empty((*np.broadcast_shapes(lower.shape[:-2], values.shape[:-2]), *values.shape[-2:]))
-    for i in range(lower.shape[-1]):
-        row = values[..., i : i + 1, :]
-        if i:
-            row = row - lower[..., i : i + 1, :i] @ result[..., :i, :]
-        result[..., i : i + 1, :] = row / lower[..., i : i + 1, i : i + 1]
-    return result
-
-
-def gram(white: Array) -> Array:
-    """``sum over poses of white^T white``: (..., n, 6, q) -> (..., q, q)."""
-    flat = white.reshape(*white.shape[:-3], -1, white.shape[-1])
-    return np.asarray(flat.mT @ flat)
 
 
 def inverse_information(information: Array) -> Array:

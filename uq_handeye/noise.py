@@ -9,13 +9,14 @@ camera. The frames are those of the quantity itself: for ``base_T_gripper`` the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .joint_covariance import JointCovariance
 from .se3 import Array
 from .units import parse_deviations
 
@@ -67,6 +68,15 @@ def checked_covariance(value: Any, name: str, joint: bool) -> Array:
     return S
 
 
+def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
+    """As `checked_covariance`."""
+    if value.own.ndim != 3 or value.shared.ndim != 3:
+        raise InputError(f"Expected the covariance `{name}` to be that of one set of poses, got {value.shape}.")
+    if not np.isfinite(value.shared).all():
+        raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
+    return JointCovariance(checked_covariance(value.own, name, joint=False), value.shared)
+
+
 @dataclass(frozen=True, eq=False)
 class PairNoise:
     """Independent noise on each motion: covariances of ``A`` and ``B``, 6x6 or (N, 6, 6); None is exact."""
@@ -101,22 +111,31 @@ class PoseNoise:
     """Noise on the absolute poses ``robot = base_T_gripper`` and ``camera = camera_T_target``.
 
     Either is 6x6 (the same for every pose), (n, 6, 6) (per pose), or (6n, 6n): the joint covariance of all
-    poses, pose by pose, for errors that poses share. None means exact.
+    poses, pose by pose, for errors that poses share; a `JointCovariance` is such a one whose cost grows with n only.
+    None means exact.
     """
 
-    robot: Array | None = None
-    camera: Array | None = None
+    robot: Any = None  # array or JointCovariance
+    camera: Any = None
 
     def __post_init__(self) -> None:
         for name in ("robot", "camera"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, checked_covariance(getattr(self, name), name, joint=True))
+            value = getattr(self, name)
+            if value is not None:
+                checked = (
+                    _checked_joint if isinstance(value, JointCovariance) else partial(checked_covariance, joint=True)
+                )
+                object.__setattr__(self, name, checked(value, name))
         if self.robot is None and self.camera is None:
             raise InputError("Expected PoseNoise to be given at least one of `robot` and `camera`.")
 
     def rows(self, index: NDArray[Any]) -> PoseNoise:
         """That of some of the poses, by their numbers or a mask; of a joint covariance its marginal."""
         return PoseNoise(*(rows_of(S, index) for S in (self.robot, self.camera)))
+
+    def dense(self) -> PoseNoise:
+        """The same with arrays in place of `JointCovariance`: where all of (6n, 6n) is needed."""
+        return PoseNoise(*(np.asarray(S) if isinstance(S, JointCovariance) else S for S in (self.robot, self.camera)))
 
     @classmethod
     def isotropic(cls, robot: Deviations | None = None, camera: Deviations | None = None) -> PoseNoise:
@@ -139,23 +158,27 @@ def _isotropic(value: Deviations | None, name: str) -> Array | None:
     return np.diag([rotation**2] * 3 + [translation**2] * 3)
 
 
-def is_joint(covariance: Array) -> bool:
+def is_joint(covariance: Any) -> bool:
     """Whether a covariance is the joint one of several poses."""
-    return covariance.ndim == 2 and covariance.shape[0] > 6
+    return isinstance(covariance, JointCovariance) or (covariance.ndim == 2 and covariance.shape[0] > 6)
 
 
-def marginals(covariance: Array) -> Array:
+def marginals(covariance: Any) -> Array:
     """The covariance of each pose: the diagonal blocks of a joint one, else as it is."""
     if not is_joint(covariance):
-        return covariance
+        return np.asarray(covariance)
+    if isinstance(covariance, JointCovariance):
+        return np.asarray(covariance.blocks)
     n = len(covariance) // 6
-    return covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
+    return np.asarray(covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :])
 
 
-def rows_of(covariance: Array | None, index: NDArray[Any]) -> Array | None:
+def rows_of(covariance: Any, index: NDArray[Any]) -> Any:
     """The covariance of some poses or motions: their own, or their part of a joint one."""
     if covariance is None or covariance.shape == (6, 6):
         return covariance
+    if isinstance(covariance, JointCovariance):
+        return covariance.rows(index)
     if not is_joint(covariance):
         return np.asarray(covariance[index])
     n = len(covariance) // 6
@@ -164,7 +187,7 @@ def rows_of(covariance: Array | None, index: NDArray[Any]) -> Array | None:
     return np.asarray(covariance.reshape(n, 6, n, 6)[numbers][:, :, numbers].reshape(size, size))
 
 
-def require_count(covariance: Array | None, count: int, name: str, what: str) -> None:
+def require_count(covariance: Any, count: int, name: str, what: str) -> None:
     """Raise unless ``covariance`` fits ``count`` poses or motions."""
     if covariance is None or covariance.shape == (6, 6):
         return
@@ -173,8 +196,9 @@ def require_count(covariance: Array | None, count: int, name: str, what: str) ->
         raise InputError(f"Expected the covariance `{name}` to cover {count} {what}, got {found}.")
 
 
-def factor(covariance: Array) -> Array:
+def factor(covariance: Any) -> Array:
     """L with ``covariance = L L^T``, also for singular covariances; (..., k, k) -> (..., k, k)."""
+    covariance = np.asarray(covariance)
     try:
         return np.asarray(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:  # only semidefinite

@@ -21,6 +21,10 @@ covariance, the bound and every test of the fit depend on the noise only through
 A prior says that log of a standard deviation is Gaussian about that of the data sheet, with ``log(factor)`` as its
 standard deviation; the estimate is then the maximum of the restricted likelihood times the prior.
 
+Camera poses that come from corners (`calibrate_camera`) bring their joint covariance with them: nothing of it is
+estimated, and the robot's noise is found beside it (`robot_noise`), rotation and translation told apart from the
+camera's.
+
 Intervals are 95 % profile intervals of the restricted likelihood; those of sums of two of them are chi-square
 intervals with Satterthwaite's degrees of freedom ``2 sigma^4 / Var(sigma^2)``. Where the data cannot tell a component
 from 0 its interval starts at 0 and is conservative: it covers at least 95 %, up to 97.5 % where the true value is 0,
@@ -40,6 +44,7 @@ from numpy.typing import NDArray
 
 from .constraint import OnPoses, Unknowns, constraint_of
 from .errors import InputError, NotConvergedError
+from .joint_covariance import JointCovariance
 from .likelihood import start_of
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise
@@ -128,7 +133,8 @@ class Component:
 
     ``status``: "estimated"; "zero" (the estimate is 0, on the edge of what is possible); "prior" (estimated with its
     data sheet); "fixed" (given); "not told apart" (between ``low`` and ``high``, the data say no more); "exact" (the
-    residuals are rounding errors; ``high`` is then not determined: None).
+    residuals are rounding errors; ``high`` is then not determined: None); "from corners" (of the camera poses, from
+    their own covariance: root of the mean variance).
     """
 
     name: str
@@ -140,10 +146,19 @@ class Component:
 
     def __str__(self) -> str:
         scale, unit = (180 / np.pi, "deg") if self.unit == "rad" else (1e3, "mm")
-        if self.status in ("fixed", "exact"):
+        if self.status in ("fixed", "exact", "from corners"):
             return f"{self.name}: {self.value * scale:.3g} {unit} ({self.status})"
         high = "?" if self.high is None else f"{self.high * scale:.3g}"
         return f"{self.name}: {self.value * scale:.3g} {unit} ({self.low * scale:.3g} to {high}; {self.status})"
+
+
+@dataclass(frozen=True)
+class CameraFactor:
+    """By which the residuals would multiply the covariance of the camera poses: 1 where it is true (`robot_noise`)."""
+
+    value: float  # kappa, of variances
+    dof: float  # kappa times it is chi-square with so many degrees of freedom, if the covariance is true
+    p_value: float  # two-sided
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,20 +166,33 @@ class NoiseEstimate:
     """The noise that a data set shows; see `estimate_noise`.
 
     ``variances`` and ``covariance`` (of their estimates) are of side 1 rotation, side 2 rotation (rad^2) and of the
-    translations together (m^2): what S is made of.
+    translations together (m^2): what S is made of. Beside a camera covariance from corners there are two: of the
+    robot's rotation and translation.
     """
 
     noise: PoseNoise | PairNoise | None  # None: exact data
     components: tuple[Component, ...]
     statement: tuple[str, ...]
-    variances: Array  # (3,)
-    covariance: Array  # (3, 3)
+    variances: Array  # (3,), beside a camera covariance from corners (2,)
+    covariance: Array  # (3, 3) or (2, 2)
     dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
+    camera_factor: CameraFactor | None = None  # beside a camera covariance from corners, where the data can tell
 
     @property
     def has_prior(self) -> bool:
         """Whether a data sheet had a say, so that the test of the fit is one."""
         return any(component.status in ("fixed", "prior") for component in self.components)
+
+    @property
+    def from_corners(self) -> bool:
+        """Whether the noise of the camera poses comes from their corners, and the robot's alone was estimated."""
+        return any(component.status == "from corners" for component in self.components)
+
+    @property
+    def tested(self) -> bool:
+        """Whether residuals can contradict this noise: most of what they see was not made of them."""
+        factor = self.camera_factor
+        return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)
 
     def __getitem__(self, name: str) -> Component:
         for component in self.components:
@@ -177,7 +205,8 @@ class NoiseEstimate:
         noise = None
         if self.noise is not None:
             sides = _sides_of(self.noise)
-            noise = {name: np.sqrt(np.diag(getattr(self.noise, name))[[0, 3]]).tolist() for name in sides}
+            given = {name: getattr(self.noise, name) for name in sides}
+            noise = {name: _side_to_dict(S) for name, S in given.items() if S is not None}
         return {
             "noise": noise,
             "components": [asdict(component) for component in self.components],
@@ -185,6 +214,7 @@ class NoiseEstimate:
             "variances": self.variances.tolist(),
             "covariance": self.covariance.tolist(),
             "dof": self.dof,
+            **({} if self.camera_factor is None else {"camera_factor": asdict(self.camera_factor)}),
         }
 
     @classmethod
@@ -195,7 +225,8 @@ class NoiseEstimate:
             noise: Noise | None = None
             if given is not None:
                 kind = PairNoise if "A" in given else PoseNoise
-                noise = kind.isotropic(**{name: tuple(deviations) for name, deviations in given.items()})
+                noise = kind(**{name: _side_from_dict(side) for name, side in given.items()})
+            factor = values.get("camera_factor")
             return cls(
                 noise,
                 tuple(Component(**component) for component in values["components"]),
@@ -203,9 +234,28 @@ class NoiseEstimate:
                 np.array(values["variances"], dtype=float),
                 np.array(values["covariance"], dtype=float),
                 float(values["dof"]),
+                None if factor is None else CameraFactor(**factor),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"Expected the values of a noise estimate as `to_dict` writes them: {error}.") from error
+
+
+def _side_to_dict(S: Array | JointCovariance) -> Any:
+    """Deviations of rotation and translation; a joint covariance, or others of corners, as they are."""
+    if isinstance(S, JointCovariance):
+        return S.to_dict()
+    deviations = np.sqrt(np.diag(S)) if S.shape == (6, 6) else np.zeros(6)
+    if np.array_equal(S, np.diag(np.repeat(deviations[[0, 3]], 3) ** 2)):
+        return deviations[[0, 3]].tolist()
+    return {"covariance": S.tolist()}
+
+
+def _side_from_dict(values: Any) -> Any:
+    """The inverse of `_side_to_dict`."""
+    if isinstance(values, dict):
+        return values["covariance"] if "covariance" in values else JointCovariance.from_dict(values)
+    rotation, translation = (float(value) for value in values)
+    return np.diag([rotation**2] * 3 + [translation**2] * 3)
 
 
 class Found(NamedTuple):
@@ -233,13 +283,15 @@ def estimate_noise(
     Parameters
     ----------
     data : PosePairs or Motions
-        One data set (no leading axes); on poses where there are any.
+        One data set (no leading axes); on poses where there are any. With camera poses from corners
+        (``camera_calibration``) the robot's noise is estimated beside their joint covariance.
     prior : NoisePrior or None
     start : (4, 4) or None
         A consistent estimate of X.
     weights : (n,) or None
         In [0, 1]; a pose of weight w counts as w poses in the likelihood and in the degrees of freedom, 0 leaves it
-        out. Weights that were made from the residuals make the noise look smaller: correct for it where they were made.
+        out; 0 or 1 beside a joint covariance. Weights that were made from the residuals make the noise look smaller:
+        correct for it where they were made.
 
     Raises
     ------
@@ -268,6 +320,9 @@ def estimate_noise(
         if weights.shape != (n,) or not ((weights >= 0) & (weights <= 1)).all():
             raise InputError(f"Expected `weights` to be {n} numbers in [0, 1], got shape {weights.shape}.")
     on_poses = isinstance(constraint, OnPoses)
+    poses = data if isinstance(data, PosePairs) else data.poses
+    if poses is not None and poses.camera_calibration is not None:
+        return _beside_corners(poses, prior, start, weights)
     dof = 6.0 * (n if weights is None else float(weights.sum())) - (12 if on_poses else 6)
     if dof <= 0:
         raise InputError(
@@ -289,6 +344,22 @@ def estimate_noise(
             found,
         )
     return _report(found, prior, model, names, sides, dof)
+
+
+def _beside_corners(poses: PosePairs, prior: NoisePrior, start: Array | None, weights: Array | None) -> NoiseEstimate:
+    """The robot's noise beside the joint covariance that the camera poses come with, which `noise` keeps whole."""
+    from .robot_noise import estimate_robot_noise  # it is built on this module
+
+    assert poses.camera_calibration is not None
+    whole = poses.camera_calibration.covariance
+    if weights is None or (weights == 1).all():
+        return estimate_robot_noise(poses, whole, prior, start=start)
+    kept = weights > 0
+    if (weights[kept] < 1).any():
+        raise InputError("Expected `weights` of 0 or 1 beside the joint covariance of camera poses, got others.")
+    found = estimate_robot_noise(poses.rows(kept), whole.rows(np.flatnonzero(kept)), prior, start=start)
+    assert isinstance(found.noise, PoseNoise)
+    return replace(found, noise=PoseNoise(found.noise.robot, whole))
 
 
 def model_of(prior: NoisePrior, sides: tuple[str, str]) -> tuple[Model, tuple[str, ...]]:

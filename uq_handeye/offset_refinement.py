@@ -34,10 +34,11 @@ from .consensus import NOTHING, consensus, misfit, robust_variance
 from .constraint import OnPoses, Unknowns
 from .errors import DegenerateMotionError, InputError, NotConvergedError
 from .interpolation import Interpolated, at_times
-from .likelihood import CLOSED_FORM_STEPS, Fit, fit, gram, whiten
+from .likelihood import CLOSED_FORM_STEPS, Fit, fit
 from .noise import PoseNoise
 from .noise_estimation import estimate_noise
 from .poses import PosePairs
+from .residual_factor import gram, whiten
 from .residual_patterns import RARE
 from .robust import FULL, pose_distances, robust_weights
 from .se3 import Array

@@ -25,6 +25,7 @@ Poses that leave a part of X open (parallel axes, pure translations) can be plan
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,15 +39,17 @@ from .constraint import OnPoses, constraint_of, residual_covariance
 from .conventions import CONVENTION
 from .errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
 from .io import json_text, pose_text, write_atomically
-from .likelihood import cholesky_of, whiten
-from .noise import PoseNoise, is_joint
+from .noise import PoseNoise, is_joint, marginals
 from .planning_selection import covariance_of, exchanged, greedy, value
 from .planning_start import PRIOR, so_far
 from .poses import SETUPS, PosePairs
+from .residual_factor import cholesky_of, whiten
 from .result_file import noise_to_dict
 from .se3 import Array, as_transforms, skew
 from .timing import warn_left_out
 from .units import parse_length
+
+_log = logging.getLogger("uq_handeye")
 
 CRITERIA = ("trace", "logdet", "point")
 
@@ -330,6 +333,9 @@ def _estimated_noise(data: PosePairs) -> tuple[PosePairs, PoseNoise]:
         ) from error
     if not isinstance(noise, PoseNoise):
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {give}")
+    if noise.camera is not None and is_joint(noise.camera):  # of a camera that was calibrated from corners
+        _log.info("planned as if each pose had its own error of the intrinsics; what they share does not average out")
+        noise = PoseNoise(noise.robot, marginals(noise.camera))
     return data, noise
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .likelihood import gram
+from .residual_factor import gram
 from .se3 import Array
 
 # Smallest eigenvalue of information scaled to a unit diagonal that is more than rounding.

@@ -20,9 +20,10 @@ from scipy.spatial.transform import Rotation
 
 from .constraint import OnPoses, Unknowns, residual_covariance
 from .errors import DegenerateMotionError
-from .likelihood import cholesky_of, efficient, gram, whiten
+from .likelihood import efficient
 from .noise import PoseNoise
 from .poses import PosePairs
+from .residual_factor import cholesky_of, gram, whiten
 from .robot_world import mean_target
 from .se3 import Array
 

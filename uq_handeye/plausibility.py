@@ -58,10 +58,10 @@ def check_poses(poses: PosePairs) -> list[str]:
         if far > FAR:
             unit, looks = ("mm", "millimetres") if far > IN_MILLIMETRES else ("cm", "centimetres, or inches (in)")
             small = "" if unit == "mm" else "; or mm, if the rig is smaller than a hand"
-            found.append(
-                f"The {name} translations reach {far:.4g} m: they look like {looks}. Give "
-                f"{in_both(name, 'units', unit, 'm')}{small}."
-            )
+            give = f"Give {in_both(name, 'units', unit, 'm')}{small}"
+            if name == "camera" and poses.camera_calibration is not None:  # it is the board that gives their size
+                give = f"Calibrate the camera again with the board in its unit (--units {unit}, or --square with one)"
+            found.append(f"The {name} translations reach {far:.4g} m: they look like {looks}. {give}.")
         span = np.ptp(t, axis=0)
         for axis in range(3):
             if len(t) > 1 and span[axis] <= 1e-9 * max(far, 1e-3):

@@ -12,7 +12,7 @@ Frames: ``robot[k] = base_T_gripper(k)``, ``camera[k] = camera_T_target(k)``. Tw
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from .errors import InputError
 from .se3 import Array, as_numbers, as_transforms, inverse
 from .sources import Source
 from .timing import Timing
+
+if TYPE_CHECKING:
+    from .camera.calibration import CameraCalibration
 
 SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
 # The frames of W = G X C, the same for all poses.
@@ -55,6 +58,8 @@ class PosePairs:
         The files they came from.
     timing : Timing or None
         Of poses that `synchronise` paired: their time offset and how it moves them.
+    camera_calibration : CameraCalibration or None
+        Where the camera poses come from corners (`calibrate_camera`): their joint covariance, and the corners.
 
     Raises
     ------
@@ -70,6 +75,7 @@ class PosePairs:
     truth: Truth | None = None
     sources: tuple[Source, ...] = ()
     timing: Timing | None = None
+    camera_calibration: CameraCalibration | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.setup, str) or self.setup not in SETUPS:
@@ -95,6 +101,9 @@ class PosePairs:
             object.__setattr__(self, "timestamps", times)
         if self.timing is not None and (self.robot.ndim != 3 or len(self.timing) != self.n):
             raise InputError(f"Expected the `timing` of {self.n} poses, got one of {len(self.timing)}.")
+        seen = self.camera_calibration
+        if seen is not None and not np.array_equal(seen.poses, self.camera):
+            raise InputError("Expected the `camera` poses to be those of the `camera_calibration`, got others.")
 
     @property
     def n(self) -> int:
@@ -114,9 +123,9 @@ class PosePairs:
             truth = truth._replace(robot=truth.robot[..., index, :, :], camera=truth.camera[..., index, :, :])
         times = None if self.timestamps is None else self.timestamps[index]
         timing = None if self.timing is None else self.timing.rows(index)
-        return PosePairs(
-            self.robot[..., index, :, :], self.camera[..., index, :, :], self.setup, times, truth, self.sources, timing
-        )
+        seen = None if self.camera_calibration is None else self.camera_calibration.select(index)
+        robot, camera = self.robot[..., index, :, :], self.camera[..., index, :, :]
+        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen)
 
     @property
     def effective_robot(self) -> Array:

@@ -13,7 +13,7 @@ from .errors import InputError, require_integer
 from .estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from .likelihood import ESTIMATORS
 from .motions import Motions, relative_motions, spread_pairs
-from .noise import Noise, PairNoise, PoseNoise, require_count
+from .noise import Noise, PairNoise, PoseNoise, is_joint, require_count
 from .noise_estimation import NoisePrior
 from .poses import PosePairs
 from .resampling import KINDS as OF_RESIDUALS
@@ -23,6 +23,9 @@ COVARIANCES = ("model", "sigma-points", *OF_RESIDUALS)
 
 # All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
 DIAGNOSED_PAIRS = 200_000
+
+# The full bundle adjustment on the corners (`rig_bundle`).
+BUNDLE = "bundle"
 
 # Poses (or motions) from which on wrong ones can be told from good ones.
 FEWEST_FOR_ROBUST = 5
@@ -67,6 +70,35 @@ class Job:
         return self.motions if self.poses is None or isinstance(self.noise, PairNoise) else self.poses
 
 
+def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance: str) -> None:
+    """Raise `InputError` unless a bundle adjustment on corners is possible."""
+    if not isinstance(data, PosePairs) or data.camera_calibration is None:
+        raise InputError(
+            "Method 'bundle' adjusts everything on the corners of the board: expected poses with a "
+            "`camera_calibration` (calibrate_camera, or the folder that `uq-handeye camera` writes), got poses alone. "
+            "Use method 'efficient'."
+        )
+    if covariance != "model":
+        raise InputError(f"Method 'bundle' has covariance='model' alone, got {covariance!r}. Use method 'efficient'.")
+    if noise is not None and (isinstance(noise, PairNoise) or noise.camera is not None):
+        raise InputError(
+            "Method 'bundle' takes the noise of the camera from the corners: give PoseNoise(robot=...) alone, or none."
+        )
+    if noise is not None and is_joint(noise.robot):
+        raise InputError(
+            "Method 'bundle' takes robot noise that is independent from pose to pose, got a joint covariance. Use "
+            "method 'efficient'."
+        )
+
+
+def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
+    """Beside noise of the robot alone, the covariance that camera poses from corners come with."""
+    seen = None if motions.poses is None else motions.poses.camera_calibration
+    if seen is None or not isinstance(noise, PoseNoise) or noise.camera is not None:
+        return noise
+    return PoseNoise(noise.robot, seen.covariance)
+
+
 def request(
     data: Any,
     noise: Noise | None,
@@ -84,10 +116,10 @@ def request(
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
     if method is None:
         method = "efficient" if scale is None and kind in (None, "poses") else "4dpa"
-    known = [*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS]
+    known = [*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS]
     if not isinstance(method, str) or method not in known:
         raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
-    bound = method in ESTIMATORS
+    bound = method in (*ESTIMATORS, BUNDLE)
     if scale is not None and method != "4dpa":
         raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
     if bound and kind not in (None, "pairs" if isinstance(noise, PairNoise) else "poses"):
@@ -96,6 +128,8 @@ def request(
         raise InputError(f"Expected `robust` to be True, False or None, got {robust!r}.")
     if robust and not bound:
         raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
+    if method == BUNDLE:
+        _require_corners(data, noise, covariance)
     if covariance not in COVARIANCES:
         raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {covariance!r}.")
     if covariance == "sigma-points" and kind is not None:
@@ -123,6 +157,7 @@ def request(
         if motions.A.ndim != 3:
             raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
     require_noise_fits(noise, motions)
+    noise = _with_corners(noise, motions)
     if robust is None:
         count = motions.N if motions.poses is None else motions.poses.n
         robust = bound and noise is None and count >= FEWEST_FOR_ROBUST

@@ -19,8 +19,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc, fdtrc, ndtr
 
-from .likelihood import Fit, gram, inverse_information, whiten
+from .likelihood import Fit, inverse_information
 from .poses import PosePairs
+from .residual_factor import gram, whiten
 from .se3 import Array
 
 # False-alarm rates of the tests.

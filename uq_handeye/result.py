@@ -27,6 +27,7 @@ from .provenance import Provenance
 from .reference import Reference
 from .residuals import Residuals
 from .result_file import FourDPA, from_dict, to_dict
+from .rig_bundle import Agreement
 from .se3 import Array, inverse, inverse_jacobian
 from .sensitivity import pose_from_octonion_jacobian
 from .so4_covariances import PAPER_SCALE
@@ -99,6 +100,8 @@ class Calibration:
         Residual, distance, leverage, weight and flag of each pose.
     time_offset : TimeOffset or None
         Of interpolated poses: the offset and its share of the covariance.
+    agreement : Agreement or None
+        Of method "bundle": how far it is from `efficient`, and the time of each.
     provenance : Provenance or None
         Files, options, versions: enough to repeat the run.
     data : PosePairs, Motions or None
@@ -129,6 +132,7 @@ class Calibration:
     fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
     table: PoseTable | None = None  # residual, leverage and flag of each pose
     time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
+    agreement: Agreement | None = None  # of method "bundle" with `efficient`
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
     data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of; not in the JSON file
     analysis: Analysis | StoredAnalysis | None = field(

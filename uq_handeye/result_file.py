@@ -13,6 +13,7 @@ from .conventions import CONVENTION
 from .errors import InputError
 from .estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from .goodness_of_fit import GoodnessOfFit
+from .joint_covariance import JointCovariance
 from .likelihood import ESTIMATORS
 from .noise import Noise, PairNoise, PoseNoise, checked_covariance
 from .noise_estimation import NoiseEstimate
@@ -20,8 +21,9 @@ from .pose_table import PoseTable
 from .poses import SETUPS
 from .provenance import Provenance
 from .reference import Reference
-from .request import COVARIANCES
+from .request import BUNDLE, COVARIANCES
 from .residuals import Residuals
+from .rig_bundle import Agreement
 from .se3 import Array, as_transforms
 from .stored import misfit, not_finite, unequal
 from .timing import TimeOffset
@@ -38,7 +40,7 @@ _FORMAT = "uq-handeye calibration 3"
 _PLAIN = ("iterations", "covariance_kind", "method", "scale", "kind", "setup", "n_poses", "n_pairs")
 _COVARIANCES = ("covariance", "covariance_W", "bound")
 _KNOWN = {
-    "method": (*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS),
+    "method": (*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS),
     "covariance_kind": COVARIANCES,
     "kind": (None, "pairs", "poses", "literal"),
     "setup": (None, *SETUPS),
@@ -92,6 +94,7 @@ def to_dict(result: Calibration) -> dict[str, Any]:
         "analysis": None if result.analysis is None else result.analysis.to_dict(),
         "provenance": None if result.provenance is None else result.provenance.to_dict(),
         "time_offset": None if result.time_offset is None else result.time_offset.to_dict(),
+        **({} if result.agreement is None else {"agreement": result.agreement.to_dict()}),
         "residuals": result.residuals._asdict(),
         "warnings": list(result.warnings),
     }
@@ -141,6 +144,7 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "analysis": _read(data, "analysis", lambda part: StoredAnalysis.from_dict(part, X)),
         "provenance": _read(data, "provenance", Provenance.from_dict),
         "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
+        "agreement": None if data.get("agreement") is None else Agreement.from_dict(data["agreement"]),
         "noise": _read(data, "noise", noise_from_dict),
         "residuals": Residuals(**data["residuals"]),
         "warnings": tuple(data["warnings"]),
@@ -172,14 +176,24 @@ def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
     if noise is None:
         return None
     parts = {field.name: getattr(noise, field.name) for field in fields(noise)}
-    return {"type": type(noise).__name__} | {name: None if S is None else S.tolist() for name, S in parts.items()}
+    return {"type": type(noise).__name__} | {name: _covariance_to_dict(S) for name, S in parts.items()}
 
 
 def noise_from_dict(data: dict[str, Any]) -> Noise:
     """The inverse of `noise_to_dict`."""
     if data["type"] == "PairNoise":
         return PairNoise(data["A"], data["B"])
-    return PoseNoise(data["robot"], data["camera"])
+    return PoseNoise(*(_covariance_from_dict(data[name]) for name in ("robot", "camera")))
+
+
+def _covariance_to_dict(S: Array | JointCovariance | None) -> Any:
+    if isinstance(S, JointCovariance):
+        return S.to_dict()
+    return None if S is None else S.tolist()
+
+
+def _covariance_from_dict(data: Any) -> Any:
+    return JointCovariance.from_dict(data) if isinstance(data, dict) else data
 
 
 def _plain(array: Array | None) -> Any:

@@ -12,7 +12,8 @@ its weight w in that fit, the residual predicted *without* pose i and its covari
 chi-square with 6 degrees of freedom if the pose is good (for w = 1: ``e^T (I - H)^-1 e``). With errors that are
 correlated over the poses (T4b) the prediction uses the errors of the others too: with ``M = S^-1 - S^-1 J P J^T S^-1``
 the predicted residual is ``M_ii^-1 (S^-1 r)_i`` with covariance ``M_ii^-1`` (S with the block of pose i divided by w,
-which is taken back from that covariance). A direction in which no other pose can predict pose i does not count.
+of a `JointCovariance` its own part alone, which is taken back from that covariance).
+A direction in which no other pose can predict pose i does not count.
 
 *Weight.* 1 up to ``d^2 = a``, the 99.9 % quantile of chi-square(6); from there linearly down to 0 at b, its 1 - 1e-6
 quantile. Iteratively reweighted least squares: each step is the one of `likelihood.fit`. d^2 does not depend on the
@@ -31,7 +32,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import betaincinv, chdtri, fdtri, gammaincinv
 
 from .consensus import NOTHING, Consensus, consensus, robust_variance
@@ -41,6 +41,7 @@ from .likelihood import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
 from .motions import Motions
 from .noise import Noise, PairNoise, PoseNoise
 from .poses import PosePairs
+from .residual_factor import inverse_blocks, joint_residuals, pulled, weighed_blocks, whiten
 from .se3 import Array
 
 # The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NOTHING it does not count at all.
@@ -85,10 +86,10 @@ def pose_distances(fit: Fit) -> tuple[Array, Array]:
     leverage : (..., n)
         ``w tr(H) / p``: the share of the pose in the information on the p unknowns. The sum over the poses is 1.
     """
-    n, p = fit.residual.shape[-2], fit.covariance.shape[-1]
+    p = fit.covariance.shape[-1]
     weights = np.ones(fit.residual.shape[:-1]) if fit.weights is None else fit.weights
     P = fit.covariance[..., None, :, :]
-    if fit.S.shape[-1] == 6:
+    if not joint_residuals(fit.S):
         e, J = fit.white
         h, V = np.linalg.eigh(J @ P @ J.mT)
         along = (V.mT @ e[..., None])[..., 0]
@@ -99,15 +100,12 @@ def pose_distances(fit: Fit) -> tuple[Array, Array]:
         squares = np.where(left > 1e-9, along**2 / np.where(left > 1e-9, variance, 1.0), 0.0)
         return np.asarray(squares.sum(axis=-1)), leverage
     w = np.maximum(weights, 1e-12)[..., None]  # as `weighted` does
-    half = np.asarray(solve_triangular(fit.weighted_factor, np.eye(6 * n), lower=True))
-    columns = half.reshape(*half.shape[:-1], n, 6)
-    own = np.moveaxis(columns, -2, -3)  # L^-1 by the columns of pose i: (..., n, 6n, 6)
-    Q = own.mT @ (half @ fit.linear.J.reshape(*fit.linear.J.shape[:-3], 6 * n, p))[..., None, :, :]
-    pull = own.mT @ (half @ fit.residual.reshape(*fit.residual.shape[:-2], 6 * n, 1))[..., None, :, :]
-    index = np.arange(n)
-    blocks = fit.S.reshape(*fit.S.shape[:-2], n, 6, n, 6)
-    L = np.linalg.cholesky(np.moveaxis(blocks[..., index, :, index, :], 0, -3))
-    mu, V = np.linalg.eigh(L.mT @ (own.mT @ own - Q @ P @ Q.mT) @ L)
+    factor = fit.weighted_factor
+    stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
+    pulled_back = pulled(factor, whiten(factor, stacked))  # S^-1 J and S^-1 r, pose by pose
+    Q, pull = pulled_back[..., :-1], pulled_back[..., -1:]
+    L = np.linalg.cholesky(weighed_blocks(fit.S))
+    mu, V = np.linalg.eigh(L.mT @ (inverse_blocks(factor) - Q @ P @ Q.mT) @ L)
     g = (V.mT @ L.mT @ pull)[..., 0]
     predictable = mu > 1e-9 * w
     variance = np.where(predictable, mu * (1.0 - mu * (1.0 / w - 1.0)), 1.0)

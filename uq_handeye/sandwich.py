@@ -45,7 +45,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import DegenerateMotionError, InputError
-from .likelihood import Fit, cholesky_of, whiten
+from .likelihood import Fit
+from .residual_factor import cholesky_of, joint_residuals, whiten
 from .se3 import Array
 
 # Clusters without which no 6x6 covariance can have full rank: the c_k of n clusters add up to about 0.
@@ -183,7 +184,7 @@ def influence_of(fit: Fit) -> Influence:
 
     Poses with the robust weight 0 are left out where there is one data set; weights are taken as given numbers.
     """
-    if fit.S.shape[-1] != 6:
+    if joint_residuals(fit.S):
         raise InputError(JOINT)
     residual, J = fit.white
     if fit.weights is not None:
@@ -206,7 +207,7 @@ def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:
             "Some component of the residuals is 0 for all poses: residuals that are exact tell nothing about the "
             "noise. Use the covariance of a noise model."
         )
-    L = cholesky_of(S)
+    L = np.asarray(cholesky_of(S))
     white = whiten(L, np.concatenate([J, residual[..., None]], axis=-1))
     return Influence(white[..., -1], white[..., :-1], B @ L)
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .likelihood import Fit, whiten
+from .likelihood import Fit
 from .motions import Motions
 from .poses import PosePairs
+from .residual_factor import Factor, whiten
 from .residual_patterns import RARE, Autocorrelation
 from .se3 import Array
 
@@ -70,7 +71,7 @@ def shared_lengths(
 
 
 def scale_errors(
-    fit: Fit, factor: Array, white: Array, lengths: dict[str, tuple[int, Array] | str], inflation: float
+    fit: Fit, factor: Factor, white: Array, lengths: dict[str, tuple[int, Array] | str], inflation: float
 ) -> tuple[ScaleError, ...]:
     C, J, r = fit.covariance, white[..., :-1], white[..., -1]
     known = {name: value for name, value in lengths.items() if not isinstance(value, str)}

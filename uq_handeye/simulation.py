@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .errors import InputError
+from .joint_covariance import JointCovariance
 from .noise import PoseNoise, factor, is_joint, require_count
 from .poses import SETUPS, PosePairs, Truth
 from .se3 import Array, as_transforms, inverse, perturb
@@ -128,10 +129,16 @@ def simulate(
     return PosePairs(robot, camera, setup, np.arange(float(n_poses)), truth)
 
 
-def disturbed(T: Array, covariance: Array | None, batch: tuple[int, ...], rng: np.random.Generator) -> Array:
+def disturbed(
+    T: Array, covariance: Array | JointCovariance | None, batch: tuple[int, ...], rng: np.random.Generator
+) -> Array:
     """Exact poses or motions (n, 4, 4) with noise drawn on them (`PoseNoise`, `PairNoise`): (*batch, n, 4, 4)."""
     if covariance is None:
         return np.array(np.broadcast_to(T, (*batch, len(T), 4, 4)))
+    if isinstance(covariance, JointCovariance):
+        own = (factor(covariance.own) @ rng.standard_normal((*batch, len(T), 6, 1)))[..., 0]
+        common = rng.standard_normal((*batch, covariance.shared.shape[-1])) @ covariance.flat.T
+        return perturb(T, own + common.reshape(own.shape))
     return moved(T, factor(covariance), rng.standard_normal((*batch, 6 * len(T))))
 
 

@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc, fdtrc
 
@@ -33,6 +32,7 @@ from .likelihood import ESTIMATORS, Fit
 from .motions import Motions
 from .noise import Noise, PairNoise, is_joint
 from .poses import PosePairs
+from .residual_factor import pulled, whiten
 from .se3 import Array
 
 SPLITS = ("interleaved", "contiguous", "random", "angles")
@@ -229,8 +229,9 @@ def _between(fits: list[Fit], halves: tuple[NDArray[np.intp], NDArray[np.intp]],
     S = residual_covariance((first, second), noise.rows(order))
     gains = []
     for fit in fits:
-        J = fit.linear.J.reshape(*fit.linear.J.shape[:-3], -1, fit.linear.J.shape[-1])
-        weighed = np.asarray(cho_solve((fit.factor, True), J))
+        weighed = pulled(fit.factor, whiten(fit.factor, fit.linear.J))
+        weighed = weighed.reshape(*weighed.shape[:-3], -1, weighed.shape[-1])
         gains.append(fit.covariance[..., :6, :] @ weighed.mT)
-    m = 6 * len(halves[0])
-    return np.asarray(gains[0] @ S[..., :m, m:] @ gains[1].mT)
+    none = [np.zeros_like(gain) for gain in gains]  # rows and columns of the other half
+    one, other = np.concatenate([gains[0], none[1]], axis=-1), np.concatenate([none[0], gains[1]], axis=-1)
+    return np.asarray(one @ (S @ other.mT))

@@ -23,14 +23,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_solve
 from scipy.special import chdtri
 
 from .constraint import covariances_of
 from .errors import InputError
+from .joint_covariance import JointCovariance
 from .likelihood import Fit
 from .noise import Noise, PairNoise, checked_covariance, is_joint, require_count
 from .poses import SETUPS
+from .residual_factor import pulled, whiten
 from .se3 import Array, as_numbers, as_transforms, inverse, inverse_jacobian, skew
 
 # Squared Mahalanobis distance that holds 95 % of a Gaussian in three dimensions.
@@ -207,6 +208,8 @@ def _point_noise(covariance: Any, points: Array) -> Array | None:
 
 # --------------------------------------------------------------------------------------------------------- budget
 
+# Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
+EACH, SHARED = "(each pose)", "(shared)"
 _COMPONENTS = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
 
 
@@ -326,11 +329,7 @@ def budget(fit: Fit, noise: Noise, *, merged: Sequence[Sequence[str]] = ()) -> B
         raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
     J = fit.linear.J
     factor = fit.weighted_factor
-    if factor.shape[-1] == 6:
-        gain = np.linalg.solve(factor.mT, np.linalg.solve(factor, J))
-    else:
-        gain = np.asarray(cho_solve((factor, True), J.reshape(-1, J.shape[-1]))).reshape(J.shape)
-    gain = -fit.covariance @ gain.mT  # (n, p, 6)
+    gain = -fit.covariance @ pulled(factor, whiten(factor, J)).mT  # (n, p, 6)
     first, second = (gain @ D for D in fit.linear.sides)
     return budget_of_sensitivities(first, second, noise, fit.X, merged=merged)
 
@@ -354,7 +353,8 @@ def budget_of_sensitivities(
         The estimate.
     merged : groups of names
         See `Budget.merged`. Sources are named "robot rotation", "robot translation", "robot coupling", and so for
-        "camera"; on motions "A" and "B". A coupling that is zero is left out.
+        "camera"; on motions "A" and "B". A coupling that is zero is left out. Of a `JointCovariance` they are instead
+        what each pose has by itself, "camera (each pose)", and what all share, "camera (shared)".
 
     Raises
     ------
@@ -372,6 +372,14 @@ def budget_of_sensitivities(
             raise InputError(f"Expected derivatives for `{name}`, which has noise, got None.")
         n = len(D)
         require_count(S, n, name, "rows of the derivatives")
+        if isinstance(S, JointCovariance):
+            together = D @ S.shared  # of the errors that all poses share
+            whole = together.sum(axis=0)
+            sources += [f"{name} {EACH}", f"{name} {SHARED}"]
+            parts += [_summed(D, D @ S.own), whole @ whole.T]
+            of_pose = together @ whole.T
+            by_pose = by_pose + D @ S.own @ D.mT + 0.5 * (of_pose + of_pose.mT)
+            continue
         kinds = []
         for rows in (slice(0, 3), slice(3, 6)):
             E = np.zeros_like(D)

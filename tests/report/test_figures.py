@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from report_cases import overlapping
 from support import SEED, moved
 
 import uq_handeye as uq
@@ -49,21 +50,6 @@ def table(n=50, flags=None, seed=SEED):
     flag = tuple(["kept"] * n if flags is None else flags)
     ones = np.ones(n)
     return PoseTable("pose", *(np.abs(rng.normal(size=(2, n))) * 1e-3), 6 * ones, ones / n, ones, flag)
-
-
-def overlapping(figure):
-    """Pairs of visible texts whose boxes intersect."""
-    figure.draw_without_rendering()
-    texts = [*figure.texts, *(text for legend in figure.legends for text in legend.get_texts())]
-    for axis in figure.get_axes():
-        texts += [axis.xaxis.label, axis.yaxis.label, *axis.texts]
-        if axis.get_legend() is not None:
-            texts += axis.get_legend().get_texts()
-        for line, k in ((axis.xaxis, 0), (axis.yaxis, 1)):
-            low, high = sorted(line.get_view_interval())
-            texts += [text for text in line.get_ticklabels() if low <= text.get_position()[k] <= high]
-    boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text() and text.get_visible()]
-    return [(a, b) for k, (a, p) in enumerate(boxes) for b, q in boxes[:k] if p.overlaps(q)]
 
 
 def test_all_figures_have_the_width_of_a_page_and_words(drawn):

@@ -7,11 +7,11 @@ import subprocess
 import sys
 import warnings
 from dataclasses import replace
-from html.parser import HTMLParser
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from report_cases import Page
 from support import SEED
 
 import uq_handeye as uq
@@ -29,46 +29,6 @@ ANCHORS = [
     "answer", "warnings", "ellipses", "rig", "residuals", "budget", "task-space", "methods", "observability", "noise",
     "covariances", "forms", "repeat", "scope",
 ]  # fmt: skip
-VOID = {"meta", "link", "br", "use", "path"}
-
-
-class Page(HTMLParser):
-    """Elements with attributes, text by section, and whether tags close in order."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.elements, self.stack, self.section, self.texts, self.broken = [], [], "", {}, []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag, attributes):
-        found = dict(attributes)
-        self.elements.append((tag, found))
-        if tag == "section":
-            self.section = found["id"]
-        if tag not in VOID:
-            self.stack.append(tag)
-
-    def handle_startendtag(self, tag, attributes):
-        self.elements.append((tag, dict(attributes)))
-
-    def handle_endtag(self, tag):
-        if tag in VOID:
-            return
-        if not self.stack or self.stack.pop() != tag:
-            self.broken.append(tag)
-        if tag in ("td", "th", "li", "p", "h2"):
-            self.handle_data(" ")
-
-    def handle_data(self, data):
-        if not {"style", "script"} & set(self.stack):
-            self.texts[self.section] = self.texts.get(self.section, "") + data
-
-    def all(self, tag):
-        return [attributes for name, attributes in self.elements if name == tag]
-
-    def words(self, section):
-        return " ".join(self.texts[section].split())
 
 
 def simulated(**options):

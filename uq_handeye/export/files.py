@@ -13,8 +13,8 @@ from ..conventions import TOOLKIT
 from ..errors import InputError
 from ..io._files import StrPath, as_path, shown
 from ..io.atomic import write_atomically
-from ..se3 import Array
-from .frames import NOT_DETERMINED, Transform, transforms_of, yaml_fields, yaml_number
+from ..io.opencv_storage import matrix_lines, yaml_number
+from .frames import NOT_DETERMINED, Transform, transforms_of, yaml_fields
 from .snippets import opencv_name, urdf_joint
 
 if TYPE_CHECKING:
@@ -97,26 +97,14 @@ def opencv_text(result: Calibration) -> str:
     for X in transforms_of(result):
         name = opencv_name(X)
         lines += [
-            *_opencv_matrix(X.name, X.T),
-            *_opencv_matrix(f"R_{name}", X.R),
-            *_opencv_matrix(f"t_{name}", X.t[:, None]),
+            *matrix_lines(X.name, X.T),
+            *matrix_lines(f"R_{name}", X.R),
+            *matrix_lines(f"t_{name}", X.t[:, None]),
         ]
         if X.covariance is not None:
-            lines += _opencv_matrix(f"covariance_{X.name}", X.covariance)
+            lines += matrix_lines(f"covariance_{X.name}", X.covariance)
     said = NOT_DETERMINED if result.covariance is None else f"Covariances of {TOOLKIT}"
     return "\n".join([*lines, 'units: "m"', f'convention: "{said}"', ""])
-
-
-def _opencv_matrix(name: str, values: Array) -> list[str]:
-    rows, columns = values.shape
-    data = ",\n       ".join(", ".join(map(yaml_number, row)) for row in values)
-    return [
-        f"{name}: !!opencv-matrix",
-        f"   rows: {rows}",
-        f"   cols: {columns}",
-        "   dt: d",
-        f"   data: [ {data} ]",
-    ]
 
 
 def npz_bytes(result: Calibration) -> bytes:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..conventions import to_convention
+from ..io.opencv_storage import yaml_number
 from ..se3 import Array
 
 if TYPE_CHECKING:
@@ -75,17 +76,6 @@ def fixed_axis_angles(R: Array) -> Array:
     s, c = np.sin(yaw), np.cos(yaw)
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     return np.array([roll, pitch, yaw]) + 0.0
-
-
-def yaml_number(value: float, digits: int = 17) -> str:
-    """A float that YAML 1.1 takes for one: with a point, also before an exponent.
-
-    >>> yaml_number(1e-5), yaml_number(2.0), yaml_number(-0.0)
-    ('1.0e-05', '2.0', '0.0')
-    """
-    text = repr(float(f"{value + 0.0:.{digits}g}"))
-    mantissa, e, exponent = text.partition("e")
-    return text if not e or "." in mantissa else f"{mantissa}.0e{exponent}"
 
 
 def yaml_fields(axes: str, values: Array, digits: int = 17) -> str:

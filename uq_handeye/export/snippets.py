@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..conventions import TOOLKIT
+from ..io.opencv_storage import yaml_number
 from ..se3 import Array
-from .frames import NOT_DETERMINED, Transform, fixed_axis_angles, transforms_of, yaml_fields, yaml_number
+from .frames import NOT_DETERMINED, Transform, fixed_axis_angles, transforms_of, yaml_fields
 
 if TYPE_CHECKING:
     from ..result import Calibration

@@ -41,7 +41,7 @@ def read_npy(data: bytes, name: str) -> Contents:
 def read_npz(data: bytes, name: str) -> Contents:
     """Arrays by name."""
     try:
-        arrays = _members(data, name)
+        arrays = members(data, name)
     except InputError:
         raise
     except Exception as error:  # zipfile and zlib raise many kinds for damaged files
@@ -126,7 +126,8 @@ def _numbers(array: NDArray[Any], where: str) -> Array:
     return numbers
 
 
-def _members(data: bytes, name: str) -> dict[str, NDArray[Any]]:
+def members(data: bytes, name: str) -> dict[str, NDArray[Any]]:
+    """All arrays of an archive, by name; raises `InputError`, and whatever zipfile raises of a damaged one."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
         size = sum(member.file_size for member in members)

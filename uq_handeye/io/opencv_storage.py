@@ -65,20 +65,20 @@ def read_opencv(tree: Any, name: str) -> Contents:
             raise InputError(f"{name}: expected {t_name} beside {R_name}, got {got(tree)}.")
         used.add(t_found)
         wheres = (f"{name}, {R_name}", f"{name}, {t_found}")
-        t = _stack(tree[t_found], wheres[1])
-        T = joined(_stack(tree[R_name], wheres[0]), t, *wheres)
+        t = stack(tree[t_found], wheres[1])
+        T = joined(stack(tree[R_name], wheres[0]), t, *wheres)
         if R_name == EITHER_SIDE and not {*tree} & _NAMED:
             return Contents(only=matrices_side(wheres[0], T), notes=(f"poses from {R_name} and {t_found}",))
         take(role, R_name, T, frame)
     for key, (role, frame) in POSE_NAMES.items():
         if key in tree and key not in used:
-            values = _stack(tree[key], f"{name}, {key}").reshape(-1)
+            values = stack(tree[key], f"{name}, {key}").reshape(-1)
             if values.size % 16:
                 raise InputError(f"{name}, {key}: expected 16 numbers per pose (4x4), got {values.size}.")
             take(role, key, values.reshape(-1, 4, 4), frame)
     if not sides and len(tree) == 1 and is_storage(tree):
         (key,) = tree
-        values = _stack(tree[key], f"{name}, {short(key)}").reshape(-1)
+        values = stack(tree[key], f"{name}, {short(key)}").reshape(-1)
         if values.size and not values.size % 16:
             only = matrices_side(f"{name}, {short(key)}", values.reshape(-1, 4, 4))
             return Contents(only=only, notes=(f"poses from {short(key)}",))
@@ -120,7 +120,7 @@ def _vectors(values: Array, where: str) -> Array:
     return values.reshape(-1, 3)
 
 
-def _stack(value: Any, where: str) -> Array:
+def stack(value: Any, where: str) -> Array:
     """The numbers of a matrix, or of a sequence of matrices or numbers, in their order."""
     if _is_matrix(value):
         return _matrix(value, where)
@@ -128,7 +128,7 @@ def _stack(value: Any, where: str) -> Array:
         if all(_is_matrix(entry) for entry in value):
             return np.concatenate([_matrix(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(value)])
         if all(isinstance(entry, list) for entry in value):
-            return np.concatenate([_stack(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(value)])
+            return np.concatenate([stack(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(value)])
         return np.array([number(entry, f"{where}[{k}]") for k, entry in enumerate(value)])
     raise InputError(f"{where}: expected a matrix of OpenCV or a list of them, got {got(value)}.")
 
@@ -162,3 +162,27 @@ def _matrix(value: dict[str, Any], where: str) -> Array:
         raise InputError(f"{where}: expected {expected:g} numbers for {shown}, got {got(value['data'])}{hint}.")
     numbers = np.array([number(entry, f"{where}, data[{k}]") for k, entry in enumerate(data)])
     return numbers.reshape(int(shape[0]), -1) if numbers.size else numbers
+
+
+def yaml_number(value: float, digits: int = 17) -> str:
+    """A float that YAML 1.1 takes for one: with a point, also before an exponent.
+
+    >>> yaml_number(1e-5), yaml_number(2.0), yaml_number(-0.0)
+    ('1.0e-05', '2.0', '0.0')
+    """
+    text = repr(float(f"{value + 0.0:.{digits}g}"))
+    mantissa, e, exponent = text.partition("e")
+    return text if not e or "." in mantissa else f"{mantissa}.0e{exponent}"
+
+
+def matrix_lines(name: str, values: Array) -> list[str]:
+    """A matrix (rows, columns) as an entry of OpenCV's YAML."""
+    rows, columns = values.shape
+    data = ",\n       ".join(", ".join(map(yaml_number, row)) for row in values)
+    return [
+        f"{name}: !!opencv-matrix",
+        f"   rows: {rows}",
+        f"   cols: {columns}",
+        "   dt: d",
+        f"   data: [ {data} ]",
+    ]

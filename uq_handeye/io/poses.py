@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import warnings
 from dataclasses import replace
-from typing import Any
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,11 +15,15 @@ from ..errors import InputError, InputWarning
 from ..poses import SETUPS, PosePairs
 from ..sources import Source
 from ..streams import Stream
-from ._files import StrPath, as_path, shown
+from . import _lines
+from ._files import StrPath, as_path, opened, shown
 from ._side import FRAMES, Contents, Side, finished
 from .csv_poses import warn_if_back
 from .formats import read_contents
 from .matching import match_times
+
+if TYPE_CHECKING:
+    from ..camera.calibration import CameraCalibration
 
 # Rows are synchronous within this (s): rounding of printed times; an arm at 1 m/s moves a micrometre in it.
 SYNCHRONOUS = 1e-6
@@ -29,7 +35,7 @@ _log = logging.getLogger("uq_handeye")
 
 def read_poses(
     robot: StrPath,
-    camera: StrPath | None = None,
+    camera: StrPath | CameraCalibration | None = None,
     *,
     setup: str | None = None,
     units: str | tuple[str, str] = "m",
@@ -46,8 +52,11 @@ def read_poses(
     ----------
     robot : path
         ``base_T_gripper``; any of `uq_handeye.io.FORMATS`.
-    camera : path or None
-        ``camera_T_target``. None: the robot's file holds both sides.
+    camera : path, CameraCalibration or None
+        ``camera_T_target``. None: the robot's file holds both sides. A calibrated camera, or the folder that
+        `CameraCalibration.write` made of it, brings the joint covariance of its poses along (field
+        ``camera_calibration``); its rows number those of the robot's file, and robot poses without a picture are left
+        out. Units, format and quaternion are then those of the robot's file.
     setup : "eye-in-hand", "eye-to-hand" or None
         None: what a file says, else eye-in-hand.
     units : str or (str, str)
@@ -89,6 +98,14 @@ def read_poses(
     both_units, formats, orders = (
         _two(value, name) for value, name in ((units, "units"), (format, "format"), (quaternion, "quaternion"))
     )
+    seen = _calibrated(camera)
+    if seen is not None:
+        if pair != "rows" or camera_frame != FRAMES["camera"][0]:
+            raise InputError(
+                "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
+                "`camera_frame` (--camera-frame) out."
+            )
+        return _with_calibrated(robot, seen, setup, both_units[0], formats[0], orders[0], robot_frame)
     first, first_source = read_contents(as_path(robot), formats[0])
     if camera is None:
         sources: tuple[Source, ...] = (first_source,)
@@ -125,6 +142,77 @@ def read_poses(
         _check_rows(sides[0], sides[1])
         robot_times = camera_times if robot_times is None else robot_times
     return PosePairs(robot_poses, camera_poses, setup=setup, timestamps=robot_times, sources=sources)
+
+
+class _Seen(NamedTuple):
+    """A calibrated camera and where it comes from."""
+
+    camera: CameraCalibration
+    name: str
+    source: tuple[Source, ...]
+
+
+def _calibrated(camera: Any) -> _Seen | None:
+    """The calibrated camera that is meant, if one is."""
+    from ..camera.calibration import CameraCalibration  # what it needs is slow to import
+
+    if isinstance(camera, CameraCalibration):
+        return _Seen(camera, "the pictures", ())
+    if camera is None or not as_path(camera).is_dir():
+        return None
+    from ..camera.folder import CORNERS, read_camera
+
+    folder = as_path(camera)
+    seen = read_camera(folder)
+    with opened(folder / CORNERS, _lines.MAX_BYTES) as file:
+        data = file.read()
+    note = f"{seen.corners.n} poses of the model {seen.model} with their joint covariance"
+    name = shown(Path(folder.name) / CORNERS)
+    return _Seen(seen, shown(folder), (Source(name, "corners", len(data), sha256(data).hexdigest(), (note,)),))
+
+
+def _with_calibrated(
+    robot: StrPath,
+    seen: _Seen,
+    setup: str | None,
+    units: str,
+    format: str | None,
+    quaternion: str | None,
+    frame: str,
+) -> PosePairs:
+    """The robot poses of a file that the pictures were taken at, and the poses of the pictures."""
+    path = as_path(robot)
+    contents, source = read_contents(path, format)
+    setup = _setup(setup, (contents, contents), (path, path))
+    side = _side(contents, "robot", shown(path))
+    sources: tuple[Source, ...] = (source,)
+    if contents.robot_enters and setup == "eye-to-hand":
+        frame = FRAMES["robot"][1]
+        sources = _noted(sources, 0, path, ["robot poses are gripper_T_base in this format, and inverted"])
+    poses = finished(side, "robot", units, quaternion, frame)
+    warn_if_back(side)
+    rows, corners = seen.camera.rows, seen.camera.corners
+    taken = corners.n + len(corners.missing)
+    # Of pictures it is known how many there were; a table of corners may leave out some.
+    counted = bool(corners.missing) or (corners.image_size is not None and not seen.source)
+    if (counted and taken != len(side)) or rows[-1] >= len(side):
+        count = (
+            f"{taken} pictures, {len(corners.missing) or 'none'} of them without a board"
+            if counted
+            else (f"{corners.n} pictures, the last of row {rows[-1]}")
+        )
+        raise InputError(
+            f"{side.name} has {len(side)} poses and {seen.name} {count}: picture k, counted from 0 in the order of the "
+            "names (the column row of corners), belongs to row k of the robot. Leave out what the other side lacks; a "
+            "picture without a board stays."
+        )
+    if len(left := np.setdiff1d(np.arange(len(side)), rows)):
+        which = ", ".join(map(str, left[:20])) + (", ..." if len(left) > 20 else "")
+        sources = _noted(sources, 0, path, [f"rows without a picture of the board are left out: {which}"])
+    times = None if side.timestamps is None else side.timestamps[rows]
+    return PosePairs(
+        poses[rows], seen.camera.poses, setup, times, sources=(*sources, *seen.source), camera_calibration=seen.camera
+    )
 
 
 def read_stream(

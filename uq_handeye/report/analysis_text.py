@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..noise import PairNoise, is_joint, marginals
 from ..se3 import Array
+from ..task_space import SHARED
 from .diagnosis_words import SYSTEMATIC, independent_words, joint_words, spectrum_words
 from .numbers import digits, probability, rotvec_jacobian, row, std_of
 
@@ -31,7 +32,8 @@ def noise_lines(result: Calibration) -> list[str]:
     lines: list[str] = []
     estimate = result.noise_estimate
     if estimate is not None:
-        lines.append("Noise, estimated from the residuals (standard deviation per axis, 95 % interval):")
+        beside = " beside that of the camera" if estimate.from_corners else ""
+        lines.append(f"Noise, estimated from the residuals{beside} (standard deviation per axis, 95 % interval):")
         lines += [f"  {component}" for component in estimate.components]
         lines += [line for text in estimate.statement for line in wrapped(text)]
     elif result.noise is not None:
@@ -39,7 +41,7 @@ def noise_lines(result: Calibration) -> list[str]:
         lines += _given(result.noise)
     if result.fit is not None:
         lines.append(_counts(result))
-        lines += _fit_lines(result.fit, by_construction=estimate is not None and not estimate.has_prior)
+        lines += _fit_lines(result.fit, by_construction=estimate is not None and not estimate.tested)
     elif estimate is not None and estimate.noise is not None:
         lines.append(f"  The residuals have {estimate.dof:.0f} degrees of freedom.")
     return lines
@@ -94,9 +96,15 @@ def _misfit(sigma0: float) -> str:
 
 def _given(noise: Noise) -> list[str]:
     return [
-        f"  {name}: exact" if size is None else f"  {name}: rotation {size[0]:.3g} deg, translation {size[1]:.3g} mm"
+        f"  {name}: exact"
+        if size is None
+        else f"  {name}: rotation {size[0]:.3g} deg, translation {size[1]:.3g} mm{_joint(getattr(noise, name))}"
         for name, size in noise_sizes(noise).items()
     ]
+
+
+def _joint(S: Any) -> str:
+    return ", correlated over the poses by errors that they share" if is_joint(S) else ""
 
 
 def noise_sizes(noise: Noise) -> dict[str, tuple[float, float] | None]:
@@ -113,14 +121,16 @@ def noise_sizes(noise: Noise) -> dict[str, tuple[float, float] | None]:
 
 
 def beside_lines(result: Calibration) -> list[str]:
-    """4DPA's own answer and its efficiency."""
+    """4DPA's own answer and its efficiency; of a bundle adjustment, how far it is from `efficient`."""
     beside, efficiency = result.fourdpa, result.efficiency
+    lines = [] if result.agreement is None else [*wrapped(result.agreement.sentence, first=""), ""]
     if beside is None or beside.covariance is None or efficiency is None:
-        return []
+        return lines[:-1]
     sd = np.sqrt(np.diag(beside.covariance))
     turn = Rotation.from_matrix(beside.X[:3, :3]).as_rotvec()
     of_turn = std_of(beside.covariance[:3, :3], rotvec_jacobian(turn))
     return [
+        *lines,
         "4DPA alone, on the same data:",
         f"  {row('translation (mm)', 'xyz', 1e3 * beside.X[:3, 3], 1e3 * sd[3:], 4)}",
         f"  {row('rotation vector (deg)', 'xyz', np.degrees(turn), of_turn, 5)}",
@@ -215,7 +225,8 @@ def budget_shares(result: Calibration) -> dict[str, Array]:
 
 def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:
     S = getattr(result.noise, side, None)
-    return f"{side} coupling" in sources or (S is not None and is_joint(S))
+    split = f"{side} {SHARED}" in sources  # into what has no coupling
+    return f"{side} coupling" in sources or (S is not None and is_joint(S) and not split)
 
 
 def diagnosis_lines(result: Calibration) -> list[str]:

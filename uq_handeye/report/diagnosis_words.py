@@ -185,6 +185,9 @@ def systematic_words(d: Diagnostics) -> list[tuple[bool, str]]:
     if d.independent_camera:
         found.append((False, independent_words(d)))
     for probe in d.probes:
+        if probe.name == FOCAL and d.focal_covered:
+            found.append((False, "What an error of the focal length does to X is in its covariance."))
+            continue
         if probe.reason:
             found.append((False, f"The effect of the {probe.name} is not known: {probe.reason}."))
             continue

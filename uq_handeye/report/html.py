@@ -25,6 +25,7 @@ from .compared import Compared, compared
 from .figure_parts import Picture, inline_svg
 from .figures import pictures, require_same_problem
 from .pdf import to_pdf
+from .sections_camera import camera_sections
 from .sections_data import (
     budget_section,
     covariances_section,
@@ -96,13 +97,14 @@ def report_html(
     found = compared(result, comparison)
     date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
     drawings = {
-        stem: _drawing(stem, picture) for stem, picture in pictures(result, cross_check, found.comparison).items()
+        stem: drawing(stem, picture) for stem, picture in pictures(result, cross_check, found.comparison).items()
     }
     sections = [
         answer_section(result),
         warnings_section(result),
         ellipses_section(result, drawings, cross_check),
         rig_section(result, drawings),
+        *camera_sections(result),
         residuals_section(result, drawings),
         budget_section(result, drawings),
         task_space_section(result, drawings),
@@ -114,10 +116,13 @@ def report_html(
         repeat_section(result, date, __version__),
         scope_section(result, CONVENTION),
     ]
-    return _rendered(result, sections, date)
+    data = f"{result.n_poses:,} poses" if result.n_poses is not None else f"{result.n_pairs:,} motions"
+    facts = [result.setup or "motions without poses", data, f"method {result.method}", date]
+    return rendered("Hand-eye calibration", result.frame, facts, sections)
 
 
-def _rendered(result: Calibration, sections: list[Section], date: str) -> str:
+def rendered(heading: str, subject: str, facts: list[str], sections: list[Section]) -> str:
+    """One page as HTML text; the section with the anchor ``answer`` comes first."""
     from jinja2 import Environment, StrictUndefined
 
     files = resources.files(__package__)
@@ -126,10 +131,10 @@ def _rendered(result: Calibration, sections: list[Section], date: str) -> str:
     template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
     script = _SCRIPT.strip()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    data = f"{result.n_poses:,} poses" if result.n_poses is not None else f"{result.n_pairs:,} motions"
     return template.render(
-        frame=result.frame,
-        facts=[result.setup or "motions without poses", data, f"method {result.method}", date],
+        heading=heading,
+        subject=subject,
+        facts=facts,
         sections=sections,
         style=Markup((files / "report.css").read_text(encoding="utf-8")),
         script=Markup(script),
@@ -138,7 +143,8 @@ def _rendered(result: Calibration, sections: list[Section], date: str) -> str:
     )
 
 
-def _drawing(stem: str, picture: Picture) -> Drawing:
+def drawing(stem: str, picture: Picture) -> Drawing:
+    """The picture as a block of a page."""
     return Drawing(stem, Markup(inline_svg(picture.figure, stem)), picture.alt, picture.caption)
 
 

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..noise_estimation import Component, together
-from .numbers import digits
+from ..noise_estimation import CameraFactor, Component, together
+from .numbers import digits, probability
+
+# Fewer degrees of freedom than this tell nothing worth saying of the camera's covariance.
+TELLING = 4.0
+# Probability below which the residuals contradict the camera's covariance.
+CONTRADICTION = 1e-4
 
 
 def noise_statement(
@@ -57,6 +62,60 @@ def noise_statement(
     return tuple(said)
 
 
+def beside_camera_statement(parts: dict[str, Component], factor: CameraFactor | None) -> tuple[str, ...]:
+    """Of the robot's noise beside a camera covariance from corners, in sentences."""
+    sizes = ", ".join(f"{what} {_amount(parts['camera ' + what].value, unit)}" for what, unit in _KINDS)
+    said = [
+        "The covariance of the camera poses comes from their corners, with the errors of the intrinsics that all poses "
+        f"share; of a pose by itself: {sizes}."
+    ]
+    of_robot = [parts[f"robot {what}"] for what, _ in _KINDS]
+    if all(part.status == "zero" for part in of_robot):
+        limits = " and ".join(
+            f"{what} {_amount(part.high, part.unit)}" for (what, _), part in zip(_KINDS, of_robot, strict=True)
+        )
+        said.append(
+            "The robot shows no noise beside it: the residuals are what the camera's errors make. At most "
+            f"{limits} (95 %)."
+        )
+    else:
+        words = [
+            f"{part.name} zero (95 %: up to {_amount(part.high, part.unit)})"
+            if part.status == "zero"
+            else _in_words(part)
+            for part in of_robot
+        ]
+        said.append(f"Beside it the residuals show: {'; '.join(words)}.")
+        said += [
+            f"{part.name.capitalize()} cannot be told from 0."
+            for part in of_robot
+            if part.low == 0 and part.status == "estimated"
+        ]
+    return (*said, camera_factor_words(factor))
+
+
+_KINDS = (("rotation", "rad"), ("translation", "m"))
+
+
+def camera_factor_words(factor: CameraFactor | None) -> str:
+    """Whether the residuals contradict the camera's covariance."""
+    if factor is None or factor.dof < TELLING:
+        return "Whether that covariance is true the residuals cannot say: the robot's noise hides the camera's."
+    times = float(np.sqrt(factor.value))
+    start = (
+        f"Left free, the residuals would make the camera's standard deviations {digits(times, 2)} times as large "
+        f"({probability(factor.p_value)}, {factor.dof:.0f} degrees of freedom)"
+    )
+    if factor.p_value > CONTRADICTION:
+        return f"{start}: they do not contradict that covariance."
+    return f"{start}: they contradict that covariance. " + (
+        "The camera model is wrong, the board is not flat or not as long as given, or corners are wrong: look at "
+        "the residuals of the camera. The standard deviations of X are too small."
+        if times > 1
+        else "The corners are better than their residuals say. The standard deviations of X are too large."
+    )
+
+
 def _both(what: str, parts: list[Component], sides: tuple[str, str], sheet: frozenset[str]) -> str:
     how = "follows the data sheet" if all(part.name in sheet for part in parts) else "is estimated with the data sheet"
     return f"{what.capitalize()} of {sides[0]} and {sides[1]} {how}: {'; '.join(map(_in_words, parts))}."
@@ -72,7 +131,7 @@ def _in_words(part: Component) -> str:
     if part.status == "fixed":
         return f"{part.name} {_amount(part.value, part.unit)} (fixed)"
     if part.high is None:
-        return part.name
+        return f"{part.name} {_amount(part.value, part.unit)}" if part.low > 0 else part.name
     return (
         f"{part.name} {_amount(part.value, part.unit)} (95 %: {_amount(part.low, part.unit)} to "
         f"{_amount(part.high, part.unit)})"

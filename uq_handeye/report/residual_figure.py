@@ -56,7 +56,7 @@ def residual_figure(table: PoseTable) -> Figure:
     axes[2].set_ylim(top=max(axes[2].get_ylim()[1], 2.0 * table.limit))
     for axis in axes:
         if axis.get_yscale() == "log":
-            _plain_numbers(axis)
+            plain_numbers(axis)
     _named(axes[2], named, values[2], len(table))
     axes[2].set_xlabel(f"number of the {table.item}, counted from 0", fontsize=TEXT)
     axes[2].xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True, min_n_ticks=1))
@@ -89,7 +89,7 @@ def _limits(axis: Axes, value: Array, logarithmic: bool) -> None:
     axis.set_ylim(0.5 * max(low, 1e-6 * high), 3.0 * high)
 
 
-def _plain_numbers(axis: Axes) -> None:
+def plain_numbers(axis: Axes) -> None:
     """Few ticks of a logarithmic axis, as numbers: 0.5, 1, 10, 20, and powers only where that would be long."""
     low, high = axis.get_ylim()
     decades = float(np.log10(high / low))

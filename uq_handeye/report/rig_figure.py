@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..poses import PosePairs
 from ..se3 import Array
-from .figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, WIDTH, plain
+from .figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, WIDTH, plain, round_number
 
 # So many poses are drawn in full, evenly spread over the recording, and so many as dots.
 MOST_FRAMES, MOST_DOTS = 30, 400
@@ -82,7 +82,7 @@ def rig(poses: PosePairs, X: Array, W: Array, covariance: Array | None, weight: 
         turn = poses.robot[chosen, :3, :3] if in_hand else np.eye(3)
         half = turn @ vectors * np.sqrt(np.maximum(values, 0.0))
         largest = float(np.linalg.norm(half, axis=0).max())
-        factor = max(1.0, _round_number(_VISIBLE * size / largest)) if largest > 0 else 1.0
+        factor = max(1.0, round_number(_VISIBLE * size / largest)) if largest > 0 else 1.0
     return Rig(poses.setup, poses.robot, cameras, targets, rejected, positions[chosen], half, factor, size)
 
 
@@ -226,9 +226,3 @@ def _legend(figure: Figure, scene: Rig) -> None:
         handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=SMALL, handlelength=1.8,
         columnspacing=1.4,
     )  # fmt: skip
-
-
-def _round_number(value: float) -> float:
-    """The nearest of 1, 2, 5, 10, ... below."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1 + 1e-9)))

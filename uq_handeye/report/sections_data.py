@@ -210,7 +210,10 @@ def noise_section(result: Calibration) -> Section:
     if estimate is not None:
         rows = [_component(component) for component in estimate.components]
         head = ["source", "1 sigma per axis", "95 % interval", "how it is known"]
-        blocks.append(Table("Noise estimated from the residuals", head, rows, frozenset({3})))
+        caption = "Noise estimated from the residuals"
+        if estimate.from_corners:
+            caption = "Noise of the robot, estimated from the residuals beside that of the camera, which corners give"
+        blocks.append(Table(caption, head, rows, frozenset({3})))
         if estimate.statement:
             blocks.append(Points(estimate.statement))
     elif result.noise is not None:
@@ -223,7 +226,7 @@ def noise_section(result: Calibration) -> Section:
     else:
         blocks.append(Paragraph(NO_NOISE, empty=True))
     if fit is not None:
-        by_construction = estimate is not None and not estimate.has_prior
+        by_construction = estimate is not None and not estimate.tested
         blocks += [Paragraph(text) for text in fit_sentences(fit, by_construction)]
     elif result.noise is not None:
         text = needs("The chi-square test of the residuals is made", result)
@@ -242,7 +245,7 @@ def _component(component: Component) -> list[str]:
     if component.high is not None and not np.isfinite(component.high):
         high = "not limited"
     between = f"{fixed(factor * component.low)} to {high}"
-    if component.status == "fixed":
+    if component.status in ("fixed", "from corners"):
         between = ""
     return [component.name, f"{fixed(factor * component.value)} {unit}", between, component.status]
 

@@ -14,7 +14,7 @@ from .cross_check_text import state, verdict
 from .numbers import concise, fixed, rotvec_jacobian, std_of
 from .sections_data import needs
 from .task_space_figure import ahead
-from .text import answer, directions, ellipsoid_words, parent_frame, source_words
+from .text import answer, directions, ellipsoid_words, of_corners, parent_frame, source_words
 
 if TYPE_CHECKING:
     from ..result import Calibration
@@ -33,6 +33,8 @@ _COMPONENTS = [f"{kind} {axis}" for kind in ("rotation", "translation") for axis
 def answer_section(result: Calibration) -> Section:
     """X with standard deviations, and in words how well it is known."""
     blocks: list[Block] = [Paragraph(" ".join([answer(result), *directions(result)]))]
+    if result.agreement is not None:
+        blocks.append(Paragraph(result.agreement.sentence))
     head = ["", result.frame]
     columns = [_pose_cells(result.X, result.covariance)]
     if result.W is not None:
@@ -178,10 +180,15 @@ def scope_section(result: Calibration, convention: str) -> Section:
         order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
         blocks.append(Paragraph(f"All standard deviations are 1 sigma, {order}, of {source_words(result)}."))
         blocks.append(Paragraph(ellipsoid_words(result)))
+    known = of_corners(result)
+    camera = "a wrong model of the camera" if known else "wrong intrinsics of the camera"
     not_covered: Sequence[str] = (
-        "Systematic errors: wrong intrinsics of the camera, wrong kinematics of the robot, a wrong size of the target. "
-        "All poses share them, they do not average out, and residuals hardly show them.",
-        "Errors that are common to many poses, unless the noise was given as a joint covariance over the poses.",
+        f"Systematic errors: {camera}, wrong kinematics of the robot, a wrong size of the target. All poses share "
+        "them, they do not average out, and residuals hardly show them.",
+        "Errors of the robot that are common to many poses. Those of the camera's intrinsics are in the numbers, by "
+        "the joint covariance of the camera poses."
+        if known
+        else "Errors that are common to many poses, unless the noise was given as a joint covariance over the poses.",
         "What changed during or after the recording: a camera or target that was moved, temperature, a wrong time.",
         "Residuals are no accuracy: they say how well the data fit together, not how near X is to the truth.",
     )

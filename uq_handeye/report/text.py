@@ -8,6 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..diagnostics import UNKNOWN_FRAME
+from ..joint_covariance import JointCovariance
+from ..noise import PoseNoise
 from ..residual_patterns import RARE
 from ..se3 import Array, skew
 from .analysis_text import (
@@ -27,9 +29,9 @@ if TYPE_CHECKING:
     from ..result import Calibration
 
 NAMES = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
-NOT_COVERED = (
-    "The standard deviations are 1 sigma, to first order, of {source}. Systematic errors (wrong\n"
-    "intrinsics, wrong robot kinematics, a wrong target) are not covered."
+_NOT_COVERED = (
+    "The standard deviations are 1 sigma, to first order, of {source}. Systematic errors ({errors}) are not "
+    "covered{but}."
 )
 _SOURCES = {
     "model": "the noise given",
@@ -169,7 +171,17 @@ def _scope_lines(result: Calibration) -> list[str]:
     within = ellipsoid_words(result)
     if result.analysis is not None:
         within += " Moves of X above are such a d, in standard deviations."
-    return [*wrapped(within, first=""), "", NOT_COVERED.format(source=source_words(result))]
+    known = of_corners(result)
+    errors = f"{'a wrong camera model' if known else 'wrong intrinsics'}, wrong robot kinematics, a wrong target"
+    but = "; the uncertainty of the intrinsics is" if known else ""
+    scope = _NOT_COVERED.format(source=source_words(result), errors=errors, but=but)
+    return [*wrapped(within, first=""), "", *wrapped(scope, first="")]
+
+
+def of_corners(result: Calibration) -> bool:
+    """Whether the noise of the camera poses is the joint covariance that their corners give."""
+    noise = result.noise
+    return isinstance(noise, PoseNoise) and isinstance(noise.camera, JointCovariance)
 
 
 def _other_forms(result: Calibration) -> list[str]:

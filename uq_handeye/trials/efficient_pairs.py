@@ -34,9 +34,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..constraint import OnMotions, Unknowns, residual_covariance
-from ..likelihood import SINGULAR, cholesky_of, efficient
+from ..likelihood import SINGULAR, efficient
 from ..motions import Motions
 from ..noise import PairNoise, require_count
+from ..residual_factor import cholesky_of
 from ..se3 import Array
 from .fourdpa_pairs import errors_by_moments
 from .rows import (

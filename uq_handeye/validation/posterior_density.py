@@ -44,10 +44,11 @@ from scipy.linalg import solve_triangular
 
 from ..constraint import Constraint, block_diagonal, constraint_of, covariances_of, residual_covariance
 from ..errors import InputError
-from ..likelihood import Fit, cholesky_of, corrected, gram, maximum_likelihood, whiten
+from ..likelihood import Fit, corrected, maximum_likelihood
 from ..motions import Motions
 from ..noise import Noise, PairNoise, PoseNoise, is_joint
 from ..poses import PosePairs
+from ..residual_factor import cholesky_of, gram, whiten
 from ..se3 import Array
 
 AXES = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
@@ -213,6 +214,7 @@ def density_of(
 
     Raises what `maximum_likelihood` raises, and `InputError` for a Student-t with noise that is joint over poses.
     """
+    noise = noise.dense() if isinstance(noise, PoseNoise) else noise
     fit = maximum_likelihood(data, noise)
     constraint = constraint_of(data, noise)
     covariances = covariances_of(noise)
@@ -271,7 +273,7 @@ def _scales_of(prior: ScalePrior | None, covariances: tuple[Array | None, Array 
 
 def _together(fit: Fit, noise: Noise, split: bool) -> tuple[Array, Array]:
     """V and lambda of the module; without a split V is any whitening and lambda 1."""
-    L = cholesky_of(fit.S)
+    L = np.asarray(cholesky_of(fit.S))
     n = len(fit.residual)
     inverse = whiten(L, np.broadcast_to(np.eye(6), (n, 6, 6))) if L.ndim == 3 else _inverse_of(L)
     if not split:
@@ -280,7 +282,7 @@ def _together(fit: Fit, noise: Noise, split: bool) -> tuple[Array, Array]:
     if first is None:
         return inverse, np.zeros((n, 6))
     alone = PairNoise(A=first) if isinstance(noise, PairNoise) else PoseNoise(robot=first)
-    S_1 = residual_covariance(fit.linear.sides, alone)
+    S_1 = np.asarray(residual_covariance(fit.linear.sides, alone))
     if S_1.shape != fit.S.shape:  # only the other side is joint
         S_1 = block_diagonal(S_1)
     part = inverse @ S_1 @ inverse.mT

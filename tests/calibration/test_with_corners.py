@@ -1,0 +1,225 @@
+"""calibrate() on camera poses from corners: their joint covariance, the robot's noise, the bundle, texts and files."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import assert_same_covariance, difference, is_consistent, moved, nees
+
+import uq_handeye as uq
+from studies.camera_covariance import ROBOT, error, poses_of, recorded
+from uq_handeye.errors import InputError
+from uq_handeye.goodness_of_fit import goodness_of_fit
+from uq_handeye.joint_covariance import JointCovariance
+from uq_handeye.likelihood import efficient
+from uq_handeye.noise import marginals
+from uq_handeye.noise_estimation import NoisePrior
+from uq_handeye.robot_noise import estimate_robot_noise
+
+
+def calibrate(poses, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", uq.InputWarning)
+        return uq.calibrate(poses, **options)
+
+
+@pytest.fixture(scope="module")
+def recording():
+    corners, robot, X = recorded(np.random.default_rng(11))
+    return poses_of(corners, robot), X
+
+
+@pytest.fixture(scope="module")
+def result(recording):
+    return calibrate(recording[0])
+
+
+def test_nothing_but_poses_from_corners(recording, result):
+    poses, X = recording
+    assert result.method == "efficient" and isinstance(result.noise.camera, JointCovariance)
+    np.testing.assert_array_equal(result.noise.camera.shared, poses.camera_calibration.covariance.shared)
+    found = result.noise_estimate
+    assert found.from_corners and found["camera rotation"].status == "from corners"
+    np.testing.assert_allclose(
+        found.variances,
+        estimate_robot_noise(poses, poses.camera_calibration.covariance, start=result.X).variances,
+        rtol=1e-3,
+    )
+    assert result.reference.kind == "F" and np.isfinite(result.reference.dof)
+    off = error(result.X, X)
+    assert off @ np.linalg.solve(result.covariance, off) < result.quantile(0.9999)
+    text = result.summary()
+    assert "beside that of the camera" in text and "come" in text
+    assert "a wrong camera model" in text and "wrong intrinsics" not in text
+
+
+def test_noise_of_the_robot_alone_is_completed(recording):
+    poses, _ = recording
+    S = poses.camera_calibration.covariance
+    found = calibrate(poses, noise=uq.PoseNoise(ROBOT))
+    expected = calibrate(poses, noise=uq.PoseNoise(ROBOT, S))
+    np.testing.assert_array_equal(found.covariance, expected.covariance)
+    assert found.noise_estimate is None and "correlated over the poses" in found.summary()
+    given = calibrate(poses, noise=uq.PoseNoise(ROBOT, marginals(S)))  # as given
+    assert given.noise.camera.shape == (poses.n, 6, 6)
+    motions = uq.relative_motions(poses, "all")
+    np.testing.assert_allclose(
+        calibrate(motions, noise=uq.PoseNoise(ROBOT), method="park").X, calibrate(poses, method="park").X
+    )
+
+
+def test_a_data_sheet_of_the_robot(recording):
+    found = calibrate(recording[0], prior=NoisePrior(robot=("0.003deg", "0.02mm"), factor=1)).noise_estimate
+    assert found["robot rotation"].status == "fixed" and found.tested
+    with pytest.raises(InputError, match="for the robot alone"):
+        calibrate(recording[0], prior=NoisePrior(camera=("0.1deg", None)))
+
+
+@pytest.mark.parametrize("method", ["4dpa", "park", "li"])
+def test_other_methods_get_the_covariance_of_the_same_noise(recording, result, method):
+    found = calibrate(recording[0], method=method)
+    assert isinstance(found.noise.camera, JointCovariance)
+    assert (
+        np.linalg.eigvals(np.linalg.solve(result.covariance, found.covariance)).real.min() > 0.9
+    )  # not below the bound
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_bundle(rng, setup):
+    corners, robot, X = recorded(rng, setup=setup)
+    poses = poses_of(corners, robot, setup=setup)
+    found, beside = calibrate(poses, method="bundle"), calibrate(poses)
+    assert found.method == "bundle" and found.iterations > 0
+    assert found.agreement.distance < 0.1
+    np.testing.assert_allclose(found.agreement.eigenvalues, 1, atol=0.03)
+    off = difference(found.X, beside.X) / beside.std
+    np.testing.assert_allclose(off, found.agreement.by_component, atol=0.02)
+    assert_same_covariance(found.covariance, beside.covariance, 0.03)
+    away = error(found.X, X)
+    assert away @ np.linalg.solve(found.covariance, away) < found.quantile(0.9999)
+    assert found.agreement.seconds_bundle > found.agreement.seconds_efficient > 0
+    assert found.agreement.sentence.split()[0] in found.summary()
+
+
+def test_a_wrong_robot_row_is_found(rng):
+    corners, robot, X = recorded(rng)
+    robot = robot.copy()
+    robot[7] = moved(robot[7], np.array([0, 0.05, 0, 0.02, 0, 0]))
+    poses = poses_of(corners, robot)
+    for method in ("efficient", "bundle"):
+        found = calibrate(poses, method=method)
+        assert found.table.flag[7] == "rejected" and [k for k, w in enumerate(found.table.weight) if w == 0] == [7]
+        off = error(found.X, X)
+        assert off @ np.linalg.solve(found.covariance, off) < found.quantile(0.9999)
+    assert found.agreement.distance < 0.15
+    good = calibrate(poses.rows(np.arange(20) != 7))
+    assert_same_covariance(calibrate(poses).covariance, good.covariance, 0.5)
+
+
+def test_a_half_turned_board_is_found(rng):
+    """Points of one picture numbered from the other corner: the camera is right, that pose is not."""
+    corners, robot, X = recorded(rng)
+    points = corners.points.copy()
+    turned = corners.row == 3
+    points[turned] = points.max(axis=0) - points[turned]
+    poses = poses_of(replace(corners, points=points), robot)
+    found = calibrate(poses)
+    assert found.table.flag[3] == "rejected"
+    off = error(found.X, X)
+    assert off @ np.linalg.solve(found.covariance, off) < found.quantile(0.9999)
+
+
+@pytest.mark.parametrize("method", ["efficient", "bundle", "ml"])
+def test_files_and_reports(recording, tmp_path, method):
+    found = calibrate(recording[0], method=method)
+    found.to_json(tmp_path / "x.json")
+    again = uq.Calibration.from_json(tmp_path / "x.json")
+    assert again.summary() == found.summary() and again.to_dict() == found.to_dict()
+    np.testing.assert_array_equal(again.noise_estimate.noise.camera.own, found.noise.camera.own)
+    found.report(tmp_path / "x.html", comparison=False)
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    assert "from corners" in text and "wrong model of the camera" in text
+    assert ("Bundle adjustment against" in text) == (method == "bundle")
+    damaged = json.loads((tmp_path / "x.json").read_text())
+    if method == "bundle":
+        damaged["agreement"]["eigenvalues"] = [1.0, 2.0]
+        with pytest.raises(InputError, match="6 numbers"):
+            uq.Calibration.from_dict(damaged)
+    del damaged["noise"]["camera"]["own"]
+    with pytest.raises(InputError, match="damaged"):
+        uq.Calibration.from_dict(damaged)
+
+
+def test_analysis_works_with_it(result):
+    assert result.diagnostics.n == 20 and not result.diagnostics.independent_camera
+    words = " ".join(result.diagnostics.sentences())
+    assert "0.1 % in the focal length" not in words and "0.1 % in the target size" in words
+    assert result.diagnostics.to_dict()["focal_covered"]
+    assert "focal_covered" not in replace(result.diagnostics, focal_covered=False).to_dict()  # files from before
+    assert result.split_half.possible and 1e-4 < result.split_half.p_value <= 1
+    assert result.covariances["model"] is not None and result.covariances["sandwich"] is None
+    np.testing.assert_allclose(result.budget.covariances.sum(axis=0)[:6, :6], result.covariance, rtol=1e-6, atol=1e-18)
+    assert result.fit.rotation_sigma0 == pytest.approx(1, abs=0.5) and result.fit.translation_sigma0 == pytest.approx(
+        1, abs=0.5
+    )
+
+
+def test_parts_of_the_fit_are_1_where_the_noise_is_right(rng):
+    """Of residuals that the shared error makes all alike, too: mean and spread over many sets."""
+    exact = uq.simulate(20, seed=4)
+    own = np.diag([1e-4] * 3 + [1e-4] * 3) ** 2
+    S = JointCovariance(np.tile(own, (20, 1, 1)), 5e-3 * rng.normal(size=(20, 6, 3)))
+    from uq_handeye.simulation import disturbed
+
+    parts = []
+    for _ in range(60):
+        poses = uq.PosePairs(disturbed(exact.robot, ROBOT, (), rng), disturbed(exact.camera, S, (), rng))
+        fit = goodness_of_fit(efficient(poses, uq.PoseNoise(ROBOT, S)))
+        parts.append([fit.rotation_sigma0**2, fit.translation_sigma0**2])
+    assert (np.abs(np.mean(parts, axis=0) - 1) < 3.3 * np.std(parts, axis=0) / np.sqrt(60)).all()
+    assert (np.std(parts, axis=0) < 0.35).all()
+
+
+def test_residuals_that_contradict_the_corners_are_said(recording):
+    """Corners four times better than they are, as the calibration believes: the residuals say so."""
+    poses, _ = recording
+    seen = poses.camera_calibration
+    bundle = replace(seen.bundle, own=16.0 * seen.bundle.own, covariance=16.0 * seen.bundle.covariance)
+    wide = uq.PosePairs(poses.robot, seen.poses, camera_calibration=replace(seen, bundle=bundle))
+    found = calibrate(wide)
+    assert any("they contradict that covariance" in text for text in found.warnings)
+    assert not any("contradict that covariance" in text for text in calibrate(poses).warnings)
+
+
+def test_what_bundle_needs(recording):
+    poses, _ = recording
+    with pytest.raises(InputError, match="expected poses with a `camera_calibration`"):
+        uq.calibrate(uq.simulate(10, seed=1), method="bundle")
+    with pytest.raises(InputError, match="covariance='model' alone, got 'sandwich'"):
+        uq.calibrate(poses, method="bundle", covariance="sandwich")
+    with pytest.raises(InputError, match=r"give PoseNoise\(robot=...\) alone"):
+        uq.calibrate(poses, method="bundle", noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm")))
+    with pytest.raises(InputError, match="got a joint covariance"):
+        uq.calibrate(poses, method="bundle", noise=uq.PoseNoise(robot=1e-8 * np.eye(120)))
+    given = calibrate(poses, method="bundle", noise=uq.PoseNoise(ROBOT))
+    assert given.agreement.distance < 0.1 and given.noise_estimate is None
+
+
+def test_consistency_over_many_cameras():
+    """NEES of X: the joint covariance is true, that of each pose by itself is not; 1,000 sets in studies."""
+    errors = {"joint": [], "independent": []}
+    covariances = {"joint": [], "independent": []}
+    for k in range(60):
+        corners, robot, X = recorded(np.random.default_rng([5, k]))
+        poses = poses_of(corners, robot)
+        S = poses.camera_calibration.covariance
+        for name, camera in (("joint", S), ("independent", marginals(S))):
+            fit = efficient(poses, uq.PoseNoise(ROBOT, camera))
+            errors[name].append(error(fit.X, X))
+            covariances[name].append(fit.covariance_X)
+    found = {name: (np.array(errors[name]), np.array(covariances[name])) for name in errors}
+    assert is_consistent(*found["joint"]), nees(*found["joint"]).mean()
+    assert not is_consistent(*found["independent"])
+    assert nees(*found["independent"]).mean() > 20

@@ -1,0 +1,1 @@
+"""From board corners in pictures to intrinsics, camera poses and their joint covariance (T4b)."""

@@ -1,0 +1,226 @@
+r"""Bundle adjustment of intrinsics and camera poses on the corners of a board, and the joint covariance of the poses.
+
+Model: corner j of picture i is seen at ``z_ij = project(k, C_i P_j) + e``, ``C_i = camera_T_target``, e Gaussian and
+independent with the deviation s (pixels) per coordinate. The parameters k may have a Gaussian prior. Minimised is
+
+    sum_ij |z_ij - project(k, C_i P_j)|^2 / s^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
+
+over k and all poses; the poses are eliminated (`variable_projection`). With the derivatives of the residuals
+A_i by k and B_i by the error ``xi_i = (theta, tau)`` of pose i (left rotation, additive translation),
+
+    V_i = B_i^T B_i,   G_i = d xi_i / d k = -V_i^-1 B_i^T A_i,   d r_i / d k = A_i + B_i G_i
+
+To first order
+
+    Sigma_k = ( sum_i (A_i + B_i G_i)^T (A_i + B_i G_i) / s^2 + Sigma_0^-1 )^-1
+    Cov(xi_i, xi_j) = delta_ij s^2 V_i^-1 + G_i Sigma_k G_j^T                                                  (T4b)
+
+a block diagonal plus a matrix of the rank of k: never more than n blocks are formed, and time and memory grow with the
+number of corners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..se3 import Array, perturb, skew
+from .corners import Corners
+from .models import CameraModel, Projected
+from .variable_projection import Minimum, minimised
+
+# Smallest eigenvalue of the information on the parameters, scaled to a unit diagonal, that still determines them.
+SINGULAR = 1e-12
+# Residual, in pixels, of a point that would be behind the camera: no step goes there.
+LOST = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of the parameters beforehand: mean (k,) and covariance (k, k); variance 0 is exact."""
+
+    mean: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """Intrinsics and poses at the minimum, what is left, and their covariance to first order."""
+
+    model: CameraModel
+    parameters: Array  # (k,)
+    poses: Array  # (n, 4, 4) camera_T_target
+    residuals: Array  # (m, 2) measured less predicted pixels, also of corners that were left out
+    used: NDArray[np.bool_]  # (m,)
+    free: NDArray[np.bool_]  # (k,) parameters that were estimated
+    pixel_noise: float  # s, pixels per coordinate
+    covariance: Array  # (k, k) of the parameters; 0 where fixed
+    own: Array  # (n, 6, 6) s^2 V_i^-1
+    by_parameters: Array  # (n, 6, k) G_i
+    converged: bool
+    iterations: int
+    prior: Prior | None = None  # that the parameters were fitted with
+
+    @property
+    def freedom(self) -> int:
+        """Coordinates less parameters, of those used."""
+        return 2 * int(self.used.sum()) - 6 * len(self.poses) - int(self.free.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What the pictures show, padded to the same number of corners: see `Corners.by_picture`."""
+
+    model: CameraModel
+    points: Array  # (n, most, 3)
+    pixels: Array  # (n, most, 2)
+    weights: Array  # (n, most): what residuals are multiplied by, 1 for corners that count and 0 for others
+
+    @classmethod
+    def of(cls, model: CameraModel, corners: Corners, used: NDArray[Any]) -> Sight:
+        return cls(model, *(corners.by_picture(part) for part in (corners.points, corners.pixels, used)))
+
+    def rows(self, parameters: Array, poses: Array) -> tuple[Array, Array, Array]:
+        """r (n, 2 most), A (n, 2 most, k) by the parameters and B (n, 2 most, 6) by the poses, in pixels.
+
+        Rows of corners that do not count are 0.
+        """
+        turned, seen, r = self._seen(parameters, poses)
+        n, most = self.weights.shape
+        weight = self.weights[..., None, None]
+        A = (weight * seen.by_parameters).reshape(n, 2 * most, -1)
+        by_point = weight * seen.by_point
+        by_pose = np.empty((n, most, 2, 6))
+        by_pose[..., :3] = -by_point @ skew(turned)
+        by_pose[..., 3:] = by_point
+        return r, A, by_pose.reshape(n, 2 * most, 6)
+
+    def residuals(self, parameters: Array, poses: Array) -> Array:
+        """r alone."""
+        return self._seen(parameters, poses)[2]
+
+    def _seen(self, parameters: Array, poses: Array) -> tuple[Array, Projected, Array]:
+        turned = self.points @ poses[:, :3, :3].mT
+        points = turned + poses[:, None, :3, 3]
+        in_front = np.asarray(points[..., 2] > 0) | (self.model.name == "fisheye")
+        seen = self.model.project(parameters, np.where(in_front[..., None], points, [0.0, 0.0, 1.0]))
+        off = np.where(in_front[..., None], seen.pixels - self.pixels, LOST)
+        return turned, seen, np.asarray(self.weights[..., None] * off).reshape(len(points), -1)
+
+
+class _Problem:
+    """The free parameters are the values of `variable_projection`, the camera poses its blocks."""
+
+    def __init__(self, sight: Sight, parameters: Array, free: NDArray[np.bool_]) -> None:
+        self.sight, self.parameters, self.free = sight, parameters, free
+
+    def all(self, values: Array) -> Array:
+        """All parameters (k,)."""
+        parameters = self.parameters.copy()
+        parameters[self.free] = values
+        return parameters
+
+    def rows(self, values: Array, blocks: Array) -> tuple[Array, Array, Array]:
+        r, A, B = self.sight.rows(self.all(values), blocks)
+        return r, A[..., self.free], B
+
+    def residuals(self, values: Array, blocks: Array) -> Array:
+        return self.sight.residuals(self.all(values), blocks)
+
+    def moved(self, blocks: Array, step: Array) -> Array:
+        return perturb(blocks, step)
+
+
+def adjust(
+    model: CameraModel,
+    corners: Corners,
+    start: tuple[Array, Array],
+    *,
+    free: NDArray[np.bool_],
+    used: NDArray[np.bool_] | None = None,
+    prior: Prior | None = None,
+    pixel_noise: float | None = None,
+) -> Bundle:
+    """Minimise from ``start`` (parameters, poses) over the ``free`` parameters (k,) and all poses.
+
+    ``used`` (m,) says which corners count. ``pixel_noise`` None: estimated from those used,
+    ``s^2 = |r|^2 / (coordinates - parameters)``;
+    with a prior it weighs the prior too, and the fit is repeated until both agree.
+    """
+    used = np.ones(corners.m, dtype=bool) if used is None else used
+    problem = _Problem(Sight.of(model, corners, used), start[0].copy(), free)
+    values, poses = start[0][free], start[1]
+    s = 1.0 if pixel_noise is None else pixel_noise
+    rounds = 1 if prior is None or pixel_noise is not None else 4
+    for _ in range(rounds):
+        found = minimised(problem, values, poses, None if prior is None else prior_rows(prior, free, s))
+        bundle = _bundle(problem, corners, used, found, prior, pixel_noise)
+        values, poses = found.values, found.blocks
+        if abs(bundle.pixel_noise - s) <= 1e-3 * s:
+            break
+        s = bundle.pixel_noise
+    return bundle
+
+
+def prior_rows(prior: Prior, free: NDArray[np.bool_], s: float) -> tuple[Array, Array]:
+    """Mean of the free parameters, and R with ``R^T R = s^2 Sigma_0^-1``."""
+    S = prior.covariance[np.ix_(free, free)]
+    return prior.mean[free], s * np.linalg.cholesky(np.linalg.inv(S)).T
+
+
+def _bundle(
+    problem: _Problem,
+    corners: Corners,
+    used: NDArray[np.bool_],
+    found: Minimum,
+    prior: Prior | None,
+    pixel_noise: float | None,
+) -> Bundle:
+    """The covariances at the minimum."""
+    free, poses, sight = problem.free, found.blocks, problem.sight
+    freedom = 2 * int(used.sum()) - 6 * len(poses) - int(free.sum())
+    s = pixel_noise if pixel_noise is not None else float(np.sqrt(np.sum(found.r**2) / max(freedom, 1)))
+    information = np.einsum("nij,nik->jk", found.J, found.J) / s**2
+    if prior is not None:
+        information = information + np.linalg.inv(prior.covariance[np.ix_(free, free)])
+    k = len(free)
+    covariance, by_parameters = np.zeros((k, k)), np.zeros((len(poses), 6, k))
+    covariance[np.ix_(free, free)] = _inverse(information, np.array(sight.model.names)[free])
+    by_parameters[..., free] = found.G
+    own = s**2 * np.linalg.inv(found.B.mT @ found.B)
+    parameters = problem.all(found.values)
+    points = sight.points @ poses[:, :3, :3].mT + poses[:, None, :3, 3]
+    residuals = (sight.pixels - sight.model.project(parameters, points).pixels)[corners.picture, corners.place]
+    return Bundle(
+        sight.model,
+        parameters,
+        poses,
+        residuals,
+        used,
+        free,
+        s,
+        0.5 * (covariance + covariance.T),
+        0.5 * (own + own.mT),
+        by_parameters,
+        found.converged,
+        found.steps,
+        prior,
+    )
+
+
+def _inverse(information: Array, names: NDArray[np.str_]) -> Array:
+    """The covariance of the parameters; raises `InputError` that names those which are not determined."""
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(information * unit[:, None] * unit)
+    if not (len(values) == 0 or values[0] > SINGULAR):
+        part = np.abs(vectors[:, 0]) > 0.1
+        raise InputError(
+            f"The pictures do not determine {', '.join(names[part])}: only some combination of them. Take pictures in "
+            "which the board is tilted in different ways and reaches the rim, give `intrinsics`, or leave out "
+            "`coefficients`."
+        )
+    return np.asarray((vectors / values) @ vectors.T * unit[:, None] * unit)

@@ -1,0 +1,99 @@
+"""Corners: where the points of a board were seen, picture by picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..se3 import Array, as_numbers
+
+FEWEST = 4  # corners of a picture, for its pose
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Detected corners, one per line.
+
+    ``row`` (m,) is the number of the picture and of the robot pose that it was taken at; ``points`` (m, 3) are on the
+    board, in its frame and the unit of length of the poses; ``pixels`` (m, 2) where they were seen, the centre of the
+    first pixel at (0, 0). ``names`` are those of the pictures, in ascending order of their rows. Kept sorted by row.
+
+    Raises `InputError`: shapes that do not fit, numbers that are not finite, fewer than 4 corners in a picture.
+    """
+
+    row: NDArray[np.intp]  # (m,) number of the picture and of the robot pose that it was taken at
+    points: Array  # (m, 3) on the board, in its frame
+    pixels: Array  # (m, 2) where they were seen
+    names: Sequence[str] = field(default=())  # of the pictures
+    image_size: tuple[int, int] | None = None  # (width, height), where it is known from the pictures
+    missing: Sequence[str] = ()  # pictures without a board; their rows are left out
+
+    def __post_init__(self) -> None:
+        row, points, pixels = (as_numbers(getattr(self, name), name) for name in ("row", "points", "pixels"))
+        m = row.size
+        if row.ndim != 1 or points.shape != (m, 3) or pixels.shape != (m, 2) or m == 0:
+            raise InputError(
+                "Expected `row` (m,), `points` (m, 3) and `pixels` (m, 2) with m > 0, got "
+                f"{row.shape}, {points.shape} and {pixels.shape}."
+            )
+        for name, values in (("row", row), ("points", points), ("pixels", pixels)):
+            if not np.isfinite(values).all():
+                raise InputError(f"Expected `{name}` to be finite, got NaN or infinity.")
+        if (row != np.floor(row)).any() or row.min() < 0:
+            raise InputError("Expected `row` to be the numbers of pictures, 0 and up, got others.")
+        order = np.argsort(row, kind="stable")
+        numbers, counts = np.unique(row, return_counts=True)
+        if counts.min() < FEWEST:
+            few = int(np.argmin(counts))
+            raise InputError(
+                f"Expected at least {FEWEST} corners in every picture, got {counts[few]} in row {numbers[few]:.0f}: "
+                "leave that picture out."
+            )
+        names = tuple(str(name) for name in self.names) or tuple(f"row {number:.0f}" for number in numbers)
+        if len(names) != len(numbers):
+            raise InputError(f"Expected {len(numbers)} `names`, one for each picture, got {len(names)}.")
+        kept: dict[str, NDArray[Any]] = {"row": row.astype(np.intp), "points": points, "pixels": pixels}
+        for name, value in kept.items():
+            value = np.array(value[order])
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "missing", tuple(str(name) for name in self.missing))
+
+    @property
+    def m(self) -> int:
+        """Number of corners."""
+        return len(self.row)
+
+    @property
+    def n(self) -> int:
+        """Number of pictures."""
+        return len(self.rows)
+
+    @cached_property
+    def rows(self) -> NDArray[np.intp]:
+        """(n,) row numbers of the pictures, ascending."""
+        return np.unique(self.row)
+
+    @cached_property
+    def picture(self) -> NDArray[np.intp]:
+        """(m,) which of the n pictures each corner is in."""
+        return np.searchsorted(self.rows, self.row)
+
+    @cached_property
+    def place(self) -> NDArray[np.intp]:
+        """(m,) which corner of its picture each is, from 0."""
+        return np.arange(self.m) - np.searchsorted(self.row, self.row)
+
+    def by_picture(self, values: Any, empty: float = 0.0) -> Array:
+        """Values (m, ...) of corners as (n, most, ...), pictures with fewer corners filled up with ``empty``."""
+        values = np.asarray(values, dtype=float)
+        padded = np.full((self.n, int(self.place.max()) + 1, *values.shape[1:]), empty)
+        padded[self.picture, self.place] = values
+        return padded

@@ -1,0 +1,72 @@
+r"""Corners that were detected in the wrong place: found, left out, and named.
+
+A corner is left out where its residual, the distance in pixels between measured and predicted, exceeds ``FAR`` times
+the pixel noise s. For Gaussian noise that happens to one good corner in ``exp(FAR^2 / 2)``, 65 million. s is estimated
+from the distances d of the corners that count: their 95 % quantile, as real corners have heavier tails than Gaussian
+ones and a part of a few per cent is no mistake; or, where more than that are wrong, three times what their median
+says:
+
+    s = min( d_95 / 2.448,  3 d_50 / 1.177 )        both d_95 / 2.448 and d_50 / 1.177 are s for Gaussian noise
+
+One wrong corner drags the pose of its picture, so that good corners beside it look bad too. Hence, of each picture only
+those corners are left out at a time that are at least half as far off as the worst, the bundle is adjusted again, and
+so on. Corners that the new fit predicts well come back.
+
+A picture without four good corners keeps bad ones, as its pose needs them, and they spoil s: `spoilt` names such
+pictures, which are to be left out as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..se3 import Array
+from .bundle import Bundle
+from .corners import FEWEST, Corners
+
+FAR = 6.0
+MOST_ROUNDS = 20
+_Q95, _Q50 = 2.4477, 1.1774  # quantiles of the length of a standard Gaussian in the plane
+
+
+def tail_deviation(distance: Array) -> float:
+    """s of the distances (m,); see the module."""
+    return float(min(np.quantile(distance, 0.95) / _Q95, 3.0 * np.median(distance) / _Q50))
+
+
+def without_outliers(
+    corners: Corners, adjust: Callable[[NDArray[np.bool_], Bundle | None], Bundle]
+) -> tuple[Bundle, NDArray[np.bool_]]:
+    """The bundle on the good corners, and which corners (m,) are so.
+
+    ``adjust`` gets the corners to use and the bundle to start from. A picture keeps at least four corners.
+    """
+    used = np.ones(corners.m, dtype=bool)
+    found = adjust(used, None)
+    for _ in range(MOST_ROUNDS):
+        distance = np.linalg.norm(found.residuals, axis=1)
+        limit = FAR * tail_deviation(distance[used])
+        worst = np.maximum.reduceat(np.where(used, distance, 0.0), np.flatnonzero(corners.place == 0))
+        out = used & (distance > np.maximum(limit, 0.5 * worst[corners.picture]))
+        kept = np.bincount(corners.picture[used & ~out], minlength=corners.n)
+        out &= (kept >= FEWEST)[corners.picture]
+        back = ~used & (distance <= limit)
+        if not (out.any() or back.any()):
+            break
+        used = (used | back) & ~out
+        found = adjust(used, found)
+    return found, used
+
+
+def spoilt(corners: Corners, found: Bundle) -> NDArray[np.bool_]:
+    """Pictures (n,) of which less than half of the corners fit, or that count corners beyond the limit."""
+    distance = np.linalg.norm(found.residuals, axis=1)
+    beyond = distance > FAR * tail_deviation(distance[found.used])
+    total, kept, bad = (
+        np.bincount(corners.picture[part], minlength=corners.n)
+        for part in (np.ones(corners.m, dtype=bool), found.used, found.used & beyond)
+    )
+    return np.asarray((2 * kept < total) | (bad > 0))
