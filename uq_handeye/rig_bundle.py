@@ -239,7 +239,8 @@ def _problem(
 ) -> _Problem:
     bundle, kept = seen.bundle, weights > 0
     root = np.sqrt(np.where(kept, weights, 1.0))
-    sight = Sight.of(bundle.model, seen.corners, bundle.used * root[seen.corners.picture])
+    of_picture = root * np.sqrt(bundle.weights)
+    sight = Sight.of(bundle.model, seen.corners, bundle.used * of_picture[seen.corners.picture])
     inverted = poses.setup == "eye-to-hand"
     L = np.zeros((poses.n, 6, 6)) if robot is None else np.broadcast_to(factor(robot), (poses.n, 6, 6))
     L = np.where(kept[:, None, None], L / root[:, None, None], UNKNOWN * np.eye(6))

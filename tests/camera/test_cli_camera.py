@@ -135,7 +135,8 @@ def test_half_turns_of_a_board_that_does_not_tell_are_resolved(rng, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "the other way up in 2 of 8 pictures: img1.png, img2.png" in done.stderr
     assert "looks the same" not in done.stderr  # for it was resolved
-    assert squared_distance(done.stdout, X)[0] < FAR
+    # Robot noise from the 36 residuals that X and W leave of 8 poses has wider tails than chi-square.
+    assert squared_distance(done.stdout, X)[0] < 6 * stats.f.ppf(CONFIDENCE, 6, 36)
 
 
 def test_corners_of_another_program(table):

@@ -83,7 +83,8 @@ def test_it_is_the_minimum_over_everything_at_once(rng):
         at = (C[seen.corners.picture, :3, :3] @ seen.corners.points[..., None])[..., 0]
         at = at + C[seen.corners.picture, :3, 3]
         pixels = f * at[:, :2] / at[:, 2:] + c
-        return np.concatenate([((pixels - seen.corners.pixels) / seen.pixel_noise).ravel(), u.ravel()])
+        noise = seen.bundle.picture_noise[seen.corners.picture]
+        return np.concatenate([((pixels - seen.corners.pixels) / noise[:, None]).ravel(), u.ravel()])
 
     start = np.concatenate([np.zeros(12), [1, 1], seen.bundle.parameters[2:4], np.zeros(6 * n)])
     found = least_squares(residuals, start, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-12)

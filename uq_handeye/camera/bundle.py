@@ -3,10 +3,11 @@ r"""Bundle adjustment of intrinsics and camera poses on the corners of a board, 
 Model: corner j of picture i is seen at ``z_ij = project(k, C_i P_j) + e``, ``C_i = camera_T_target``, e Gaussian and
 independent with the deviation s (pixels) per coordinate. The parameters k may have a Gaussian prior. Minimised is
 
-    sum_ij |z_ij - project(k, C_i P_j)|^2 / s^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
+    sum_ij w_i |z_ij - project(k, C_i P_j)|^2 / s^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
 
-over k and all poses; the poses are eliminated (`variable_projection`). With the derivatives of the residuals
-A_i by k and B_i by the error ``xi_i = (theta, tau)`` of pose i (left rotation, additive translation),
+with a weight w_i for each picture (`picture_weights`; rows of picture i below are multiplied by its root), over k and
+all poses; the poses are eliminated (`variable_projection`). With the derivatives of the residuals A_i by k and B_i by
+the error ``xi_i = (theta, tau)`` of pose i (left rotation, additive translation),
 
     V_i = B_i^T B_i,   G_i = d xi_i / d k = -V_i^-1 B_i^T A_i,   d r_i / d k = A_i + B_i G_i
 
@@ -35,6 +36,8 @@ from .variable_projection import Minimum, minimised
 
 # Smallest eigenvalue of the information on the parameters, scaled to a unit diagonal, that still determines them.
 SINGULAR = 1e-12
+# Coordinates of the common noise that each picture's own is mixed with.
+SHRINK = 6.0
 # Residual, in pixels, of a point that would be behind the camera: no step goes there.
 LOST = 1e6
 
@@ -61,9 +64,15 @@ class Bundle:
     covariance: Array  # (k, k) of the parameters; 0 where fixed
     own: Array  # (n, 6, 6) s^2 V_i^-1
     by_parameters: Array  # (n, 6, k) G_i
+    weights: Array  # (n,) w_i of the pictures
     converged: bool
     iterations: int
     prior: Prior | None = None  # that the parameters were fitted with
+
+    @property
+    def picture_noise(self) -> Array:
+        """(n,) ``s / sqrt(w_i)``, pixels per coordinate."""
+        return np.asarray(self.pixel_noise / np.sqrt(self.weights))
 
     @property
     def freedom(self) -> int:
@@ -78,7 +87,7 @@ class Sight:
     model: CameraModel
     points: Array  # (n, most, 3)
     pixels: Array  # (n, most, 2)
-    weights: Array  # (n, most): what residuals are multiplied by, 1 for corners that count and 0 for others
+    weights: Array  # (n, most): what residuals are multiplied by, 0 for corners that do not count
 
     @classmethod
     def of(cls, model: CameraModel, corners: Corners, used: NDArray[Any]) -> Sight:
@@ -142,28 +151,48 @@ def adjust(
     *,
     free: NDArray[np.bool_],
     used: NDArray[np.bool_] | None = None,
+    weights: Array | None = None,
     prior: Prior | None = None,
     pixel_noise: float | None = None,
 ) -> Bundle:
     """Minimise from ``start`` (parameters, poses) over the ``free`` parameters (k,) and all poses.
 
-    ``used`` (m,) says which corners count. ``pixel_noise`` None: estimated from those used,
-    ``s^2 = |r|^2 / (coordinates - parameters)``;
-    with a prior it weighs the prior too, and the fit is repeated until both agree.
+    ``used`` (m,) says which corners count, ``weights`` (n,) how much those of each picture do. ``pixel_noise`` None:
+    estimated from those used, ``s^2 = |r|^2 / (coordinates - parameters)``; with a prior it weighs the prior too, and
+    the fit is repeated until both agree.
     """
     used = np.ones(corners.m, dtype=bool) if used is None else used
-    problem = _Problem(Sight.of(model, corners, used), start[0].copy(), free)
+    weights = np.ones(corners.n) if weights is None else weights
+    sight = Sight.of(model, corners, used * np.sqrt(weights)[corners.picture])
+    problem = _Problem(sight, start[0].copy(), free)
     values, poses = start[0][free], start[1]
     s = 1.0 if pixel_noise is None else pixel_noise
     rounds = 1 if prior is None or pixel_noise is not None else 4
     for _ in range(rounds):
         found = minimised(problem, values, poses, None if prior is None else prior_rows(prior, free, s))
-        bundle = _bundle(problem, corners, used, found, prior, pixel_noise)
+        bundle = _bundle(problem, corners, used, weights, found, prior, pixel_noise)
         values, poses = found.values, found.blocks
         if abs(bundle.pixel_noise - s) <= 1e-3 * s:
             break
         s = bundle.pixel_noise
     return bundle
+
+
+def picture_weights(bundle: Bundle, corners: Corners) -> Array:
+    """(n,) from the residuals of pictures whose noise may differ (blur, distance, light): near ``s^2 / s_i^2``.
+
+    ``w_i ~ (m_i + SHRINK) / (|r_i|^2 + SHRINK c)`` with the ``m_i = 2 n_i - 6`` degrees of freedom of picture i and
+    the median c of all ``|r_i|^2 / m_i``: SHRINK coordinates of the common noise keep a picture of few corners from a
+    weight that chance gave it. Scaled so that s, the root mean square over all corners, stays what it was.
+    """
+    part = corners.picture[bundle.used]
+    squares = np.bincount(part, np.sum(bundle.residuals[bundle.used] ** 2, axis=1), corners.n)
+    freedom = np.maximum(2.0 * np.bincount(part, minlength=corners.n) - 6.0, 0.0)
+    enough = freedom > 0
+    common = float(np.median(squares[enough] / freedom[enough])) if enough.any() else 0.0
+    common = common or bundle.pixel_noise**2  # of exact corners
+    weights = common * (freedom + SHRINK) / (squares + SHRINK * common)
+    return np.asarray(weights * squares.sum() / np.sum(weights * squares))
 
 
 def prior_rows(prior: Prior, free: NDArray[np.bool_], s: float) -> tuple[Array, Array]:
@@ -176,6 +205,7 @@ def _bundle(
     problem: _Problem,
     corners: Corners,
     used: NDArray[np.bool_],
+    weights: Array,
     found: Minimum,
     prior: Prior | None,
     pixel_noise: float | None,
@@ -206,6 +236,7 @@ def _bundle(
         0.5 * (covariance + covariance.T),
         0.5 * (own + own.mT),
         by_parameters,
+        weights,
         found.converged,
         found.steps,
         prior,

@@ -22,7 +22,7 @@ from ..errors import InputError, InputWarning, NotConvergedError
 from ..io._files import StrPath
 from ..joint_covariance import JointCovariance
 from ..se3 import Array
-from .bundle import Bundle, Prior, adjust
+from .bundle import Bundle, Prior, adjust, picture_weights
 from .choice import CANDIDATES, USUAL, Candidate, best, criterion
 from .corners import Corners
 from .models import LINEAR, MODELS, CameraModel
@@ -136,6 +136,7 @@ class CameraCalibration:
                 used=bundle.used[kept],
                 own=bundle.own[numbers],
                 by_parameters=bundle.by_parameters[numbers],
+                weights=bundle.weights[numbers],
             ),
         )
 
@@ -203,13 +204,16 @@ def calibrate_camera(
     if (bad := unlike_a_board(corners)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
         wrong += np.array(corners.names)[bad].tolist()
         corners = _without_pictures(corners, bad)
-    bundle, candidates = _estimated(corners, size, model, coefficients, known)
+    bundle, candidates, setting = _estimated(corners, size, model, coefficients, known)
     while (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
         wrong += np.array(corners.names)[bad].tolist()
         # They were taken all the same: of pictures, unlike of a table, it is known how many there were.
         counted = () if corners.image_size is None else tuple(wrong)
         corners = replace(_without_pictures(corners, bad), missing=(*corners.missing, *counted))
-        bundle, candidates = _estimated(corners, size, model, coefficients, known)
+        bundle, candidates, setting = _estimated(corners, size, model, coefficients, known)
+    weights = picture_weights(bundle, corners)
+    at = bundle.parameters, bundle.poses
+    bundle, _ = without_outliers(corners, partial(_fitted, corners, setting, at, weights=weights), bundle)
     if not bundle.converged:
         raise NotConvergedError(
             f"The bundle adjustment of the camera did not converge within {bundle.iterations} steps: look at the "
@@ -231,8 +235,8 @@ def calibrate_camera(
 
 def _estimated(
     corners: Corners, size: tuple[int, int], model: str, coefficients: Sequence[str] | None, known: dict[str, Any]
-) -> tuple[Bundle, tuple[Candidate, ...]]:
-    """The bundle without outlying corners, and the models that were compared."""
+) -> tuple[Bundle, tuple[Candidate, ...], _Setting]:
+    """The bundle without outlying corners, the models that were compared, and what was estimated."""
     if model == "auto":
         if coefficients is not None:
             raise InputError("`coefficients` are those of a model: name the `model`, or leave them to 'auto'.")
@@ -245,7 +249,7 @@ def _estimated(
     setting = _Setting.of(MODELS[name], chosen, known)
     start = setting.start(corners, size) if found is None else setting.after(found)
     bundle, _ = without_outliers(corners, partial(_fitted, corners, setting, start))
-    return bundle, candidates
+    return bundle, candidates, setting
 
 
 def _without_pictures(corners: Corners, out: NDArray[np.bool_]) -> Corners:
@@ -368,10 +372,11 @@ def _fitted(
     start: tuple[Array, Array],
     used: NDArray[np.bool_],
     before: Bundle | None,
+    weights: Array | None = None,
 ) -> Bundle:
     at = start if before is None else (before.parameters, before.poses)
     try:
-        return adjust(setting.model, corners, at, free=setting.free, used=used, prior=setting.prior)
+        return adjust(setting.model, corners, at, free=setting.free, used=used, weights=weights, prior=setting.prior)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"The model {setting.model.name!r} does not fit the corners: they look farther to the side than it can "

@@ -69,6 +69,7 @@ def camera_files(cam: CameraCalibration) -> dict[str, str | bytes]:
         "poses": cam.poses,
         "by_parameters": cam.bundle.by_parameters,
         "parameters": cam.bundle.parameters,
+        "weights": cam.bundle.weights,
         "convention": CONVENTION,
     }
     np.savez(buffer, **arrays)
@@ -218,6 +219,9 @@ def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any],
     poses = as_transforms(_numbers(arrays, "poses", (n, 4, 4)), "poses")
     own = _numbers(arrays, "own", (n, 6, 6))
     by_parameters = _numbers(arrays, "by_parameters", (n, 6, k))
+    weights = _numbers(arrays, "weights", (n,))
+    if (weights <= 0).any():
+        raise InputError(f"{COVARIANCE}, weights: expected weights of the pictures above 0, got {weights.min():.3g}.")
     free = np.isin(model.names, tree["estimated"])
     if not np.array_equal(_numbers(arrays, "parameters", (k,)), parameters):
         raise InputError(f"{name} and {COVARIANCE} are {_OTHER_RUN}")
@@ -236,6 +240,7 @@ def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any],
         covariance,
         own,
         by_parameters,
+        weights,
         bool(tree["converged"]),
         int(tree["iterations"]),
         _prior(tree.get("prior"), free, f"{name}, prior"),

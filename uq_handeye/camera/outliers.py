@@ -38,16 +38,17 @@ def tail_deviation(distance: Array) -> float:
 
 
 def without_outliers(
-    corners: Corners, adjust: Callable[[NDArray[np.bool_], Bundle | None], Bundle]
+    corners: Corners, adjust: Callable[[NDArray[np.bool_], Bundle | None], Bundle], before: Bundle | None = None
 ) -> tuple[Bundle, NDArray[np.bool_]]:
     """The bundle on the good corners, and which corners (m,) are so.
 
-    ``adjust`` gets the corners to use and the bundle to start from. A picture keeps at least four corners.
+    ``adjust`` gets the corners to use and the bundle to start from. A picture keeps at least four corners. Distances
+    are in units of the noise of their picture, times s. ``before``: what to go on from.
     """
-    used = np.ones(corners.m, dtype=bool)
-    found = adjust(used, None)
+    used = np.ones(corners.m, dtype=bool) if before is None else before.used
+    found = adjust(used, before)
     for _ in range(MOST_ROUNDS):
-        distance = np.linalg.norm(found.residuals, axis=1)
+        distance = np.linalg.norm(found.residuals, axis=1) * np.sqrt(found.weights)[corners.picture]
         limit = FAR * tail_deviation(distance[used])
         worst = np.maximum.reduceat(np.where(used, distance, 0.0), np.flatnonzero(corners.place == 0))
         out = used & (distance > np.maximum(limit, 0.5 * worst[corners.picture]))

@@ -52,7 +52,7 @@ def by_picture_figure(cam: CameraCalibration) -> Figure:
     """RMS of the residuals of every picture, the corners left out of it, and the pixel noise."""
     corners, used = cam.corners, cam.bundle.used
     distance = np.linalg.norm(cam.bundle.residuals, axis=1)
-    figure = canvas(2.7)
+    figure = canvas(2.9)
     axis = figure.subplots()
     plain(axis)
     rms = picture_rms(cam)
@@ -67,6 +67,8 @@ def by_picture_figure(cam: CameraCalibration) -> Figure:
         markeredgewidth=0,
         label="RMS of the corners used",
     )
+    noise = cam.bundle.picture_noise
+    axis.plot(number, noise, "_", color=INK, markersize=7, label="noise of the picture, by which they count")
     axis.axhline(
         cam.pixel_noise, color=INK, linewidth=1.0, linestyle="--", label=f"pixel noise, {cam.pixel_noise:.3g} pixels"
     )
@@ -87,7 +89,7 @@ def by_picture_figure(cam: CameraCalibration) -> Figure:
     axis.set_ylabel("residual (pixels)", fontsize=TEXT)
     places = np.stack([number[corners.picture], distance], axis=-1)
     _labelled(figure, axis, outlier_names(cam, MOST_NAMED), places, ~used)
-    figure.legend(loc="outside upper right", ncols=3, frameon=False, fontsize=SMALL, columnspacing=1.2)
+    figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL, columnspacing=1.2)
     return finished(figure)
 
 

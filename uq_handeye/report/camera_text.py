@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 MOST_LISTED = 12
 # A picture with corners in fewer of its cells is covered badly.
 LITTLE = 0.5
+# Noise of the pictures that differs by this factor is told.
+UNEQUAL = 1.5
 UNITS = dict.fromkeys(LINEAR, "pixels")
 NOTATION = "12.345(67) means 12.345 with a standard deviation of 0.067"
 
@@ -96,6 +98,9 @@ def noise_words(cam: CameraCalibration) -> str:
         f"Pixel noise: {fixed(cam.pixel_noise)} pixels per coordinate (1 sigma), estimated from {used:,} corners; "
         f"{cam.bundle.freedom:,} degrees of freedom."
     )
+    least, most = cam.bundle.picture_noise.min(), cam.bundle.picture_noise.max()
+    if most > UNEQUAL * least:
+        text += f" Pictures differ, from {fixed(least, 2)} to {fixed(most, 2)} pixels, and count accordingly."
     left = m - used
     if not left:
         return f"{text} No corner was left out."

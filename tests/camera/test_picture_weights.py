@@ -1,0 +1,88 @@
+"""Pictures of different noise count accordingly: X is better for it, and its covariance true."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import SEED, mean_interval
+
+import uq_handeye as uq
+from studies.camera_covariance import ROBOT, SIZE, error, poses_of, recorded
+from uq_handeye.camera.bundle import SHRINK, adjust, picture_weights
+from uq_handeye.camera.calibration import calibrate_camera
+from uq_handeye.camera.models import MODELS
+from uq_handeye.likelihood import efficient
+from uq_handeye.report.camera_text import noise_words
+
+SETS = 60
+
+
+def uneven(rng, n=20, spread=0.8):
+    """Pixel noise (n, 1, 1) of the pictures, log-normal about 0.2."""
+    return 0.2 * np.exp(spread * rng.normal(size=(n, 1, 1)))
+
+
+def distances(weighted, spread, sets=SETS):
+    """d^2 and error of the translation (mm) of ``sets`` cameras."""
+    found = []
+    for k in range(sets):
+        rng = np.random.default_rng([SEED, k])
+        corners, robot, X = recorded(rng, pixel=uneven(rng, spread=spread))
+        poses = poses_of(corners, robot)
+        seen = poses.camera_calibration
+        covariance = seen.covariance
+        if not weighted:
+            same = adjust(MODELS["pinhole"], seen.corners, (seen.bundle.parameters, seen.poses), free=seen.bundle.free)
+            F = same.by_parameters @ np.linalg.cholesky(same.covariance)
+            poses, covariance = uq.PosePairs(poses.robot, same.poses), uq.JointCovariance(same.own, F)
+        fit = efficient(poses, uq.PoseNoise(ROBOT, covariance))
+        e = error(fit.X, X)
+        found.append((e @ np.linalg.solve(fit.covariance_X, e), 1e3 * np.linalg.norm(e[3:])))
+    return np.array(found).T
+
+
+def test_uneven_pictures_are_weighed_and_equal_ones_lose_nothing():
+    low, high = mean_interval(SETS)
+    d2, mm = distances(True, 0.8)
+    equal_weights = distances(False, 0.8)[1]
+    assert 0.8**2 * low < d2.mean() < high  # quiet pictures are taken as a little noisier: a careful covariance
+    assert np.sqrt(np.mean(mm**2)) < 0.7 * np.sqrt(np.mean(equal_weights**2))
+    equal_d2, equal_mm = distances(True, 0.0)
+    same_mm = distances(False, 0.0)[1]
+    assert low < equal_d2.mean() < high
+    assert np.sqrt(np.mean(equal_mm**2)) < 1.05 * np.sqrt(np.mean(same_mm**2))
+
+
+def test_the_weights_are_those_of_the_noise(rng):
+    noise = uneven(rng, spread=1.0)
+    corners, _, _ = recorded(rng, pixel=noise)
+    cam = calibrate_camera(corners, SIZE, "pinhole")
+    ratio = cam.bundle.picture_noise / noise.ravel()[: corners.n]
+    assert np.exp(np.std(np.log(ratio))) < 1.35 and 0.8 < np.median(ratio) < 1.25
+    assert cam.bundle.picture_noise.max() > 5 * cam.bundle.picture_noise.min()
+    # s is the root mean square over all corners still, and the weights do not change it
+    assert cam.pixel_noise == pytest.approx(
+        np.sqrt(np.sum(cam.bundle.residuals[cam.bundle.used] ** 2) / cam.bundle.freedom), rel=0.1
+    )
+    assert "Pictures differ, from" in noise_words(cam)
+    even, _, _ = recorded(rng)
+    assert "differ" not in noise_words(calibrate_camera(even, SIZE, "pinhole"))
+
+
+def test_few_corners_are_shrunk_to_the_common_noise(rng):
+    corners, _, _ = recorded(rng)
+    cam = calibrate_camera(corners, SIZE, "pinhole")
+    residuals = cam.bundle.residuals.copy()
+    first = corners.picture == 0
+    residuals[first] = 0.0
+    weights = picture_weights(replace(cam.bundle, residuals=residuals), corners)
+    most = (2 * first.sum() - 6 + SHRINK) / SHRINK
+    assert weights[0] / np.median(weights[1:]) == pytest.approx(most, rel=0.2)
+
+
+def test_a_folder_keeps_the_weights(rng, tmp_path):
+    corners, _, _ = recorded(rng, pixel=uneven(rng))
+    cam = calibrate_camera(corners, SIZE, "pinhole")
+    cam.write(tmp_path / "camera")
+    np.testing.assert_array_equal(uq.read_camera(tmp_path / "camera").bundle.weights, cam.bundle.weights)
+    assert cam.select(np.array([2, 5])).bundle.weights.tolist() == cam.bundle.weights[[2, 5]].tolist()
