@@ -12,7 +12,8 @@ from uq_handeye.constraint import constraint_of
 from uq_handeye.goodness_of_fit import effective_dof, goodness_of_fit, spread_of
 from uq_handeye.likelihood import Fit, bound, efficient, start_of
 from uq_handeye.noise_components import chi_square_interval, covariance_of, intervals, paired_rows, restricted
-from uq_handeye.noise_estimation import NoiseEstimate, NoisePrior, estimate_noise, model_of, variance_components
+from uq_handeye.noise_estimate import NoiseEstimate, NoisePrior
+from uq_handeye.noise_estimation import estimate_noise, model_of, variance_components
 
 SIDES = ("robot", "camera")
 WEAK_ROBOT = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

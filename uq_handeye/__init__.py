@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from .likelihood import bound, efficient, maximum_likelihood
     from .motions import Motions, relative_motions
     from .noise import PairNoise, PoseNoise
-    from .noise_estimation import NoiseEstimate, NoisePrior, estimate_noise
+    from .noise_estimate import NoiseEstimate, NoisePrior
+    from .noise_estimation import estimate_noise
     from .planning import Plan, plan
     from .poses import PosePairs
     from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3
@@ -160,7 +161,8 @@ _LATER = {
     "likelihood": ("bound", "efficient", "maximum_likelihood"),
     "motions": ("Motions", "relative_motions"),
     "noise": ("PairNoise", "PoseNoise"),
-    "noise_estimation": ("NoiseEstimate", "NoisePrior", "estimate_noise"),
+    "noise_estimate": ("NoiseEstimate", "NoisePrior"),
+    "noise_estimation": ("estimate_noise",),
     "so4_covariances": ("octonion_covariance", "paper_covariances", "so4_covariance"),
     "poses": ("PosePairs",),
     "procrustes": ("orthonormalise", "register", "se3_from_so4", "so4_from_se3"),

@@ -17,7 +17,7 @@ from .errors import DegenerateMotionError, InputError
 from .likelihood import Fit, offset_sensitivity
 from .motions import Motions
 from .noise import Noise, checked_covariance
-from .noise_estimation import NoiseEstimate
+from .noise_estimate import NoiseEstimate
 from .poses import PosePairs
 from .resampling import KINDS, resampled
 from .se3 import Array

@@ -25,7 +25,8 @@ from .goodness_of_fit import effective_dof, goodness_of_fit
 from .likelihood import ESTIMATORS, Fit, efficient, offset_sensitivity
 from .motions import Motions, relative_motions
 from .noise import Noise, PairNoise, PoseNoise
-from .noise_estimation import NoiseEstimate, NoisePrior, estimate_noise
+from .noise_estimate import NoiseEstimate, NoisePrior
+from .noise_estimation import estimate_noise
 from .pairing import find_shift, shifted_run
 from .plausibility import check_fit, check_motions, check_poses, check_rotations, require_signal
 from .pose_table import PoseTable, pose_table

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from .cli_camera import Pictures
     from .comparison import Comparison
     from .noise import Noise
-    from .noise_estimation import NoisePrior
+    from .noise_estimate import NoisePrior
     from .poses import PosePairs
     from .report.compared import Compared
     from .result import Calibration

@@ -14,7 +14,7 @@ from .errors import InputError, NotConvergedError
 if TYPE_CHECKING:
     from .cli_camera import Pictures
     from .noise import Noise
-    from .noise_estimation import NoisePrior
+    from .noise_estimate import NoisePrior
     from .poses import PosePairs
     from .result import Calibration
     from .synchronised import Synchronised
@@ -310,7 +310,7 @@ def prior_of(
     ] = 2.0,
 ) -> "NoisePrior | None":
     """What the data sheets say, or None if nothing is given."""
-    from .noise_estimation import NoisePrior
+    from .noise_estimate import NoisePrior
 
     if robot_prior is None and camera_prior is None:
         return None

@@ -40,7 +40,7 @@ from .residual_factor import inverse_blocks, joint_residuals, own_blocks, pulled
 from .se3 import Array
 
 if TYPE_CHECKING:
-    from .noise_estimation import NoiseEstimate
+    from .noise_estimate import NoiseEstimate
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from .estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from .likelihood import ESTIMATORS
 from .motions import Motions, relative_motions, spread_pairs
 from .noise import Noise, PairNoise, PoseNoise, is_joint, require_count
-from .noise_estimation import NoisePrior
+from .noise_estimate import NoisePrior
 from .poses import PosePairs
 from .resampling import KINDS as OF_RESIDUALS
 

@@ -19,7 +19,7 @@ from .goodness_of_fit import GoodnessOfFit
 from .io.atomic import json_text
 from .motions import Motions
 from .noise import Noise
-from .noise_estimation import NoiseEstimate
+from .noise_estimate import NoiseEstimate
 from .pose_table import PoseTable
 from .poses import SETUPS, TARGETS, PosePairs
 from .procrustes import octonion

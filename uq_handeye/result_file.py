@@ -16,7 +16,7 @@ from .goodness_of_fit import GoodnessOfFit
 from .joint_covariance import JointCovariance
 from .likelihood import ESTIMATORS
 from .noise import Noise, PairNoise, PoseNoise, checked_covariance
-from .noise_estimation import NoiseEstimate
+from .noise_estimate import NoiseEstimate
 from .pose_table import PoseTable
 from .poses import SETUPS
 from .provenance import Provenance

@@ -44,7 +44,7 @@ from .joint_covariance import JointCovariance
 from .likelihood import inverse_information, start_of
 from .noise import PoseNoise, marginals
 from .noise_components import QUANTILE
-from .noise_estimation import CameraFactor, Component, NoiseEstimate, NoisePrior
+from .noise_estimate import CameraFactor, Component, NoiseEstimate, NoisePrior
 from .poses import PosePairs
 from .residual_factor import Covariance, cholesky_of, gram, inverse_blocks, log_determinant, pulled, whiten
 from .se3 import Array

@@ -15,7 +15,7 @@ from uq_handeye.goodness_of_fit import goodness_of_fit
 from uq_handeye.joint_covariance import JointCovariance
 from uq_handeye.likelihood import efficient
 from uq_handeye.noise import marginals
-from uq_handeye.noise_estimation import NoisePrior
+from uq_handeye.noise_estimate import NoisePrior
 from uq_handeye.robot_noise import estimate_robot_noise
 
 

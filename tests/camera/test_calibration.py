@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import uq_handeye as uq
 from studies.camera_covariance import SIZE, board, recorded, transforms
 from uq_handeye.camera.calibration import calibrate_camera
 from uq_handeye.camera.choice import Candidate, best
@@ -17,6 +18,7 @@ from uq_handeye.camera.models import MODELS
 from uq_handeye.camera.rays import rays
 from uq_handeye.camera.start import unlike_a_board
 from uq_handeye.errors import InputError, InputWarning, NotConvergedError
+from uq_handeye.io import write_pose_file
 
 PARAMETERS = {
     "pinhole": [900, 910, 640, 480],
@@ -99,6 +101,7 @@ def test_a_picture_whose_corners_fit_nothing_is_left_out_as_a_whole(rng, model):
     pixels[part] = rng.uniform(100, 900, (int(part.sum()), 2))
     with pytest.warns(InputWarning, match="Most corners of row 4 do not fit"):
         found = calibrate_camera(replace(corners, pixels=pixels), SIZE, model)
+    assert found.corners.missing == ()  # a table does not say how many pictures there were
     good = quietly(
         replace(corners, row=corners.row[~part], points=corners.points[~part], pixels=pixels[~part], names=()), SIZE
     )
@@ -106,6 +109,26 @@ def test_a_picture_whose_corners_fit_nothing_is_left_out_as_a_whole(rng, model):
     assert found.pixel_noise == pytest.approx(good.pixel_noise, rel=1e-6) and found.outliers == []
     assert found.corners.names == good.corners.names
     np.testing.assert_allclose(found.poses, good.poses, atol=1e-6)
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_pictures_that_were_taken_are_counted_once(rng, tmp_path, monkeypatch, before):
+    """Robot poses are as many as the pictures taken, whether one is left out before the fit or after it."""
+    if not before:
+        monkeypatch.setattr(
+            "uq_handeye.camera.calibration.unlike_a_board", lambda corners: np.zeros(corners.n, dtype=bool)
+        )
+    corners, robot, _ = recorded(rng)
+    pixels = corners.pixels.copy()
+    for row in (4, 7):
+        part = corners.row == row
+        pixels[part] += 15 * rng.normal(size=(int(part.sum()), 2))
+    names = tuple(f"img{k:02d}.png" for k in corners.rows)
+    found = quietly(replace(corners, pixels=pixels, names=names, image_size=SIZE), model="pinhole")
+    assert sorted(found.corners.missing) == ["img04.png", "img07.png"]
+    write_pose_file(tmp_path / "robot.csv", robot)
+    poses = uq.read_poses(tmp_path / "robot.csv", found)
+    np.testing.assert_allclose(poses.robot, robot[found.rows], atol=1e-8)
 
 
 def test_a_lens_that_distorts_is_decentred_too(rng):

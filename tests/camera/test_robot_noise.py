@@ -13,7 +13,8 @@ from uq_handeye.errors import InputError
 from uq_handeye.goodness_of_fit import covariance_derivatives, effective_dof
 from uq_handeye.joint_covariance import JointCovariance
 from uq_handeye.likelihood import efficient, start_of
-from uq_handeye.noise_estimation import CameraFactor, NoiseEstimate, NoisePrior, estimate_noise
+from uq_handeye.noise_estimate import CameraFactor, NoiseEstimate, NoisePrior
+from uq_handeye.noise_estimation import estimate_noise
 from uq_handeye.report.noise_words import camera_factor_words
 from uq_handeye.residual_factor import cholesky_of, log_determinant
 from uq_handeye.robot_noise import _Rows, estimate_robot_noise

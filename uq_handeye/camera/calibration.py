@@ -203,13 +203,11 @@ def calibrate_camera(
     wrong: list[str] = []
     if (bad := unlike_a_board(corners)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
         wrong += np.array(corners.names)[bad].tolist()
-        corners = _without_pictures(corners, bad)
+        corners = _rejected(corners, bad)
     bundle, candidates, setting = _estimated(corners, size, model, coefficients, known)
     while (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
         wrong += np.array(corners.names)[bad].tolist()
-        # They were taken all the same: of pictures, unlike of a table, it is known how many there were.
-        counted = () if corners.image_size is None else tuple(wrong)
-        corners = replace(_without_pictures(corners, bad), missing=(*corners.missing, *counted))
+        corners = _rejected(corners, bad)
         bundle, candidates, setting = _estimated(corners, size, model, coefficients, known)
     weights = picture_weights(bundle, corners)
     at = bundle.parameters, bundle.poses
@@ -259,6 +257,12 @@ def _without_pictures(corners: Corners, out: NDArray[np.bool_]) -> Corners:
     return replace(
         corners, row=corners.row[kept], points=corners.points[kept], pixels=corners.pixels[kept], names=names
     )
+
+
+def _rejected(corners: Corners, bad: NDArray[np.bool_]) -> Corners:
+    """Without some pictures, which were taken all the same: of pictures, unlike of a table, their number is known."""
+    counted = () if corners.image_size is None else tuple(np.array(corners.names)[bad].tolist())
+    return replace(_without_pictures(corners, bad), missing=(*corners.missing, *counted))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..noise_estimation import CameraFactor, Component, together
+from ..noise_estimate import CameraFactor, Component, together
 from .numbers import digits, probability
 
 # Fewer degrees of freedom than this tell nothing worth saying of the camera's covariance.

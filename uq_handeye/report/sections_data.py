@@ -20,7 +20,7 @@ from .sync_text import offset_lines
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
-    from ..noise_estimation import Component
+    from ..noise_estimate import Component
     from ..result import Calibration
 
 # A table lists all poses up to so many; of more those that are flagged, and the worst.
