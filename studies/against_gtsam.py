@@ -30,11 +30,11 @@ from matplotlib.figure import Figure
 
 import uq_handeye as uq
 from studies.study import Study, Tables, markdown
-from uq_handeye.all_pairs import solve_all_pairs
-from uq_handeye.likelihood import efficient
-from uq_handeye.progress import progress_bar
-from uq_handeye.report.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.robot_world import mean_target
+from uq_handeye.likelihood.gauss_helmert import efficient
+from uq_handeye.presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.propagation.all_pairs import solve_all_pairs
+from uq_handeye.propagation.target_pose import mean_target
+from uq_handeye.runtime.progress import progress_bar
 
 SEED = 2019
 OTHERS = 20  # random covariances tried besides those of the tests

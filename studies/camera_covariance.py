@@ -23,18 +23,18 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from studies.scores import true_means
 from studies.study import Study, Tables, markdown
-from uq_handeye.camera.calibration import calibrate_camera
+from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.corners import Corners
 from uq_handeye.camera.models import MODELS
-from uq_handeye.constraint import Unknowns
-from uq_handeye.goodness_of_fit import effective_dof
-from uq_handeye.likelihood import efficient
-from uq_handeye.noise import marginals
-from uq_handeye.noise_estimation import estimate_noise
-from uq_handeye.progress import progress_bar
-from uq_handeye.report.figure_parts import BLUE, GREEN, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.rig_bundle import adjust_rig
-from uq_handeye.se3 import inverse, perturb
+from uq_handeye.geometry.se3 import inverse, perturb
+from uq_handeye.likelihood.constraint import Unknowns
+from uq_handeye.likelihood.gauss_helmert import efficient
+from uq_handeye.likelihood.goodness_of_fit import effective_dof
+from uq_handeye.likelihood.rig_bundle import adjust_rig
+from uq_handeye.noise.models import marginals
+from uq_handeye.noise_estimation.estimate import estimate_noise
+from uq_handeye.presentation.figure_parts import BLUE, GREEN, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.runtime.progress import progress_bar
 
 SEED = 2019
 SIZE = (1280, 960)

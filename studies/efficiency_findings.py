@@ -14,7 +14,7 @@ from studies.paper_tables import PAPER, errors_and_times
 from studies.scores import CERTAIN
 from studies.study import Tables, markdown
 from studies.tables_2_3_findings import printed_share
-from uq_handeye.se3 import Array
+from uq_handeye.geometry.se3 import Array
 
 NEES = 6.0  # of a true covariance of X
 NEAR = 1.05  # as near the bound as the nearest published method, or within this factor

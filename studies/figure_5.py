@@ -41,8 +41,8 @@ from studies.figure_5_rig import (
 )
 from studies.noises import paper
 from studies.study import Study, Tables
-from uq_handeye.progress import progress_bar
-from uq_handeye.se3 import Array
+from uq_handeye.geometry.se3 import Array
+from uq_handeye.runtime.progress import progress_bar
 
 AXES = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
 UNITS = ("mrad",) * 3 + ("mm",) * 3

@@ -14,7 +14,8 @@ from scipy.stats import chi2
 
 from studies.figure_5_findings import by_row
 from studies.study import Tables
-from uq_handeye.report.figure_parts import (
+from uq_handeye.geometry.se3 import Array
+from uq_handeye.presentation.figure_parts import (
     BLUE,
     GREEN,
     INK,
@@ -27,7 +28,6 @@ from uq_handeye.report.figure_parts import (
     finished,
     plain,
 )
-from uq_handeye.se3 import Array
 
 RADIUS = float(np.sqrt(chi2.ppf(0.95, 2)))
 SYMBOLS = {f"{name}_{axis}": rf"$\{name}_{axis}$" for name in ("theta", "tau") for axis in "xyz"}

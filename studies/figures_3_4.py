@@ -43,9 +43,9 @@ from studies.figures_3_4_rig import (
 )
 from studies.study import Study, Tables, markdown
 from studies.styles import style
-from uq_handeye.progress import progress_bar
-from uq_handeye.report.figure_parts import BLUE, INK, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.se3 import Array, logarithm
+from uq_handeye.geometry.se3 import Array, logarithm
+from uq_handeye.presentation.figure_parts import BLUE, INK, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.runtime.progress import progress_bar
 
 SEED = 2019
 FIGURE = {"rotation": "Fig. 3", "translation": "Fig. 4"}

@@ -51,7 +51,7 @@ from studies.laser_camera_figures import honesty, trajectories
 from studies.paper_tables import TABLE_IV, TABLE_V
 from studies.scores import true_means
 from studies.study import Study, Tables, markdown
-from uq_handeye.progress import progress_bar
+from uq_handeye.runtime.progress import progress_bar
 
 
 def measure(full: bool) -> dict[str, pd.DataFrame]:

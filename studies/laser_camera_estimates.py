@@ -17,9 +17,9 @@ from scipy.stats import chi2
 import uq_handeye as uq
 from studies import laser_camera_rig as rig
 from studies.scores import errors, nees
-from uq_handeye.likelihood import offset_sensitivity
-from uq_handeye.se3 import Array, inverse, perturb
-from uq_handeye.simulation import disturbed
+from uq_handeye.geometry.se3 import Array, inverse, perturb
+from uq_handeye.likelihood.gauss_helmert import offset_sensitivity
+from uq_handeye.simulation.rig import disturbed
 
 SEED = 2019
 PAPER_SCALE = 1e5

@@ -16,7 +16,7 @@ from studies import laser_camera_rig as rig
 from studies.laser_camera_estimates import AXES, DRIFT, EFFICIENT, PAPER, TOLD
 from studies.scores import true_means
 from studies.study import Tables
-from uq_handeye.report.figure_parts import BLUE, INK, ORANGE, QUIET, SKY, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SKY, SMALL, TEXT, canvas, finished, plain
 
 ENLARGED = 10.0
 

@@ -26,13 +26,13 @@ from studies.noises import both, diagonal, paper
 from studies.scores import CERTAIN, errors, nees, true_means
 from studies.study import Study, Tables, markdown
 from studies.styles import style
-from uq_handeye.all_pairs import solve_all_pairs
-from uq_handeye.constraint import constraint_of
-from uq_handeye.likelihood import Fit, bound, efficient, fit, maximum_likelihood, start_of
-from uq_handeye.progress import progress_bar
-from uq_handeye.report.figure_parts import GRID, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.se3 import Array, inverse, perturb
-from uq_handeye.simulation import disturbed
+from uq_handeye.geometry.se3 import Array, inverse, perturb
+from uq_handeye.likelihood.constraint import constraint_of
+from uq_handeye.likelihood.gauss_helmert import Fit, bound, efficient, fit, maximum_likelihood, start_of
+from uq_handeye.presentation.figure_parts import GRID, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.propagation.all_pairs import solve_all_pairs
+from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.simulation.rig import disturbed
 
 SEED = 2019
 BLOCK = 200  # draws at a time, for the memory

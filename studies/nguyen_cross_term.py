@@ -25,11 +25,11 @@ from studies.geometries import random_transforms
 from studies.scores import errors, nees, true_means
 from studies.study import Study, Tables, markdown
 from uq_handeye.estimators.nguyen import nguyen
-from uq_handeye.estimators.nguyen_derivatives import NguyenDerivatives
-from uq_handeye.estimators.nguyen_descent import Stop
-from uq_handeye.estimators.nguyen_stages import CrossTerm, NguyenResult
-from uq_handeye.report.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.se3 import Array, inverse, perturb
+from uq_handeye.estimators.nguyen.derivatives import NguyenDerivatives
+from uq_handeye.estimators.nguyen.descent import Stop
+from uq_handeye.estimators.nguyen.stages import CrossTerm, NguyenResult
+from uq_handeye.geometry.se3 import Array, inverse, perturb
+from uq_handeye.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
 
 SEED = 2018
 KINDS: tuple[CrossTerm, ...] = ("derived", "published")

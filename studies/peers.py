@@ -36,8 +36,8 @@ from studies.peers_findings import OURS, REFERENCE, findings
 from studies.peers_programs import PEERS, Prepared, Program, installed
 from studies.scores import errors, nees, true_means
 from studies.study import Study, Tables
-from uq_handeye.progress import progress_bar
-from uq_handeye.report.figure_parts import (
+from uq_handeye.geometry.se3 import Array
+from uq_handeye.presentation.figure_parts import (
     BLUE,
     GREEN,
     GRID,
@@ -52,9 +52,9 @@ from uq_handeye.report.figure_parts import (
     finished,
     plain,
 )
-from uq_handeye.se3 import Array
-from uq_handeye.simulation import disturbed
-from uq_handeye.validation.chunks import one_thread
+from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.simulation.rig import disturbed
+from uq_handeye.validation.monte_carlo.chunks import one_thread
 
 SEED = 2019
 POSES = 30

@@ -22,10 +22,10 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from studies.study import version_of
-from uq_handeye.all_pairs import solve_all_pairs
-from uq_handeye.noise import factor
-from uq_handeye.robot_world import mean_target
-from uq_handeye.se3 import Array, block, inverse
+from uq_handeye.geometry.se3 import Array, block, inverse
+from uq_handeye.noise.models import factor
+from uq_handeye.propagation.all_pairs import solve_all_pairs
+from uq_handeye.propagation.target_pose import mean_target
 
 Found = tuple[Array, Array | None]  # X (4, 4), covariance (6, 6) or None
 Prepared = Callable[[], Found]

@@ -27,8 +27,8 @@ from studies.planning_sessions import (
 )
 from studies.scores import true_means
 from studies.study import Study, Tables, markdown
-from uq_handeye.progress import progress_bar
-from uq_handeye.report.figure_parts import BLUE, GRID, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.presentation.figure_parts import BLUE, GRID, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.runtime.progress import progress_bar
 
 QUICK = 24  # sessions
 

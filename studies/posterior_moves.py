@@ -24,16 +24,28 @@ import uq_handeye as uq
 from studies.likelihood import draws
 from studies.noises import paper
 from studies.study import Study, Tables, markdown
-from uq_handeye.noise_estimation import estimate_noise
-from uq_handeye.progress import progress_bar
-from uq_handeye.report.figure_parts import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.report.numbers import digits
-from uq_handeye.se3 import Array
-from uq_handeye.validation import posterior_moves
-from uq_handeye.validation.posterior_convergence import autocorrelation_time, by_arviz
-from uq_handeye.validation.posterior_density import Density, ScalePrior, density_of
-from uq_handeye.validation.posterior_moves import Proposal, moves_of
-from uq_handeye.validation.posterior_run import begun
+from uq_handeye.formatting.numbers import digits
+from uq_handeye.geometry.se3 import Array
+from uq_handeye.noise_estimation.estimate import estimate_noise
+from uq_handeye.presentation.figure_parts import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    SMALL,
+    TEXT,
+    canvas,
+    finished,
+    plain,
+)
+from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.validation.posterior import moves as posterior_moves
+from uq_handeye.validation.posterior.convergence import autocorrelation_time, by_arviz
+from uq_handeye.validation.posterior.density import Density, ScalePrior, density_of
+from uq_handeye.validation.posterior.moves import Proposal, moves_of
+from uq_handeye.validation.posterior.run import begun
 
 WALKERS = 128
 LONG_ENOUGH = 50  # autocorrelation times

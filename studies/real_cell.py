@@ -26,13 +26,13 @@ from scipy.stats import binom
 import uq_handeye as uq
 from studies.scores import CERTAIN, errors, nees
 from studies.study import Study, Tables, markdown
-from uq_handeye.analysis import Analysis
-from uq_handeye.calibration import reference_of
+from uq_handeye.calibration.analysis import Analysis
+from uq_handeye.calibration.calibrate import reference_of
+from uq_handeye.empirical_covariance.resampled import resampled
+from uq_handeye.geometry.se3 import Array
 from uq_handeye.io import read_pose_file
-from uq_handeye.progress import progress_bar
-from uq_handeye.report.figure_parts import BLUE, GRID, ORANGE, SKY, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.resampling import resampled
-from uq_handeye.se3 import Array
+from uq_handeye.presentation.figure_parts import BLUE, GRID, ORANGE, SKY, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.runtime.progress import progress_bar
 
 SEED = 2026
 CELLS = {

@@ -28,7 +28,7 @@ from studies.registration_covariance import covariance_rows, eigenvalue_interval
 from studies.registration_forms import FORMS, POINTS, SCIPY, SVD, agreement_rows, printed_rows, time_rows
 from studies.scores import true_means
 from studies.study import Study, Tables, markdown
-from uq_handeye.report.figure_parts import (
+from uq_handeye.presentation.figure_parts import (
     BLUE,
     GREEN,
     INK,

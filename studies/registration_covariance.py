@@ -18,8 +18,8 @@ from studies.geometries import random_transforms
 from studies.registration_forms import CONJUGATE, FORMS, NOISE, POINTS, rotation_of, rotations, textbook_davenport
 from studies.scores import nees
 from uq_handeye import _closed_form
-from uq_handeye.se3 import Array, inverse, skew
-from uq_handeye.simulation import disturbed
+from uq_handeye.geometry.se3 import Array, inverse, skew
+from uq_handeye.simulation.rig import disturbed
 
 PAIRS = 60
 SCALES = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye import _closed_form
-from uq_handeye.se3 import Array
+from uq_handeye.geometry.se3 import Array
 
 POINTS = 20
 NOISE = 5e-3  # m

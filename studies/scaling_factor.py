@@ -26,8 +26,8 @@ from studies.scaling_factor_curves import CLAIMED, LENGTHS, NOISE, PRECISIONS, S
 from studies.scaling_factor_figures import figures
 from studies.scaling_factor_findings import findings
 from studies.study import Study
-from uq_handeye.progress import progress_bar
-from uq_handeye.se3 import Array, inverse, logarithm, perturb
+from uq_handeye.geometry.se3 import Array, inverse, logarithm, perturb
+from uq_handeye.runtime.progress import progress_bar
 
 SEED = 2019
 PAIRS = 60

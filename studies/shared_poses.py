@@ -29,11 +29,11 @@ from studies.scores import nees, true_means
 from studies.shared_poses_figures import figures
 from studies.shared_poses_findings import findings
 from studies.study import Study, Tables
-from uq_handeye.poses import Truth
-from uq_handeye.progress import progress_bar
-from uq_handeye.se3 import Array, inverse
-from uq_handeye.trials.experiment import Experiment, experiment
-from uq_handeye.trials.run import run
+from uq_handeye.geometry.se3 import Array, inverse
+from uq_handeye.poses.pose_pairs import Truth
+from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.simulation.experiment import Experiment, experiment
+from uq_handeye.simulation.run import run
 
 SEED = 2019
 WAYS = ("disjoint", "consecutive", "all")

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from studies.shared_poses_findings import AWARE, INDEPENDENT, NAMES, numbers_of_poses
 from studies.study import Tables
-from uq_handeye.report.figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.presentation.figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
 
 STYLES: dict[str, tuple[str, str, Any]] = {
     "disjoint": (GREEN, "^", ":"),

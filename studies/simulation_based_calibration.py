@@ -33,11 +33,11 @@ from studies.geometries import random_transforms
 from studies.noises import paper
 from studies.scores import errors
 from studies.study import Study, Tables, markdown
-from uq_handeye.progress import progress_bar
-from uq_handeye.report.figure_parts import BLUE, GRID, INK, ORANGE, PURPLE, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.se3 import Array, inverse, perturb
-from uq_handeye.validation.posterior import sample_posterior
-from uq_handeye.validation.posterior_density import ScalePrior
+from uq_handeye.geometry.se3 import Array, inverse, perturb
+from uq_handeye.presentation.figure_parts import BLUE, GRID, INK, ORANGE, PURPLE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.validation.posterior.density import ScalePrior
+from uq_handeye.validation.posterior.sample import sample_posterior
 
 SEED = 1804
 DRAWN, BINS = 99, 20

@@ -37,14 +37,14 @@ from studies.study import Study, Tables
 from studies.table_1_figures import figures
 from studies.table_1_findings import findings
 from uq_handeye.estimators import RobotWorldMethod
-from uq_handeye.likelihood import ESTIMATORS
-from uq_handeye.noise_transport import noise_of_pairs
-from uq_handeye.poses import Truth
-from uq_handeye.progress import progress_bar
-from uq_handeye.se3 import Array, inverse
-from uq_handeye.simulation import disturbed
-from uq_handeye.trials.experiment import Experiment
-from uq_handeye.trials.run import Trials, errors_of, estimates
+from uq_handeye.geometry.se3 import Array, inverse
+from uq_handeye.likelihood.gauss_helmert import ESTIMATORS
+from uq_handeye.poses.pose_pairs import Truth
+from uq_handeye.propagation.noise_transport import noise_of_pairs
+from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.simulation.experiment import Experiment
+from uq_handeye.simulation.rig import disturbed
+from uq_handeye.simulation.run import Trials, errors_of, estimates
 
 SEED = 2019
 METHODS = (*uq.METHODS, *uq.ROBOT_WORLD_METHODS, *ESTIMATORS)

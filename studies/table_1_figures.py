@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from studies.study import Tables
 from studies.styles import style
 from studies.table_1_findings import ACCURACY, SPEED, summary
-from uq_handeye.report.figure_parts import GRID, INK, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.presentation.figure_parts import GRID, INK, QUIET, SMALL, TEXT, canvas, finished, plain
 
 
 def figures(tables: Tables) -> dict[str, Figure]:

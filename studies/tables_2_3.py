@@ -35,13 +35,13 @@ from studies.study import Study, Tables
 from studies.tables_2_3_figures import figures
 from studies.tables_2_3_findings import BOUND, PAPER_SCALE, TRUTH, findings
 from uq_handeye.errors import DegenerateMotionError
-from uq_handeye.motions import pair_indices
-from uq_handeye.noise_transport import noise_of_pairs
-from uq_handeye.progress import progress_bar
-from uq_handeye.se3 import Array, inverse
-from uq_handeye.simulation import disturbed
-from uq_handeye.trials.experiment import Experiment
-from uq_handeye.trials.run import Estimates, errors_of, estimates
+from uq_handeye.geometry.se3 import Array, inverse
+from uq_handeye.poses.motions import pair_indices
+from uq_handeye.propagation.noise_transport import noise_of_pairs
+from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.simulation.experiment import Experiment
+from uq_handeye.simulation.rig import disturbed
+from uq_handeye.simulation.run import Estimates, errors_of, estimates
 
 SEED = 2019
 OURS = ("gwak", "nguyen", "efficient")

@@ -14,7 +14,7 @@ from studies.paper_tables import PAPER
 from studies.study import Tables
 from studies.styles import style
 from studies.tables_2_3_findings import BOUND, OTHERS, PAPER_SCALE, TRUTH, of
-from uq_handeye.report.figure_parts import INK, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.presentation.figure_parts import INK, QUIET, SMALL, TEXT, canvas, finished, plain
 
 
 def figures(tables: Tables) -> dict[str, Figure]:

@@ -8,7 +8,7 @@ from contextlib import chdir, nullcontext, redirect_stderr, redirect_stdout
 from types import SimpleNamespace
 
 import uq_handeye as uq
-from uq_handeye import cli
+from uq_handeye.cli import app as cli
 from uq_handeye.io import write_pose_file
 
 NOISE = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")

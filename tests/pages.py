@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from uq_handeye import InputWarning
-from uq_handeye.cli import main
+from uq_handeye.cli.app import main
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

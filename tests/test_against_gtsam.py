@@ -15,7 +15,7 @@ import pytest
 from support import SEED, difference, exact_poses, jacobian, moved, random_covariance, whitened_eigenvalues
 
 import uq_handeye as uq
-from uq_handeye.likelihood import maximum_likelihood
+from uq_handeye.likelihood.gauss_helmert import maximum_likelihood
 
 gtsam = pytest.importorskip("gtsam")
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")

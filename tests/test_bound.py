@@ -14,7 +14,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.likelihood import bound, maximum_likelihood
+from uq_handeye.likelihood.gauss_helmert import bound, maximum_likelihood
 
 # ----------------------------------------------------------------------------------------------------- bound
 
@@ -91,7 +91,7 @@ def test_bound_refuses_what_does_not_fit(rng):
         bound(poses, uq.PairNoise(A=np.eye(6)))
 
 
-@pytest.mark.parametrize("function", [uq.likelihood.efficient, uq.likelihood.maximum_likelihood, uq.bound])
+@pytest.mark.parametrize("function", [uq.efficient, uq.maximum_likelihood, uq.bound])
 @pytest.mark.parametrize("noise", [None, "1mm", np.eye(6)])
 def test_noise_and_data_of_a_wrong_type(function, noise):
     with pytest.raises(uq.InputError, match=f"`noise` to be PoseNoise or PairNoise, got {type(noise).__name__}"):

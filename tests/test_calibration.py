@@ -78,7 +78,7 @@ def test_octonion(scale, method):
     assert np.linalg.norm(result.sigma[:4]) == pytest.approx(np.sqrt(0.5))
 
     def sigma(xi):
-        return uq.procrustes.octonion(moved(result.X, xi), d)
+        return uq.procrustes.limit.octonion(moved(result.X, xi), d)
 
     same_on_the_octonions(result.covariance_sigma, jacobian(sigma, 6), result)
 
@@ -99,7 +99,7 @@ def test_octonion_is_that_of_the_paper_route():
     result = uq.calibrate(uq.Motions(motions.A, motions.B), noise=noise, scale=1e4)
     sigma, covariance = uq.octonion_covariance(motions.A, motions.B, noise, scale=1e4)
     np.testing.assert_allclose(result.sigma, sigma, atol=1e-8)
-    same_on_the_octonions(covariance, jacobian(lambda xi: uq.procrustes.octonion(moved(result.X, xi), 1e4), 6), result)
+    same_on_the_octonions(covariance, jacobian(lambda xi: uq.procrustes.limit.octonion(moved(result.X, xi), 1e4), 6), result)
 
 
 @pytest.mark.filterwarnings("ignore:The standard deviations are a lower limit")

@@ -15,7 +15,7 @@ from cli_cases import NOISE, run, run_process
 from matplotlib.figure import Figure
 
 import uq_handeye as uq
-from uq_handeye import cli
+from uq_handeye.cli import app as cli
 
 REPOSITORY = Path(__file__).parent.parent
 PICTURES = [
@@ -340,7 +340,7 @@ def test_no_convergence_is_one_line(monkeypatch, capsys, session):
     def give_up(*_, **__):
         raise uq.NotConvergedError("Method 'gwak' did not converge\nwithin 100 iterations.")
 
-    monkeypatch.setattr("uq_handeye.calibration.calibrate", give_up)
+    monkeypatch.setattr("uq_handeye.calibration.calibrate.calibrate", give_up)
     with pytest.raises(SystemExit) as end:
         cli.main(["calibrate", str(session / "robot.csv"), str(session / "camera.csv"), "--method", "gwak"])
     assert end.value.code == 2
@@ -355,7 +355,7 @@ def test_help_names_the_methods():
 
 
 def test_pipe_that_closes_early():
-    program = "from uq_handeye.cli import main; main()"
+    program = "from uq_handeye.cli.app import main; main()"
     with subprocess.Popen(
         [sys.executable, "-c", program, "demo"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -366,7 +366,7 @@ def test_pipe_that_closes_early():
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_full_disk_behind_stdout():
-    program = "from uq_handeye.cli import main; main()"
+    program = "from uq_handeye.cli.app import main; main()"
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-c", program, "demo", "--json"],
@@ -423,7 +423,7 @@ def test_help_has_examples():
 
 def test_the_commands_of_the_readme_run(session, tmp_path, no_figures, monkeypatch):
     """Figures, reports and many trials aside, which have tests of their own."""
-    monkeypatch.setattr("uq_handeye.cli_calibrate.write_report", lambda *_: None)
+    monkeypatch.setattr("uq_handeye.cli.commands.calibrate.write_report", lambda *_: None)
     for file in files_of(session):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     lines = re.findall(r"^uq-handeye (.*)$", (REPOSITORY / "README.md").read_text(), re.MULTILINE)

@@ -15,7 +15,7 @@ from cli_cases import NOISE, run, run_on_terminal, run_process, write_session
 
 import uq_handeye as uq
 from uq_handeye import InputWarning
-from uq_handeye.cli_messages import messages
+from uq_handeye.cli.messages import messages
 
 YELLOW, RED = "\x1b[33m", "\x1b[31m"
 LOG = logging.getLogger("uq_handeye")
@@ -40,7 +40,7 @@ def talkative(monkeypatch):
         warnings.warn("a doubt", uq.InputWarning, stacklevel=1)
         return ordinary(*args, **kwargs)
 
-    monkeypatch.setattr("uq_handeye.calibration.calibrate", calibrate)
+    monkeypatch.setattr("uq_handeye.calibration.calibrate.calibrate", calibrate)
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def broken(monkeypatch):
     def calibrate(*_, **__):
         raise ZeroDivisionError("one\nby zero")
 
-    monkeypatch.setattr("uq_handeye.calibration.calibrate", calibrate)
+    monkeypatch.setattr("uq_handeye.calibration.calibrate.calibrate", calibrate)
 
 
 # -------------------------------------------------------------------------------------------- what is said where
@@ -173,7 +173,7 @@ def test_ctrl_c_while_the_program_is_being_loaded():
         "import sys, builtins\n"
         "class Interrupt:\n"
         "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name == 'uq_handeye.cli_inputs': raise KeyboardInterrupt\n"
+        "        if name == 'uq_handeye.cli.inputs': raise KeyboardInterrupt\n"
         "from uq_handeye.__main__ import main\n"
         "sys.meta_path.insert(0, Interrupt())\n"
         "main()\n"
@@ -257,7 +257,7 @@ def test_the_same_warning_is_given_once(capsys):
 def test_a_closed_standard_output_is_one_line_and_status_2(session, arguments):
     result = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--json", cwd=session).stdout
     (session / "r.json").write_text(result)
-    program = f"import os, sys; os.close(1); sys.stdout = None; from uq_handeye.cli import main; main({arguments})"
+    program = f"import os, sys; os.close(1); sys.stdout = None; from uq_handeye.cli.app import main; main({arguments})"
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=session, stderr=subprocess.PIPE, text=True, timeout=60, check=False
     )
@@ -290,7 +290,7 @@ def test_ctrl_c_that_a_library_turns_into_an_error_of_its_own(session, monkeypat
         except KeyboardInterrupt:
             raise ValueError("a library's") from None
 
-    monkeypatch.setattr("uq_handeye.calibration.calibrate", calibrate)
+    monkeypatch.setattr("uq_handeye.calibration.calibrate.calibrate", calibrate)
     hook = sys.unraisablehook
     done = run("calibrate", "robot.csv", "camera.csv", cwd=session)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "uq-handeye: interrupted\n")
@@ -308,7 +308,7 @@ def test_ctrl_c_within_a_finaliser_is_not_lost(session, monkeypatch, keyboard):
         for _ in range(500):  # where Ctrl-C arrives once more
             time.sleep(0.01)
 
-    monkeypatch.setattr("uq_handeye.calibration.calibrate", calibrate)
+    monkeypatch.setattr("uq_handeye.calibration.calibrate.calibrate", calibrate)
     start = time.monotonic()
     done = run("calibrate", "robot.csv", "camera.csv", cwd=session)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "uq-handeye: interrupted\n")

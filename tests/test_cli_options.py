@@ -12,15 +12,18 @@ import typer
 from cli_cases import MODEL, NOISE, run, write_session
 
 import uq_handeye as uq
-from uq_handeye import cli, cli_files, cli_inputs, cli_options
-from uq_handeye.cli_options import choices, made_of, methods_of, one_of
+from uq_handeye.calibration.request import BUNDLE, COVARIANCES
+from uq_handeye.cli import app as cli
+from uq_handeye.cli import inputs as cli_inputs
+from uq_handeye.cli import options as cli_options
+from uq_handeye.cli.commands import files as cli_files
+from uq_handeye.cli.options import choices, made_of, methods_of, one_of
 from uq_handeye.estimators import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.export import FORMATS as EXPORTED
+from uq_handeye.formatting.units import LENGTH_UNITS
 from uq_handeye.io import FORMATS, pose_text, write_pose_file
-from uq_handeye.likelihood import ESTIMATORS
-from uq_handeye.poses import SETUPS
-from uq_handeye.request import BUNDLE, COVARIANCES
-from uq_handeye.units import LENGTH_UNITS
+from uq_handeye.likelihood.gauss_helmert import ESTIMATORS
+from uq_handeye.poses.pose_pairs import SETUPS
 
 TAKES_POSES = ("calibrate", "compare", "plan", "validate", "posterior", "cross-check")
 
@@ -85,7 +88,7 @@ def test_help_and_completion_load_nothing_that_takes_long():
     """What `import uq_handeye` itself loads aside."""
     program = (
         "import sys, uq_handeye; before = set(sys.modules)\n"
-        "from uq_handeye.cli import main\n"
+        "from uq_handeye.cli.app import main\n"
         "try: main(['calibrate', '--help'])\n"
         "except SystemExit: pass\n"
         "print(sorted({name.split('.')[0] for name in set(sys.modules) - before}))"

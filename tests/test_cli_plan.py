@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uq_handeye import PoseNoise, cli, read_poses, simulate
+from uq_handeye import PoseNoise, read_poses, simulate
+from uq_handeye.cli import app as cli
 from uq_handeye.io import read_pose_file, write_pose_file
-from uq_handeye.planning import plan
+from uq_handeye.planning.plan import plan
 
 NOISE = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
 MODEL = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -50,7 +51,7 @@ def test_text_and_file(run, session, tmp_path):
 
 
 def test_in_a_process_of_its_own(session):
-    program = "from uq_handeye.cli import main; main()"
+    program = "from uq_handeye.cli.app import main; main()"
     command = [sys.executable, "-c", program, "plan", "robot.csv", "camera.csv", *NOISE, "--json"]
     done = subprocess.run(command, cwd=session, capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stderr) == (0, "")

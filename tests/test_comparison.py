@@ -11,11 +11,11 @@ from scipy import stats
 from support import difference, exact_motions, moved, noisy_motions, random_covariance, whitened_eigenvalues
 
 import uq_handeye as uq
-from uq_handeye import comparison as module
-from uq_handeye.comparison import CHI2_95, Comparison, Row, against, compare, squared_distance
+from uq_handeye.comparison import compare as module
+from uq_handeye.comparison.compare import CHI2_95, Comparison, Row, against, compare, squared_distance
 from uq_handeye.errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
-from uq_handeye.estimators.method import Estimate
-from uq_handeye.motions import spread_pairs
+from uq_handeye.estimators.common.method import Estimate
+from uq_handeye.poses.motions import spread_pairs
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FEW = ("tsai", "park", "gwak", "4dpa")

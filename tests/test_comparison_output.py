@@ -13,10 +13,10 @@ import pytest
 from support import difference, moved
 
 import uq_handeye as uq
-from uq_handeye import comparison as module
-from uq_handeye.comparison import Row, against, compare
+from uq_handeye.comparison import compare as module
+from uq_handeye.comparison.compare import Row, against, compare
+from uq_handeye.comparison.text import apart, digits
 from uq_handeye.errors import InputError
-from uq_handeye.report.comparison_text import apart, digits
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FEW = ("tsai", "park", "gwak", "4dpa")

@@ -22,7 +22,8 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.constraint import (
+from uq_handeye.geometry.se3 import NEAR_HALF_TURN, logarithm
+from uq_handeye.likelihood.constraint import (
     OnMotions,
     OnPoses,
     Unknowns,
@@ -31,7 +32,6 @@ from uq_handeye.constraint import (
     covariances_of,
     residual_covariance,
 )
-from uq_handeye.se3 import NEAR_HALF_TURN, logarithm
 
 SETUPS = ("eye-in-hand", "eye-to-hand")
 KINDS = (*SETUPS, "motions")

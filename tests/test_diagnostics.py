@@ -12,14 +12,14 @@ from scipy.spatial.transform import Rotation
 from support import SEED, assert_same_covariance, difference, moved, nees, random_covariance
 
 import uq_handeye as uq
-from uq_handeye import diagnostics as module
-from uq_handeye import residual_patterns
-from uq_handeye.diagnostics import Diagnostics, diagnose
-from uq_handeye.goodness_of_fit import goodness_of_fit
-from uq_handeye.likelihood import corrected, efficient, maximum_likelihood
-from uq_handeye.report import diagnosis_words
-from uq_handeye.residual_factor import cholesky_of, whiten
-from uq_handeye.robust import robust_fit
+from uq_handeye.diagnostics import diagnose as module
+from uq_handeye.diagnostics import residual_patterns
+from uq_handeye.diagnostics import sentences as diagnosis_words
+from uq_handeye.diagnostics.diagnose import Diagnostics, diagnose
+from uq_handeye.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
+from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
+from uq_handeye.likelihood.robust import robust_fit
+from uq_handeye.noise.square_roots import cholesky_of, whiten
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SETUPS = ["eye-in-hand", "eye-to-hand"]
@@ -164,7 +164,7 @@ def test_an_exact_camera_has_no_independent_noise(rng):
 
 
 def test_numbers_in_words():
-    from uq_handeye.report.numbers import digits, probability
+    from uq_handeye.formatting.numbers import digits, probability
 
     assert [digits(x, 2) for x in (170.3, 17.3, 1.73, 0.0, 1e-6)] == ["170", "17", "1.7", "0", "1.0e-06"]
     assert [digits(x) for x in (99.96, 1234.5, 0.01234)] == ["100", "1234", "0.0123"]
@@ -451,8 +451,8 @@ def test_exact_data_have_no_residuals_to_test():
 
 
 def test_robust_weights(rng):
-    from uq_handeye.constraint import constraint_of
-    from uq_handeye.likelihood import fit, start_of
+    from uq_handeye.likelihood.constraint import constraint_of
+    from uq_handeye.likelihood.gauss_helmert import fit, start_of
 
     poses = uq.simulate(12, noise=NOISE, seed=rng)
     weights = np.ones(12)

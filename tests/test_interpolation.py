@@ -6,7 +6,8 @@ from stream_cases import motion
 from support import SEED, difference, jacobian, moved, random_transforms, rotations, transforms
 
 from uq_handeye import InputError, orthonormalise, so4_from_se3
-from uq_handeye.interpolation import (
+from uq_handeye.geometry.se3 import left_jacobian
+from uq_handeye.synchronisation.interpolation import (
     AFTER,
     BEFORE,
     FINE,
@@ -20,7 +21,6 @@ from uq_handeye.interpolation import (
     misses,
     noise_floor,
 )
-from uq_handeye.se3 import left_jacobian
 
 ANGLES = (0.0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-2, 0.1, 0.3, 1.0, 2.0, 3.0, LARGEST_STEP - 1e-6)
 

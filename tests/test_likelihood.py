@@ -14,8 +14,8 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.constraint import constraint_of, covariances_of
-from uq_handeye.likelihood import (
+from uq_handeye.likelihood.constraint import constraint_of, covariances_of
+from uq_handeye.likelihood.gauss_helmert import (
     CLOSED_FORM_STEPS,
     MOST_STEPS,
     bound,
@@ -25,7 +25,7 @@ from uq_handeye.likelihood import (
     maximum_likelihood,
     start_of,
 )
-from uq_handeye.residual_factor import gram, weighted, whiten
+from uq_handeye.noise.square_roots import gram, weighted, whiten
 
 
 @pytest.mark.parametrize("sd", [1e-4, 3e-2])

@@ -8,12 +8,18 @@ import support
 from scipy import optimize, stats
 
 import uq_handeye as uq
-from uq_handeye.constraint import constraint_of
-from uq_handeye.goodness_of_fit import effective_dof, goodness_of_fit, spread_of
-from uq_handeye.likelihood import Fit, bound, efficient, start_of
-from uq_handeye.noise_components import chi_square_interval, covariance_of, intervals, paired_rows, restricted
-from uq_handeye.noise_estimate import NoiseEstimate, NoisePrior
-from uq_handeye.noise_estimation import estimate_noise, model_of, variance_components
+from uq_handeye.likelihood.constraint import constraint_of
+from uq_handeye.likelihood.gauss_helmert import Fit, bound, efficient, start_of
+from uq_handeye.likelihood.goodness_of_fit import effective_dof, goodness_of_fit, spread_of
+from uq_handeye.noise.estimate import NoiseEstimate, NoisePrior
+from uq_handeye.noise_estimation.estimate import estimate_noise, model_of, variance_components
+from uq_handeye.noise_estimation.restricted_likelihood import (
+    chi_square_interval,
+    covariance_of,
+    intervals,
+    paired_rows,
+    restricted,
+)
 
 SIDES = ("robot", "camera")
 WEAK_ROBOT = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from support import SEED, moved, random_transforms, transforms
 
 import uq_handeye as uq
+from uq_handeye.input_checks.shifted_rows import _refined, _viterbi, find_shift
 from uq_handeye.io import read_poses
-from uq_handeye.likelihood import efficient
-from uq_handeye.pairing import _refined, _viterbi, find_shift
+from uq_handeye.likelihood.gauss_helmert import efficient
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")

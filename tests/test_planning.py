@@ -28,18 +28,18 @@ from uq_handeye import (
     PairNoise,
     PoseNoise,
     PosePairs,
-    planning,
     read_poses,
     simulate,
 )
-from uq_handeye.candidates import sample_candidates
 from uq_handeye.io import read_pose_file
-from uq_handeye.likelihood import bound, efficient
-from uq_handeye.noise import marginals
-from uq_handeye.planning import CRITERIA, plan
-from uq_handeye.planning_selection import after, covariance_of, exchanged, greedy, value
-from uq_handeye.planning_start import OPEN, PRIOR
-from uq_handeye.simulation import RIGS
+from uq_handeye.likelihood.gauss_helmert import bound, efficient
+from uq_handeye.noise.models import marginals
+from uq_handeye.planning import plan as planning
+from uq_handeye.planning.candidates import sample_candidates
+from uq_handeye.planning.plan import CRITERIA, plan
+from uq_handeye.planning.selection import after, covariance_of, exchanged, greedy, value
+from uq_handeye.planning.weak_prior import OPEN, PRIOR
+from uq_handeye.simulation.rig import RIGS
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

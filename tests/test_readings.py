@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
+from uq_handeye.input_checks.misread_files import other_readings
 from uq_handeye.io import write_pose_file
-from uq_handeye.readings import other_readings
-from uq_handeye.residuals import pose_residuals
+from uq_handeye.poses.residuals import pose_residuals
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 
@@ -122,7 +122,8 @@ def test_every_option_named_exists():
     """Against typing errors in the texts: the arguments of read_poses."""
     import inspect
 
-    from uq_handeye import plausibility, readings
+    from uq_handeye.input_checks import checks as plausibility
+    from uq_handeye.input_checks import misread_files as readings
 
     source = inspect.getsource(readings) + inspect.getsource(plausibility)
     named = set(re.findall(r'(\w+)="', source)) - {"units", "quaternion"}

@@ -14,12 +14,12 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye import sigma_point_covariance as module
 from uq_handeye.errors import InputError, NotConvergedError
-from uq_handeye.se3 import inverse
-from uq_handeye.sigma_point_covariance import cubature, radial_rule, sigma_points, sigma_points_of
-from uq_handeye.trials.experiment import experiment
-from uq_handeye.trials.run import run
+from uq_handeye.geometry.se3 import inverse
+from uq_handeye.simulation import sigma_points as module
+from uq_handeye.simulation.experiment import experiment
+from uq_handeye.simulation.run import run
+from uq_handeye.simulation.sigma_points import cubature, radial_rule, sigma_points, sigma_points_of
 
 PAIRS, POSES = 20, 10
 
@@ -45,7 +45,7 @@ def pose_problem(method, sd, joint, setup="eye-in-hand"):
     rng = np.random.default_rng([SEED, 1])
     X, robot, camera = exact_poses(rng, POSES, setup)
     G = robot if setup == "eye-in-hand" else inverse(robot)
-    truth = uq.poses.Truth(X, G[0] @ X @ camera[0], robot, camera)
+    truth = uq.poses.pose_pairs.Truth(X, G[0] @ X @ camera[0], robot, camera)
     S = random_covariance(rng, 6 * POSES, sd=sd) if joint else random_covariance(rng, sd=sd)
     noise = uq.PoseNoise(random_covariance(rng, shape=(POSES,), sd=sd), S)
     return experiment(uq.PosePairs(robot, camera, setup, truth=truth), noise, method)

@@ -17,8 +17,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.likelihood import efficient
-from uq_handeye.task_space import (
+from uq_handeye.diagnostics.task_space import (
     budget,
     budget_of_sensitivities,
     points_covariance,
@@ -26,6 +25,7 @@ from uq_handeye.task_space import (
     through_target,
     through_X,
 )
+from uq_handeye.likelihood.gauss_helmert import efficient
 
 SETUPS = ["eye-in-hand", "eye-to-hand"]
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.2mm"), camera=("1mrad", "0.5mm"))
@@ -191,7 +191,7 @@ def test_sources_by_monte_carlo(rng):
 
 
 def test_the_budget_of_4dpa(rng):
-    from uq_handeye.all_pairs import AllPairs
+    from uq_handeye.propagation.all_pairs import AllPairs
 
     poses = uq.simulate(8, noise=NOISE, seed=rng)
     noise = uq.PoseNoise(random_covariance(rng), random_covariance(rng))
@@ -249,8 +249,8 @@ def test_the_budget_of_a_point(rng, setup):
 
 def test_robust_weights(rng):
     """The budget sums to the covariance that the noise gives the weighted estimate."""
-    from uq_handeye.constraint import constraint_of
-    from uq_handeye.likelihood import fit, start_of
+    from uq_handeye.likelihood.constraint import constraint_of
+    from uq_handeye.likelihood.gauss_helmert import fit, start_of
 
     poses = uq.simulate(9, noise=NOISE, seed=rng)
     at = constraint_of(poses, NOISE)

@@ -13,16 +13,15 @@ gripper_T_camera [0.34 0.34 0.28] mm
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .calibration import calibrate
+    from .calibration.calibrate import calibrate
+    from .calibration.result import Calibration
     from .camera.board import Board, detect_board
-    from .camera.calibration import CameraCalibration, calibrate_camera
-    from .camera.corner_file import read_corners
+    from .camera.calibrate import CameraCalibration, calibrate_camera
     from .camera.corners import Corners
-    from .camera.folder import read_camera
-    from .camera.intrinsics_file import read_intrinsics
-    from .camera.turns import resolve_turns
-    from .comparison import Comparison, compare
-    from .conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
+    from .camera.files.corner_file import read_corners
+    from .camera.files.folder import read_camera
+    from .camera.files.intrinsics_file import read_intrinsics
+    from .comparison.compare import Comparison, compare
     from .errors import (
         DegenerateMotionError,
         InputError,
@@ -33,31 +32,32 @@ if TYPE_CHECKING:
     )
     from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .estimators.nguyen import nguyen
+    from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .io import read_noise_file, read_poses, read_stream
-    from .joint_covariance import JointCovariance
-    from .likelihood import bound, efficient, maximum_likelihood
-    from .motions import Motions, relative_motions
-    from .noise import PairNoise, PoseNoise
-    from .noise_estimate import NoiseEstimate, NoisePrior
-    from .noise_estimation import estimate_noise
-    from .planning import Plan, plan
-    from .poses import PosePairs
-    from .procrustes import orthonormalise, register, se3_from_so4, so4_from_se3
-    from .propagation import propagate
-    from .result import Calibration
-    from .rig_bundle import Agreement
-    from .robot_noise import estimate_robot_noise
-    from .sigma_point_covariance import SigmaPoints, sigma_points
-    from .simulation import simulate
-    from .so4_covariances import octonion_covariance, paper_covariances, so4_covariance
-    from .streams import Stream
-    from .synchronisation import synchronise
-    from .synchronised import Synchronised
-    from .validation.cross_check import CrossCheck, cross_check
-    from .validation.monte_carlo import MonteCarlo, monte_carlo
-    from .validation.posterior import Posterior, sample_posterior
-    from .validation.posterior_density import ScalePrior
-    from .validation.sweep import Sweep, sweep
+    from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
+    from .likelihood.rig_bundle import Agreement
+    from .noise.estimate import NoiseEstimate, NoisePrior
+    from .noise.joint_covariance import JointCovariance
+    from .noise.models import PairNoise, PoseNoise
+    from .noise_estimation.beside_camera import estimate_robot_noise
+    from .noise_estimation.estimate import estimate_noise
+    from .planning.plan import Plan, plan
+    from .poses.board_symmetry import resolve_turns
+    from .poses.motions import Motions, relative_motions
+    from .poses.pose_pairs import PosePairs
+    from .poses.stream import Stream
+    from .procrustes.limit import orthonormalise, register, se3_from_so4, so4_from_se3
+    from .procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
+    from .propagation.propagate import propagate
+    from .simulation.rig import simulate
+    from .simulation.sigma_points import SigmaPoints, sigma_points
+    from .synchronisation.result import Synchronised
+    from .synchronisation.synchronise import synchronise
+    from .validation.cross_check.run import CrossCheck, cross_check
+    from .validation.monte_carlo.run import MonteCarlo, monte_carlo
+    from .validation.posterior.density import ScalePrior
+    from .validation.posterior.sample import Posterior, sample_posterior
+    from .validation.sweep.run import Sweep, sweep
 
 __version__ = "0.1.0"
 
@@ -137,15 +137,15 @@ __all__ = [
 
 # Everything is loaded when it is first asked for: the command starts in a third of the time, and Ctrl-C finds it ready.
 _LATER = {
-    "calibration": ("calibrate",),
-    "camera.calibration": ("CameraCalibration", "calibrate_camera"),
+    "calibration.calibrate": ("calibrate",),
+    "camera.calibrate": ("CameraCalibration", "calibrate_camera"),
     "camera.board": ("Board", "detect_board"),
-    "camera.corner_file": ("read_corners",),
+    "camera.files.corner_file": ("read_corners",),
     "camera.corners": ("Corners",),
-    "camera.folder": ("read_camera",),
-    "camera.intrinsics_file": ("read_intrinsics",),
-    "camera.turns": ("resolve_turns",),
-    "conventions": ("from_convention", "paper_from_theta", "theta_from_paper", "to_convention"),
+    "camera.files.folder": ("read_camera",),
+    "camera.files.intrinsics_file": ("read_intrinsics",),
+    "poses.board_symmetry": ("resolve_turns",),
+    "geometry.conventions": ("from_convention", "paper_from_theta", "theta_from_paper", "to_convention"),
     "errors": (
         "DegenerateMotionError",
         "InputError",
@@ -157,31 +157,31 @@ _LATER = {
     "estimators": ("METHODS", "ROBOT_WORLD_METHODS", "Method", "solve"),
     "estimators.nguyen": ("nguyen",),
     "io": ("read_noise_file", "read_poses", "read_stream"),
-    "joint_covariance": ("JointCovariance",),
-    "likelihood": ("bound", "efficient", "maximum_likelihood"),
-    "motions": ("Motions", "relative_motions"),
-    "noise": ("PairNoise", "PoseNoise"),
-    "noise_estimate": ("NoiseEstimate", "NoisePrior"),
-    "noise_estimation": ("estimate_noise",),
-    "so4_covariances": ("octonion_covariance", "paper_covariances", "so4_covariance"),
-    "poses": ("PosePairs",),
-    "procrustes": ("orthonormalise", "register", "se3_from_so4", "so4_from_se3"),
-    "propagation": ("propagate",),
-    "result": ("Calibration",),
-    "rig_bundle": ("Agreement",),
-    "robot_noise": ("estimate_robot_noise",),
-    "simulation": ("simulate",),
-    "streams": ("Stream",),
-    "comparison": ("Comparison", "compare"),
-    "planning": ("Plan", "plan"),
-    "sigma_point_covariance": ("SigmaPoints", "sigma_points"),
-    "synchronisation": ("synchronise",),
-    "synchronised": ("Synchronised",),
-    "validation.cross_check": ("CrossCheck", "cross_check"),
-    "validation.monte_carlo": ("MonteCarlo", "monte_carlo"),
-    "validation.posterior": ("Posterior", "sample_posterior"),
-    "validation.posterior_density": ("ScalePrior",),
-    "validation.sweep": ("Sweep", "sweep"),
+    "noise.joint_covariance": ("JointCovariance",),
+    "likelihood.gauss_helmert": ("bound", "efficient", "maximum_likelihood"),
+    "poses.motions": ("Motions", "relative_motions"),
+    "noise.models": ("PairNoise", "PoseNoise"),
+    "noise.estimate": ("NoiseEstimate", "NoisePrior"),
+    "noise_estimation.estimate": ("estimate_noise",),
+    "procrustes.so4_covariances": ("octonion_covariance", "paper_covariances", "so4_covariance"),
+    "poses.pose_pairs": ("PosePairs",),
+    "procrustes.limit": ("orthonormalise", "register", "se3_from_so4", "so4_from_se3"),
+    "propagation.propagate": ("propagate",),
+    "calibration.result": ("Calibration",),
+    "likelihood.rig_bundle": ("Agreement",),
+    "noise_estimation.beside_camera": ("estimate_robot_noise",),
+    "simulation.rig": ("simulate",),
+    "poses.stream": ("Stream",),
+    "comparison.compare": ("Comparison", "compare"),
+    "planning.plan": ("Plan", "plan"),
+    "simulation.sigma_points": ("SigmaPoints", "sigma_points"),
+    "synchronisation.synchronise": ("synchronise",),
+    "synchronisation.result": ("Synchronised",),
+    "validation.cross_check.run": ("CrossCheck", "cross_check"),
+    "validation.monte_carlo.run": ("MonteCarlo", "monte_carlo"),
+    "validation.posterior.sample": ("Posterior", "sample_posterior"),
+    "validation.posterior.density": ("ScalePrior",),
+    "validation.sweep.run": ("Sweep", "sweep"),
 }
 
 

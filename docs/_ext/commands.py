@@ -10,7 +10,7 @@ from docutils import nodes
 from docutils.parsers.rst import Directive
 from sphinx.application import Sphinx
 
-from uq_handeye.cli import app as program
+from uq_handeye.cli.app import app as program
 
 
 def paragraphs(text: str) -> list[nodes.Node]:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Rectangle
 
 from uq_handeye.io import write_files
-from uq_handeye.report.ellipses import render
+from uq_handeye.presentation.ellipses import render
 
 MEASURED, UNKNOWN, CONSTANT, INK = "#0072B2", "#D55E00", "#5F5F5F", "#222222"
 

@@ -23,10 +23,10 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 import uq_handeye as uq
-from uq_handeye.cli_calibrate import DEMO_NOISE
+from uq_handeye.cli.commands.calibrate import DEMO_NOISE
 from uq_handeye.io import write_files
-from uq_handeye.report.html import report_html
-from uq_handeye.report.pdf import FLAGS, found_browser, to_pdf
+from uq_handeye.presentation.pdf import FLAGS, found_browser, to_pdf
+from uq_handeye.report.page import report_html
 
 WIDTH, HEIGHT, PAGES, COLUMNS, GAP = 1180, 1130, 8, 4, 10
 

@@ -15,11 +15,11 @@ from support import (
 )
 
 import uq_handeye as uq
+from uq_handeye.empirical_covariance.resampled import KINDS, resampled
 from uq_handeye.errors import SingularNoiseError
-from uq_handeye.goodness_of_fit import effective_dof
-from uq_handeye.likelihood import bound, efficient
-from uq_handeye.reference import Reference
-from uq_handeye.resampling import KINDS, resampled
+from uq_handeye.likelihood.d2_distribution import Reference
+from uq_handeye.likelihood.gauss_helmert import bound, efficient
+from uq_handeye.likelihood.goodness_of_fit import effective_dof
 
 # --------------------------------------------------------------------------------- the estimate, 4DPA beside it, W
 

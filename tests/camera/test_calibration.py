@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from studies.camera_covariance import SIZE, board, recorded, transforms
-from uq_handeye.camera.calibration import calibrate_camera
-from uq_handeye.camera.choice import Candidate, best
+from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.corners import Corners
+from uq_handeye.camera.initial_guess import unlike_a_board
+from uq_handeye.camera.model_choice import Candidate, best
 from uq_handeye.camera.models import MODELS
 from uq_handeye.camera.rays import rays
-from uq_handeye.camera.start import unlike_a_board
 from uq_handeye.errors import InputError, InputWarning, NotConvergedError
 from uq_handeye.io import write_pose_file
 
@@ -116,7 +116,7 @@ def test_pictures_that_were_taken_are_counted_once(rng, tmp_path, monkeypatch, b
     """Robot poses are as many as the pictures taken, whether one is left out before the fit or after it."""
     if not before:
         monkeypatch.setattr(
-            "uq_handeye.camera.calibration.unlike_a_board", lambda corners: np.zeros(corners.n, dtype=bool)
+            "uq_handeye.camera.calibrate.unlike_a_board", lambda corners: np.zeros(corners.n, dtype=bool)
         )
     corners, robot, _ = recorded(rng)
     pixels = corners.pixels.copy()

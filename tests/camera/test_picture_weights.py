@@ -9,10 +9,10 @@ from support import SEED, mean_interval
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, SIZE, error, poses_of, recorded
 from uq_handeye.camera.bundle import SHRINK, adjust, picture_weights
-from uq_handeye.camera.calibration import calibrate_camera
+from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.models import MODELS
-from uq_handeye.likelihood import efficient
-from uq_handeye.report.camera_text import noise_words
+from uq_handeye.camera.report.text import noise_words
+from uq_handeye.likelihood.gauss_helmert import efficient
 
 SETS = 60
 

@@ -8,17 +8,17 @@ from support import SEED, random_covariance
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
-from uq_handeye.constraint import OnPoses, residual_covariance
 from uq_handeye.errors import InputError
-from uq_handeye.goodness_of_fit import covariance_derivatives, effective_dof
-from uq_handeye.joint_covariance import JointCovariance
-from uq_handeye.likelihood import efficient, start_of
-from uq_handeye.noise_estimate import CameraFactor, NoiseEstimate, NoisePrior
-from uq_handeye.noise_estimation import estimate_noise
-from uq_handeye.report.noise_words import camera_factor_words
-from uq_handeye.residual_factor import cholesky_of, log_determinant
-from uq_handeye.robot_noise import _Rows, estimate_robot_noise
-from uq_handeye.simulation import disturbed
+from uq_handeye.likelihood.constraint import OnPoses, residual_covariance
+from uq_handeye.likelihood.gauss_helmert import efficient, start_of
+from uq_handeye.likelihood.goodness_of_fit import covariance_derivatives, effective_dof
+from uq_handeye.noise.estimate import CameraFactor, NoiseEstimate, NoisePrior
+from uq_handeye.noise.joint_covariance import JointCovariance
+from uq_handeye.noise.square_roots import cholesky_of, log_determinant
+from uq_handeye.noise_estimation.beside_camera import _Rows, estimate_robot_noise
+from uq_handeye.noise_estimation.estimate import estimate_noise
+from uq_handeye.noise_estimation.statements import camera_factor_words
+from uq_handeye.simulation.rig import disturbed
 
 
 def joint(rng, n, own=1e-4, shared=2e-3, q=4):
@@ -203,7 +203,7 @@ def test_degrees_of_freedom_of_a_joint_noise(rng, weighted):
     n = 15
     camera = joint(rng, n)
     poses = poses_with(rng, n, isotropic(2e-4, 3e-4), camera)
-    from uq_handeye.likelihood import fit as likelihood_fit
+    from uq_handeye.likelihood.gauss_helmert import fit as likelihood_fit
 
     constraint = OnPoses(poses.robot, poses.camera, False)
     start = start_of(poses, constraint, None)

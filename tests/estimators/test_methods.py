@@ -18,9 +18,9 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.estimators.axes import axis_signs, quaternions
-from uq_handeye.estimators.axes import rotation_vectors as from_quaternions
-from uq_handeye.estimators.moments import MomentSolver
+from uq_handeye.estimators.common.axes import axis_signs, quaternions
+from uq_handeye.estimators.common.axes import rotation_vectors as from_quaternions
+from uq_handeye.estimators.common.moments import MomentSolver
 
 NAMES = [
     "tsai",
@@ -343,7 +343,7 @@ def test_zhao_compares_pairs_that_share_a_pose_alone(rng, monkeypatch):
         motions = uq.relative_motions(poses, pairs)
         found = uq.propagate(motions, noise, method="zhao")
         with monkeypatch.context() as patch:
-            patch.setattr("uq_handeye.noise_transport.Shared.twice", True)
+            patch.setattr("uq_handeye.propagation.noise_transport.Shared.twice", True)
             assert_same_covariance(found, uq.propagate(motions, noise, method="zhao"), 1e-6)
     again = np.concatenate([uq.relative_motions(poses, "all").pairs, [[1, 0]]])
     assert np.isfinite(uq.propagate(uq.relative_motions(poses, again), noise, method="zhao")).all()

@@ -28,10 +28,11 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.estimators import nguyen_stages, rows
 from uq_handeye.estimators.nguyen import nguyen
-from uq_handeye.estimators.nguyen_derivatives import NguyenDerivatives, covariances_at
-from uq_handeye.se3 import left_jacobian
+from uq_handeye.estimators.nguyen import stages as nguyen_stages
+from uq_handeye.estimators.nguyen.derivatives import NguyenDerivatives, covariances_at
+from uq_handeye.geometry import packed3x3 as rows
+from uq_handeye.geometry.se3 import left_jacobian
 
 EQUATION_70 = uq.PairNoise(*support.EQUATION_70)
 

@@ -24,7 +24,7 @@ from support import (
 
 from uq_handeye.errors import DegenerateMotionError, InputError, NotConvergedError
 from uq_handeye.estimators import zhao
-from uq_handeye.noise import PairNoise
+from uq_handeye.noise.models import PairNoise
 
 METHOD = zhao.METHOD
 WIDE = {"smallest": np.deg2rad(1.0), "largest": np.deg2rad(179.0)}

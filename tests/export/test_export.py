@@ -14,8 +14,8 @@ from support import SEED, assert_same_covariance, holds_for, rotation_vectors, r
 
 import uq_handeye as uq
 from uq_handeye import export
-from uq_handeye.conventions import from_convention
 from uq_handeye.export.frames import fixed_axis_angles
+from uq_handeye.geometry.conventions import from_convention
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FRAMES = {"eye-in-hand": ("gripper", "camera"), "eye-to-hand": ("base", "camera")}
@@ -195,10 +195,10 @@ def test_ros_file(result, unknown, tmp_path):
         assert message["header"] == {"frame_id": parent}
         assert message["child_frame_id"] == child
         again = matrix(message["transform"]["translation"], message["transform"]["rotation"])
-        np.testing.assert_allclose(again, T, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(again, T, rtol=0, atol=1e-14)
     message = data["pose_with_covariance_stamped"]
     assert message["header"] == {"frame_id": FRAMES[result.setup][0]}
-    np.testing.assert_allclose(matrix(*message["pose"]["pose"].values()), result.X, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(matrix(*message["pose"]["pose"].values()), result.X, rtol=0, atol=1e-14)
     covariance = message["pose"]["covariance"]
     assert len(covariance) == 36
     assert all(isinstance(value, float) for value in covariance)
@@ -214,7 +214,7 @@ def test_urdf_file(result, tmp_path):
     parent, child = FRAMES[result.setup]
     assert robot.tag == "robot"
     assert [link.get("name") for link in robot.findall("link")] == [parent, child]
-    np.testing.assert_allclose(from_origin(robot.find("joint/origin")), result.X, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(from_origin(robot.find("joint/origin")), result.X, rtol=0, atol=1e-14)
 
 
 def test_opencv_file(result, unknown, tmp_path):

@@ -47,7 +47,7 @@ def test_exception_leaves_the_old_file(tmp_path, error, exists):
 
 KILLED = """
 import os, signal, sys
-from uq_handeye.io.atomic import write_files
+from uq_handeye.files.atomic import write_files
 
 def write(file):
     file.write(b"new" * 100_000)
@@ -94,7 +94,7 @@ def test_places_that_cannot_be_written(tmp_path):
 def test_read_only(tmp_path, monkeypatch):
     path = tmp_path / "a.txt"
     path.write_text("old")
-    monkeypatch.setattr("uq_handeye.io.atomic.os.access", lambda *_: False)  # the tests may run as root
+    monkeypatch.setattr("uq_handeye.files.atomic.os.access", lambda *_: False)  # the tests may run as root
     with pytest.raises(InputError, match=r"a\.txt: the file is read-only"):
         write_atomically(path, "new")
     assert path.read_text() == "old"

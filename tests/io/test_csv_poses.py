@@ -8,8 +8,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from uq_handeye.errors import InputError
-from uq_handeye.io import _lines, csv_poses, pose_text, read_pose_file, write_pose_file
-from uq_handeye.io.formats import read_contents
+from uq_handeye.files import lines as _lines
+from uq_handeye.formats import csv_poses
+from uq_handeye.formats.detect import read_contents
+from uq_handeye.io import pose_text, read_pose_file, write_pose_file
 
 HEADER = "timestamp,x,y,z,qx,qy,qz,qw"
 GOOD = f"{HEADER}\n0.5,1,2,3,0,0,0,1\n1.5,4,5,6,1,0,0,0\n"
@@ -247,7 +249,7 @@ def test_endless_file_is_refused_early(monkeypatch):
 def test_limit_holds_where_the_size_is_unknown(file, monkeypatch):
     path = file(GOOD + "\n" * 1000)
     monkeypatch.setattr(_lines, "MAX_BYTES", 500)
-    monkeypatch.setattr("uq_handeye.io._files.os.fstat", lambda _: type("Pipe", (), {"st_size": 0}))
+    monkeypatch.setattr("uq_handeye.files.open.os.fstat", lambda _: type("Pipe", (), {"st_size": 0}))
     assert "expected at most" in message(path)
 
 

@@ -89,7 +89,7 @@ def test_every_format_has_a_sample():
 
 
 def read_stream_format(path):
-    from uq_handeye.io.formats import read_contents
+    from uq_handeye.formats.detect import read_contents
 
     return read_contents(path, None)[1].format
 

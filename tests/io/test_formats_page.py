@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from uq_handeye import export
+from uq_handeye.formats.detect import read_contents
 from uq_handeye.io import FORMATS, read_poses
-from uq_handeye.io.formats import read_contents
 
 PAGE = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
 HEADINGS = {"MoveIt calibration": "moveit", "OpenCV FileStorage": "opencv"}

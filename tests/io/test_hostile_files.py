@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 from support import holds_for
 
 from uq_handeye.errors import InputError
-from uq_handeye.io import FORMATS, _trees, numpy_poses
-from uq_handeye.io.formats import read_contents
+from uq_handeye.files import trees as _trees
+from uq_handeye.formats import numpy_poses
+from uq_handeye.formats.detect import read_contents
+from uq_handeye.io import FORMATS
 
 SAMPLES = Path(__file__).parent / "samples"
 POSE = np.eye(4).tolist()
@@ -211,7 +213,7 @@ def test_one_line_says_what_is_wrong(file, content, parts):
 
 
 def finish(contents):
-    from uq_handeye.io._side import finished
+    from uq_handeye.formats.contents import finished
 
     for side, role in ((contents.robot, "robot"), (contents.camera, "camera"), (contents.only, "robot")):
         if side is not None:

@@ -11,21 +11,21 @@ from report_cases import Page, overlapping
 from support import SEED, jacobian, rotations, transforms
 
 import uq_handeye as uq
-from uq_handeye.camera.calibration import calibrate_camera
-from uq_handeye.camera.choice import Candidate
+from uq_handeye.camera.calibrate import calibrate_camera
+from uq_handeye.camera.files.snippets import camera_snippets
+from uq_handeye.camera.model_choice import Candidate
 from uq_handeye.camera.models import MODELS
-from uq_handeye.camera.pattern import CELLS
 from uq_handeye.camera.rays import pixel_deviation, rays
+from uq_handeye.camera.report.figures import camera_figures, camera_pictures
+from uq_handeye.camera.report.page import camera_report_html, report_files
+from uq_handeye.camera.report.residual_figures import cells_that_matter, picture_rms, radial_means
+from uq_handeye.camera.report.text import covered, distances, tilts
+from uq_handeye.camera.report.view_figures import certainty, outline
+from uq_handeye.camera.residual_pattern import CELLS
 from uq_handeye.errors import InputError
-from uq_handeye.export.camera_snippets import camera_snippets
-from uq_handeye.report.blocks import Paragraph
-from uq_handeye.report.camera_figures import camera_figures, camera_pictures
-from uq_handeye.report.camera_html import camera_report_html, report_files
-from uq_handeye.report.camera_residual_figure import cells_that_matter, picture_rms, radial_means
-from uq_handeye.report.camera_text import covered, distances, tilts
-from uq_handeye.report.camera_view_figure import certainty, outline
-from uq_handeye.report.figure_parts import WIDTH
-from uq_handeye.report.numbers import concise, fixed
+from uq_handeye.formatting.numbers import concise, fixed
+from uq_handeye.presentation.blocks import Paragraph
+from uq_handeye.presentation.figure_parts import WIDTH
 from uq_handeye.report.sections_camera import camera_sections, shares_words
 
 S = 0.1

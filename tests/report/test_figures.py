@@ -11,18 +11,18 @@ from report_cases import overlapping
 from support import SEED, moved
 
 import uq_handeye as uq
-from uq_handeye.analysis import StoredAnalysis
+from uq_handeye.calibration.analysis import StoredAnalysis
+from uq_handeye.calibration.report.budget_figure import budget_figure
+from uq_handeye.calibration.report.residual_figure import residual_figure
+from uq_handeye.calibration.report.rig_figure import rig, rig_figure
+from uq_handeye.calibration.report.task_space_figure import ahead, task_space_figure
+from uq_handeye.comparison.methods_figure import methods_figure
+from uq_handeye.comparison.of_result import compared
+from uq_handeye.diagnostics.pose_table import PoseTable
 from uq_handeye.errors import InputError
-from uq_handeye.pose_table import PoseTable
-from uq_handeye.report.budget_figure import budget_figure
-from uq_handeye.report.compared import compared
-from uq_handeye.report.ellipses import render
-from uq_handeye.report.figure_parts import BLUE, GREEN, WIDTH, inline_svg
+from uq_handeye.presentation.ellipses import render
+from uq_handeye.presentation.figure_parts import BLUE, GREEN, WIDTH, inline_svg
 from uq_handeye.report.figures import figures, pictures
-from uq_handeye.report.methods_figure import methods_figure
-from uq_handeye.report.residual_figure import residual_figure
-from uq_handeye.report.rig_figure import rig, rig_figure
-from uq_handeye.report.task_space_figure import ahead, task_space_figure
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 ALL = ["ellipses", "rig", "residuals", "budget", "task_space"]

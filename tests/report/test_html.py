@@ -15,14 +15,15 @@ from report_cases import Page
 from support import SEED
 
 import uq_handeye as uq
+from uq_handeye.calibration.provenance import Provenance
 from uq_handeye.errors import InputError, InputWarning, MissingExtraError
-from uq_handeye.provenance import Provenance
-from uq_handeye.report import pdf, sections_data, sections_repeat
-from uq_handeye.report.figure_parts import canvas
-from uq_handeye.report.html import report_html
+from uq_handeye.files.source import Source
+from uq_handeye.poses.timing import TimeOffset, Timing
+from uq_handeye.presentation import pdf
+from uq_handeye.presentation.figure_parts import canvas
+from uq_handeye.report import sections_data, sections_repeat
+from uq_handeye.report.page import report_html
 from uq_handeye.report.sections_data import pretty
-from uq_handeye.sources import Source
-from uq_handeye.timing import TimeOffset, Timing
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 ANCHORS = [
@@ -75,7 +76,7 @@ CASES = {
     "exact": lambda: uq.calibrate(uq.simulate(n_poses=6, seed=SEED)),
     "three poses, jackknife": lambda: replace(
         uq.calibrate(uq.simulate(n_poses=4, noise=NOISE, seed=SEED), noise=NOISE),
-        reference=uq.reference.Reference("Hotelling", 3.0),
+        reference=uq.likelihood.d2_distribution.Reference("Hotelling", 3.0),
     ),
     "loaded": lambda: uq.Calibration.from_dict(json.loads(uq.calibrate(simulated(), noise=NOISE).to_json())),
 }

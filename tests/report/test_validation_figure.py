@@ -8,11 +8,11 @@ from matplotlib.text import Text
 from scipy import stats
 from support import SEED, draw
 
-from uq_handeye.report.ellipses import render
-from uq_handeye.report.validation_figure import band, validation_figure
-from uq_handeye.report.validation_text import summary
-from uq_handeye.validation.consistency import LEVELS, Sums, consistency
-from uq_handeye.validation.sums import BELOW, COMPONENTS
+from uq_handeye.presentation.ellipses import render
+from uq_handeye.validation.monte_carlo.consistency import LEVELS, Sums, consistency
+from uq_handeye.validation.monte_carlo.figure import band, validation_figure
+from uq_handeye.validation.monte_carlo.sums import BELOW, COMPONENTS
+from uq_handeye.validation.monte_carlo.text import summary
 
 P = np.diag([1e-3, 2e-3, 3e-3, 1e-4, 2e-4, 3e-4]) ** 2
 

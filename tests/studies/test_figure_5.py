@@ -16,10 +16,10 @@ from studies.figure_5_findings import findings
 from studies.figure_5_rig import BOARD, METHOD_OF, METHODS, judged, problem, problem_2, rows, sample
 from studies.noises import paper
 from studies.scores import errors
-from uq_handeye.procrustes import so4_from_se3
-from uq_handeye.so4_covariances import PAPER_SCALE
-from uq_handeye.trials.experiment import Experiment
-from uq_handeye.validation.cross_check_rows import formulas
+from uq_handeye.procrustes.limit import so4_from_se3
+from uq_handeye.procrustes.so4_covariances import PAPER_SCALE
+from uq_handeye.simulation.experiment import Experiment
+from uq_handeye.validation.cross_check.rows import formulas
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_own_covariances_are_those_of_the_trials(at, samples):
 def test_problem_2_is_4dpa_at_finite_d(at):
     """On images of motions it is `solve` at the paper's d."""
     rng = np.random.default_rng(1)
-    B = uq.Motions(at.truth.A, uq.simulation.disturbed(at.truth.B, at.noise.B, (), rng)).B
+    B = uq.Motions(at.truth.A, uq.simulation.rig.disturbed(at.truth.B, at.noise.B, (), rng)).B
     E, Z = (so4_from_se3(T, PAPER_SCALE) for T in (at.truth.A, B))
     found = errors(problem_2(E, Z), uq.solve(at.truth.A, B, scale=PAPER_SCALE))
     assert np.abs(found).max() < 1e-9

@@ -8,7 +8,7 @@ import uq_handeye as uq
 from studies import figures_3_4 as study
 from studies import figures_3_4_rig as rig
 from studies.study import read_table
-from uq_handeye.se3 import logarithm
+from uq_handeye.geometry.se3 import logarithm
 
 
 @pytest.fixture(scope="module")

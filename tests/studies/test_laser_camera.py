@@ -10,7 +10,7 @@ from studies import laser_camera_estimates as made
 from studies import laser_camera_rig as rig
 from studies.laser_camera import findings
 from studies.scores import errors, nees, true_means
-from uq_handeye.se3 import inverse, perturb
+from uq_handeye.geometry.se3 import inverse, perturb
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from studies.nguyen_cross_term import findings, in_unit, measure, of_own, of_stopping, units
-from uq_handeye.se3 import perturb
+from uq_handeye.geometry.se3 import perturb
 
 
 @pytest.fixture(scope="module")

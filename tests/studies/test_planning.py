@@ -6,7 +6,7 @@ import pytest
 from studies import planning_sessions
 from studies.planning import findings, measure, of_degenerate, of_random, of_subsets
 from studies.planning_sessions import against_all_subsets, degenerate, spread, worst_rotation, worst_translation
-from uq_handeye.simulation import RIGS
+from uq_handeye.simulation.rig import RIGS
 
 
 @pytest.fixture(scope="module")

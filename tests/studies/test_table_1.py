@@ -10,8 +10,8 @@ from studies import table_1
 from studies.paper_tables import classes
 from studies.scores import errors, nees, true_means
 from studies.table_1_findings import ACCURACY, SPEED, class_of, findings, summary
-from uq_handeye.trials.experiment import Experiment
-from uq_handeye.trials.run import run
+from uq_handeye.simulation.experiment import Experiment
+from uq_handeye.simulation.run import run
 
 
 @pytest.fixture(scope="module")

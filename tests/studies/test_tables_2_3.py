@@ -12,7 +12,7 @@ from studies import tables_2_3, ur10_camera
 from studies.paper_tables import CLASSICAL, PAPER, RECENT, SIZES, errors_and_times
 from studies.scores import errors, nees, true_means
 from studies.tables_2_3_findings import OTHERS, PAPER_SCALE, findings, holds, printed_share, slope, smallest
-from uq_handeye.se3 import perturb
+from uq_handeye.geometry.se3 import perturb
 
 
 def test_the_error_of_the_paper():

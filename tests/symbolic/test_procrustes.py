@@ -9,17 +9,7 @@ from sympy import Matrix, Symbol, eye, kronecker_product, randMatrix, trace, zer
 from uq_handeye.symbolic import derivatives
 from uq_handeye.symbolic.octonion import R_L, R_R, P, coordinates, entries, rotation
 from uq_handeye.symbolic.polynomials import identical, over_ring, symbols_of
-from uq_handeye.symbolic.procrustes import (
-    INDICES,
-    F,
-    J,
-    K,
-    W,
-    a_left,
-    c_right,
-    squared_norm,
-    sum_of_squares,
-)
+from uq_handeye.symbolic.procrustes import INDICES, F, J, K, W, a_left, c_right, squared_norm, sum_of_squares
 
 SIGMA = coordinates("s", 8)
 Q_LEFT, Q_RIGHT = coordinates("l", 4), coordinates("r", 4)

@@ -19,9 +19,10 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.report.cross_check_text import WIDTH, _figures, _sentence
-from uq_handeye.validation import cross_check_rows, posterior
-from uq_handeye.validation.cross_check import cross_check
+from uq_handeye.validation.cross_check import rows as cross_check_rows
+from uq_handeye.validation.cross_check.run import cross_check
+from uq_handeye.validation.cross_check.text import WIDTH, _figures, _sentence
+from uq_handeye.validation.posterior import sample as posterior
 
 NOISE_70 = uq.PairNoise(*EQUATION_70)
 ON_POSES = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -21,10 +21,10 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError, InputError, NotConvergedError
-from uq_handeye.likelihood import bound
-from uq_handeye.report.posterior_figure import _thresholds, corner
-from uq_handeye.validation.posterior import sample_posterior, shortest
-from uq_handeye.validation.posterior_density import ScalePrior
+from uq_handeye.likelihood.gauss_helmert import bound
+from uq_handeye.validation.posterior.density import ScalePrior
+from uq_handeye.validation.posterior.figure import _thresholds, corner
+from uq_handeye.validation.posterior.sample import sample_posterior, shortest
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
 POSES = uq.simulate(10, noise=NOISE, seed=8)

@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 from support import SEED, random_covariance, whitened_eigenvalues
 
-from uq_handeye.validation.ratios import CONFIDENCE, chance, ratios
-from uq_handeye.validation.relations import Evidence, relations
+from uq_handeye.validation.cross_check.ratios import CONFIDENCE, chance, ratios
+from uq_handeye.validation.cross_check.relations import Evidence, relations
 
 T = 10_000
 

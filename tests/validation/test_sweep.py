@@ -12,13 +12,13 @@ from support import SEED, exact_motions, nees
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
-from uq_handeye.report.sweep_figure import sweep_figure
-from uq_handeye.report.sweep_text import verdict
-from uq_handeye.trials.experiment import experiment
-from uq_handeye.trials.run import run
-from uq_handeye.validation import sweep as sweep_module
-from uq_handeye.validation.sweep import CLOSE, Limit, MethodSweep, sweep
-from uq_handeye.validation.sweep_level import KINDS, Level, Verdict, coverage_limits, judged
+from uq_handeye.simulation.experiment import experiment
+from uq_handeye.simulation.run import run
+from uq_handeye.validation.sweep import run as sweep_module
+from uq_handeye.validation.sweep.figure import sweep_figure
+from uq_handeye.validation.sweep.level import KINDS, Level, Verdict, coverage_limits, judged
+from uq_handeye.validation.sweep.run import CLOSE, Limit, MethodSweep, sweep
+from uq_handeye.validation.sweep.text import verdict
 
 
 def star(sd, N=30):
@@ -103,7 +103,7 @@ def test_the_user_is_told_whether_the_noise_is_inside(found):
 
 def test_a_wrong_covariance_would_be_noticed(found):
     """Deviations that are 15 % off at factor 1 fail by the same rule."""
-    from uq_handeye.validation.chunks import Work, chunk_size
+    from uq_handeye.validation.monte_carlo.chunks import Work, chunk_size
 
     motions, noise = star(0.03)
     problem = experiment(motions, noise, "4dpa")
@@ -138,7 +138,7 @@ def test_limits_of_all_shapes():
 
 
 def test_factor_one_is_the_monte_carlo_of_the_same_seed(found):
-    from uq_handeye.validation.monte_carlo import monte_carlo
+    from uq_handeye.validation.monte_carlo.run import monte_carlo
 
     motions, noise = star(0.03)
     same = monte_carlo(motions, noise=noise, method="4dpa", trials=2000, seed=SEED)

@@ -14,11 +14,11 @@ from monte_carlo_cases import PROGRAM, assert_same, pairs_problem, start
 from support import SEED
 
 from uq_handeye import InputError, MissingExtraError
-from uq_handeye.trials.experiment import experiment
-from uq_handeye.validation import monte_carlo as module
-from uq_handeye.validation import workers
-from uq_handeye.validation.chunks import Failure, Work, answer, from_bytes, one_thread, to_bytes
-from uq_handeye.validation.monte_carlo import monte_carlo
+from uq_handeye.simulation.experiment import experiment
+from uq_handeye.validation.monte_carlo import run as module
+from uq_handeye.validation.monte_carlo import workers
+from uq_handeye.validation.monte_carlo.chunks import Failure, Work, answer, from_bytes, one_thread, to_bytes
+from uq_handeye.validation.monte_carlo.run import monte_carlo
 
 TRIALS = 40_500
 
@@ -196,7 +196,7 @@ def test_workers_that_cannot_start(problem, at_once, monkeypatch):
 def test_a_question_that_ends_in_the_middle_ends_a_worker_silently(problem):
     """As when the one that asks is killed while it sends the data."""
     message = pickle.dumps(to_bytes(work_of(problem)), protocol=5)
-    program = "from uq_handeye.validation.workers import serve; serve()"
+    program = "from uq_handeye.validation.monte_carlo.workers import serve; serve()"
     for end in (0, 1, 10, len(message) // 2, len(message) - 1):
         done = subprocess.run(
             [sys.executable, "-c", program], input=message[:end], capture_output=True, check=False, timeout=60

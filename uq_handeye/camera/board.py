@@ -25,14 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning, require_integer
-from ..io._files import StrPath, as_path, opened, shown
-from ..io._lines import short
-from ..progress import progress_bar
-from ..se3 import Array
-from ..sources import Source
-from ..units import parse_length
+from ..files.lines import short
+from ..files.open import StrPath, as_path, opened, shown
+from ..files.source import Source
+from ..formatting.units import parse_length
+from ..geometry.se3 import Array
+from ..runtime.progress import progress_bar
 from .corners import Corners
-from .start import opencv
+from .initial_guess import opencv
 
 KINDS = ("chessboard", "charuco")
 # Fewest corners of a ChArUco board that are worth a pose.

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..se3 import Array, perturb, skew
+from ..geometry.se3 import Array, perturb, skew
 from .corners import Corners
 from .models import CameraModel, Projected
 from .variable_projection import Minimum, minimised

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..se3 import Array, as_numbers
+from ..geometry.se3 import Array, as_numbers
 
 FEWEST = 4  # corners of a picture, for its pose
 

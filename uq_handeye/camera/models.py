@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..se3 import Array
+from ..geometry.se3 import Array
 
 LINEAR = ("fx", "fy", "cx", "cy")
 

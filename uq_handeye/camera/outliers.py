@@ -23,7 +23,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..se3 import Array
+from ..geometry.se3 import Array
 from .bundle import Bundle
 from .corners import FEWEST, Corners
 

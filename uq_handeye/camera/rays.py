@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..se3 import Array
+from ..geometry.se3 import Array
 from .models import CameraModel
 
 STEPS = 30

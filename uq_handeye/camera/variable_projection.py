@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..se3 import Array
+from ..geometry.se3 import Array
 
 # Blocks stand still when a step lowers the sum of squares by less than this share of it.
 STILL = 1e-12

@@ -1,7 +1,7 @@
 """The published estimators of X in ``AX = XB``, one per file, under one signature."""
 
-from .method import Estimate, Method
+from .common.method import Estimate, Method
+from .common.robot_world import RobotWorldMethod
 from .registry import METHODS, ROBOT_WORLD_METHODS, solve
-from .robot_world import RobotWorldMethod
 
 __all__ = ["METHODS", "ROBOT_WORLD_METHODS", "Estimate", "Method", "RobotWorldMethod", "solve"]

@@ -16,13 +16,13 @@ from itertools import product
 
 import numpy as np
 
-from ..noise import PairNoise
-from ..procrustes import orthonormalise, pair_blocks, trial_blocks
-from ..se3 import Array
-from .kronecker import SHAPE, kronecker_factors, normal_equations, residual_gradient
-from .linear import Normal, normal, require_axes, require_scale, slopes, turn_of
-from .method import Estimate, Method, closed_form
-from .moments import Moments, MomentSolver
+from ..geometry.se3 import Array
+from ..noise.models import PairNoise
+from ..procrustes.limit import orthonormalise, pair_blocks, trial_blocks
+from .common.kronecker import SHAPE, kronecker_factors, normal_equations, residual_gradient
+from .common.linear import Normal, normal, require_axes, require_scale, slopes, turn_of
+from .common.method import Estimate, Method, closed_form
+from .common.moments import Moments, MomentSolver
 
 
 def _linear(moments: Moments, N: int) -> tuple[Normal, Array]:

@@ -16,12 +16,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..procrustes import DEGENERATE, NO_ROTATION
-from ..se3 import Array, skew
-from .axes import Signs, quaternions
-from .method import Estimate, Method, require
-from .moments import Factors, Moments, MomentSolver
-from .translation import translation_factors, with_translation
+from ..geometry.se3 import Array, skew
+from ..procrustes.limit import DEGENERATE, NO_ROTATION
+from .common.axes import Signs, quaternions
+from .common.method import Estimate, Method, require
+from .common.moments import Factors, Moments, MomentSolver
+from .common.translation import translation_factors, with_translation
 
 
 def _rows() -> Array:

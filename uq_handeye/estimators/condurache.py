@@ -17,11 +17,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE, NO_ROTATION, solve_moments
-from ..se3 import Array
-from .axes import Signs, quaternions, rotation_vectors, twists
-from .method import Estimate, Method, closed_form, require
-from .moments import Factors, Moments, MomentSolver
+from ..geometry.se3 import Array
+from ..procrustes.limit import DEGENERATE, NO_ROTATION, solve_moments
+from .common.axes import Signs, quaternions, rotation_vectors, twists
+from .common.method import Estimate, Method, closed_form, require
+from .common.moments import Factors, Moments, MomentSolver
 
 
 def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:

@@ -17,11 +17,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE, NO_ROTATION
-from ..se3 import Array, skew
-from .axes import Signs, dual_quaternions, pose_of, quaternions
-from .method import Estimate, Method, closed_form, require
-from .moments import Factors, Moments, MomentSolver
+from ..geometry.se3 import Array, skew
+from ..procrustes.limit import DEGENERATE, NO_ROTATION
+from .common.axes import Signs, dual_quaternions, pose_of, quaternions
+from .common.method import Estimate, Method, closed_form, require
+from .common.moments import Factors, Moments, MomentSolver
 
 
 def _rows() -> Array:

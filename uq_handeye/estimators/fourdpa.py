@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..noise import PairNoise
-from ..procrustes import solve_limit
-from ..se3 import Array
-from ..sensitivity import LimitDerivatives
-from .method import Derivatives, Estimate, Method, closed_form
+from ..geometry.se3 import Array
+from ..noise.models import PairNoise
+from ..procrustes.limit import solve_limit
+from ..procrustes.sensitivity import LimitDerivatives
+from .common.method import Derivatives, Estimate, Method, closed_form
 
 
 class _Limit:

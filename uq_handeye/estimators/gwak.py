@@ -18,11 +18,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..se3 import Array, skew
-from .kronecker import kronecker_factors, normal_equations, rotation_equations
-from .linear import require_axes, right_handed
-from .method import Estimate, Method
-from .moments import Moments, MomentSolver
+from ..geometry.se3 import Array, skew
+from .common.kronecker import kronecker_factors, normal_equations, rotation_equations
+from .common.linear import require_axes, right_handed
+from .common.method import Estimate, Method
+from .common.moments import Moments, MomentSolver
 
 ITERATIONS = 100
 STEP = 1e-12

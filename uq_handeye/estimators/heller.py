@@ -36,12 +36,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import MissingExtraError
-from ..procrustes import DEGENERATE
-from ..se3 import Array
-from .axes import dual_quaternions, left_matrix, pose_of
+from ..geometry.se3 import Array
+from ..procrustes.limit import DEGENERATE
+from .common.axes import dual_quaternions, left_matrix, pose_of
+from .common.method import Estimate, Method, require
+from .common.moments import Moments, MomentSolver
 from .lu import dual_factors, dual_gram
-from .method import Estimate, Method, require
-from .moments import Moments, MomentSolver
 
 ITERATIONS = 50
 # Steps of Newton's method in rad and in typical lengths: converged below STEP, or where rounding stops it.

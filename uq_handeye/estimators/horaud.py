@@ -14,12 +14,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..procrustes import DEGENERATE, NO_ROTATION
-from ..se3 import Array
-from .axes import Signs, left_matrix, quaternions, right_matrix
-from .method import Estimate, Method, require
-from .moments import Factors, Moments, MomentSolver
-from .translation import translation_factors, with_translation
+from ..geometry.se3 import Array
+from ..procrustes.limit import DEGENERATE, NO_ROTATION
+from .common.axes import Signs, left_matrix, quaternions, right_matrix
+from .common.method import Estimate, Method, require
+from .common.moments import Factors, Moments, MomentSolver
+from .common.translation import translation_factors, with_translation
 
 _BASIS = np.eye(4)[1:]
 # -2 sym( L(v_A)^T R(v_B) ) as a linear function of sum v_A v_B^T

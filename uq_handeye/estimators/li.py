@@ -15,10 +15,10 @@ from itertools import product
 
 import numpy as np
 
-from ..procrustes import pair_blocks, trial_blocks
-from ..se3 import Array, inverse, inverse_jacobian
-from .linear import Normal, normal, require_axes, require_rotation, right_handed, slopes, turn_of
-from .robot_world import SHAPE, RobotWorld, RobotWorldMethod, result_of, sums
+from ..geometry.se3 import Array, inverse, inverse_jacobian
+from ..procrustes.limit import pair_blocks, trial_blocks
+from .common.linear import Normal, normal, require_axes, require_rotation, right_handed, slopes, turn_of
+from .common.robot_world import SHAPE, RobotWorld, RobotWorldMethod, result_of, sums
 
 _EYE = np.eye(3)
 _X, _Z, _T_X, _T_Z = slice(0, 9), slice(9, 18), slice(18, 21), slice(21, 24)

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE, NO_ROTATION, orthonormalise
-from ..se3 import Array
-from .axes import Signs, quaternions, rotation_vectors
-from .method import Estimate, Method, require
-from .moments import Factors, Moments, MomentSolver
-from .translation import translation_factors, with_translation
+from ..geometry.se3 import Array
+from ..procrustes.limit import DEGENERATE, NO_ROTATION, orthonormalise
+from .common.axes import Signs, quaternions, rotation_vectors
+from .common.method import Estimate, Method, require
+from .common.moments import Factors, Moments, MomentSolver
+from .common.translation import translation_factors, with_translation
 
 
 def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from ..errors import InputError
-from ..procrustes import solve_4dpa
-from ..se3 import Array
+from ..geometry.se3 import Array
+from ..procrustes.limit import solve_4dpa
 from . import (
     andreff,
     chou,
@@ -26,8 +26,8 @@ from . import (
     zhang,
     zhao,
 )
-from .method import Method
-from .robot_world import RobotWorldMethod
+from .common.method import Method
+from .common.robot_world import RobotWorldMethod
 
 METHODS: dict[str, Method] = {
     module.METHOD.name: module.METHOD

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE
-from ..se3 import Array
-from .linear import right_handed
-from .method import require
-from .robot_world import RobotWorld, RobotWorldMethod, result_of, sums, translations
+from ..geometry.se3 import Array
+from ..procrustes.limit import DEGENERATE
+from .common.linear import right_handed
+from .common.method import require
+from .common.robot_world import RobotWorld, RobotWorldMethod, result_of, sums, translations
 
 
 def _solution(moments: Array, n: int) -> RobotWorld:

@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE, orthonormalise
-from ..se3 import Array, skew
-from .axes import Signs, quaternions, unit_axes
-from .method import Estimate, Method, require
-from .moments import Factors, Moments, MomentSolver
-from .translation import translation_factors, with_translation
+from ..geometry.se3 import Array, skew
+from ..procrustes.limit import DEGENERATE, orthonormalise
+from .common.axes import Signs, quaternions, unit_axes
+from .common.method import Estimate, Method, require
+from .common.moments import Factors, Moments, MomentSolver
+from .common.translation import translation_factors, with_translation
 
 _CROSS = skew(np.eye(3)).reshape(3, 9)  # vec [n]x = n^T CROSS
 _I9 = np.eye(3).reshape(9)

@@ -13,12 +13,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..procrustes import NO_ROTATION
-from ..se3 import Array, vee
-from .axes import Signs, quaternions
-from .method import Estimate, Method, require
-from .moments import Factors, Moments, MomentSolver
-from .translation import translation_factors, with_translation
+from ..geometry.se3 import Array, vee
+from ..procrustes.limit import NO_ROTATION
+from .common.axes import Signs, quaternions
+from .common.method import Estimate, Method, require
+from .common.moments import Factors, Moments, MomentSolver
+from .common.translation import translation_factors, with_translation
 
 # Squared cosine of half the rotation angle of X below which g is too long for nine digits.
 HALF_TURN_OF_X = 1e-7

@@ -29,12 +29,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..procrustes import DEGENERATE
-from ..se3 import Array
+from ..geometry.se3 import Array
+from ..procrustes.limit import DEGENERATE
+from .common.method import Estimate, Method, require
+from .common.moments import Moments, MomentSolver
 from .heller import in_units, nearby, scaled_gram
 from .lu import dual_factors
-from .method import Estimate, Method, require
-from .moments import Moments, MomentSolver
 
 ITERATIONS = 500
 STEP = 1e-14

@@ -38,12 +38,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
-from ..noise import PairNoise
-from ..se3 import Array
+from ..geometry.se3 import Array
+from ..noise.models import PairNoise
 from . import lu
-from .axes import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
-from .method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors
-from .moments import MomentSolver
+from .common.axes import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
+from .common.method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors
+from .common.moments import MomentSolver
 
 ITERATIONS = 100
 STEP = 1e-12

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..conventions import TOOLKIT
 from ..errors import InputError
-from ..io._files import StrPath, as_path, shown
-from ..io.atomic import write_atomically
-from ..io.opencv_storage import matrix_lines, yaml_number
+from ..files.atomic import write_atomically
+from ..files.open import StrPath, as_path, shown
+from ..formats.opencv_storage import matrix_lines, yaml_number
+from ..geometry.conventions import TOOLKIT
 from .frames import NOT_DETERMINED, Transform, transforms_of, yaml_fields
 from .snippets import opencv_name, urdf_joint
 
 if TYPE_CHECKING:
-    from ..result import Calibration
+    from ..calibration.result import Calibration
 
 # What a ROS file says of its covariance.
 _ROS = "(x, y, z, rotation about x, y, z), translation first, fixed axes of the parent frame; m and rad; 6x6 row by row"

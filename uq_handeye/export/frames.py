@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..conventions import to_convention
-from ..io.opencv_storage import yaml_number
-from ..se3 import Array
+from ..formats.opencv_storage import yaml_number
+from ..geometry.conventions import to_convention
+from ..geometry.se3 import Array
 
 if TYPE_CHECKING:
-    from ..result import Calibration
+    from ..calibration.result import Calibration
 
 # The frames of X for motions that came without poses: those in which A and B are given.
 OF_MOTIONS = ("frame_of_A", "frame_of_B")

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..conventions import TOOLKIT
-from ..io.opencv_storage import yaml_number
-from ..se3 import Array
+from ..formats.opencv_storage import yaml_number
+from ..geometry.conventions import TOOLKIT
+from ..geometry.se3 import Array
 from .frames import NOT_DETERMINED, Transform, fixed_axis_angles, transforms_of, yaml_fields
 
 if TYPE_CHECKING:
-    from ..result import Calibration
+    from ..calibration.result import Calibration
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """Readers and writers, one format per file."""
 
-from .atomic import json_text, write_atomically, write_files
-from .csv_poses import pose_text, read_pose_file, write_pose_file
-from .formats import FORMATS
-from .noise_toml import read_noise_file
+from ..files.atomic import json_text, write_atomically, write_files
+from ..formats.csv_poses import pose_text, read_pose_file, write_pose_file
+from ..formats.detect import FORMATS
+from ..formats.noise_toml import read_noise_file
 from .poses import read_poses, read_stream
 
 __all__ = [

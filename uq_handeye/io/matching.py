@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ._side import Side
+from ..formats.contents import Side
 
 # Fewer pairs make less than two motions.
 FEWEST = 3

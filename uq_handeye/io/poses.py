@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError, InputWarning
-from ..poses import SETUPS, PosePairs
-from ..sources import Source
-from ..streams import Stream
-from . import _lines
-from ._files import StrPath, as_path, opened, shown
-from ._side import FRAMES, Contents, Side, finished
-from .csv_poses import warn_if_back
-from .formats import read_contents
+from ..files import lines as _lines
+from ..files.open import StrPath, as_path, opened, shown
+from ..files.source import Source
+from ..formats.contents import FRAMES, Contents, Side, finished
+from ..formats.csv_poses import warn_if_back
+from ..formats.detect import read_contents
+from ..poses.pose_pairs import SETUPS, PosePairs
+from ..poses.stream import Stream
 from .matching import match_times
 
 if TYPE_CHECKING:
-    from ..camera.calibration import CameraCalibration
+    from ..camera.calibrate import CameraCalibration
 
 # Rows are synchronous within this (s): rounding of printed times; an arm at 1 m/s moves a micrometre in it.
 SYNCHRONOUS = 1e-6
@@ -154,13 +154,13 @@ class _Seen(NamedTuple):
 
 def _calibrated(camera: Any) -> _Seen | None:
     """The calibrated camera that is meant, if one is."""
-    from ..camera.calibration import CameraCalibration  # what it needs is slow to import
+    from ..camera.calibrate import CameraCalibration  # what it needs is slow to import
 
     if isinstance(camera, CameraCalibration):
         return _Seen(camera, "the pictures", ())
     if camera is None or not as_path(camera).is_dir():
         return None
-    from ..camera.folder import CORNERS, read_camera
+    from ..camera.files.folder import CORNERS, read_camera
 
     folder = as_path(camera)
     seen = read_camera(folder)

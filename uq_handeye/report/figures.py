@@ -11,27 +11,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..calibration.report.analysis import budget_shares
+from ..calibration.report.budget_figure import budget_figure
+from ..calibration.report.residual_figure import residual_figure
+from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure
+from ..calibration.report.task_space_figure import ahead, task_space_figure, typical_distance
+from ..calibration.report.text import directions, parent_frame
+from ..comparison.of_result import methods_picture
 from ..errors import InputError
-from ..motions import Motions
-from ..noise import PoseNoise
-from ..poses import PosePairs
-from ..robot_world import mean_target
-from .analysis_text import budget_shares
-from .budget_figure import budget_figure
-from .compared import methods_picture
-from .ellipses import LEVELS, covariance_ellipses
-from .figure_parts import Picture
-from .numbers import digits
-from .residual_figure import residual_figure
-from .rig_figure import MOST_FRAMES, rig, rig_figure
-from .task_space_figure import ahead, task_space_figure, typical_distance
-from .text import directions, parent_frame
+from ..formatting.numbers import digits
+from ..noise.models import PoseNoise
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+from ..presentation.ellipses import LEVELS, covariance_ellipses
+from ..presentation.figure_parts import Picture
+from ..propagation.target_pose import mean_target
 
 if TYPE_CHECKING:
-    from ..comparison import Comparison
-    from ..result import Calibration
-    from ..se3 import Array
-    from ..validation.cross_check import CrossCheck
+    from ..calibration.result import Calibration
+    from ..comparison.compare import Comparison
+    from ..geometry.se3 import Array
+    from ..validation.cross_check.run import CrossCheck
 
 # Rows of a cross-check that are laid over the ellipses: key and name in the legend.
 OVERLAY = (

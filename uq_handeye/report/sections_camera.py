@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..task_space import EACH, SHARED
-from .analysis_text import KINDS
-from .blocks import Block, Paragraph, Points, Section, Table
-from .camera_text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
+from ..calibration.report.analysis import KINDS
+from ..camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
+from ..diagnostics.task_space import EACH, SHARED
+from ..formatting.numbers import fixed
+from ..presentation.blocks import Block, Paragraph, Points, Section, Table
 from .figures import poses_of
-from .numbers import fixed
 
 if TYPE_CHECKING:
-    from ..result import Calibration
+    from ..calibration.result import Calibration
 
 
 def camera_sections(result: Calibration) -> list[Section]:

@@ -8,20 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .analysis_text import (
-    budget_shares,
-    covariance_names,
-    fit_sentences,
-    noise_sizes,
-)
-from .blocks import Block, Cell, Drawing, Paragraph, Points, Section, Table
-from .numbers import column, fixed
-from .sync_text import offset_lines
+from ..calibration.report.analysis import budget_shares, covariance_names, fit_sentences, noise_sizes
+from ..formatting.numbers import column, fixed
+from ..presentation.blocks import Block, Cell, Drawing, Paragraph, Points, Section, Table
+from ..synchronisation.text import offset_lines
 
 if TYPE_CHECKING:
-    from ..comparison import Comparison
-    from ..noise_estimate import Component
-    from ..result import Calibration
+    from ..calibration.result import Calibration
+    from ..comparison.compare import Comparison
+    from ..noise.estimate import Component
 
 # A table lists all poses up to so many; of more those that are flagged, and the worst.
 MOST_LISTED, MOST_FLAGGED, WORST = 40, 30, 12

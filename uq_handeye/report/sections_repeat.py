@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .blocks import Block, Code, Paragraph, Points, Section, Table
+from ..presentation.blocks import Block, Code, Paragraph, Points, Section, Table
 
 if TYPE_CHECKING:
-    from ..result import Calibration
+    from ..calibration.result import Calibration
 
 # Sides of the noise, of poses and of motions.
 NAMES = ("robot", "camera", "A", "B")

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..se3 import Array
-from .blocks import Block, Code, Drawing, Paragraph, Points, Section, Table
-from .cross_check_text import state, verdict
-from .numbers import concise, fixed, rotvec_jacobian, std_of
+from ..calibration.report.task_space_figure import ahead
+from ..calibration.report.text import answer, directions, ellipsoid_words, of_corners, parent_frame, source_words
+from ..formatting.numbers import concise, fixed, rotvec_jacobian, std_of
+from ..geometry.se3 import Array
+from ..presentation.blocks import Block, Code, Drawing, Paragraph, Points, Section, Table
+from ..validation.cross_check.text import state, verdict
 from .sections_data import needs
-from .task_space_figure import ahead
-from .text import answer, directions, ellipsoid_words, of_corners, parent_frame, source_words
 
 if TYPE_CHECKING:
-    from ..result import Calibration
-    from ..validation.cross_check import CrossCheck
+    from ..calibration.result import Calibration
+    from ..validation.cross_check.run import CrossCheck
 
 NO_COVARIANCE = (
     "Not determined: there is no covariance, because no noise was given and the residuals show none. Give the noise of "

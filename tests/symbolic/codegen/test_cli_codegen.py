@@ -7,7 +7,7 @@ import pytest
 from cli_cases import run, run_process
 
 import uq_handeye as uq
-from uq_handeye import cli_codegen
+from uq_handeye.cli.commands import codegen as cli_codegen
 from uq_handeye.symbolic import codegen
 from uq_handeye.symbolic.matrices import FORMS
 
@@ -95,7 +95,7 @@ def test_help_is_quick():
     done = run("codegen", "--help")
     assert "Example: uq-handeye codegen" in done.stdout
     code = (
-        "import sys\nfrom uq_handeye.cli import main\n"
+        "import sys\nfrom uq_handeye.cli.app import main\n"
         "try: main(['codegen', '--help'])\nexcept SystemExit: print('sympy' in sys.modules)"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

@@ -1,0 +1,1 @@
+"""`calibrate`, `Calibration` and its file."""

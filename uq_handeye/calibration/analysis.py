@@ -1,0 +1,152 @@
+"""What belongs to a fit beyond X and its covariance, worked out when it is first asked for.
+
+Diagnostics, the covariances that need no noise model beside that of the model, the split-half test, the budget of the
+noise sources. All of one data set and the `Fit` on it; poses that robust estimation rejected are left out of the tests.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..diagnostics.diagnose import Diagnostics, diagnose
+from ..diagnostics.split_half import SplitHalf, split_half
+from ..diagnostics.task_space import Budget, budget
+from ..empirical_covariance.resampled import KINDS, resampled
+from ..errors import DegenerateMotionError, InputError
+from ..geometry.se3 import Array
+from ..likelihood.gauss_helmert import Fit, offset_sensitivity
+from ..noise.estimate import NoiseEstimate
+from ..noise.models import Noise, checked_covariance
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """Of one data set: see the module."""
+
+    data: PosePairs | Motions = field(repr=False)
+    noise: Noise = field(repr=False)
+    fit: Fit = field(repr=False)
+    method: str  # "efficient" or "ml"
+    estimate: NoiseEstimate | None = field(default=None, repr=False)  # where the noise comes from the data
+    dof: float | None = None  # degrees of freedom of the covariance then
+    seed: int = 0
+
+    @cached_property
+    def diagnostics(self) -> Diagnostics:
+        """Observability, influence, tests of the residuals, systematic errors."""
+        return diagnose(self.fit, self.data, self.noise)
+
+    @cached_property
+    def covariances(self) -> dict[str, Array | None]:
+        """Covariances (6, 6) of X by name, "model" first; None where one is not determined (`reasons`)."""
+        return self._covariances[0]
+
+    @cached_property
+    def reasons(self) -> dict[str, str]:
+        """Why a covariance is not determined, by its name."""
+        return self._covariances[1]
+
+    @cached_property
+    def _covariances(self) -> tuple[dict[str, Array | None], dict[str, str]]:
+        found: dict[str, Array | None] = {"model": self.fit.covariance_X}
+        reasons: dict[str, str] = {}
+        for kind in KINDS:
+            try:
+                found[kind] = resampled(self.data, self.method, kind, fit=self.fit, seed=self.seed).covariance_X
+            except (InputError, DegenerateMotionError) as error:
+                found[kind], reasons[kind] = None, str(error)
+        of_offset = self._of_offset
+        return {name: S if S is None or of_offset is None else S + of_offset for name, S in found.items()}, reasons
+
+    @property
+    def _of_offset(self) -> Array | None:
+        """What the time offset of interpolated poses adds to each covariance of X."""
+        timing = self.data.timing if isinstance(self.data, PosePairs) else None
+        if timing is None or not timing.matters or self.fit.W is None:
+            return None
+        move = timing.std * offset_sensitivity(self.fit, timing)[:6]
+        return np.outer(move, move)
+
+    @cached_property
+    def split_half(self) -> SplitHalf:
+        """X from the even and from the odd rows against each other."""
+        return self._split("interleaved")
+
+    @cached_property
+    def split_in_time(self) -> SplitHalf:
+        """X from the first and from the last rows against each other, which finds drift."""
+        return self._split("contiguous")
+
+    def _split(self, split: str) -> SplitHalf:
+        data, noise = self.data, self.noise
+        if self.fit.weights is not None and (self.fit.weights < 1).any():  # halves know no weights
+            keep = np.flatnonzero(self.fit.weights == 1)
+            data, noise = data.rows(keep), noise.rows(keep)
+        return split_half(data, noise, method=self.method, split=split, dof=self.dof, start=self.fit.X)
+
+    @cached_property
+    def budget(self) -> Budget:
+        """Shares of the variance by noise source; sources that the data cannot tell apart are one."""
+        return budget(self.fit, self.noise, merged=() if self.estimate is None else _not_told_apart(self.estimate))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text."""
+        return _to_dict(self)
+
+
+def _not_told_apart(estimate: NoiseEstimate) -> list[list[str]]:
+    """Groups of noise components that only a sum is known of."""
+    open_ = [component.name for component in estimate.components if component.status == "not told apart"]
+    groups = [[name for name in open_ if name.endswith(kind)] for kind in ("rotation", "translation")]
+    return [group for group in groups if len(group) > 1]
+
+
+@dataclass(frozen=True, eq=False)
+class StoredAnalysis:
+    """An `Analysis` read from a file: the same names, no data behind them; its budget is not divided by pose."""
+
+    diagnostics: Diagnostics
+    covariances: dict[str, Array | None]
+    reasons: dict[str, str]
+    split_half: SplitHalf
+    split_in_time: SplitHalf
+    budget: Budget
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], X: Array) -> StoredAnalysis:
+        """What `Analysis.to_dict` wrote, for the X that it belongs to."""
+        covariances = {
+            name: None if S is None else checked_covariance(S, name, joint=False)
+            for name, S in data["covariances"].items()
+        }
+        parts = np.asarray(data["budget"]["covariances"], dtype=float)
+        return cls(
+            Diagnostics.from_dict(data["diagnostics"]),
+            covariances,
+            dict(data["reasons"]),
+            SplitHalf.from_dict(data["split_half"]),
+            SplitHalf.from_dict(data["split_in_time"]),
+            Budget(tuple(data["budget"]["sources"]), parts, np.zeros((0, *parts.shape[1:])), X),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `Analysis.to_dict`."""
+        return _to_dict(self)
+
+
+def _to_dict(of: Analysis | StoredAnalysis) -> dict[str, Any]:
+    shares = of.budget.to_dict()
+    return {
+        "diagnostics": of.diagnostics.to_dict(),
+        "covariances": {name: None if S is None else S.tolist() for name, S in of.covariances.items()},
+        "reasons": of.reasons,
+        "split_half": of.split_half.to_dict(),
+        "split_in_time": of.split_in_time.to_dict(),
+        "budget": {name: shares[name] for name in ("sources", "components", "covariances", "group_shares")},
+    }

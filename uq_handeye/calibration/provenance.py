@@ -1,0 +1,68 @@
+"""Where a result comes from: the files, the numbers in them, the options and the versions; enough to repeat the run."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from ..files.source import Source
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+
+# Packages whose version can change a number of a result.
+PACKAGES = ("uq-handeye", "numpy", "scipy")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What a calibration was made of and with.
+
+    ``data_sha256`` is the SHA-256 of the poses (or motions) as they were used, float64, little-endian, robot first: the
+    same numbers give it whatever file they came from. ``options`` are the arguments of `calibrate`; ``command`` is the
+    command line where there was one.
+    """
+
+    data_sha256: str
+    options: dict[str, Any]
+    versions: dict[str, str]
+    sources: tuple[Source, ...] = field(default=())
+    command: str | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and text."""
+        sources = [asdict(source) | {"notes": list(source.notes)} for source in self.sources]
+        return asdict(self) | {"sources": sources}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Provenance:
+        """The inverse of `to_dict`."""
+        sources = tuple(Source(**(source | {"notes": tuple(source["notes"])})) for source in data["sources"])
+        return cls(**(data | {"sources": sources}))
+
+
+def provenance(data: PosePairs | Motions, options: dict[str, Any]) -> Provenance:
+    """Of what `calibrate` is given."""
+    sides = (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
+    poses = data if isinstance(data, PosePairs) else data.poses
+    digest = hashlib.sha256()
+    for T in sides:
+        digest.update(np.ascontiguousarray(T, dtype="<f8").tobytes())
+    return Provenance(digest.hexdigest(), options, dict(versions()), () if poses is None else poses.sources)
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Python's and those of the packages that can change a number."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:  # run from a checkout that is not installed
+            found[name] = "not installed"
+    return found

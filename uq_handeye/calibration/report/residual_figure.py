@@ -1,0 +1,116 @@
+r"""Residuals per pose as a figure: rotation, translation, and the squared distance from where the others predict it.
+
+Model: `pose_table`. The lowest panel shows ``d^2`` on a logarithmic scale and the limit beyond which a pose is
+flagged.
+This module imports Matplotlib; import it where it is used.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from ...diagnostics.pose_table import PoseTable
+from ...geometry.se3 import Array
+from ...presentation.figure_parts import BLUE, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
+from ...presentation.label_placement import HALO
+
+# Marker and colour by the first word of the flag.
+MARKS: dict[str, dict[str, Any]] = {
+    "kept": {"marker": "o", "color": BLUE, "markersize": 3.6, "markeredgewidth": 0},
+    "downweighted": {
+        "marker": "^", "color": "#B07500", "markersize": 6.0, "markerfacecolor": "white", "markeredgewidth": 1.2
+    },
+    "outlier": {"marker": "s", "color": ORANGE, "markersize": 5.0, "markeredgewidth": 0},
+    "rejected": {"marker": "X", "color": ORANGE, "markersize": 7.0, "markeredgecolor": "white", "markeredgewidth": 0.5},
+}  # fmt: skip
+# Flagged poses that a panel names.
+MOST_NAMED = 8
+# More are drawn smaller, and so many as an image: a drawing of each would make a large file.
+MANY, VERY_MANY = 200, 2500
+
+
+def residual_figure(table: PoseTable) -> Figure:
+    """Three panels over the numbers of the poses (or motions)."""
+    figure = canvas(5.4)
+    axes: Any = figure.subplots(3, 1, sharex=True, height_ratios=[1, 1, 1.15])
+    values = (np.degrees(table.rotation), 1e3 * table.translation, np.maximum(table.distance2, 1e-3))
+    names = ("rotation (deg)", "translation (mm)", "$d^2$")
+    groups = {word: np.array([flag.startswith(word) for flag in table.flag], dtype=bool) for word in MARKS}
+    named = sorted(table.flagged, key=lambda k: -table.distance2[k])[:MOST_NAMED]
+    for axis, value, name in zip(axes, values, names, strict=True):
+        plain(axis)
+        axis.set_ylabel(name, fontsize=TEXT)
+        _limits(axis, value, logarithmic=name == "$d^2$" or _wide(value))
+        for word, rows in groups.items():
+            marks = MARKS[word] | ({"markersize": 1.8} if word == "kept" and len(table) > MANY else {})
+            if word != "rejected":
+                marks = marks | {"rasterized": rows.sum() > VERY_MANY}
+            axis.plot(np.flatnonzero(rows), value[rows], linestyle="", label=f"{word} ({rows.sum():,})", **marks)
+    axes[2].axhline(table.limit, color=INK, linewidth=1.0, linestyle="--")
+    axes[2].set_ylim(top=max(axes[2].get_ylim()[1], 2.0 * table.limit))
+    for axis in axes:
+        if axis.get_yscale() == "log":
+            plain_numbers(axis)
+    _named(axes[2], named, values[2], len(table))
+    axes[2].set_xlabel(f"number of the {table.item}, counted from 0", fontsize=TEXT)
+    axes[2].xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True, min_n_ticks=1))
+    margin = 0.02 * max(len(table) - 1, 1) + 0.4
+    axes[2].set_xlim(-margin, len(table) - 1 + margin)
+    handles, labels = axes[0].get_legend_handles_labels()
+    shown = [(h, label) for h, label in zip(handles, labels, strict=True) if not label.endswith("(0)")]
+    shown.append((Line2D([], [], color=INK, linewidth=1.0, linestyle="--"), f"limit of $d^2$, {table.limit:.3g}"))
+    figure.legend(
+        [h for h, _ in shown], [label for _, label in shown], loc="outside upper right", ncols=5, frameon=False,
+        fontsize=SMALL, columnspacing=1.2, handletextpad=0.4,
+    )  # fmt: skip
+    return finished(figure)
+
+
+def _wide(value: Array) -> bool:
+    """Whether a few values hide all others on a linear scale."""
+    return bool(value.max() > 12 * max(float(np.median(value)), 1e-12))
+
+
+def _limits(axis: Axes, value: Array, logarithmic: bool) -> None:
+    if not logarithmic:
+        axis.set_ylim(0, 1.12 * max(float(value.max()), 1e-9))
+        return
+    axis.set_yscale("log")
+    positive = value[value > 0]
+    # Of very many poses the smallest residuals say nothing; of few all are shown.
+    low = float(np.quantile(positive, 0.01 if len(positive) > MANY else 0.0)) if positive.size else 1.0
+    high = float(positive.max()) if positive.size else 1.0
+    axis.set_ylim(0.5 * max(low, 1e-6 * high), 3.0 * high)
+
+
+def plain_numbers(axis: Axes) -> None:
+    """Few ticks of a logarithmic axis, as numbers: 0.5, 1, 10, 20, and powers only where that would be long."""
+    low, high = axis.get_ylim()
+    decades = float(np.log10(high / low))
+    steps = (1.0, 2.0, 5.0) if decades < 1.5 else (1.0, 3.0) if decades < 2.2 else (1.0,)
+    axis.yaxis.set_major_locator(LogLocator(subs=steps, numticks=6 if decades >= 2.2 else 12))
+    axis.yaxis.set_minor_formatter(NullFormatter())
+    if low >= 1e-4 and high < 1e6:
+        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
+
+
+def _named(axis: Axes, rows: list[int], value: Array, count: int) -> None:
+    """Numbers beside the farthest of the flagged poses, unless another number is in the way."""
+    low, high = np.log(axis.get_ylim())
+    taken: list[tuple[float, float]] = []
+    for k in rows:
+        where = k / max(count - 1, 1), (np.log(value[k]) - low) / (high - low)
+        if any(abs(where[0] - x) < 0.05 and abs(where[1] - y) < 0.12 for x, y in taken):
+            continue
+        taken.append(where)
+        right = where[0] < 0.93
+        axis.annotate(
+            str(k), (k, value[k]), xytext=(5 if right else -5, 0), textcoords="offset points", va="center",
+            ha="left" if right else "right", fontsize=SMALL, color=INK, path_effects=HALO, zorder=9,
+        )  # fmt: skip

@@ -1,0 +1,228 @@
+r"""The rig as a figure in three dimensions: base, gripper poses, cameras, target, and how well X is known.
+
+Model: everything stands in the base frame, by ``base_T_gripper`` of the poses and the X and W of the result.
+
+    eye-in-hand    cameras G X, one target W
+    eye-to-hand    one camera X, targets G W
+
+The ellipsoid is that of one standard deviation of X's translation, its axes turned into the base frame, about one of
+the cameras; it is enlarged by a round factor, or nobody would see it. This module imports Matplotlib; import it where
+it is used.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from ...geometry.se3 import Array
+from ...poses.pose_pairs import PosePairs
+from ...presentation.figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, WIDTH, plain, round_number
+
+# So many poses are drawn in full, evenly spread over the recording, and so many as dots.
+MOST_FRAMES, MOST_DOTS = 30, 400
+_AXES = (("#D55E00", "x"), ("#009E73", "y"), ("#0072B2", "z"))
+# Length of the largest half axis of the ellipsoid, by the size of the scene.
+_VISIBLE = 0.09
+# Size of a camera on its gripper, likewise.
+_SMALL = 0.05
+
+
+class Rig(NamedTuple):
+    """What is drawn, in the base frame."""
+
+    setup: str
+    grippers: Array  # (n, 4, 4)
+    cameras: Array  # (n, 4, 4), or (1, 4, 4) for eye-to-hand
+    targets: Array  # (1, 4, 4), or (n, 4, 4) for eye-to-hand
+    rejected: NDArray[np.bool_]  # (n,)
+    centre: Array  # (3,) of the ellipsoid
+    half_axes: Array  # (3, 3): one column per axis, m, one standard deviation; 0 where not determined
+    factor: float  # by which it is enlarged
+    size: float  # of the scene, m
+
+    @property
+    def enlarged(self) -> str:
+        """The size of the ellipsoid in words."""
+        return f"{self.factor:,.0f} times enlarged" if self.factor > 1 else "in true size"
+
+
+def rig(poses: PosePairs, X: Array, W: Array, covariance: Array | None, weight: Array | None) -> Rig:
+    """The scene of one calibration.
+
+    Parameters
+    ----------
+    poses : PosePairs
+    X, W : (4, 4)
+    covariance : (6, 6) or None
+        Of X, rad and m, in its parent frame.
+    weight : (n,) or None
+        Of the poses; 0 is a rejected one.
+    """
+    in_hand = poses.setup == "eye-in-hand"
+    cameras = poses.robot @ X if in_hand else X[None]
+    targets = W[None] if in_hand else poses.robot @ W
+    rejected = np.zeros(poses.n, dtype=bool) if weight is None else weight == 0
+    kept = [T if len(T) == 1 else T[~rejected] for T in (poses.robot, cameras, targets)]
+    points = np.concatenate([np.zeros((1, 3)), *(T[:, :3, 3] for T in kept)])
+    size = float(np.ptp(points, axis=0).max()) or 1.0
+    # About the camera that is farthest from the others' crowd, where there is room.
+    positions = cameras[:, :3, 3]
+    usable = np.flatnonzero(~rejected) if in_hand else np.array([0])
+    chosen = int(usable[np.argmax(np.linalg.norm(positions[usable] - positions[usable].mean(axis=0), axis=1))])
+    half, factor = np.zeros((3, 3)), 1.0
+    if covariance is not None:
+        values, vectors = np.linalg.eigh(covariance[3:, 3:])
+        turn = poses.robot[chosen, :3, :3] if in_hand else np.eye(3)
+        half = turn @ vectors * np.sqrt(np.maximum(values, 0.0))
+        largest = float(np.linalg.norm(half, axis=0).max())
+        factor = max(1.0, round_number(_VISIBLE * size / largest)) if largest > 0 else 1.0
+    return Rig(poses.setup, poses.robot, cameras, targets, rejected, positions[chosen], half, factor, size)
+
+
+def rig_figure(scene: Rig) -> Figure:
+    """The scene from the side, and from above."""
+    figure = Figure(figsize=(WIDTH, 4.2))
+    FigureCanvasAgg(figure)
+    strokes = _strokes(scene)
+    side: Any = figure.add_axes((0.0, 0.14, 0.57, 0.82), projection="3d", proj_type="ortho", computed_zorder=False)
+    above = figure.add_axes((0.69, 0.26, 0.3, 0.62))
+    for points, style in strokes:
+        side.plot(*points.T, **style)
+        above.plot(*points[:, :2].T, **style)
+    for k, (colour, name) in enumerate(_AXES):
+        tip = 3.2 * _SMALL * scene.size * np.eye(3)[k]
+        words: dict[str, Any] = {
+            "color": colour,
+            "fontsize": TEXT,
+            "fontweight": "bold",
+            "ha": "center",
+            "va": "center",
+        }
+        side.text(*tip, name, zorder=8, **words)
+        if k < 2:
+            above.text(tip[0], tip[1], name, zorder=8, **words)
+    low, high = _limits(scene)
+    side.view_init(22.0, -58.0)
+    side.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    side.set_box_aspect(high - low, zoom=0.93)
+    side.tick_params(labelsize=SMALL, pad=-2)
+    for direction, name in ((side.xaxis, "x"), (side.yaxis, "y"), (side.zaxis, "z")):
+        length = float((high - low)["xyz".index(name)] / (high - low).max())
+        direction.set_major_locator(
+            MaxNLocator(nbins=4 if length > 0.75 else 3 if length > 0.5 else 2, steps=[1, 2, 5, 10])
+        )
+        direction.pane.set_facecolor("white")
+        direction.pane.set_edgecolor("0.85")
+        direction._axinfo["grid"].update(color="0.9", linewidth=0.5)  # there is no public way
+        direction.set_label_text(f"{name} (m)", fontsize=SMALL)
+        direction.labelpad = -5 if name == "z" else -2
+    plain(above)
+    above.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    for line, name in ((above.xaxis, "x"), (above.yaxis, "y")):
+        line.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
+        line.set_label_text(f"{name} (m)", fontsize=SMALL)
+    for axis, x, title in ((side, 0.28, "from the side"), (above, 0.84, "from above")):
+        figure.text(x, 0.955, title, fontsize=TEXT, ha="center", color=INK)
+        axis.set_label(title)
+    _legend(figure, scene)
+    return figure
+
+
+def _strokes(scene: Rig) -> list[tuple[Array, dict[str, Any]]]:
+    """Points (m, 3) and the style of each thing drawn, from back to front."""
+    n = len(scene.grippers)
+    full, dots = (
+        np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) for most in (MOST_FRAMES, MOST_DOTS)
+    )
+    full, dots = full[~scene.rejected[full]], dots[~scene.rejected[dots]]
+    hand, small = scene.grippers[:, :3, 3], _SMALL * scene.size
+    one_camera, one_target = len(scene.cameras) == 1, len(scene.targets) == 1
+    moving = scene.targets if one_camera else scene.cameras
+    strokes = [
+        (np.stack([hand[k], moving[k, :3, 3]]), {"color": "0.7", "linewidth": 0.6, "zorder": 2}) for k in full.tolist()
+    ]
+    cameras, size = (scene.cameras, 2.0 * small) if one_camera else (scene.cameras[full], small)
+    strokes += [(_camera(T, size), {"color": BLUE, "linewidth": 0.8, "zorder": 3}) for T in cameras]
+    targets, size = (scene.targets, 2.2 * small) if one_target else (scene.targets[full], small)
+    style = {"color": GREEN, "linewidth": 1.5 if one_target else 0.8, "linestyle": (0, (4, 1)), "zorder": 3}
+    strokes += [(_target(T, size), style) for T in targets]
+    marks = {"linestyle": "", "zorder": 4}
+    strokes.append((hand[dots], {"marker": "o", "color": QUIET, "markersize": 2.6, "markeredgewidth": 0, **marks}))
+    bad = np.flatnonzero(scene.rejected)
+    inside = bad[np.abs(hand[bad] - scene.centre).max(axis=1) < scene.size] if bad.size else bad
+    if inside.size:
+        style = {"marker": "X", "color": ORANGE, "markersize": 6.5, "markeredgecolor": "white", **marks}
+        strokes.append((hand[inside[:MOST_DOTS]], style))
+    for k, (colour, _) in enumerate(_AXES):
+        ends = np.zeros((2, 3))
+        ends[1, k] = 2.6 * small
+        strokes.append((ends, {"color": colour, "linewidth": 1.8, "zorder": 5}))
+    strokes.append((np.zeros((1, 3)), {"marker": "s", "color": "black", "markersize": 5, "zorder": 6}))
+    if scene.half_axes.any():
+        strokes += [(ring, {"color": "black", "linewidth": 1.2, "zorder": 7}) for ring in _ellipsoid(scene)]
+    return strokes
+
+
+def _camera(T: Array, size: float) -> Array:
+    """A pyramid that opens along z, where the camera looks."""
+    corners = size * np.array([[-0.6, -0.45, 1], [0.6, -0.45, 1], [0.6, 0.45, 1], [-0.6, 0.45, 1]])
+    p = corners @ T[:3, :3].T + T[:3, 3]
+    return np.stack([p[0], p[1], p[2], p[3], p[0], T[:3, 3], p[1], p[2], T[:3, 3], p[3]])
+
+
+def _target(T: Array, size: float) -> Array:
+    """A square in the plane of the target, and the half of a diagonal."""
+    corners = size * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 0]])
+    return np.asarray(corners @ T[:3, :3].T + T[:3, 3])
+
+
+def _ellipsoid(scene: Rig) -> list[Array]:
+    """Its three principal sections, as rings."""
+    angle = np.linspace(0, 2 * np.pi, 73)
+    half = scene.factor * scene.half_axes
+    return [
+        scene.centre + np.outer(np.cos(angle), half[:, i]) + np.outer(np.sin(angle), half[:, j])
+        for i, j in ((0, 1), (1, 2), (0, 2))
+    ]
+
+
+def _limits(scene: Rig) -> tuple[Array, Array]:
+    """Corners of the box that is shown: all but the rejected poses."""
+    kept = ~scene.rejected
+    several = [T if len(T) == 1 else T[kept] for T in (scene.grippers, scene.cameras, scene.targets)]
+    points = np.concatenate([np.zeros((1, 3)), *(T[:, :3, 3] for T in several)])
+    ring = scene.factor * np.linalg.norm(scene.half_axes, axis=1)
+    if len(scene.targets) == 1:
+        points = np.concatenate([points, _target(scene.targets[0], 2.2 * _SMALL * scene.size)])
+    if len(scene.cameras) == 1:
+        points = np.concatenate([points, _camera(scene.cameras[0], 2.0 * _SMALL * scene.size)])
+    room = 0.11 * scene.size
+    low = np.minimum(points.min(axis=0) - room, scene.centre - 1.1 * ring)
+    high = np.maximum(points.max(axis=0) + room, scene.centre + 1.1 * ring)
+    return low, high
+
+
+def _legend(figure: Figure, scene: Rig) -> None:
+    one = len(scene.cameras) == 1
+    handles: list[Any] = [
+        Line2D([], [], marker="s", linestyle="", color="black", markersize=5, label="base, with its axes"),
+        Line2D([], [], marker="o", linestyle="", color=QUIET, markersize=4, label="grippers"),
+        Line2D([], [], color=BLUE, linewidth=1.2, label="camera" if one else "cameras"),
+        Line2D([], [], color=GREEN, linewidth=1.5, linestyle=(0, (4, 1)), label="targets" if one else "target"),
+    ]
+    if scene.rejected.any():
+        handles.append(Line2D([], [], marker="X", linestyle="", color=ORANGE, markersize=6, label="rejected"))
+    if scene.half_axes.any():
+        label = f"1 sigma of X's translation, {scene.enlarged}"
+        handles.append(Line2D([], [], color="black", linewidth=1.3, label=label))
+    figure.legend(
+        handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=SMALL, handlelength=1.8,
+        columnspacing=1.4,
+    )  # fmt: skip

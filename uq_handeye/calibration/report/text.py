@@ -1,0 +1,255 @@
+"""A calibration as plain text: X with standard deviations, units on every number."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...diagnostics.diagnose import UNKNOWN_FRAME
+from ...diagnostics.residual_patterns import RARE
+from ...diagnostics.sentences import direction_words
+from ...formatting.numbers import digits, rotvec_jacobian, row, std_of
+from ...geometry.se3 import Array, skew
+from ...noise.joint_covariance import JointCovariance
+from ...noise.models import PoseNoise
+from ...synchronisation.text import offset_lines
+from .analysis import beside_lines, budget_lines, covariance_lines, diagnosis_lines, noise_lines, pose_lines, wrapped
+
+if TYPE_CHECKING:
+    from ..result import Calibration
+
+NAMES = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
+_NOT_COVERED = (
+    "The standard deviations are 1 sigma, to first order, of {source}. Systematic errors ({errors}) are not "
+    "covered{but}."
+)
+_SOURCES = {
+    "model": "the noise given",
+    "sigma-points": "the noise given",
+    "sandwich": "the residuals of the poses (sandwich)",
+    "hac": "the residuals of the poses, neighbours correlated (hac)",
+    "jackknife": "the poses left out one by one (jackknife)",
+    "bootstrap": "the poses drawn with replacement (bootstrap)",
+}
+
+
+def summary(result: Calibration, threshold: float) -> str:
+    """How well X is known and what is wrong first; then X, noise, fit, poses, diagnostics; other forms of X last.
+
+    Correlations at or above ``threshold`` are listed.
+    """
+    origin = "" if result.n_poses is None else f" of {result.n_poses} poses"
+    scale = "" if result.scale is None else f", d = {result.scale:g}"
+    setup = "" if result.setup is None else f", {result.setup}"
+    on_poses = result.fourdpa is not None and result.W is not None
+    data = f"{result.n_poses} poses" if on_poses else f"{result.n_pairs} pairs{origin}"
+    lines = [f"{result.frame} by {result.method}{scale} from {data}{setup}", *wrapped(answer(result), first="")]
+    cautions = [wrapped(f"CAUTION: {text}", first="") for text in result.warnings]
+    for block in (*cautions, _numbers(result, threshold)):
+        lines += ["", *block]
+    for section in (beside_lines, noise_lines):
+        if text := section(result):
+            lines += ["", *text]
+    lines += ["", *_pair_lines(result)]
+    for section in (
+        offset_lines,
+        pose_lines,
+        covariance_lines,
+        budget_lines,
+        diagnosis_lines,
+        _scope_lines,
+        _other_forms,
+    ):
+        if text := section(result):
+            lines += ["", *text]
+    return "\n".join(lines) + "\n"
+
+
+def answer(result: Calibration) -> str:
+    """In a sentence or two: how well X is known."""
+    if result.weakest_rotation is None or result.weakest_translation is None:
+        return (
+            f"How well {result.frame} is known is not determined: no noise was given (--robot-noise, --camera-noise), "
+            "and the residuals show none."
+        )
+    move, turn = 1e3 * result.weakest_translation[1], np.degrees(result.weakest_rotation[1])
+    text = f"{digits(move, 2)} mm and {digits(turn, 2)} deg (1 sigma, worst axis)"
+    order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
+    source = f"{order} of {source_words(result)}"
+    shared = [] if result.analysis is None else result.analysis.diagnostics.shared_errors()
+    if shared and set(shared) <= set(result.warnings):
+        text = f"{result.frame} is known at best to {text}, {source}: that does not contain the errors that all poses "
+        text += "share, such as those of the camera's intrinsics."
+    else:
+        text = f"{result.frame} is known to {text}, {source}."
+    if result.analysis is not None and result.covariance_kind != "hac":
+        found = result.analysis.diagnostics.autocorrelation
+        if not found.reason and found.p_value < RARE and found.growth > 1.1:
+            times = digits(found.growth, 2)
+            text += f" Neighbouring poses are not independent: about {times} times as much is nearer the truth."
+    return text
+
+
+def source_words(result: Calibration) -> str:
+    """What the standard deviations are of, e.g. "the noise given"."""
+    if result.noise_estimate is not None and result.covariance_kind in ("model", "sigma-points"):
+        return "the noise estimated"
+    return _SOURCES[result.covariance_kind]
+
+
+def _numbers(result: Calibration, threshold: float) -> list[str]:
+    """X and its deviations, correlations and directions."""
+    rotvec = Rotation.from_matrix(result.X[:3, :3]).as_rotvec()
+    theta, tau = _blocks(result.covariance)
+    lines = [
+        *_matrix(result.X),
+        "",
+        row("translation (mm)", "xyz", 1e3 * result.X[:3, 3], std_of(tau, 1e3 * np.eye(3)), 4),
+        row("rotation vector (deg)", "xyz", np.degrees(rotvec), std_of(theta, rotvec_jacobian(rotvec)), 5),
+    ]
+    if result.std is None or theta is None or tau is None:
+        return lines
+    lines.append(row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5))
+    for text in directions(result):
+        lines += wrapped(text, first="")
+    return [*lines, *_correlations(result, threshold)]
+
+
+def parent_frame(result: Calibration) -> str:
+    """``gripper frame`` or ``base frame``, or what it is called where motions came without poses."""
+    return f"{result.frame.split('_T_')[0]} frame" if "_T_" in result.frame else UNKNOWN_FRAME
+
+
+def directions(result: Calibration) -> list[str]:
+    """The least certain directions of translation and of rotation, in words; nothing without a covariance."""
+    theta, tau = _blocks(result.covariance)
+    if theta is None or tau is None:
+        return []
+    parent = result.frame.split("_T_")[0] if "_T_" in result.frame else UNKNOWN_FRAME
+    sentences = []
+    for name, S, factor in (("translation", tau, 1e3), ("rotation", theta, 180 / np.pi)):
+        values, vectors = np.linalg.eigh(S)
+        sd = factor * np.sqrt(np.maximum(values[::-1], 0.0))
+        axis = vectors[:, -1] * np.sign(vectors[np.abs(vectors[:, -1]).argmax(), -1])
+        text = direction_words(name, sd, axis, parent)
+        sentences.append(f"{text[0].upper()}{text[1:]}.")
+    return sentences
+
+
+def _pair_lines(result: Calibration) -> list[str]:
+    r = result.residuals
+    looked_at = "the" if r.pairs == result.n_pairs else f"{r.pairs} of the {result.n_pairs}"
+    return [
+        f"Residuals of AX = XB over {looked_at} pairs (how well X explains them, not how accurate it is):",
+        _residuals("rotation", "deg", 180 / np.pi, r.rotation_rms, r.rotation_median, r.rotation_max),
+        _residuals("translation", "mm", 1e3, r.translation_rms, r.translation_median, r.translation_max),
+    ]
+
+
+def ellipsoid_words(result: Calibration) -> str:
+    """How far the 95 % ellipsoid of X reaches."""
+    limit = result.quantile(0.95)
+    if np.isfinite(limit):
+        return f"95 % of all errors lie within d^2 = {limit:.1f} ({result.reference})."
+    return f"There is no 95 % ellipsoid from so few poses ({result.reference})."
+
+
+def _scope_lines(result: Calibration) -> list[str]:
+    """What the standard deviations mean."""
+    if result.std is None:
+        return []
+    within = ellipsoid_words(result)
+    if result.analysis is not None:
+        within += " Moves of X above are such a d, in standard deviations."
+    known = of_corners(result)
+    errors = f"{'a wrong camera model' if known else 'wrong intrinsics'}, wrong robot kinematics, a wrong target"
+    but = "; the uncertainty of the intrinsics is" if known else ""
+    scope = _NOT_COVERED.format(source=source_words(result), errors=errors, but=but)
+    return [*wrapped(within, first=""), "", *wrapped(scope, first="")]
+
+
+def of_corners(result: Calibration) -> bool:
+    """Whether the noise of the camera poses is the joint covariance that their corners give."""
+    noise = result.noise
+    return isinstance(noise, PoseNoise) and isinstance(noise.camera, JointCovariance)
+
+
+def _other_forms(result: Calibration) -> list[str]:
+    """The inverse of X, its quaternion, and W."""
+    frame = result.frame
+    inverse_name = "_T_".join(reversed(frame.split("_T_"))) if "_T_" in frame else f"inv({frame})"
+    of_quaternion = std_of(_blocks(result.covariance)[0], _quaternion_jacobian(result.quaternion))
+    lines = [
+        f"{frame} as quaternion",
+        row("quaternion", "xyzw", result.quaternion, of_quaternion, 7, width=10),
+        "",
+        f"{inverse_name} (inverse of X)",
+        "",
+        *_matrix(result.inverse),
+    ]
+    if result.W is not None:
+        theta, tau = _blocks(result.covariance_W)
+        turn = Rotation.from_matrix(result.W[:3, :3]).as_rotvec()
+        lines += [
+            "",
+            f"{result.frame_W} (the target, as all poses see it)",
+            "",
+            *_matrix(result.W),
+            "",
+            row("translation (mm)", "xyz", 1e3 * result.W[:3, 3], std_of(tau, 1e3 * np.eye(3)), 4),
+            row("rotation vector (deg)", "xyz", np.degrees(turn), std_of(theta, rotvec_jacobian(turn)), 5),
+        ]
+    return lines
+
+
+def _blocks(covariance: Array | None) -> tuple[Array | None, Array | None]:
+    """Of theta and of tau."""
+    return (None, None) if covariance is None else (covariance[:3, :3], covariance[3:, 3:])
+
+
+def against_truth(result: Calibration, truth: Array) -> str:
+    """The error of X against a known one (4, 4), and whether it lies inside the ellipsoid."""
+    turn = Rotation.from_matrix(result.X[:3, :3] @ truth[:3, :3].T).as_rotvec()
+    xi = np.concatenate([turn, result.X[:3, 3] - truth[:3, 3]])
+    lines = [
+        f"Truth: X is off by {digits(np.degrees(float(np.linalg.norm(turn))))} deg and "
+        f"{digits(1e3 * float(np.linalg.norm(xi[3:])))} mm."
+    ]
+    if result.covariance is not None:
+        distance = float(xi @ np.linalg.solve(result.covariance, xi))
+        limit = result.quantile(0.95)
+        lines.append(
+            f"Against the covariance: d^2 = {distance:.1f} with 6 degrees of freedom "
+            f"({'inside' if distance <= limit else 'outside'} the 95 % ellipsoid, d^2 <= {limit:.1f})."
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _matrix(T: Array) -> list[str]:
+    return ["  " + " ".join(f"{x + 0.0:13.9f}" for x in row) for row in np.where(np.abs(T) < 5e-10, 0.0, T)]
+
+
+def _residuals(name: str, unit: str, factor: float, *values: float) -> str:
+    rms, median, largest = (digits(factor * value) for value in values)
+    return f"  {name:12s} RMS {rms} {unit}, median {median}, max {largest}"
+
+
+def _quaternion_jacobian(q: Array) -> Array:
+    """``dq = (theta, 0) q / 2``, quaternions as (x, y, z, w): 4x3."""
+    return 0.5 * np.vstack([q[3] * np.eye(3) - skew(q[:3]), -q[:3]])
+
+
+def _correlations(result: Calibration, threshold: float) -> list[str]:
+    correlation = result.correlation
+    assert correlation is not None  # the caller asked for standard deviations first
+    strong = [
+        (abs(correlation[i, j]), f"  {NAMES[i]} with {NAMES[j]}: {correlation[i, j]:+.2f}")
+        for i in range(6)
+        for j in range(i + 1, 6)
+        if abs(correlation[i, j]) >= threshold
+    ]
+    if not strong:
+        return [f"Correlations: none reaches {threshold:g}."]
+    return [f"Correlations from {threshold:g} up:", *(text for _, text in sorted(strong, reverse=True))]

@@ -1,0 +1,164 @@
+"""What `calibrate` was asked for, checked: data, noise, method and options that fit each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..empirical_covariance.resampled import KINDS as OF_RESIDUALS
+from ..errors import InputError, require_integer
+from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..likelihood.gauss_helmert import ESTIMATORS
+from ..noise.estimate import NoisePrior
+from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
+from ..poses.motions import Motions, relative_motions, spread_pairs
+from ..poses.pose_pairs import PosePairs
+from ..propagation.all_pairs import AllPairs
+
+# Covariances of the result: of the noise, to first order and beyond; and of the residuals.
+COVARIANCES = ("model", "sigma-points", *OF_RESIDUALS)
+
+# All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
+DIAGNOSED_PAIRS = 200_000
+
+# The full bundle adjustment on the corners (`rig_bundle`).
+BUNDLE = "bundle"
+
+# Poses (or motions) from which on wrong ones can be told from good ones.
+FEWEST_FOR_ROBUST = 5
+
+
+def require_noise_fits(noise: Noise | None, motions: Motions) -> None:
+    """Raise `InputError` unless the noise is one, of as many motions or poses."""
+    if isinstance(noise, PairNoise):
+        require_count(noise.A, motions.N, "A", "motions")
+        require_count(noise.B, motions.N, "B", "motions")
+    elif isinstance(noise, PoseNoise):
+        if motions.poses is None:
+            raise InputError("PoseNoise needs poses; for motions that come without poses use PairNoise.")
+        require_count(noise.robot, motions.poses.n, "robot", "poses")
+        require_count(noise.camera, motions.poses.n, "camera", "poses")
+    elif noise is not None:
+        raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What was asked for, checked."""
+
+    motions: Motions  # of which residuals are taken, and 4DPA where `everything` is None
+    everything: AllPairs | None  # 4DPA of all pairs, without forming them
+    noise: Noise | None
+    method: str
+    scale: float | None
+    kind: str | None
+    covariance: str
+    robust: bool
+    prior: NoisePrior | None
+    seed: int
+
+    @property
+    def poses(self) -> PosePairs | None:
+        return self.motions.poses
+
+    @property
+    def data(self) -> PosePairs | Motions:
+        """What the likelihood is of: the poses where there are any, unless the noise is that of motions."""
+        return self.motions if self.poses is None or isinstance(self.noise, PairNoise) else self.poses
+
+
+def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance: str) -> None:
+    """Raise `InputError` unless a bundle adjustment on corners is possible."""
+    if not isinstance(data, PosePairs) or data.camera_calibration is None:
+        raise InputError(
+            "Method 'bundle' adjusts everything on the corners of the board: expected poses with a "
+            "`camera_calibration` (calibrate_camera, or the folder that `uq-handeye camera` writes), got poses alone. "
+            "Use method 'efficient'."
+        )
+    if covariance != "model":
+        raise InputError(f"Method 'bundle' has covariance='model' alone, got {covariance!r}. Use method 'efficient'.")
+    if noise is not None and (isinstance(noise, PairNoise) or noise.camera is not None):
+        raise InputError(
+            "Method 'bundle' takes the noise of the camera from the corners: give PoseNoise(robot=...) alone, or none."
+        )
+    if noise is not None and is_joint(noise.robot):
+        raise InputError(
+            "Method 'bundle' takes robot noise that is independent from pose to pose, got a joint covariance. Use "
+            "method 'efficient'."
+        )
+
+
+def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
+    """Beside noise of the robot alone, the covariance that camera poses from corners come with."""
+    seen = None if motions.poses is None else motions.poses.camera_calibration
+    if seen is None or not isinstance(noise, PoseNoise) or noise.camera is not None:
+        return noise
+    return PoseNoise(noise.robot, seen.covariance)
+
+
+def request(
+    data: Any,
+    noise: Noise | None,
+    method: str | None,
+    pairs: str | ArrayLike,
+    scale: float | None,
+    kind: str | None,
+    covariance: str,
+    robust: bool | None,
+    prior: NoisePrior | None,
+    seed: int,
+) -> Job:
+    """The arguments of `calibrate`, checked; raises `InputError`."""
+    if not isinstance(data, PosePairs | Motions):
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if method is None:
+        method = "efficient" if scale is None and kind in (None, "poses") else "4dpa"
+    known = [*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS]
+    if not isinstance(method, str) or method not in known:
+        raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
+    bound = method in (*ESTIMATORS, BUNDLE)
+    if scale is not None and method != "4dpa":
+        raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
+    if bound and kind not in (None, "pairs" if isinstance(noise, PairNoise) else "poses"):
+        raise InputError(f"Expected no kind={kind!r} with method {method!r}: it is for published methods such as 4dpa.")
+    if robust is not None and not isinstance(robust, bool | np.bool_):
+        raise InputError(f"Expected `robust` to be True, False or None, got {robust!r}.")
+    if robust and not bound:
+        raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
+    if method == BUNDLE:
+        _require_corners(data, noise, covariance)
+    if covariance not in COVARIANCES:
+        raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {covariance!r}.")
+    if covariance == "sigma-points" and kind is not None:
+        raise InputError(f"Expected no kind={kind!r} with covariance='sigma-points': it is of first order alone.")
+    require_integer("seed", seed, 0)
+    if prior is not None and not isinstance(prior, NoisePrior):
+        raise InputError(f"Expected `prior` to be a NoisePrior or None, got {type(prior).__name__}.")
+    if prior is not None and noise is not None:
+        raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
+    everything = None
+    if isinstance(data, PosePairs):
+        if data.n < 3:
+            raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
+        if data.robot.ndim != 3:
+            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
+        if isinstance(pairs, str) and pairs == "all" and not isinstance(noise, PairNoise):
+            direct = (bound or method == "4dpa") and scale is None and kind in (None, "poses")
+            if direct and (of_all := AllPairs(data)).precise:
+                everything = of_all
+            if everything or method in ROBOT_WORLD_METHODS:
+                pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)  # they serve residuals and checks alone
+        motions = relative_motions(data, pairs)
+    else:
+        motions = data
+        if motions.A.ndim != 3:
+            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
+    require_noise_fits(noise, motions)
+    noise = _with_corners(noise, motions)
+    if robust is None:
+        count = motions.N if motions.poses is None else motions.poses.n
+        robust = bound and noise is None and count >= FEWEST_FOR_ROBUST
+    return Job(motions, everything, noise, method, scale, kind, covariance, bool(robust), prior, int(seed))

@@ -1,0 +1,459 @@
+"""Calibration: X with its uncertainty, and everything that belongs to it, in one documented object."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from ..diagnostics.diagnose import Diagnostics
+from ..diagnostics.pose_table import PoseTable
+from ..diagnostics.split_half import SplitHalf
+from ..diagnostics.task_space import Budget, PointUncertainty, through_robot, through_target, through_X
+from ..errors import InputError
+from ..files.atomic import json_text
+from ..geometry import conventions
+from ..geometry.se3 import Array, inverse, inverse_jacobian
+from ..likelihood.d2_distribution import Reference
+from ..likelihood.goodness_of_fit import GoodnessOfFit
+from ..likelihood.rig_bundle import Agreement
+from ..noise.estimate import NoiseEstimate
+from ..noise.models import Noise
+from ..poses.motions import Motions
+from ..poses.pose_pairs import SETUPS, TARGETS, PosePairs
+from ..poses.residuals import Residuals
+from ..poses.timing import TimeOffset
+from ..procrustes.limit import octonion
+from ..procrustes.sensitivity import pose_from_octonion_jacobian
+from ..procrustes.so4_covariances import PAPER_SCALE
+from .analysis import Analysis, StoredAnalysis
+from .provenance import Provenance
+from .result_file import FourDPA, from_dict, to_dict
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..comparison.compare import Comparison
+    from ..comparison.of_result import Compared
+    from ..validation.cross_check.run import CrossCheck
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """X of AX = XB and what is known about it.
+
+    Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,
+    ``t = t_hat + tau``, in rad and m, in the parent frame of X (gripper for eye-in-hand, base for eye-to-hand);
+    ``covariance`` is that of xi, to first order.
+
+    `diagnostics`, `covariances`, `split_half` and `budget` are worked out when they are first asked for.
+
+    Attributes
+    ----------
+    X : (4, 4)
+        The pose that was sought, `frame`: ``gripper_T_camera`` for eye-in-hand, ``base_T_camera`` for eye-to-hand; m.
+    covariance : (6, 6) or None
+        Of (theta, tau), rad and m. None: not determined, as no noise was given and none could be estimated.
+    method : str
+        The estimator.
+    scale : float or None
+        Scaling factor of 4DPA; None: its limit, which needs none.
+    kind : str or None
+        How the noise was propagated: "pairs", "poses" or "literal".
+    setup : str or None
+        "eye-in-hand" or "eye-to-hand"; None for motions that came without poses.
+    n_poses : int or None
+        None for motions that came without poses.
+    n_pairs : int
+        Motions that were made of the poses.
+    noise : PoseNoise, PairNoise or None
+        The noise that the covariance is of, given or estimated.
+    residuals : Residuals
+        How well X explains the pairs: RMS, median, maximum. It is not how accurate X is.
+    warnings : tuple of str
+        What looked wrong, one sentence or more each. Read them before X is used.
+    W : (4, 4) or None
+        The pose of the target, `frame_W`: ``base_T_target``, or ``gripper_T_target`` for eye-to-hand; m.
+    covariance_W : (6, 6) or None
+        That of W, in the parent frame of W; needs noise on the poses.
+    iterations : int
+        0: closed form.
+    covariance_kind : str
+        "model", "sigma-points", "sandwich", "hac", "jackknife" or "bootstrap".
+    reference : Reference
+        The distribution of ``d^2 = xi^T covariance^-1 xi``: chi-square, or wider where the noise is estimated.
+    noise_estimate : NoiseEstimate or None
+        Standard deviations with intervals, where the noise comes from the data.
+    bound : (6, 6) or None
+        Cramer-Rao bound at this noise and these poses: no unbiased estimate has a smaller covariance. Of `efficient`
+        and `ml`.
+    fourdpa : FourDPA or None
+        ``X`` and ``covariance`` by 4DPA alone, beside `efficient` and `ml`.
+    fit : GoodnessOfFit or None
+        Chi-square test of the residuals against the noise.
+    table : PoseTable or None
+        Residual, distance, leverage, weight and flag of each pose.
+    time_offset : TimeOffset or None
+        Of interpolated poses: the offset and its share of the covariance.
+    agreement : Agreement or None
+        Of method "bundle": how far it is from `efficient`, and the time of each.
+    provenance : Provenance or None
+        Files, options, versions: enough to repeat the run.
+    data : PosePairs, Motions or None
+        What it was made of. Not in the JSON file: None when it was read from one.
+    analysis : Analysis, StoredAnalysis or None
+        Where `diagnostics`, `covariances`, `split_half`, `split_in_time` and `budget` come from.
+    """
+
+    X: Array  # (4, 4)
+    covariance: Array | None  # (6, 6); None: not determined, no noise was given
+    method: str
+    scale: float | None
+    kind: str | None  # how the covariance was propagated: "pairs", "poses" or "literal"
+    setup: str | None  # None for motions that came without poses
+    n_poses: int | None
+    n_pairs: int
+    noise: Noise | None
+    residuals: Residuals
+    warnings: tuple[str, ...] = ()
+    W: Array | None = None  # (4, 4), the mean of G X C: base_T_target (gripper_T_target for eye-to-hand)
+    covariance_W: Array | None = None  # (6, 6), as `covariance`, in the parent frame of W; needs noise on the poses
+    iterations: int = 0  # 0: closed form
+    covariance_kind: str = "model"  # one of `request.COVARIANCES`
+    reference: Reference = field(default_factory=Reference)  # the distribution of d^2 = xi^T covariance^-1 xi
+    noise_estimate: NoiseEstimate | None = None  # where the noise comes from the data
+    bound: Array | None = None  # (6, 6) Cramer-Rao bound at this noise and these poses; of efficient and ml
+    fourdpa: FourDPA | None = None  # 4DPA's own answer, beside efficient and ml
+    fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
+    table: PoseTable | None = None  # residual, leverage and flag of each pose
+    time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
+    agreement: Agreement | None = None  # of method "bundle" with `efficient`
+    provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
+    data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of; not in the JSON file
+    analysis: Analysis | StoredAnalysis | None = field(
+        default=None, repr=False
+    )  # diagnostics, other covariances, split halves, budget
+
+    @property
+    def frame(self) -> str:
+        """The frames of X, e.g. ``gripper_T_camera``."""
+        return "X" if self.setup is None else SETUPS[self.setup]
+
+    @property
+    def frame_W(self) -> str:
+        """The frames of W, e.g. ``base_T_target``."""
+        return "W" if self.setup is None else TARGETS[self.setup]
+
+    @property
+    def std(self) -> Array | None:
+        """Standard deviations (6,) of (theta, tau), rad and m."""
+        return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def std_W(self) -> Array | None:
+        """Standard deviations (6,) of (theta, tau) of W, rad and m."""
+        return None if self.covariance_W is None else np.asarray(np.sqrt(np.diag(self.covariance_W)))
+
+    @property
+    def correlation(self) -> Array | None:
+        """Correlation matrix (6, 6) of (theta, tau); 0 beside a variance of 0."""
+        if self.covariance is None or self.std is None:
+            return None
+        unit = np.where(self.std > 0, self.std, 1.0)
+        correlation: Array = self.covariance / np.outer(unit, unit)
+        np.fill_diagonal(correlation, 1.0)
+        return correlation
+
+    @property
+    def inverse(self) -> Array:
+        """``inv(X)`` (4, 4), e.g. ``camera_T_gripper``."""
+        return inverse(self.X)
+
+    @property
+    def covariance_inverse(self) -> Array | None:
+        """Covariance (6, 6) of ``inv(X)`` in the same convention, in its own parent frame."""
+        if self.covariance is None:
+            return None
+        J = inverse_jacobian(self.X)
+        return np.asarray(J @ self.covariance @ J.T)
+
+    @property
+    def sigma_scale(self) -> float:
+        """The factor d at which `sigma` is given: that of the estimate, or 1e4 where it was the limit."""
+        return PAPER_SCALE if self.scale is None else self.scale
+
+    @property
+    def sigma(self) -> Array:
+        """The unit octonion (8,) of X on SO(4) (18), at `sigma_scale`."""
+        return octonion(self.X, self.sigma_scale)
+
+    @property
+    def covariance_sigma(self) -> Array | None:
+        """Covariance (8, 8) of `sigma` (48), of rank 6: the unit lengths of q_L and q_R are exact."""
+        if self.covariance is None:
+            return None
+        sigma = self.sigma
+        # sigma moves in the six directions orthogonal to (q_L, 0) and (0, q_R); there d xi / d sigma is regular.
+        normals = np.zeros((8, 2))
+        normals[:4, 0], normals[4:, 1] = sigma[:4], sigma[4:]
+        tangent = np.linalg.qr(normals, mode="complete")[0][:, 2:]
+        J = tangent @ np.linalg.inv(pose_from_octonion_jacobian(sigma, self.sigma_scale) @ tangent)
+        return np.asarray(J @ self.covariance @ J.T)
+
+    def covariance_in(self, convention: str) -> Array:
+        """The covariance in the convention of another library; see `uq_handeye.geometry.conventions`."""
+        if self.covariance is None:
+            raise InputError("The covariance is not determined: no noise was given, and none could be estimated.")
+        return conventions.to_convention(self.covariance, self.X, convention)
+
+    @property
+    def quaternion(self) -> Array:
+        """Unit quaternion (x, y, z, w) of X, w >= 0."""
+        return np.asarray(Rotation.from_matrix(self.X[:3, :3]).as_quat(canonical=True))
+
+    @property
+    def weakest_rotation(self) -> tuple[Array, float] | None:
+        """Axis (3,) about which the rotation of X is least certain, and its standard deviation in rad."""
+        return None if self.covariance is None else _weakest(self.covariance[:3, :3])
+
+    @property
+    def weakest_translation(self) -> tuple[Array, float] | None:
+        """Direction (3,) along which the translation of X is least certain, and its standard deviation in m."""
+        return None if self.covariance is None else _weakest(self.covariance[3:, 3:])
+
+    def quantile(self, level: float = 0.95) -> float:
+        """The d^2 that a share ``level`` of all errors stays below: the squared radius of that ellipsoid."""
+        return self.reference.quantile(level)
+
+    @property
+    def efficiency(self) -> Array | None:
+        """Standard deviations (6,) of 4DPA, as multiples of the Cramer-Rao bound."""
+        if self.fourdpa is None or self.fourdpa.covariance is None or self.bound is None:
+            return None
+        return np.asarray(np.sqrt(np.diag(self.fourdpa.covariance) / np.diag(self.bound)))
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """Observability, influence, tests of the residuals, systematic errors: see `Diagnostics`."""
+        return self._analysed().diagnostics
+
+    @property
+    def covariances(self) -> dict[str, Array | None]:
+        """Covariances (6, 6) of X by name: that of the noise model, and those that need none; None: not determined."""
+        return self._analysed().covariances
+
+    @property
+    def split_half(self) -> SplitHalf:
+        """X from the even and from the odd rows against each other."""
+        return self._analysed().split_half
+
+    @property
+    def split_in_time(self) -> SplitHalf:
+        """X from the first and from the last rows against each other, which finds drift."""
+        return self._analysed().split_in_time
+
+    @property
+    def budget(self) -> Budget:
+        """Which share of the variance comes from which noise source."""
+        return self._analysed().budget
+
+    def _analysed(self) -> Analysis | StoredAnalysis:
+        if self.analysis is None:
+            raise InputError(
+                f"This is known for the methods efficient and ml where there is noise, not for this result of "
+                f"{self.method!r}."
+            )
+        return self.analysis
+
+    def uncertainty_at(
+        self,
+        points: ArrayLike,
+        *,
+        robot: ArrayLike | None = None,
+        camera: ArrayLike | None = None,
+        robot_covariance: ArrayLike | None = None,
+        camera_covariance: ArrayLike | None = None,
+        points_covariance: ArrayLike | None = None,
+    ) -> PointUncertainty:
+        """The uncertainty of points that the camera measures, where the calibration carries them.
+
+        Model (`task_space`): to first order, errors of X (or W), of the pose given and of the points independent.
+
+        Parameters
+        ----------
+        points : (..., 3)
+            In camera coordinates, metres.
+        robot : (..., 4, 4) or None
+            ``base_T_gripper`` when the points were seen. With it the points are expressed at the other end of the robot
+            (the base for eye-in-hand, the gripper for eye-to-hand); without, in the parent frame of X (the gripper for
+            eye-in-hand, the base for eye-to-hand).
+        camera : (..., 4, 4) or None
+            ``camera_T_target`` when the points were seen: the same frame as with `robot`, but through the target and
+            W, ``W inv(C) p``; needs neither X nor the robot pose.
+        robot_covariance, camera_covariance : (6, 6), (..., 6, 6) or None
+            Of that pose; None is exact.
+        points_covariance : (3, 3), (..., 3, 3) or None
+            Noise of the points themselves, in the camera frame.
+
+        Returns
+        -------
+        PointUncertainty
+            ``points`` (..., 3), ``covariance`` (..., 3, 3), ``std`` (..., 3), ``radius_95`` (...), ``frame``.
+
+        Raises
+        ------
+        InputError
+            Wrong shapes or numbers; a covariance that is not positive semidefinite, or whose pose is not given; poses
+            for a calibration of motions that came without any; an X or W whose covariance is not determined.
+        """
+        setup = self.setup
+        for name, pose, noise in (("robot", robot, robot_covariance), ("camera", camera, camera_covariance)):
+            if pose is None and noise is not None:
+                raise InputError(f"Expected the pose `{name}` beside `{name}_covariance`, which is that of this pose.")
+            if pose is not None and setup is None:
+                raise InputError(
+                    f"Expected no `{name}`: this calibration is of motions that came without poses, so that X is known "
+                    "in its own frame alone."
+                )
+        if robot is not None and camera is not None:
+            raise InputError("Give either `robot`, to go through the robot, or `camera`, to go through the target.")
+        if camera is not None:
+            assert setup is not None
+            if self.W is None or self.covariance_W is None:
+                raise InputError(
+                    "The way through the target needs W and its covariance: calibrate poses with PoseNoise."
+                )
+            return through_target(
+                self.W,
+                self.covariance_W,
+                points,
+                camera,
+                camera_covariance=camera_covariance,
+                setup=setup,
+                points_covariance=points_covariance,
+            )
+        if self.covariance is None:
+            raise InputError("The covariance of X is not determined, and so is that of the points.")
+        if robot is None:
+            return through_X(self.X, self.covariance, points, setup=setup, points_covariance=points_covariance)
+        assert setup is not None
+        return through_robot(
+            self.X,
+            self.covariance,
+            points,
+            robot,
+            robot_covariance=robot_covariance,
+            setup=setup,
+            points_covariance=points_covariance,
+        )
+
+    def __repr__(self) -> str:
+        from ..formatting.numbers import digits
+
+        data = f"{self.n_pairs} pairs" if self.n_poses is None else f"{self.n_poses} poses"
+        known = "uncertainty not determined"
+        if self.weakest_translation is not None and self.weakest_rotation is not None:
+            move, turn = 1e3 * self.weakest_translation[1], np.degrees(self.weakest_rotation[1])
+            known = f"{digits(move, 2)} mm, {digits(turn, 2)} deg (1 sigma, worst axis)"
+        return f"Calibration({self.frame} by {self.method}, {data}: {known})"
+
+    def summary(self, threshold: float = 0.5) -> str:
+        """The result as text; correlations at or above ``threshold`` are listed."""
+        from .report.text import summary
+
+        return summary(self, threshold)
+
+    def _repr_html_(self) -> str:
+        """The result in a notebook: X with its deviations, warnings, and the numbers behind them."""
+        from ..presentation.notebook import calibration_html
+
+        return calibration_html(self)
+
+    def report(
+        self,
+        path: str | Path,
+        *,
+        comparison: Comparison | Compared | bool = True,
+        cross_check: CrossCheck | None = None,
+    ) -> Path:
+        """One self-contained file for people: ``.html``, or ``.pdf``; see `report.html` for the sections.
+
+        Parameters
+        ----------
+        path : str or Path
+            Its suffix says which: .html or .pdf.
+        comparison : Comparison, Compared or bool
+            The methods side by side: what `compare` or `report.compared` gave; True compares them now, False leaves the
+            section without.
+        cross_check : CrossCheck or None
+            Where given, its covariances are drawn over the ellipses and its relations listed.
+
+        Raises
+        ------
+        InputError
+            A path with another suffix or that cannot be written.
+        MissingExtraError
+            A PDF where neither WeasyPrint (extra ``pdf``) nor a Chromium browser is installed.
+        """
+        from ..report.page import write_report
+
+        return write_report(self, path, comparison=comparison, cross_check=cross_check)
+
+    def export(self, path: str | Path, format: str | None = None) -> Path:
+        """X for another program: JSON, ROS (YAML), URDF, OpenCV FileStorage or NPZ; see `export` for what each holds.
+
+        ``format`` is a name in `export.FORMATS`; None takes it from the suffix.
+        """
+        from ..export import write_export
+
+        return write_export(self, path, format)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A pandas table of the six numbers of X: value, standard deviation, unit."""
+        from ..presentation.notebook import calibration_table
+
+        return calibration_table(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
+        return to_dict(self)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Calibration:
+        """The inverse of `to_dict`; raises `InputError` on anything else: parts that are missing, of another type, not
+        finite, or that do not belong to each other."""
+        return from_dict(cls, data)
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
+        return json_text(self.to_dict(), path)
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> Calibration:
+        """Read what `to_json` wrote."""
+        try:
+            data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse)
+        except (OSError, TypeError) as error:
+            raise InputError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path} is not JSON: {error}.") from error
+        try:
+            return cls.from_dict(data)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+
+def _weakest(covariance: Array) -> tuple[Array, float]:
+    values, vectors = np.linalg.eigh(covariance)
+    axis = vectors[:, -1]
+    axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
+    return axis, float(np.sqrt(max(values[-1], 0.0)))
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"it holds {constant}")

@@ -1,0 +1,200 @@
+"""A `Calibration` as the plain numbers, lists and text of its file, and back; `stored` checks what comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, fields
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from ..diagnostics.pose_table import PoseTable
+from ..errors import InputError
+from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..files.validate import misfit, not_finite, unequal
+from ..geometry.conventions import CONVENTION
+from ..geometry.se3 import Array, as_transforms
+from ..likelihood.d2_distribution import Reference
+from ..likelihood.gauss_helmert import ESTIMATORS
+from ..likelihood.goodness_of_fit import GoodnessOfFit
+from ..likelihood.rig_bundle import Agreement
+from ..noise.estimate import NoiseEstimate
+from ..noise.joint_covariance import JointCovariance
+from ..noise.models import Noise, PairNoise, PoseNoise, checked_covariance
+from ..poses.pose_pairs import SETUPS
+from ..poses.residuals import Residuals
+from ..poses.timing import TimeOffset
+from .analysis import StoredAnalysis
+from .provenance import Provenance
+from .request import BUNDLE, COVARIANCES
+
+if TYPE_CHECKING:
+    from .result import Calibration
+
+T = TypeVar("T")
+C = TypeVar("C", bound="Calibration")
+
+_FORMAT = "uq-handeye calibration 3"
+
+# Parts that are taken as they are, covariances (6, 6), and what some parts may be.
+_PLAIN = ("iterations", "covariance_kind", "method", "scale", "kind", "setup", "n_poses", "n_pairs")
+_COVARIANCES = ("covariance", "covariance_W", "bound")
+_KNOWN = {
+    "method": (*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS),
+    "covariance_kind": COVARIANCES,
+    "kind": (None, "pairs", "poses", "literal"),
+    "setup": (None, *SETUPS),
+}
+
+
+class FourDPA(NamedTuple):
+    """What 4DPA alone makes of the same data."""
+
+    X: Array  # (4, 4)
+    covariance: Array | None  # (6, 6), to first order, at the same noise
+
+
+def to_dict(result: Calibration) -> dict[str, Any]:
+    """Everything as plain numbers, lists and text, with units and convention."""
+    std, correlation, J = result.std, result.correlation, result.covariance_inverse
+    return {
+        "format": _FORMAT,
+        "convention": CONVENTION,
+        "units": {"rotation": "rad", "translation": "m"},
+        "method": result.method,
+        "scale": result.scale,
+        "kind": result.kind,
+        "setup": result.setup,
+        "frame": result.frame,
+        "X": result.X.tolist(),
+        "covariance": _plain(result.covariance),
+        "std": _plain(std),
+        "correlation": _plain(correlation),
+        "quaternion_xyzw": result.quaternion.tolist(),
+        "inverse": result.inverse.tolist(),
+        "covariance_inverse": _plain(J),
+        "n_poses": result.n_poses,
+        "n_pairs": result.n_pairs,
+        "noise": noise_to_dict(result.noise),
+        "frame_W": result.frame_W,
+        "W": _plain(result.W),
+        "covariance_W": _plain(result.covariance_W),
+        "std_W": _plain(result.std_W),
+        "iterations": result.iterations,
+        "covariance_kind": result.covariance_kind,
+        "reference": {"kind": result.reference.kind, "dof": result.reference.dof},
+        "noise_estimate": None if result.noise_estimate is None else result.noise_estimate.to_dict(),
+        "bound": _plain(result.bound),
+        "efficiency": _plain(result.efficiency),
+        "4dpa": None
+        if result.fourdpa is None
+        else {"X": result.fourdpa.X.tolist(), "covariance": _plain(result.fourdpa.covariance)},
+        "fit": None if result.fit is None else asdict(result.fit),
+        "poses": None if result.table is None else result.table.to_dict(),
+        "analysis": None if result.analysis is None else result.analysis.to_dict(),
+        "provenance": None if result.provenance is None else result.provenance.to_dict(),
+        "time_offset": None if result.time_offset is None else result.time_offset.to_dict(),
+        **({} if result.agreement is None else {"agreement": result.agreement.to_dict()}),
+        "residuals": result.residuals._asdict(),
+        "warnings": list(result.warnings),
+    }
+
+
+def from_dict(kind: type[C], data: dict[str, Any]) -> C:
+    """The inverse of `to_dict`; raises `InputError` on anything else.
+
+    Parts that are missing, of another type, not finite, or that do not belong to each other.
+    """
+    if not isinstance(data, dict) or data.get("format") != _FORMAT:
+        raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
+    try:
+        if (where := not_finite(data, "calibration")) is not None:
+            raise ValueError(f"{where} is not finite")
+        result = kind(**_parts_of(data))
+        if (where := misfit(result, kind, "calibration")) is not None:
+            raise TypeError(f"{where} is of the wrong type")
+        with np.errstate(divide="raise", over="raise", invalid="raise"):
+            again = result.to_dict()
+            if (where := not_finite(again, "calibration") or unequal(again, data, "calibration")) is not None:
+                raise ValueError(f"{where} does not fit the rest")
+            result.summary()
+    except KeyError as error:
+        raise InputError(f"The calibration is damaged: {error} is missing.") from error
+    except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
+        raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
+    return result
+
+
+def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of `Calibration`; raises whatever comes (KeyError for parts that are missing)."""
+    for name, known in _KNOWN.items():
+        if data[name] not in known:
+            raise ValueError(f"{name} is {data[name]!r:.40}")
+    X = _pose(data, "X")
+    return {
+        **{name: data[name] for name in _PLAIN},
+        **{name: _covariance(data, name) for name in _COVARIANCES},
+        "X": X,
+        "W": None if data["W"] is None else _pose(data, "W"),
+        "reference": Reference(**data["reference"]),
+        "noise_estimate": _read(data, "noise_estimate", NoiseEstimate.from_dict),
+        "fourdpa": _read(data, "4dpa", lambda part: FourDPA(_pose(part, "X"), _covariance(part, "covariance"))),
+        "fit": _read(data, "fit", lambda part: GoodnessOfFit(**part)),
+        "table": _read(data, "poses", PoseTable.from_dict),
+        "analysis": _read(data, "analysis", lambda part: StoredAnalysis.from_dict(part, X)),
+        "provenance": _read(data, "provenance", Provenance.from_dict),
+        "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
+        "agreement": None if data.get("agreement") is None else Agreement.from_dict(data["agreement"]),
+        "noise": _read(data, "noise", noise_from_dict),
+        "residuals": Residuals(**data["residuals"]),
+        "warnings": tuple(data["warnings"]),
+    }
+
+
+def _read(data: dict[str, Any], name: str, reader: Callable[[Any], T]) -> T | None:
+    return None if data[name] is None else reader(data[name])
+
+
+def _pose(data: dict[str, Any], name: str) -> Array:
+    pose = as_transforms(data[name], name, stack=False)
+    if pose.shape != (4, 4):
+        raise ValueError(f"{name} has the shape {pose.shape}")
+    return pose
+
+
+def _covariance(data: dict[str, Any], name: str) -> Array | None:
+    if data[name] is None:
+        return None
+    S = checked_covariance(data[name], name, joint=False)
+    if S.shape != (6, 6):
+        raise ValueError(f"{name} has the shape {S.shape}")
+    return S
+
+
+def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
+    """Type and covariances as plain numbers."""
+    if noise is None:
+        return None
+    parts = {field.name: getattr(noise, field.name) for field in fields(noise)}
+    return {"type": type(noise).__name__} | {name: _covariance_to_dict(S) for name, S in parts.items()}
+
+
+def noise_from_dict(data: dict[str, Any]) -> Noise:
+    """The inverse of `noise_to_dict`."""
+    if data["type"] == "PairNoise":
+        return PairNoise(data["A"], data["B"])
+    return PoseNoise(*(_covariance_from_dict(data[name]) for name in ("robot", "camera")))
+
+
+def _covariance_to_dict(S: Array | JointCovariance | None) -> Any:
+    if isinstance(S, JointCovariance):
+        return S.to_dict()
+    return None if S is None else S.tolist()
+
+
+def _covariance_from_dict(data: Any) -> Any:
+    return JointCovariance.from_dict(data) if isinstance(data, dict) else data
+
+
+def _plain(array: Array | None) -> Any:
+    return None if array is None else array.tolist()

@@ -1,0 +1,1 @@
+"""Corner files, camera folders and intrinsics on disk."""

@@ -1,0 +1,274 @@
+"""A camera calibration as a folder of files, and back, bit by bit.
+
+``camera_covariance.npz`` has what the poses' joint covariance is made of (`JointCovariance`), their derivatives by the
+intrinsics, and poses and intrinsics themselves; ``intrinsics.json`` the parameters with their covariance and what was
+known of them beforehand; ``corners.csv`` every corner, and whether it was used. The other files are for people and
+other programs. What belongs together is checked when it is read: the residuals follow from poses, intrinsics and
+corners.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...files import trees as _trees
+from ...files.atomic import json_text, write_files
+from ...files.fields import got, item, number, vector
+from ...files.lines import one_line, short
+from ...files.open import StrPath, as_path, opened, shown
+from ...files.trees import parse_tree
+from ...formats.csv_poses import pose_text, read_pose_file
+from ...formats.numpy_poses import MAX_BYTES, members
+from ...geometry.conventions import TOOLKIT
+from ...geometry.se3 import Array, as_transforms
+from ..bundle import Bundle, Prior
+from ..calibrate import CameraCalibration
+from ..corners import Corners
+from ..model_choice import Candidate
+from ..models import MODELS
+from ..residual_pattern import pattern_of
+from .corner_file import corners_and_used, corners_text
+from .intrinsics_file import FORMAT, opencv_text
+
+POSES, COVARIANCE, INTRINSICS, CORNERS = "camera.csv", "camera_covariance.npz", "intrinsics.json", "corners.csv"
+# What a report may come with: `report.camera_figures`.
+FURTHER = {
+    "report.html",
+    *(
+        f"{stem}.{kind}"
+        for stem in ("pattern", "residuals", "pictures", "certainty", "boards")
+        for kind in ("png", "svg")
+    ),
+}
+CONVENTION = (
+    f"camera_T_target of row k; covariance of all errors = blkdiag(own) + F F^T with F = shared reshaped to (6n, q); "
+    f"{TOOLKIT}; m and rad"
+)
+# Poses of camera.csv, whose quaternions are rounded, are those of the archive within this.
+ROUNDED = 1e-9
+_OTHER_RUN = "not of the same run, or one was changed by hand; write the folder anew by uq-handeye camera."
+# Residuals beyond so many times the pixel noise are not those of the corners that were calibrated with.
+FAR = 10.0
+
+
+def camera_files(cam: CameraCalibration) -> dict[str, str | bytes]:
+    """The files of `write_camera` that are data, by name."""
+    buffer = io.BytesIO()
+    S = cam.covariance
+    arrays: dict[str, Any] = {
+        "own": S.own,
+        "shared": S.shared,
+        "rows": cam.rows.astype(np.int64),
+        "poses": cam.poses,
+        "by_parameters": cam.bundle.by_parameters,
+        "parameters": cam.bundle.parameters,
+        "weights": cam.bundle.weights,
+        "convention": CONVENTION,
+    }
+    np.savez(buffer, **arrays)
+    return {
+        POSES: pose_text(cam.poses, cam.rows),
+        COVARIANCE: buffer.getvalue(),
+        INTRINSICS: json_text(to_dict(cam)),
+        "intrinsics.yaml": opencv_text(cam),
+        CORNERS: corners_text(cam.corners, cam.bundle.used),
+    }
+
+
+def to_dict(cam: CameraCalibration) -> dict[str, Any]:
+    """All but poses and corners as plain numbers and text."""
+    bundle = cam.bundle
+    return {
+        "format": FORMAT,
+        "model": cam.model,
+        "image_size": list(cam.image_size),
+        "parameters": cam.intrinsics,
+        "std": cam.std,
+        "estimated": list(cam.estimated),
+        "names": list(bundle.model.names),
+        "covariance": bundle.covariance.tolist(),
+        "prior": None
+        if bundle.prior is None
+        else {"mean": bundle.prior.mean.tolist(), "covariance": bundle.prior.covariance.tolist()},
+        "units": "pixels; coefficients without unit",
+        "convention": "centre of the first pixel at (0, 0); models and order of the coefficients as in OpenCV",
+        "pixel_noise": bundle.pixel_noise,
+        "pictures": cam.corners.n,
+        "pictures_without_board": list(cam.corners.missing),
+        "corners": cam.corners.m,
+        "outliers": [
+            {"picture": picture, "corner": corner, "distance": distance} for picture, corner, distance in cam.outliers
+        ],
+        "pattern": {"p_value": cam.pattern.p_value, "share": cam.pattern.share, "found": cam.pattern.found},
+        "candidates": [
+            {
+                "model": one.model,
+                "coefficients": list(one.coefficients),
+                "bic": one.bic if np.isfinite(one.bic) else None,
+                "rms": one.rms if np.isfinite(one.rms) else None,
+            }
+            for one in cam.candidates
+        ],
+        "converged": bundle.converged,
+        "iterations": bundle.iterations,
+        "warnings": list(cam.warnings),
+    }
+
+
+def write_camera(cam: CameraCalibration, folder: StrPath, further: Mapping[str, str | bytes]) -> Path:
+    """Write the files of `camera_files`, and ``further`` ones by name, into a folder: all of them or none."""
+    files = {**camera_files(cam), **further}
+    write_files(folder, files)
+    path = as_path(folder)
+    for name in FURTHER - set(files):  # those of an earlier run are not of this camera
+        (path / name).unlink(missing_ok=True)
+    return path
+
+
+def read_camera(folder: StrPath) -> CameraCalibration:
+    """The calibration that `CameraCalibration.write` wrote, exactly; nothing is estimated anew.
+
+    Raises
+    ------
+    InputError
+        A folder that is none, lacks a file, or whose files do not belong together.
+    """
+    path = as_path(folder)
+    name = shown(path)
+    if not path.is_dir():
+        raise InputError(f"Cannot read {name}: expected the folder of uq-handeye camera -o, got none.")
+    lacking = [file for file in (INTRINSICS, COVARIANCE, CORNERS, POSES) if not (path / file).exists()]
+    if lacking:
+        raise InputError(
+            f"{name} lacks {', '.join(lacking)}: expected the folder that uq-handeye camera -o wrote; write it anew."
+        )
+    with opened(path / INTRINSICS, _trees.MAX_BYTES) as file:
+        tree = parse_tree(file.read(), shown(path / INTRINSICS))
+    corners, used = corners_and_used(path / CORNERS)
+    arrays = _arrays(path / COVARIANCE)
+    try:
+        found = _calibration(tree, corners, used, arrays, shown(path / INTRINSICS))
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(f"{name}: not what uq-handeye camera writes: {one_line(str(error))}.") from error
+    rows, poses = read_pose_file(path / POSES)
+    if not (
+        np.array_equal(rows, found.rows)
+        and np.array_equal(arrays["rows"], found.rows)
+        and np.abs(poses - found.poses).max() < ROUNDED * max(1.0, float(np.abs(found.poses).max()))
+    ):
+        raise InputError(f"{name}: {POSES}, {COVARIANCE} and {CORNERS} are {_OTHER_RUN}")
+    return found
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    name = shown(path)
+    with opened(path, MAX_BYTES) as file:
+        data = file.read()
+    try:
+        return members(data, name)
+    except InputError:
+        raise
+    except Exception as error:  # zipfile and zlib raise many kinds for damaged files
+        raise InputError(f"{name}: the archive is damaged: {one_line(str(error) or type(error).__name__)}.") from error
+
+
+def _numbers(arrays: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
+    value = arrays.get(key)
+    if value is None or value.dtype.kind not in "fiu" or value.shape != shape or not np.isfinite(value).all():
+        came = "none" if value is None else f"{value.dtype} {value.shape}"
+        raise InputError(
+            f"{COVARIANCE}, {key}: expected finite numbers {shape}, got {came}; the files are {_OTHER_RUN}"
+        )
+    return np.asarray(value, dtype=float)
+
+
+def _prior(value: Any, free: NDArray[np.bool_], where: str) -> Prior | None:
+    """What the parameters were fitted with; that of those not estimated is not used, and may be singular."""
+    if value is None:
+        return None
+    k = len(free)
+    mean = np.array(vector(item(value, "mean", where), k, f"{where}, mean"), dtype=float)
+    S = np.array([vector(row, k, f"{where}, covariance") for row in item(value, "covariance", where)], dtype=float)
+    if S.shape != (k, k) or (S != S.T).any() or np.linalg.eigvalsh(S[np.ix_(free, free)]).min(initial=1.0) <= 0:
+        raise InputError(f"{where}, covariance: expected one, {k} x {k}, positive definite for what was estimated.")
+    return Prior(mean, S)
+
+
+def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any], name: str) -> CameraCalibration:
+    if not isinstance(tree, dict) or tree.get("format") != FORMAT:
+        came = short(str(tree.get("format"))) if isinstance(tree, dict) else got(tree)
+        raise InputError(f"{name}: expected the format {FORMAT!r}, got {came}.")
+    if tree["model"] not in MODELS:
+        raise InputError(f"{name}, model: expected one of {', '.join(MODELS)}, got {short(str(tree['model']))}.")
+    model = MODELS[tree["model"]]
+    k, n = len(model.names), corners.n
+    parameters = np.array([number(item(tree["parameters"], key, name), f"{name}, {key}") for key in model.names])
+    covariance = np.array([vector(row, k, f"{name}, covariance") for row in tree["covariance"]])
+    if covariance.shape != (k, k) or (covariance != covariance.T).any():
+        raise InputError(f"{name}, covariance: expected a symmetric matrix, {k} x {k}.")
+    width, height = (int(number(value, f"{name}, image_size")) for value in vector(tree["image_size"], 2, name))
+    poses = as_transforms(_numbers(arrays, "poses", (n, 4, 4)), "poses")
+    own = _numbers(arrays, "own", (n, 6, 6))
+    by_parameters = _numbers(arrays, "by_parameters", (n, 6, k))
+    weights = _numbers(arrays, "weights", (n,))
+    if (weights <= 0).any():
+        raise InputError(f"{COVARIANCE}, weights: expected weights of the pictures above 0, got {weights.min():.3g}.")
+    free = np.isin(model.names, tree["estimated"])
+    if not np.array_equal(_numbers(arrays, "parameters", (k,)), parameters):
+        raise InputError(f"{name} and {COVARIANCE} are {_OTHER_RUN}")
+    if (own != own.mT).any() or np.linalg.eigvalsh(own).min() < 0:
+        raise InputError(f"{COVARIANCE}, own: expected covariances, got other matrices.")
+    seen = corners.by_picture(corners.points) @ poses[:, :3, :3].mT + poses[:, None, :3, 3]
+    predicted = model.project(parameters, seen).pixels[corners.picture, corners.place]
+    bundle = Bundle(
+        model,
+        parameters,
+        poses,
+        corners.pixels - predicted,
+        used,
+        free,
+        number(tree["pixel_noise"], f"{name}, pixel_noise"),
+        covariance,
+        own,
+        by_parameters,
+        weights,
+        bool(tree["converged"]),
+        int(tree["iterations"]),
+        _prior(tree.get("prior"), free, f"{name}, prior"),
+    )
+    candidates = tuple(
+        Candidate(
+            str(one["model"]),
+            tuple(map(str, one["coefficients"])),
+            *(float("inf") if one[key] is None else number(one[key], f"{name}, {key}") for key in ("bic", "rms")),
+        )
+        for one in tree["candidates"]
+    )
+    size = (width, height)
+    corners = Corners(
+        corners.row,
+        corners.points,
+        corners.pixels,
+        corners.names,
+        image_size=size,
+        missing=tuple(map(str, tree["pictures_without_board"])),
+    )
+    warnings = tuple(map(str, tree["warnings"]))
+    found = CameraCalibration(bundle, corners, size, candidates, pattern_of(bundle, corners, size), warnings)
+    if np.sqrt(np.mean(bundle.residuals[used] ** 2)) > FAR * bundle.pixel_noise + 1e-6:
+        raise InputError(
+            f"{CORNERS} does not fit the poses and intrinsics beside it: it is of another run, or changed."
+        )
+    if free.any() and np.linalg.eigvalsh(covariance[np.ix_(free, free)]).min() <= 0:
+        raise InputError(f"{name}, covariance: expected one that is positive definite for the estimated parameters.")
+    _numbers(arrays, "shared", found.covariance.shared.shape)
+    return found

@@ -1,0 +1,144 @@
+"""First guesses of intrinsics and camera poses, by OpenCV, for boards that are flat."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, MissingExtraError
+from ..geometry.se3 import Array
+from .corners import Corners
+from .models import CameraModel
+
+# Focal lengths of a fisheye that are tried, as multiples of half the picture's width per radian.
+FISHEYE_FOCAL = np.geomspace(0.3, 3.0, 16)
+WIDEST = np.radians(80.0)  # corners farther from the axis are not used for the start
+# The distortion of a fisheye that is a pinhole: tan(phi) as a series.
+TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
+# Median distance from a homography, as a share of the spread of a picture's corners, and as a multiple of that of most
+# pictures, beyond which the corners are not those of a board: distortion alone does not bend one so much.
+BENT, OFTEN = 0.1, 5.0
+
+
+def opencv() -> Any:
+    """The module cv2, or a `MissingExtraError` that says how to get it."""
+    try:
+        import cv2
+    except ImportError as error:
+        raise MissingExtraError(
+            "Calibrating a camera needs OpenCV 4 for its start: pip install 'uq-handeye[camera]'."
+        ) from error
+    return cv2
+
+
+def first_guess(model: CameraModel, corners: Corners, image_size: tuple[int, int]) -> tuple[Array, Array]:
+    """Parameters (k,) without distortion, and poses (n, 4, 4).
+
+    Raises `InputError` for boards that are not flat, and pictures that do not determine a focal length.
+    """
+    flat = _flat(corners)
+    if model.name == "fisheye":
+        return _fisheye(model, corners, flat, image_size)
+    parameters = np.zeros(len(model.names))
+    parameters[:4] = _linear(corners, flat, image_size)
+    return parameters, poses_of(corners, (corners.pixels - parameters[2:4]) / parameters[:2])
+
+
+def _linear(corners: Corners, flat: Array, image_size: tuple[int, int]) -> Array:
+    """fx, fy, cx, cy of a camera without distortion, from the homographies of all pictures."""
+    parts = [corners.picture == i for i in range(corners.n)]
+    K = opencv().initCameraMatrix2D(
+        [flat[part].astype(np.float32) for part in parts],
+        [corners.pixels[part].astype(np.float32) for part in parts],
+        image_size,
+        1.0,
+    )
+    if not np.isfinite(K).all() or K[0, 0] <= 0:
+        raise InputError(
+            "The pictures do not determine the focal length, not even roughly: take some in which the board is tilted "
+            "by 20 degrees and more, or give `intrinsics`."
+        )
+    return np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
+
+
+def poses_of(corners: Corners, normalised: Array, keep: Array | None = None) -> Array:
+    """camera_T_target (n, 4, 4) of every picture from normalised coordinates (m, 2) without distortion."""
+    cv2 = opencv()
+    poses = np.zeros((corners.n, 4, 4))
+    poses[:, 3, 3] = 1.0
+    for i in range(corners.n):
+        part = corners.picture == i
+        if keep is not None:
+            part &= keep
+        ok = False
+        with suppress(cv2.error):  # of corners on one line
+            ok, turn, shift = cv2.solvePnP(corners.points[part], normalised[part], np.eye(3), None)
+        if not ok or not np.isfinite([turn, shift]).all():
+            raise InputError(f"OpenCV finds no pose for the corners of {corners.names[i]}: leave that picture out.")
+        poses[i, :3, :3], poses[i, :3, 3] = cv2.Rodrigues(turn)[0], shift[:, 0]
+    return poses
+
+
+def unlike_a_board(corners: Corners) -> NDArray[np.bool_]:
+    """Pictures (n,) whose corners are no picture of the flat board by any camera: they would spoil the start of all."""
+    off = np.zeros(corners.n)
+    try:
+        flat = _flat(corners)[:, :2]
+    except InputError:
+        return off > 0
+    cv2 = opencv()
+    for i in range(corners.n):
+        part = corners.picture == i
+        points, pixels, H = flat[part], corners.pixels[part], None
+        with suppress(cv2.error):  # of corners on one line
+            H, _ = cv2.findHomography(points, pixels, cv2.LMEDS)
+        if H is not None:
+            distance = np.linalg.norm(cv2.perspectiveTransform(points[None], H)[0] - pixels, axis=1)
+            off[i] = np.median(distance) / max(float(np.linalg.norm(pixels.std(axis=0))), 1e-9)
+    return np.asarray(off > max(BENT, OFTEN * float(np.median(off))))
+
+
+def _flat(corners: Corners) -> Array:
+    """The points in coordinates of their plane, (m, 3) with z = 0."""
+    centre = corners.points.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(corners.points - centre, full_matrices=False)
+    if sizes[2] > 1e-6 * sizes[0]:
+        raise InputError("Expected the points of the board to lie in a plane, or `intrinsics` to start from.")
+    if sizes[1] <= 1e-6 * sizes[0]:
+        raise InputError("Expected the points of the board to span a plane, got points of one line.")
+    axes[2] = np.cross(axes[0], axes[1])
+    flat = (corners.points - centre) @ axes.T
+    flat[:, 2] = 0.0
+    return np.asarray(flat)
+
+
+def _fisheye(model: CameraModel, corners: Corners, flat: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
+    """Of equidistant lenses of many focal lengths, and of a pinhole, that which predicts the corners best."""
+    width, height = image_size
+    starts = [np.array([f, f, 0.5 * (width - 1), 0.5 * (height - 1), 0, 0, 0, 0]) for f in FISHEYE_FOCAL * 0.5 * width]
+    with suppress(InputError):  # of a wide lens, where it may fail
+        starts.append(np.concatenate([_linear(corners, flat, image_size), TANGENT]))
+    best: tuple[float, Array, Array] | None = None
+    for parameters in starts:
+        away = (corners.pixels - parameters[2:4]) / parameters[:2]
+        radius = np.linalg.norm(away, axis=1)
+        equidistant = not parameters[4:].any()
+        keep = radius < (WIDEST if equidistant else np.inf)
+        if np.bincount(corners.picture[keep], minlength=corners.n).min() < 6:
+            continue
+        stretch = np.tan(np.minimum(radius, WIDEST)) / np.maximum(radius, 1e-9) if equidistant else np.ones(corners.m)
+        try:
+            poses = poses_of(corners, away * stretch[:, None], keep)
+        except InputError:  # those kept may lie on one line
+            continue
+        points = (poses[corners.picture, :3, :3] @ corners.points[..., None])[..., 0] + poses[corners.picture, :3, 3]
+        off = model.project(parameters, points).pixels - corners.pixels
+        cost = float(np.median(np.sum(off**2, axis=1)))
+        if best is None or cost < best[0]:
+            best = cost, parameters, poses
+    if best is None:
+        raise InputError("The corners lie too far from the middle of the picture for a fisheye model to start.")
+    return best[1], best[2]

@@ -1,0 +1,1 @@
+"""A camera calibration as text, figures and page."""

@@ -1,0 +1,181 @@
+"""The command ``uq-handeye``: parses, calls, prints.
+
+Exit status: 0 success; 2 bad usage or bad input, with one line on stderr; 1 an internal error, or a run that lost its
+workers; 130 Ctrl-C, with one line on stderr.
+"""
+
+import _thread
+import shlex
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from ..errors import InputError, NotConvergedError
+from .commands.calibrate import calibrate_command, demo_command
+from .commands.camera import camera_command
+from .commands.codegen import codegen_command
+from .commands.compare import compare_command
+from .commands.cross_check import cross_check_command
+from .commands.files import export_command, report_command
+from .commands.plan import plan_command
+from .commands.posterior import posterior_command
+from .commands.simulate import simulate_command
+from .commands.sync import sync_command
+from .commands.validate import INTERRUPTED, validate_command
+from .messages import coloured, fail, fail_internally, messages
+from .options import with_messages
+
+# Typer carries its own copy of Click or uses the installed one, depending on its version.
+ClickException: type[Exception] = typer.BadParameter.__mro__[2]
+
+
+def _colour_help() -> None:
+    """Rich, which Typer prints help with, by the rule of all other output."""
+    from typer import rich_utils  # slow to import
+
+    colours = coloured(sys.stdout)
+    rich_utils.COLOR_SYSTEM = "auto" if colours else None
+    rich_utils.FORCE_TERMINAL = True if colours else None
+
+
+class _Command(TyperCommand):
+    def format_help(self, *arguments: Any) -> None:
+        _colour_help()
+        super().format_help(*arguments)
+
+
+class _Group(TyperGroup):
+    def format_help(self, *arguments: Any) -> None:
+        _colour_help()
+        super().format_help(*arguments)
+
+
+app = typer.Typer(
+    cls=_Group,
+    help="Hand-eye calibration AX = XB with its uncertainty.\n\nExample: uq-handeye demo",
+    epilog="Every command has --help with an example.",
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@with_messages
+def _start(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version.")] = False,
+) -> None:
+    if version:
+        from .. import __version__
+
+        print(f"uq-handeye {__version__}")
+    elif context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+app.callback(invoke_without_command=True)(_start)
+
+_COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
+    "Calibrate": {
+        "demo": demo_command,
+        "calibrate": calibrate_command,
+        "camera": camera_command,
+        "compare": compare_command,
+        "plan": plan_command,
+    },
+    "Is the covariance true?": {
+        "validate": validate_command,
+        "posterior": posterior_command,
+        "cross-check": cross_check_command,
+    },
+    "Files": {
+        "sync": sync_command,
+        "report": report_command,
+        "export": export_command,
+        "simulate": simulate_command,
+        "codegen": codegen_command,
+    },
+}
+for panel, commands in _COMMANDS.items():
+    for name, command in commands.items():
+        app.command(name, cls=_Command, rich_help_panel=panel)(with_messages(command))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command; every expected failure is one line on stderr and exit status 2."""
+    given = sys.argv[1:] if arguments is None else arguments
+    command = shlex.join(["uq-handeye", *given]).encode(errors="backslashreplace").decode()  # names may be no UTF-8
+    with messages(command, no_color="--no-color" in given), _interrupts() as interrupted:
+        status = _status_of(given, interrupted)
+        if status == INTERRUPTED:  # of a command that has printed what it had, or of Typer, which catches the exception
+            with suppress(ValueError):  # not in the main thread
+                signal.signal(signal.SIGINT, signal.SIG_IGN)  # once more would end this line too
+            print("uq-handeye: interrupted", file=sys.stderr)
+    raise SystemExit(status)
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Within it every Ctrl-C is counted, for not every one arrives as a KeyboardInterrupt.
+
+    Libraries in C turn it into an error of their own, and within a finaliser Python prints and drops it; then it is
+    sent once more.
+    """
+    count: list[int] = []
+    before, hook = signal.getsignal(signal.SIGINT), sys.unraisablehook
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        count.append(number)
+        signal.default_int_handler(number, frame)
+
+    def dropped(error: "sys.UnraisableHookArgs") -> None:
+        if issubclass(error.exc_type, KeyboardInterrupt):
+            threading.Timer(0.01, _thread.interrupt_main).start()
+        else:
+            hook(error)
+
+    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
+        yield count  # somebody else's to handle
+        return
+    signal.signal(signal.SIGINT, handle)
+    sys.unraisablehook = dropped
+    try:
+        yield count
+    finally:
+        sys.unraisablehook = hook
+        if signal.getsignal(signal.SIGINT) is handle:
+            signal.signal(signal.SIGINT, before)
+
+
+def _status_of(arguments: list[str], interrupted: list[int]) -> int:
+    try:
+        status = app(arguments, prog_name="uq-handeye", standalone_mode=False)
+        if sys.stdout is not None:  # it may be closed
+            sys.stdout.flush()
+    except ClickException as error:
+        context = getattr(error, "ctx", None)
+        path = "uq-handeye" if context is None else context.command_path
+        return fail(f"{error.format_message()} (see {path} --help)")  # type: ignore[attr-defined]
+    except (typer.Abort, KeyboardInterrupt):
+        return INTERRUPTED
+    except Exception as error:
+        return INTERRUPTED if interrupted else _failed(error)
+    return status if isinstance(status, int) else 0
+
+
+def _failed(error: Exception) -> int:
+    """The exit status of an error, after its one line."""
+    if isinstance(error, InputError | NotConvergedError):
+        return fail(str(error))
+    if isinstance(error, OSError) and error.filename is None:
+        # files have their own messages, so this is the standard output
+        sys.stdout = None  # or Python would try, and fail, to flush it once more
+        return fail(f"Cannot write the output: {error.strerror or error}.")
+    return fail_internally(error)

@@ -1,0 +1,93 @@
+"""The command ``uq-handeye codegen``: matrices and whole functions as code of other languages."""
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ...errors import InputError
+from ..messages import LOG
+from ..options import OUTPUT, emit, flag, folder_option, one_of, option
+
+# The names of symbolic.codegen.COMMENTS, written down once more to be quick.
+LANGUAGE_NAMES = ("c", "cpp", "octave", "julia", "rust", "fortran", "javascript", "python", "latex")
+
+
+def codegen_command(
+    names: Annotated[list[str] | None, typer.Argument(metavar="NAME", help="More names, as of --matrix.")] = None,
+    language: Annotated[
+        str | None,
+        option("--language", of=LANGUAGE_NAMES, metavar="NAME", help=f"{', '.join(LANGUAGE_NAMES)}."),
+    ] = None,
+    matrix: Annotated[
+        list[str] | None,
+        typer.Option("--matrix", metavar="NAME", help="A matrix or function of --list; may be repeated."),
+    ] = None,
+    every: Annotated[bool, flag("--all", help="Everything the language has.")] = False,
+    list_names: Annotated[bool, flag("--list", panel=OUTPUT, help="Print the names there are, and no code.")] = False,
+    output: Annotated[Path | None, folder_option("Folder to write. Left out: to the standard output.")] = None,
+) -> None:
+    """Closed forms and whole functions in other languages.
+
+    Example: uq-handeye codegen --language c --matrix solve_4dpa -o generated/
+
+    The matrices of the paper and their derivatives are in every language; the
+    functions solve_4dpa and covariance_4dpa in c, cpp, octave and python.
+    """
+    from ... import __version__
+    from ...io import write_files
+
+    if list_names:
+        emit(_generator().listing())
+        return
+    if language is None:
+        raise InputError(f"Expected --language, one of {', '.join(LANGUAGE_NAMES)}.")
+    language = one_of(language, "--language", LANGUAGE_NAMES)
+    given = [part.strip() for text in [*(matrix or []), *(names or [])] for part in text.split(",") if part.strip()]
+    if every == bool(given):
+        raise InputError("Expected either --matrix NAME or --all; see codegen --list for the names.")
+
+    codegen = _generator()
+    lacking = [] if language in codegen.WRITTEN_IN else list(codegen.FUNCTIONS)
+    if every:
+        given = [name for name in codegen.NAMES if name not in lacking]
+        if lacking:
+            LOG.info("%s are not written in %s, but in %s.", _listed(lacking), language, _listed(codegen.WRITTEN_IN))
+    for name in given:
+        if name not in codegen.NAMES:
+            raise InputError(
+                f"Expected --matrix to be a name of codegen --list, got {name!r}.{_near(name, codegen.NAMES)}"
+            )
+        if name in lacking:
+            raise InputError(
+                f"{name} is not written in {language}, but in {_listed(codegen.WRITTEN_IN)}; "
+                f"{language} has the matrices."
+            )
+    texts = codegen.files(language, given, __version__)
+    if output is None:
+        emit(codegen.one_text(language, texts))
+    else:
+        write_files(output, texts)
+        what = ", ".join(texts) if len(texts) <= 6 else f"{len(texts)} files"
+        emit(f"Wrote {what} to {output}\n")
+
+
+def _generator() -> Any:
+    """The module that does the work; with SymPy it takes half a second to load."""
+    from ...symbolic import codegen  # type: ignore[import-not-found]  # outside the package's folder in a checkout
+
+    return codegen
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _near(name: str, names: Sequence[str]) -> str:
+    """Up to three names that look like it, capitals or not."""
+    small = {known.lower(): known for known in sorted(names)}
+    same = [known for known in names if known.lower() == name.lower()]
+    near = same or [small[found] for found in difflib.get_close_matches(name.lower(), small, n=3, cutoff=0.5)]
+    return f" Did you mean {' or '.join(near)}?" if near else ""

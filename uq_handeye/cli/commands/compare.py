@@ -1,0 +1,89 @@
+"""The command ``uq-handeye compare``: the published methods side by side."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from ...errors import InputError
+from ..inputs import PoseFiles, noise_of
+from ..messages import fail, progress_wanted, timed
+from ..options import (
+    OUTPUT,
+    PUBLISHED,
+    ROBOT_WORLD,
+    JsonOption,
+    PairsOption,
+    emit,
+    flag,
+    folder_option,
+    made_of,
+    methods_of,
+    option,
+)
+
+if TYPE_CHECKING:
+    from ...comparison.compare import Comparison
+    from ...noise.models import Noise
+
+COMPARED = (*PUBLISHED, *ROBOT_WORLD)
+
+
+@made_of(noise=noise_of, files=PoseFiles)
+def compare_command(
+    files: "PoseFiles",
+    noise: "Noise | None",
+    methods: Annotated[
+        str | None,
+        option(
+            "--methods",
+            of=COMPARED,
+            metavar="NAME,NAME,...",
+            help=f"Some of {', '.join(PUBLISHED)}; or {', '.join(ROBOT_WORLD)}, on poses. Left out: the former.",
+        ),
+    ] = None,
+    reference: Annotated[
+        str, option("--reference", of=COMPARED, metavar="NAME", help="Method from which differences are taken.")
+    ] = "4dpa",
+    pairs: PairsOption = "all",
+    as_json: JsonOption = False,
+    as_csv: Annotated[bool, flag("--csv", panel=OUTPUT, help="Print the table as CSV.")] = False,
+    output: Annotated[Path | None, folder_option("Write comparison.json, .csv, .png, .svg.")] = None,
+) -> int:
+    """All published methods on the same pairs: a table, and a figure of who agrees.
+
+    Example: uq-handeye compare robot.csv camera.csv -o comparison/
+
+    A method that fails keeps its row, which says why. Exit status 2 if every
+    method fails. The table is up to 120 columns wide; on a narrower terminal
+    append | less -S, or use --csv.
+    """
+    if as_json and as_csv:
+        raise InputError("Give either --json or --csv, not both.")
+    names = None if methods is None else methods_of(methods, "--methods", COMPARED)
+    (base,) = methods_of(reference, "--reference", COMPARED, most=1)
+    poses, noise = files.read(noise)
+    from ...comparison import text as comparison_text
+    from ...comparison.compare import compare
+
+    with timed("comparing"):
+        result = compare(poses, noise=noise, methods=names, pairs=pairs, reference=base, progress=progress_wanted())
+    if as_json or as_csv:
+        emit(result.to_json() if as_json else result.to_csv())
+    else:  # on a terminal the warnings stand above already
+        emit(comparison_text.table(result, warnings=not sys.stdout.isatty()))
+    if output is not None:  # after the table, which is not to be lost if this fails
+        _write_comparison(result, output)
+    if result.reference is None:
+        some = any(row.X is not None for row in result.rows)
+        return fail(f"{'No method gave a result to rely on' if some else 'Every method failed'}; the table says why.")
+    return 0
+
+
+def _write_comparison(result: "Comparison", directory: Path) -> None:
+    from ...comparison.figure import comparison_figure, png  # Matplotlib is slow to import
+    from ...io import write_files
+    from ...presentation.ellipses import render
+
+    figure = comparison_figure(result)
+    files: dict[str, Any] = {"comparison.json": result.to_json(), "comparison.csv": result.to_csv()}
+    write_files(directory, files | {"comparison.png": png(figure), "comparison.svg": render(figure, "svg")})

@@ -1,0 +1,84 @@
+"""The command ``uq-handeye cross-check``: every covariance of one problem, and whether they agree."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from ..inputs import PoseFiles, noise_of, warn_as_calibrate
+from ..messages import progress_wanted, timed
+from ..options import (
+    JsonOption,
+    PairsOption,
+    WorkersOption,
+    cores,
+    emit,
+    flag,
+    folder_option,
+    made_of,
+    option,
+    require_writable,
+)
+from .calibrate import REPORTS, ReportFile, write_report
+from .validate import INTERRUPTED, NOT_COMPLETE
+
+if TYPE_CHECKING:
+    from ...noise.models import Noise
+
+
+@made_of(noise=noise_of, files=PoseFiles)
+def cross_check_command(
+    files: "PoseFiles",
+    noise: "Noise | None",
+    trials: Annotated[int, option("--trials", help="Monte Carlo trials of each method.")] = 10_000,
+    posterior: Annotated[bool, flag("--posterior/--no-posterior", help="Sample the posterior too.")] = True,
+    pairs: PairsOption = "all",
+    seed: Annotated[int, option("--seed", help="The same seed gives the same numbers.")] = 0,
+    workers: WorkersOption = None,
+    as_json: JsonOption = False,
+    output: Annotated[
+        Path | None, folder_option("Write cross_check.json, cross_check.csv, cross_check.png, cross_check.svg here.")
+    ] = None,
+    report: ReportFile = None,
+) -> int:
+    """Formulas, Monte Carlo and posterior side by side: every covariance of X, and whether they agree as they must.
+
+    Example: uq-handeye cross-check robot.csv camera.csv -o all/
+
+    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
+    0.1deg,0.5mm. Without, it is estimated from the data.
+
+    A broken relation is a result: exit status 0. Ctrl-C prints what there is so
+    far (exit status 130); so does a run that lost its workers (exit status 1).
+    """
+    require_writable(report, "--report", REPORTS)
+    poses, noise = files.read(noise)
+    from ...io import write_files
+    from ...noise.models import PairNoise
+    from ...poses.motions import relative_motions
+    from ...validation.cross_check.run import cross_check
+    from ...validation.monte_carlo.run import INTERRUPTED as ended_by_hand
+
+    result = warn_as_calibrate(poses, noise, pairs)
+    with timed("cross-check"):
+        check = cross_check(
+            relative_motions(poses, pairs) if isinstance(noise, PairNoise) or pairs != "all" else poses,
+            noise=noise,
+            trials=trials,
+            seed=seed,
+            workers=cores() if workers is None else workers,
+            posterior=posterior,
+            progress=progress_wanted(),
+        )
+    if output is not None:
+        from ...presentation.ellipses import render
+        from ...validation.cross_check.figure import cross_check_figure  # Matplotlib is slow to import
+
+        figure = cross_check_figure(check)
+        table = check.to_dataframe().to_csv(index=False, lineterminator="\n")
+        written = {"cross_check.json": check.to_json(), "cross_check.csv": table}
+        write_files(output, written | {f"cross_check.{kind}": render(figure, kind) for kind in ("png", "svg")})
+    if report is not None and result is not None and check.complete:
+        write_report(result, report, True, check)
+    emit(check.to_json() if as_json else check.to_text())
+    if check.complete:
+        return 0
+    return INTERRUPTED if check.reason == ended_by_hand else NOT_COMPLETE

@@ -1,0 +1,60 @@
+"""The commands ``export`` and ``report``: a stored result for another program, or for people."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ...runtime.progress import working
+from ..messages import progress_wanted, timed
+from ..options import OUTPUT, emit, one_of, option, require_writable
+from .calibrate import REPORTS
+
+# The names of export.FORMATS, written down once more to be quick.
+EXPORT_NAMES = ("json", "ros", "urdf", "opencv", "npz")
+
+ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", help="result.json of calibrate -o.")]
+
+
+def export_command(
+    result: ResultFile,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, e.g. x.urdf.")],
+    format: Annotated[
+        str | None,
+        option(
+            "--format",
+            of=EXPORT_NAMES,
+            metavar="NAME",
+            panel=OUTPUT,
+            help=f"{', '.join(EXPORT_NAMES)}. Left out: by the ending of FILE.",
+        ),
+    ] = None,
+) -> None:
+    """X of a stored result for ROS, URDF, OpenCV or NumPy.
+
+    Example: uq-handeye export result/result.json x.urdf
+    """
+    from ...calibration.result import Calibration
+
+    name = None if format is None else one_of(format, "--format", EXPORT_NAMES)
+    emit(f"Wrote {Calibration.from_json(result).export(file, name)}\n")
+
+
+def report_command(
+    result: ResultFile,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, .html or .pdf.")],
+) -> None:
+    """A report for people from a stored result.
+
+    Example: uq-handeye report result/result.json report.html
+
+    It is that of calibrate --report without what needs the poses again: the
+    comparison of methods and the cross-check.
+    """
+    from ...calibration.result import Calibration
+
+    require_writable(file, "FILE", REPORTS)
+    stored = Calibration.from_json(result)
+    with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
+        written = stored.report(file, comparison=False)
+    emit(f"Wrote {written}\n")

@@ -1,0 +1,102 @@
+"""The command ``uq-handeye plan``: which poses to take next."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from ...errors import InputError
+from ..inputs import PoseFiles, noise_of, warn_as_calibrate
+from ..messages import timed
+from ..options import OUTPUT, JsonOption, emit, flag, made_of, option, require_writable
+
+if TYPE_CHECKING:
+    from ...noise.models import Noise
+
+CRITERIA = ("trace", "logdet", "point")
+
+
+@made_of(noise=noise_of, files=PoseFiles)
+def plan_command(
+    files: "PoseFiles",
+    noise: "Noise | None",
+    k: Annotated[int, option("-k", "--count", help="How many poses to take next.")] = 5,
+    candidates: Annotated[
+        Path | None,
+        option("--candidates", metavar="FILE.csv", help="Robot poses to choose from, in the units of the robot file."),
+    ] = None,
+    sample: Annotated[
+        int,
+        option(
+            "--sample",
+            help="Without --candidates: how many to draw. They look at the target from near where the camera has been "
+            "(0.8 to 1.2 times the distances, 15 deg more tilt, 30 deg more roll), with the robot inside the box of "
+            "its positions so far, grown by 15 % of its diagonal: its reach is not known.",
+        ),
+    ] = 200,
+    seed: Annotated[int, option("--seed", help="Seed of the candidates drawn.")] = 0,
+    criterion: Annotated[
+        str,
+        option(
+            "--criterion",
+            of=CRITERIA,
+            metavar="NAME",
+            help="What to make small: trace (mean squared error of points at --length from the camera), logdet (volume "
+            "of the ellipsoid) or point (mean squared error of --point).",
+        ),
+    ] = "trace",
+    point: Annotated[
+        str | None, option("--point", metavar="X,Y,Z", help="Camera coordinates with units, e.g. 0mm,0mm,300mm.")
+    ] = None,
+    length: Annotated[
+        str | None,
+        option("--length", metavar="LENGTH", help="For trace; left out, the RMS distance of camera to target so far."),
+    ] = None,
+    repeat: Annotated[bool, flag("--repeat", help="A candidate may be taken more than once.")] = False,
+    as_json: JsonOption = False,
+    output: Annotated[
+        Path | None,
+        option("-o", "--output", metavar="FILE.csv", panel=OUTPUT, help="Write the robot poses, in order, in metres."),
+    ] = None,
+) -> None:
+    """Which poses to take next, and the standard deviations of X predicted after each.
+
+    Example: uq-handeye plan robot.csv camera.csv -k 5 -o next.csv
+
+    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
+    0.1deg,0.5mm. Without, it is estimated from the data.
+
+    Predicted to first order for the noise. Reach and obstacles are not known:
+    look at each pose before you drive there.
+    """
+    from ...io import read_pose_file
+    from ...noise.models import PoseNoise
+    from ...planning.plan import plan
+
+    for name, value, least in (("-k", k, 1), ("--sample", sample, 1), ("--seed", seed, 0)):
+        if value < least:
+            raise InputError(f"Expected {name} to be at least {least}, got {value}.")
+    if point is not None and point.count(",") != 2:
+        raise InputError(f"Expected --point to be X,Y,Z with units such as 0mm,0mm,300mm, got {point!r}.")
+    if point is not None and criterion != "point":
+        raise InputError(f"--point goes with --criterion point, got --criterion {criterion}.")
+    require_writable(output, "-o")
+    poses, noise = files.read(noise)
+    if noise is not None and not isinstance(noise, PoseNoise):
+        raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
+    rows = None if candidates is None else read_pose_file(candidates, files.both_units[0])[1]
+    warn_as_calibrate(poses, noise)
+    with timed("planning"):
+        found = plan(
+            poses,
+            rows,
+            k,
+            noise=noise,
+            criterion=criterion,
+            point=None if point is None else point.split(","),
+            length=length,
+            sample=sample,
+            seed=seed,
+            repeat=repeat,
+        )
+    if output is not None:
+        found.to_csv(output)
+    emit(found.to_json() if as_json else found.to_text())

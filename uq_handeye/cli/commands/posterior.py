@@ -1,0 +1,96 @@
+"""The command ``uq-handeye posterior``: samples of the posterior of X."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from ...errors import InputError
+from ..inputs import PoseFiles, noise_of, warn_as_calibrate
+from ..messages import progress_wanted, timed
+from ..options import JsonOption, emit, flag, folder_option, made_of, option
+
+if TYPE_CHECKING:
+    from ...noise.models import Noise
+
+CHAIN = "chain.h5"
+
+
+@made_of(noise=noise_of, files=PoseFiles)
+def posterior_command(
+    files: "PoseFiles",
+    noise: "Noise | None",
+    pairs: Annotated[
+        str,
+        option(
+            "--pairs",
+            of=("disjoint", "consecutive"),
+            metavar="NAME",
+            help="For noise on motions (A and B): disjoint, or consecutive.",
+        ),
+    ] = "disjoint",
+    samples: Annotated[int, option("--samples", help="Effective samples of every coordinate.")] = 10_000,
+    scales: Annotated[
+        bool | None,
+        flag(
+            "--scales/--no-scales",
+            help="Sample unknown factors on the noise of robot and camera, too. Left out: if it is estimated.",
+        ),
+    ] = None,
+    student_t: Annotated[
+        float | None,
+        option("--student-t", metavar="NU", help="Heavy-tailed likelihood of NU degrees of freedom, e.g. 5."),
+    ] = None,
+    walkers: Annotated[int, option("--walkers", help="Number of walkers.")] = 128,
+    max_steps: Annotated[int, option("--max-steps", help="Steps of every walker at most.")] = 10_000,
+    seed: Annotated[int, option("--seed", help="Seed of the random numbers.")] = 0,
+    as_json: JsonOption = False,
+    output: Annotated[
+        Path | None,
+        folder_option(f"Keep the chain ({CHAIN}) here, and write posterior.json, corner.png and corner.svg."),
+    ] = None,
+    resume: Annotated[bool, flag("--resume", help="Go on with the chain in -o DIR.")] = False,
+) -> None:
+    """The posterior of X by Markov chain Monte Carlo, with a flat prior, until enough samples are effective.
+
+    Example: uq-handeye posterior robot.csv camera.csv -o out/
+
+    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
+    0.1deg,0.5mm. Without, it is estimated from the data.
+
+    Nothing is reported before the chain has converged (autocorrelation time,
+    split R-hat, effective samples). With -o a run that was interrupted, or has
+    not converged, goes on with --resume and ends in the same numbers.
+    """
+    if resume and output is None:
+        raise InputError("--resume needs -o DIR, the folder of the run to go on with.")
+    poses, noise = files.read(noise)
+    from ...io import write_files
+    from ...noise.models import PairNoise
+    from ...poses.motions import relative_motions
+    from ...validation.posterior.sample import sample_posterior
+
+    warn_as_calibrate(poses, noise, pairs if isinstance(noise, PairNoise) else "all")
+    if output is not None:
+        write_files(output, {})  # makes the folder, or says why not
+        output.mkdir(parents=True, exist_ok=True)
+    with timed("sampling"):
+        result = sample_posterior(
+            relative_motions(poses, pairs) if isinstance(noise, PairNoise) else poses,
+            noise,
+            seed=seed,
+            samples=samples,
+            scales=scales,
+            student_t=student_t,
+            walkers=walkers,
+            file=None if output is None else output / CHAIN,
+            resume=resume,
+            max_steps=max_steps,
+            progress=progress_wanted(),
+        )
+    emit(result.to_json() if as_json else result.summary())
+    if output is not None:
+        from ...presentation.ellipses import render  # Matplotlib is slow to import
+        from ...validation.posterior.figure import corner
+
+        figure = corner(result)
+        written: dict[str, Any] = {"posterior.json": result.to_json()}
+        write_files(output, written | {f"corner.{kind}": render(figure, kind) for kind in ("png", "svg")})

@@ -1,0 +1,57 @@
+"""The command ``uq-handeye simulate``: pose files of a simulated rig."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ...errors import InputError
+from ..inputs import noise_of
+from ..options import SETUP_NAMES, emit, made_of, option
+
+if TYPE_CHECKING:
+    from ...noise.models import Noise
+
+
+MAX_POSES = 1_000_000  # about 1 GB of memory; more would end the machine's, not the work
+
+
+@made_of(noise=noise_of)
+def simulate_command(
+    noise: "Noise | None",
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write.")],
+    n_poses: Annotated[int, typer.Option("--poses", "-n", help="Number of poses.")] = 20,
+    setup: Annotated[
+        str, option("--setup", of=SETUP_NAMES, metavar="NAME", help=f"{' or '.join(SETUP_NAMES)}.")
+    ] = SETUP_NAMES[0],
+    distance: Annotated[str, option("--distance", help="Camera to target, NEAREST,FARTHEST.")] = "0.4m,0.8m",
+    tilt: Annotated[str, option("--tilt", help="Largest angle of line of sight to target normal.")] = "35deg",
+    roll: Annotated[str, option("--roll", help="Largest roll about the line of sight, either way.")] = "60deg",
+    seed: Annotated[int, option("--seed", help="Seed of the random numbers.")] = 0,
+) -> None:
+    """Pose files of a simulated rig: robot.csv, camera.csv and truth.csv.
+
+    Example: uq-handeye simulate -o sim/ --poses 30 --camera-noise 0.1deg,0.5mm
+    """
+    from ...io import pose_text, write_files
+    from ...noise.models import PoseNoise
+    from ...poses.pose_pairs import SETUPS
+    from ...simulation.rig import simulate
+
+    if noise is not None and not isinstance(noise, PoseNoise):
+        raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
+    if seed < 0:
+        raise InputError(f"Expected --seed to be 0 or more, got {seed}.")
+    if not 1 <= n_poses <= MAX_POSES:
+        raise InputError(f"Expected --poses to be from 1 to {MAX_POSES}, got {n_poses}.")
+    near, _, far = distance.partition(",")
+    poses = simulate(n_poses, noise=noise, setup=setup, distance=(near, far or near), tilt=tilt, roll=roll, seed=seed)
+    if poses.truth is None or poses.timestamps is None:
+        raise RuntimeError("simulate() gave poses without truth or times")
+    files = {
+        "robot.csv": pose_text(poses.robot, poses.timestamps),
+        "camera.csv": pose_text(poses.camera, poses.timestamps),
+        "truth.csv": pose_text(poses.truth.X[None]),
+    }
+    write_files(output, files)
+    emit(f"Wrote robot.csv, camera.csv and truth.csv ({SETUPS[setup]}) to {output}\n")

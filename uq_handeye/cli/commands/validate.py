@@ -1,0 +1,193 @@
+"""The command ``uq-handeye validate``: whether the covariance of a method is true."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from ...errors import InputError
+from ..inputs import PoseFiles, noise_of, warn_as_calibrate
+from ..messages import LOG, progress_wanted
+from ..options import (
+    EVERY_METHOD,
+    OUTPUT,
+    JsonOption,
+    PairsOption,
+    WorkersOption,
+    cores,
+    emit,
+    flag,
+    folder_option,
+    made_of,
+    methods_of,
+    option,
+    require_writable,
+)
+
+if TYPE_CHECKING:
+    from ...noise.models import Noise
+    from ...poses.pose_pairs import PosePairs
+    from ...validation.monte_carlo.run import MonteCarlo
+
+# What the shell expects of a program that Ctrl-C ended; of a run that ended otherwise before its time.
+INTERRUPTED, NOT_COMPLETE = 130, 1
+
+
+@made_of(noise=noise_of, files=PoseFiles)
+def validate_command(
+    files: "PoseFiles",
+    noise: "Noise | None",
+    method: Annotated[
+        list[str] | None,
+        option(
+            "--method",
+            of=EVERY_METHOD,
+            metavar="NAME,NAME,...",
+            help=f"One or several of {', '.join(EVERY_METHOD)}. Left out: efficient.",
+        ),
+    ] = None,
+    trials: Annotated[
+        int | None, option("--trials", help="How many. Left out: 10,000, or with --digits at most 1,000,000.")
+    ] = None,
+    digits: Annotated[
+        int | None, option("--digits", help="Stop once the result is stable to so many digits, 1 to 4 (JCGM 102).")
+    ] = None,
+    seed: Annotated[int, option("--seed", help="Seed of the noise: the same seed gives the same numbers.")] = 0,
+    covariance: Annotated[
+        str,
+        option(
+            "--covariance",
+            of=("model", "each"),
+            metavar="model|each",
+            help="Which is tested: that of the method at the true poses, or what each trial reports of itself.",
+        ),
+    ] = "model",
+    pairs: PairsOption = "all",
+    scale: Annotated[
+        float | None, option("--scale", help="Scaling factor d of 4dpa; left out, its limit in closed form.")
+    ] = None,
+    sweep_noise: Annotated[
+        str | None,
+        option(
+            "--sweep-noise",
+            metavar="FACTOR,FACTOR,...",
+            help="Where first order ends: the noise covariances times each, e.g. 1,3,10,30,100.",
+        ),
+    ] = None,
+    workers: WorkersOption = None,
+    scheduler: Annotated[
+        str | None, option("--scheduler", metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        option("--figure", metavar="FILE.png", panel=OUTPUT, help="Write a figure, .png or .svg; one per method."),
+    ] = None,
+    as_json: JsonOption = False,
+    output: Annotated[
+        Path | None,
+        folder_option("Keep the trials here, from which --resume goes on; of several methods in a folder each."),
+    ] = None,
+    resume: Annotated[
+        bool, flag("--resume", panel=OUTPUT, help="Go on with the run in DIR, or add trials to it.")
+    ] = False,
+) -> int:
+    """Monte Carlo: draw the noise again and again, calibrate each time, and see whether the covariance is true.
+
+    Example: uq-handeye validate robot.csv camera.csv --trials 10000
+
+    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
+    0.1deg,0.5mm. Without, it is estimated from the data. It is drawn around the
+    poses as fitted.
+
+    A rejected covariance is a result: exit status 0. What ends the run early
+    prints what the trials so far say: Ctrl-C (exit status 130), or workers that
+    are lost (exit status 1); with -o DIR, --resume goes on.
+    """
+    names = methods_of(",".join(method or ["efficient"]), "--method", EVERY_METHOD)
+    if covariance not in ("model", "each"):
+        raise InputError(f"Expected --covariance to be model or each, got {covariance!r}.")
+    if resume and output is None:
+        raise InputError("--resume needs the folder of the run: give -o DIR.")
+    require_writable(figure, "--figure", (".png", ".svg"))
+    if output is not None and len(names) > 1 and (output / "manifest.json").exists():
+        raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
+    poses, noise = files.read(noise)
+    warn_as_calibrate(poses, noise, pairs)
+    if workers is None:
+        workers = cores()
+    if sweep_noise is not None:
+        given = {"--digits": digits, "--scheduler": scheduler, "-o": output, "--scale": scale}
+        for option, value in (*given.items(), ("--covariance each", covariance == "each" or None)):
+            if value is not None:
+                raise InputError(f"--sweep-noise goes without {option}.")
+        options = {"seed": seed, "pairs": pairs, **({} if trials is None else {"trials": trials})}
+        return _sweep(poses, noise, names, _factors(sweep_noise), options, figure, as_json)
+
+    from ...io import json_text
+    from ...validation.monte_carlo.run import INTERRUPTED as ended_by_hand
+    from ...validation.monte_carlo.run import monte_carlo
+
+    results: dict[str, MonteCarlo] = {}
+    for name in names:
+        result = monte_carlo(
+            poses,
+            noise=noise,
+            method=name,
+            trials=trials,
+            seed=seed,
+            workers=workers,
+            pairs=pairs,
+            scale=scale,
+            covariance="each" if covariance == "each" else None,
+            digits=digits,
+            directory=output if output is None or len(names) == 1 else output / name,
+            resume=resume,
+            client=scheduler,
+            progress=progress_wanted(),
+        )
+        results[name] = result
+        if not as_json:
+            emit(("\n" if len(results) > 1 else "") + result.summary())
+        if figure is not None:
+            result.figure(_of_method(figure, name, names))
+        if result.ended_early:
+            break
+    if as_json:
+        parts = [result.to_dict() for result in results.values()]
+        emit(json_text(parts[0] if len(names) == 1 else {"methods": parts}))
+    if result.reason == ended_by_hand:
+        return INTERRUPTED
+    if result.ended_early:
+        how = "--resume goes on" if output is not None else "with -o DIR, --resume would go on"
+        reason = " ".join(result.reason.split())
+        LOG.error("the run by %s is not complete: %s; %s.", result.method, reason, how)
+        return NOT_COMPLETE
+    return 0
+
+
+def _sweep(
+    poses: "PosePairs",
+    noise: "Noise | None",
+    methods: list[str],
+    factors: list[float],
+    options: dict[str, Any],
+    figure: Path | None,
+    as_json: bool,
+) -> int:
+    from ...validation.sweep.run import sweep
+
+    result = sweep(poses, noise=noise, methods=methods, factors=factors, progress=progress_wanted(), **options)
+    emit(result.to_json() if as_json else result.summary())
+    if figure is not None:
+        result.figure(figure)
+    return 0
+
+
+def _factors(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"Expected --sweep-noise to be numbers such as 1,3,10,30,100, got {text!r}.") from None
+
+
+def _of_method(figure: Path, name: str, names: list[str]) -> Path:
+    """The file of a method: its name is put in where there are several."""
+    return figure if len(names) == 1 else figure.with_name(f"{figure.stem}-{name}{figure.suffix}")

@@ -1,0 +1,347 @@
+"""What a command is given: pose files and noise, as groups of options (`made_of`) and how they are read."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..errors import InputError, NotConvergedError
+from .messages import LOG, timed
+from .options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, one_of, option
+
+if TYPE_CHECKING:
+    from ..calibration.result import Calibration
+    from ..noise.estimate import NoisePrior
+    from ..noise.models import Noise
+    from ..poses.pose_pairs import PosePairs
+    from ..synchronisation.result import Synchronised
+    from .commands.camera import Pictures
+
+# Panels of the help.
+INPUT, NOISE = "Pose files", "Noise"
+
+
+# -------------------------------------------------------------------------------------------------- pose files
+
+
+@dataclass(frozen=True)
+class StreamFiles:
+    """Robot and camera poses in files, as the command line names them."""
+
+    robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot poses, or a file that holds both sides.")]
+    camera: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="CAMERA", help="Camera poses, or the folder of uq-handeye camera -o.", show_default=False
+        ),
+    ] = None
+    setup: Annotated[
+        str | None,
+        option(
+            "--setup",
+            of=SETUP_NAMES,
+            metavar="NAME",
+            panel=INPUT,
+            help="eye-in-hand (camera on the gripper) or eye-to-hand. Left out: eye-in-hand, unless the file says.",
+        ),
+    ] = None
+    format: Annotated[
+        str | None,
+        option(
+            "--format",
+            of=FORMAT_NAMES,
+            metavar="NAME",
+            panel=INPUT,
+            help=f"{', '.join(FORMAT_NAMES)}. Left out: by the content.",
+        ),
+    ] = None
+    robot_format: Annotated[
+        str | None, option("--robot-format", of=FORMAT_NAMES, metavar="NAME", panel=INPUT, help="Of the robot file.")
+    ] = None
+    camera_format: Annotated[
+        str | None, option("--camera-format", of=FORMAT_NAMES, metavar="NAME", panel=INPUT, help="Of the camera file.")
+    ] = None
+    units: Annotated[
+        str, option("--units", of=UNITS, metavar="UNIT", panel=INPUT, help="Length unit of both files: m, mm, cm, ...")
+    ] = "m"
+    robot_units: Annotated[
+        str | None, option("--robot-units", of=UNITS, metavar="UNIT", panel=INPUT, help="Of the robot file.")
+    ] = None
+    camera_units: Annotated[
+        str | None, option("--camera-units", of=UNITS, metavar="UNIT", panel=INPUT, help="Of the camera file.")
+    ] = None
+    quaternion: Annotated[
+        str | None,
+        option(
+            "--quaternion",
+            of=("xyzw", "wxyz"),
+            metavar="ORDER",
+            panel=INPUT,
+            help="xyzw or wxyz (scalar first). Left out: the order of the format.",
+        ),
+    ] = None
+    robot_quaternion: Annotated[
+        str | None,
+        option("--robot-quaternion", of=("xyzw", "wxyz"), metavar="ORDER", panel=INPUT, help="Of the robot file."),
+    ] = None
+    camera_quaternion: Annotated[
+        str | None,
+        option("--camera-quaternion", of=("xyzw", "wxyz"), metavar="ORDER", panel=INPUT, help="Of the camera file."),
+    ] = None
+    robot_frame: Annotated[
+        str,
+        option("--robot-frame", of=ROBOT_FRAMES, metavar="FRAME", panel=INPUT, help="Or gripper_T_base: inverted."),
+    ] = ROBOT_FRAMES[0]
+    camera_frame: Annotated[
+        str,
+        option("--camera-frame", of=CAMERA_FRAMES, metavar="FRAME", panel=INPUT, help="Or target_T_camera: inverted."),
+    ] = CAMERA_FRAMES[0]
+    offset: Annotated[
+        str | None,
+        option(
+            "--offset",
+            metavar="SECONDS",
+            panel=INPUT,
+            help="Of streams with clocks of their own: robot time less camera time, exact; or SECONDS,DEVIATION. Left "
+            "out: estimated.",
+        ),
+    ] = None
+
+    def synchronised(self, **options: Any) -> "Synchronised":
+        """Both files as streams, put on one clock; ``options`` are further ones of `synchronise`."""
+        from ..io import read_stream
+        from ..synchronisation.synchronise import synchronise
+
+        if self.camera is None:
+            raise InputError("Two streams are synchronised: give the file of the robot and the file of the camera.")
+        files = ((self.robot, "robot", self.robot_frame), (self.camera, "camera", self.camera_frame))
+        robot, camera = (
+            read_stream(file, side, units=units, format=format, quaternion=quaternion, frame=frame)
+            for (file, side, frame), units, format, quaternion in zip(
+                files, self.both_units, self._formats, self._quaternions, strict=True
+            )
+        )
+        LOG.debug("%d poses of the robot, %d of the camera", len(robot), len(camera))
+        setup = SETUP_NAMES[0] if self.setup is None else self.setup
+        return synchronise(robot, camera, setup=setup, offset=self._offset(), **options)
+
+    def _offset(self) -> float | tuple[float, float] | None:
+        if self.offset is None:
+            return None
+        try:
+            numbers = [float(part) for part in self.offset.split(",")]
+        except ValueError:
+            numbers = []
+        if len(numbers) not in (1, 2):
+            raise InputError(f"Expected --offset to be seconds such as -0.015 or -0.015,0.002, got {self.offset!r}.")
+        return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
+
+    @property
+    def both_units(self) -> tuple[str, str]:
+        """Of the robot's file and of the camera's."""
+        return self.robot_units or self.units, self.camera_units or self.units
+
+    @property
+    def _formats(self) -> tuple[str | None, str | None]:
+        return self.robot_format or self.format, self.camera_format or self.format
+
+    @property
+    def _quaternions(self) -> tuple[str | None, str | None]:
+        return self.robot_quaternion or self.quaternion, self.camera_quaternion or self.quaternion
+
+    def _shown(self) -> str:
+        return str(self.robot) if self.camera is None else f"{self.robot} and {self.camera}"
+
+
+@dataclass(frozen=True)
+class PoseFiles(StreamFiles):
+    """Robot and camera poses and how they are paired, as the command line says."""
+
+    pair: Annotated[
+        str,
+        option(
+            "--pair",
+            of=PAIRINGS,
+            metavar="HOW",
+            panel=INPUT,
+            help="rows: row k belongs to row k. time: nearest timestamps. async: streams with clocks of their own, "
+            "synchronised as by uq-handeye sync.",
+        ),
+    ] = "rows"
+    tolerance: Annotated[
+        float | None,
+        option("--tolerance", metavar="SECONDS", panel=INPUT, help="Of --pair time: farthest partner. Left out: 0.02."),
+    ] = None
+
+    def read(self, noise: "Noise | None", pictures: "Pictures | None" = None) -> "tuple[PosePairs, Noise | None]":
+        """At least three pairs of poses, and their noise where that of the samples is given."""
+        how = one_of(self.pair, "--pair", PAIRINGS)
+        if pictures is not None or (self.camera is not None and self.camera.is_dir()):
+            self._refuse_of_files("--images" if pictures is not None else f"the folder {self.camera}", how)
+        if pictures is not None and self.camera is not None:
+            raise InputError(
+                f"Give either a file of camera poses, {self.camera}, or --images; a pattern goes in quotes, "
+                "--images 'img/*.png', or the shell makes many files of it."
+            )
+        for name, value, needed in (("--tolerance", self.tolerance, "time"), ("--offset", self.offset, "async")):
+            if value is not None and how != needed:
+                raise InputError(f"{name} goes with --pair {needed}, got --pair {how}.")
+        with timed(f"reading {self._shown()}"):
+            poses, noise = self._synchronised_poses(noise) if how == "async" else (self._read(how, pictures), noise)
+        LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
+        if poses.n < 3:
+            raise InputError(
+                f"{self._shown()} hold{'s' if self.camera is None else ''} {poses.n} poses; at least 3 poses are "
+                "needed, which make 2 motions."
+            )
+        return poses, noise
+
+    def _synchronised_poses(self, noise: "Noise | None") -> "tuple[PosePairs, Noise | None]":
+        """An interpolated pose is less noisy than the samples it lies between, whose noise is what people know."""
+        from ..formatting.numbers import concise
+
+        found = self.synchronised(noise=noise)
+        offset = concise(1e3 * found.offset, 1e3 * found.offset_std, "ms")
+        LOG.info("The clocks differ by %s (robot time less camera time); uq-handeye sync says more.", offset)
+        return found.poses, found.noise
+
+    def _refuse_of_files(self, what: str, how: str) -> None:
+        """Options that are about a file of camera poses say nothing of pictures."""
+        given = {
+            "--pair": how != "rows",
+            "--camera-format": self.camera_format is not None,
+            "--camera-units": self.camera_units is not None,
+            "--camera-quaternion": self.camera_quaternion is not None,
+            "--camera-frame": self.camera_frame != CAMERA_FRAMES[0],
+        }
+        if wrong := [name for name, value in given.items() if value]:
+            raise InputError(f"{', '.join(wrong)}: for files of camera poses, not for {what}; leave it out.")
+
+    def _read(self, how: str, pictures: "Pictures | None") -> "PosePairs":
+        from ..io import read_poses
+
+        if pictures is not None:
+            return pictures.poses(
+                self.robot,
+                setup=self.setup,
+                units=self.both_units,
+                format=self._formats,
+                quaternion=self._quaternions,
+                robot_frame=self.robot_frame,
+            )
+        return read_poses(
+            self.robot,
+            self.camera,
+            setup=self.setup,
+            units=self.both_units,
+            format=self._formats,
+            quaternion=self._quaternions,
+            robot_frame=self.robot_frame,
+            camera_frame=self.camera_frame,
+            pair=how,
+            **({} if self.tolerance is None else {"tolerance": self.tolerance}),
+        )
+
+
+def warn_as_calibrate(poses: "PosePairs", noise: "Noise | None", pairs: str = "all") -> "Calibration | None":
+    """What `calibrate` says of the same input, which may be as wrong for every other command; and what it finds.
+
+    Data that `calibrate` refuses are left to the command, which may do with them (`plan`) or say itself why not.
+    """
+    from ..calibration.calibrate import calibrate
+
+    with timed("checking the input"), suppress(InputError, NotConvergedError):
+        return calibrate(poses, noise=noise, pairs=pairs)
+    return None
+
+
+# ------------------------------------------------------------------------------------------------------- noise
+
+
+def noise_of(
+    robot_noise: Annotated[
+        str | None,
+        option("--robot-noise", metavar="ROT,TRANS", panel=NOISE, help="Standard deviations, e.g. 0.02deg,0.05mm."),
+    ] = None,
+    camera_noise: Annotated[
+        str | None,
+        option("--camera-noise", metavar="ROT,TRANS", panel=NOISE, help="Standard deviations, e.g. 0.1deg,0.5mm."),
+    ] = None,
+    noise: Annotated[
+        Path | None,
+        option("--noise", metavar="FILE.toml", panel=NOISE, help="Noise with full 6x6 covariances, instead."),
+    ] = None,
+) -> "Noise | None":
+    """The noise of the three options, or None if none of them is given."""
+    from ..io import read_noise_file
+    from ..noise.models import PoseNoise
+
+    if noise is not None:
+        if robot_noise is not None or camera_noise is not None:
+            raise InputError("Give either --noise FILE or --robot-noise and --camera-noise, not both.")
+        return read_noise_file(noise)
+    if robot_noise is None and camera_noise is None:
+        return None
+    return PoseNoise.isotropic(
+        robot=None if robot_noise is None else _deviations(robot_noise, "--robot-noise"),
+        camera=None if camera_noise is None else _deviations(camera_noise, "--camera-noise"),
+    )
+
+
+def prior_of(
+    robot_prior: Annotated[
+        str | None,
+        option(
+            "--robot-prior",
+            metavar="ROT,TRANS",
+            panel=NOISE,
+            help="Data sheet of the robot, for noise that is estimated, e.g. '?,0.05mm'; ? is unknown.",
+        ),
+    ] = None,
+    camera_prior: Annotated[
+        str | None,
+        option("--camera-prior", metavar="ROT,TRANS", panel=NOISE, help="The same of the camera, e.g. '0.1deg,?'."),
+    ] = None,
+    prior_factor: Annotated[
+        float,
+        option("--prior-factor", panel=NOISE, help="The data sheet is right within this factor (1 sigma); 1: exact."),
+    ] = 2.0,
+) -> "NoisePrior | None":
+    """What the data sheets say, or None if nothing is given."""
+    from ..noise.estimate import NoisePrior
+
+    if robot_prior is None and camera_prior is None:
+        return None
+    robot, camera = _partly_known(robot_prior, "--robot-prior"), _partly_known(camera_prior, "--camera-prior")
+    return NoisePrior(robot, camera, prior_factor)
+
+
+def _deviations(value: str, name: str) -> tuple[float, float]:
+    """Standard deviations (rad, m) of an option ROTATION,TRANSLATION."""
+    from ..formatting.units import parse_deviations
+
+    rotation, comma, translation = value.partition(",")
+    if not comma or "," in translation:
+        raise InputError(f"Expected {name} to be ROTATION,TRANSLATION such as 0.02deg,0.05mm, got {value!r}.")
+    try:
+        return parse_deviations((rotation, translation), name)
+    except InputError as error:
+        try:
+            parse_deviations((translation, rotation), name)
+        except InputError:
+            raise error from None
+        raise InputError(
+            f"{name} {value}: rotation and translation look swapped; write {translation},{rotation}."
+        ) from None
+
+
+def _partly_known(value: str | None, name: str) -> tuple[str | None, str | None] | None:
+    if value is None:
+        return None
+    parts = [part.strip() for part in value.split(",")]
+    if len(parts) != 2:
+        raise InputError(f"Expected {name} to be ROTATION,TRANSLATION such as ?,0.05mm, got {value!r}.")
+    rotation, translation = (None if part in ("", "?") else part for part in parts)
+    return rotation, translation

@@ -1,0 +1,195 @@
+"""What the command says beside its result: notes, warnings and errors on stderr, colours, the log file.
+
+Everything goes through the logger ``uq_handeye``: DEBUG is what is done and how long it took (-v), INFO what was found
+out on the way (a note), WARNING input that looks wrong, ERROR the one line that ends the run. Stdout is for results.
+"""
+
+import logging
+import os
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, TextIO
+
+import typer
+
+from ..errors import InputError, InputWarning
+
+LOG = logging.getLogger("uq_handeye")
+
+_WORDS = {logging.INFO: "note: ", logging.WARNING: "warning: ", logging.ERROR: "error: "}
+_COLOURS = {logging.WARNING: "yellow", logging.ERROR: "red"}
+
+
+@dataclass
+class _Run:
+    """How this run of the command talks."""
+
+    command: str = "uq-handeye"  # the command line as typed
+    quiet: bool = False
+    verbose: bool = False
+    no_color: bool = False
+    said: set[str] = field(default_factory=set)  # warnings: several steps of a command may give the same
+
+
+_run = _Run()
+
+
+def _option(*names: str, help: str, metavar: str = "") -> Any:
+    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel="Messages")
+
+
+@dataclass(frozen=True)
+class Messages:
+    """The options of this module; they stand before or after the name of a command."""
+
+    quiet: Annotated[bool, _option("-q", "--quiet", help="Errors only: no notes, no warnings, no progress.")] = False
+    verbose: Annotated[bool, _option("-v", "--verbose", help="Say what is done and how long it takes.")] = False
+    log_file: Annotated[
+        Path | None,
+        _option("--log-file", metavar="FILE", help="Append all messages here, with times and the command line."),
+    ] = None
+    no_color: Annotated[bool, _option("--no-color", help="No colours.")] = False
+
+    def apply(self) -> None:
+        """From here on."""
+        _run.quiet |= self.quiet
+        _run.verbose |= self.verbose
+        _run.no_color |= self.no_color
+        if _run.quiet and _run.verbose:
+            raise InputError("Give either --quiet or --verbose, not both.")
+        if self.log_file is not None:
+            _open_log(self.log_file)
+
+
+def command_line() -> str:
+    """The command line as typed."""
+    return _run.command
+
+
+def progress_wanted() -> bool:
+    """Whether long work may show a bar; where there is no terminal it shows none anyway."""
+    return not _run.quiet
+
+
+def coloured(stream: TextIO | None) -> bool:
+    """Whether colours go to a stream: to a terminal that can show them, unless --no-color, NO_COLOR or FORCE_COLOR."""
+    if _run.no_color or os.environ.get("NO_COLOR"):
+        return False
+    if os.environ.get("FORCE_COLOR", "0") not in ("", "0"):
+        return True
+    return stream is not None and stream.isatty() and os.environ.get("TERM") != "dumb"
+
+
+@contextmanager
+def messages(command: str, no_color: bool) -> Iterator[None]:
+    """Within it the logger and Python's warnings are those of a run of the command."""
+    global _run
+    before, _run = (_run, LOG.level, LOG.propagate, list(LOG.handlers)), _Run(command, no_color=no_color)
+    LOG.setLevel(logging.DEBUG)
+    LOG.propagate = False
+    LOG.addHandler(_ToStderr())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", InputWarning)
+            warnings.showwarning = _show_warning
+            yield
+    finally:
+        for handler in [handler for handler in LOG.handlers if handler not in before[3]]:
+            LOG.removeHandler(handler)
+            handler.close()
+        _run, LOG.propagate = before[0], before[2]
+        LOG.setLevel(before[1])
+
+
+@contextmanager
+def timed(what: str) -> Iterator[None]:
+    """Says with -v what is done, and then how long it took."""
+    start = time.perf_counter()
+    LOG.debug("%s ...", what)
+    yield
+    LOG.debug("%s: done in %.2f s", what, time.perf_counter() - start)
+
+
+def fail(message: str) -> int:
+    """One line that says what is wrong; gives the exit status of bad input."""
+    LOG.error(" ".join(message.split()))
+    return 2
+
+
+def fail_internally(error: Exception) -> int:
+    """An error of the program itself: what it is and how to report it; gives its exit status."""
+    LOG.debug("".join(traceback.format_exception(error)).rstrip())
+    where = "the log file has" if _logs() else "run it again with --log-file uq-handeye.log, which keeps"
+    LOG.error(
+        "internal error: %s: %s; this is a fault of the program: please report it (%s the details).",
+        type(error).__name__,
+        " ".join(str(error).split()) or "no message",
+        where,
+    )
+    return 1
+
+
+class _ToStderr(logging.Handler):
+    """``uq-handeye: warning: ...``, each text once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.said: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        least = logging.ERROR if _run.quiet else logging.DEBUG if _run.verbose else logging.INFO
+        text = f"uq-handeye: {getattr(record, 'label', _WORDS.get(record.levelno, ''))}{record.getMessage()}"
+        if record.levelno < least or (text in self.said and record.levelno > logging.DEBUG):
+            return
+        self.said.add(text)
+        colour = _COLOURS.get(record.levelno)
+        if colour is not None and coloured(sys.stderr):
+            text = typer.style(text, fg=colour)
+        if sys.stderr is not None:  # it may be closed
+            print(text, file=sys.stderr)
+
+
+class _ToFile(logging.FileHandler):
+    """Gives up, and says so once, when the file cannot be written any more."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        error = sys.exception()
+        LOG.removeHandler(self)
+        stream, self.stream = self.stream, None  # or the handler would close it again, and fail again
+        with suppress(OSError):
+            if stream is not None:
+                stream.close()
+        LOG.warning("Cannot write the log file %s any more: %s.", self.baseFilename, error)
+
+
+def _logs() -> bool:
+    return any(isinstance(handler, _ToFile) for handler in LOG.handlers)
+
+
+def _open_log(path: Path) -> None:
+    from .. import __version__
+
+    try:
+        handler = _ToFile(path, "a", encoding="utf-8")
+    except OSError as error:
+        raise InputError(
+            f"Cannot write --log-file {path}: {(error.strerror or str(error)).lower()}; name a file in a folder that "
+            "exists."
+        ) from error
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    LOG.addHandler(handler)
+    LOG.debug("uq-handeye %s: %s (in %s)", __version__, command_line(), Path.cwd())
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    if str(message) in _run.said:
+        return
+    _run.said.add(str(message))
+    expected = issubclass(category, InputWarning)
+    LOG.warning("%s", message, extra={} if expected else {"label": f"{category.__name__}: "})

@@ -1,0 +1,428 @@
+r"""Every published method on the same pairs: X, its distance from a reference, its covariance, residuals and time.
+
+Model: method m gives ``X_m = (R_m, t_m)`` from the same ``A_i X = X B_i``. Its difference from the reference X_0 is
+
+    xi = (theta, tau),    R_m = exp([theta]x) R_0,    t_m = t_0 + tau
+
+rotation first, rad and m, in the parent frame of X (`calibration`). With the covariance S_m of the method itself
+
+    d^2 = xi^T S_m^-1 xi,    agrees  <=>  d^2 <= 12.59, the 95 % quantile of chi-square with 6 degrees of freedom
+
+that is, X_0 lies inside the 95 % ellipsoid about X_m. This describes, it does not test: all methods see the same noise,
+so that d^2 is not chi-square distributed, methods that agree may be wrong together, and a precise method differs from
+an imprecise reference.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import __version__
+from ..calibration.calibrate import calibrate
+from ..calibration.request import require_noise_fits
+from ..calibration.result import Calibration
+from ..calibration.result_file import noise_to_dict
+from ..errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
+from ..estimators import METHODS, ROBOT_WORLD_METHODS
+from ..estimators.common.method import Estimate, Method
+from ..estimators.common.robot_world import RobotWorldMethod
+from ..files.atomic import json_text, write_atomically
+from ..geometry.conventions import CONVENTION
+from ..noise.models import Noise, PairNoise
+from ..noise_estimation.estimate import estimate_noise
+from ..poses.motions import Motions, relative_motions, spread_pairs
+from ..poses.pose_pairs import SETUPS, PosePairs
+from ..poses.residuals import residuals, summarise
+from ..propagation.noise_transport import noise_of_pairs
+from ..propagation.published_fit import fit_published
+from ..runtime.progress import progress_bar
+from .row import CHI2_95, Row, against, flat, squared_distance
+from .text import table, verdict, without_numbers
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# All pairs of more poses than make this many are thinned out evenly, the same for every method.
+MOST_PAIRS = 20_000
+# A method is timed so many times, or until so many seconds are over, and the best counts.
+REPEATS, ENOUGH = 5, 0.25
+__all__ = ["CHI2_95", "Comparison", "Row", "UnknownMethodError", "against", "compare", "squared_distance"]
+
+_FORMAT = "uq-handeye comparison 1"
+
+
+class UnknownMethodError(InputError, KeyError):
+    """A comparison was asked for a method that it does not have; the message lists those that it has."""
+
+    def __str__(self) -> str:  # KeyError would quote it
+        return str(self.args[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One row per method, in the order asked for; see `compare`."""
+
+    rows: tuple[Row, ...]
+    reference: str | None  # what the differences are taken from; None: every method failed
+    asked_reference: str  # differs from `reference` where that method failed
+    frame: str  # e.g. gripper_T_camera
+    setup: str | None  # None for motions that came without poses
+    n_poses: int | None
+    n_pairs: int  # that every method used
+    n_pairs_available: int  # more than `n_pairs` where these were thinned out
+    noise: Noise | None  # given or estimated
+    noise_estimated: bool = False
+    warnings: tuple[str, ...] = ()  # about the data, as calibrate() gives them for the reference
+
+    def __getitem__(self, method: str) -> Row:
+        for row in self.rows:
+            if row.method == method:
+                return row
+        names = ", ".join(row.method for row in self.rows)
+        raise UnknownMethodError(f"Expected the name of a method compared, one of {names}; got {method!r}.")
+
+    def __contains__(self, method: object) -> bool:
+        return any(row.method == method for row in self.rows)
+
+    def __repr__(self) -> str:
+        return f"Comparison({len(self.rows)} methods, reference {self.reference}, {self.n_pairs} pairs)"
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from ..presentation.notebook import text_html
+
+        return text_html("Comparison of methods", self.verdict, self.to_text(), self.warnings)
+
+    @property
+    def base(self) -> Row | None:
+        """The row of the reference."""
+        return None if self.reference is None else self[self.reference]
+
+    @property
+    def origin(self) -> str:
+        """What the methods were given, e.g. ``300 pairs of 25 poses, eye-in-hand``."""
+        pairs = f"{self.n_pairs:,} pairs"
+        if self.n_pairs_available > self.n_pairs:
+            pairs = f"{self.n_pairs:,} of the {self.n_pairs_available:,} pairs"
+        poses = "" if self.n_poses is None else f" of {self.n_poses} poses"
+        setup = "" if self.setup is None else f", {self.setup}"
+        return f"{pairs}{poses}{setup}" + (", noise estimated from them" if self.noise_estimated else "")
+
+    @property
+    def own_warnings(self) -> list[str]:
+        """Warnings of single methods beyond the common ones, each kind once with the names of its methods."""
+        first: dict[str, str] = {}
+        names: dict[str, list[str]] = {}
+        for row in self.rows:
+            for text in row.warnings:
+                first.setdefault(without_numbers(text), text)
+                names.setdefault(without_numbers(text), []).append(row.method)
+        return [f"{', '.join(names[kind])}: {text}" for kind, text in first.items()]
+
+    @property
+    def most_central(self) -> tuple[str, int] | None:
+        """The method that most others would agree with as the reference, and how many; None without covariances."""
+        rows = [row for row in self.rows if row.covariance is not None and row.failure is None]
+        counts = {base.method: sum(bool(against(row, base).agrees) for row in rows) - 1 for base in rows}
+        return max(counts.items(), key=lambda item: item[1], default=None)
+
+    @property
+    def verdict(self) -> str:
+        """In words: who agrees, who differs, who failed."""
+        return verdict(self)
+
+    def to_text(self) -> str:
+        """The table as plain text."""
+        return table(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers, lists and text, with units and convention."""
+        return {
+            "format": _FORMAT,
+            "version": __version__,
+            "convention": CONVENTION,
+            "units": {"rotation": "rad", "translation": "m", "time": "s"},
+            "reference": self.reference,
+            "asked_reference": self.asked_reference,
+            "frame": self.frame,
+            "setup": self.setup,
+            "n_poses": self.n_poses,
+            "n_pairs": self.n_pairs,
+            "n_pairs_available": self.n_pairs_available,
+            "noise": noise_to_dict(self.noise),
+            "noise_estimated": self.noise_estimated,
+            "agrees_up_to_d2": CHI2_95,
+            "verdict": self.verdict,
+            "warnings": list(self.warnings),
+            "methods": [row.to_dict() for row in self.rows],
+        }
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """JSON text, also written to ``path`` (whole or not at all)."""
+        return json_text(self.to_dict(), path)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A pandas table, one row per method, units in the names of the columns."""
+        import pandas as pd
+
+        return pd.DataFrame([flat(row, self.base) for row in self.rows])
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """`to_dataframe` as CSV text, also written to ``path`` (whole or not at all); empty: not known."""
+        buffer = io.StringIO()
+        self.to_dataframe().to_csv(buffer, index=False, lineterminator="\n")
+        if path is not None:
+            write_atomically(path, buffer.getvalue())
+        return buffer.getvalue()
+
+
+def compare(
+    data: PosePairs | Motions,
+    *,
+    noise: Noise | None = None,
+    methods: Sequence[str] | None = None,
+    pairs: str | ArrayLike = "all",
+    reference: str = "4dpa",
+    progress: bool = False,
+) -> Comparison:
+    """Every method on the same pairs, each with its own covariance.
+
+    A method that fails keeps its row, which says why. All pairs of many poses are thinned out to about 20,000.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+    noise : PoseNoise, PairNoise or None
+        As in `calibrate`. None estimates it once for all methods; where that fails (exact data, or data that do not fit
+        together) there are differences but no standard deviations, hence no agreement.
+    methods : names in `METHODS` or `ROBOT_WORLD_METHODS`, or None for all of `METHODS`
+        The reference is added if it is not among them.
+    pairs : "all", "consecutive", "disjoint" or (N, 2) integers
+        Pairs to make of the poses (`relative_motions`); Motions come with theirs.
+    reference : str
+        The method from which differences are taken; if it fails, the first that does not.
+    progress : bool
+        Show a bar on stderr if that is a terminal.
+
+    Raises
+    ------
+    InputError
+        Arguments that no method could use; data on which methods fail do not raise.
+
+    Warns
+    -----
+    InputWarning
+        What `calibrate` warns of, once for all methods.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.comparison.compare import compare
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> comparison = compare(uq.simulate(n_poses=30, noise=noise, seed=1), noise=noise, methods=["park"])
+    >>> [(row.method, row.agrees) for row in comparison.rows]
+    [('4dpa', True), ('park', True)]
+    """
+    names = _names(methods, reference)
+    motions, available = _motions(data, pairs)
+    require_noise_fits(noise, motions)
+    poses = motions.poses
+    estimated = noise is None and (noise := _estimated(motions)) is not None
+    found: dict[str, Row] = {}
+    with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
+        warnings.simplefilter("always")
+        with progress_bar("compare", len(names), "methods", progress) as advance:
+            for name in sorted(names, key=lambda name: name != reference):
+                found[name] = _row(_every()[name], motions, noise)
+                advance(1)
+    rows = [found[name] for name in names]
+    base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
+    common, own = _sorted_warnings(rows, base)
+    rows = [against(replace(row, warnings=own[row.method]), base) for row in rows]
+    result = Comparison(
+        rows=tuple(rows),
+        reference=None if base is None else base.method,
+        asked_reference=reference,
+        frame="X" if poses is None else SETUPS[poses.setup],
+        setup=None if poses is None else poses.setup,
+        n_poses=None if poses is None else poses.n,
+        n_pairs=motions.N,
+        n_pairs_available=available,
+        noise=noise,
+        noise_estimated=estimated,
+        warnings=common,
+    )
+    for text in (*common, *result.own_warnings):
+        warnings.warn(text, InputWarning, stacklevel=2)
+    for message in {(warning.category, str(warning.message)): warning for warning in others}.values():
+        warnings.warn(message.message, message.category, stacklevel=2)
+    return result
+
+
+def _estimated(motions: Motions) -> Noise | None:
+    """The noise that the data show, of their poses where there are any."""
+    with suppress(InputError, NotConvergedError):
+        return estimate_noise(motions if motions.poses is None else motions.poses).noise
+    return None
+
+
+def _every() -> dict[str, Method | RobotWorldMethod]:
+    return {**METHODS, **ROBOT_WORLD_METHODS}
+
+
+def _names(methods: Sequence[str] | None, reference: str) -> list[str]:
+    """The methods to run, each once and the reference among them."""
+    wanted = list(METHODS) if methods is None else [methods] if isinstance(methods, str) else list(methods)
+    for name, argument in (*((name, "methods") for name in wanted), (reference, "reference")):
+        if not isinstance(name, str) or name not in _every():
+            raise InputError(f"Expected `{argument}` to name methods among {', '.join(_every())}, got {name!r}.")
+    return list(dict.fromkeys(wanted if reference in wanted else [reference, *wanted]))
+
+
+def _motions(data: PosePairs | Motions, pairs: str | ArrayLike) -> tuple[Motions, int]:
+    """The motions for all methods, and how many pairs there were to choose from."""
+    if isinstance(data, Motions):
+        motions, available = data, data.N
+    elif isinstance(data, PosePairs):
+        if data.n < 3:
+            raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
+        every = isinstance(pairs, str) and pairs == "all"
+        motions = relative_motions(data, spread_pairs(data.n, MOST_PAIRS) if every else pairs)
+        available = data.n * (data.n - 1) // 2 if every else motions.N
+    else:
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if motions.A.ndim != 3:
+        raise InputError("Expected one data set, got a batch.")
+    return motions, available
+
+
+def _row(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | None) -> Row:
+    """The row of one method, without its difference from the reference; never raises on account of the data."""
+    row = Row(method.name, method.year, method.structure, method.form)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            row = _filled(row, calibrate(motions, noise=noise, method=method.name))
+        except NotConvergedError as error:
+            row = replace(_reached(row, error, motions), failure=_sentence(error), converged=False)
+        except DegenerateMotionError as error:
+            row = replace(_undetermined(row, error), failure=_sentence(error, method.name))
+        except MissingExtraError as error:
+            row = replace(row, failure=_sentence(error))
+        except InputError as error:
+            row = _without_covariance(row, error, motions, noise, method)
+        except Exception as error:  # whatever goes wrong in one method, the table is not lost
+            row = replace(row, failure=f"{type(error).__name__}: {_sentence(error)}")
+        if row.X is not None:
+            with suppress(Exception):  # what cannot be timed has no time
+                row = replace(row, seconds=_seconds(_alone(method, motions, noise)))
+    for warning in caught:
+        if not issubclass(warning.category, InputWarning):
+            warnings.warn(warning.message, warning.category, stacklevel=2)
+    texts = [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]
+    return replace(row, warnings=tuple(dict.fromkeys([*row.warnings, *texts])))
+
+
+def _alone(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | None) -> Callable[[], object]:
+    """The estimate without anything around it."""
+    if isinstance(method, RobotWorldMethod):
+        poses = motions.poses
+        assert poses is not None  # or it would have no X
+        return lambda: method(poses)
+    weights = _weights(method, motions, noise)
+    return lambda: method.estimate(motions.A, motions.B, weights)
+
+
+def _weights(method: Method, motions: Motions, noise: Noise | None) -> PairNoise | None:
+    """The noise that the method weights by, as `calibrate` gives it."""
+    if not method.weighted or noise is None or isinstance(noise, PairNoise):
+        return noise if method.weighted and isinstance(noise, PairNoise) else None
+    return noise_of_pairs(motions, noise)
+
+
+def _filled(row: Row, result: Calibration) -> Row:
+    """The row with what `calibrate` found."""
+    finite = np.isfinite(result.X).all() and (result.covariance is None or np.isfinite(result.covariance).all())
+    if not finite:
+        raise ArithmeticError("the result holds numbers that are not finite.")
+    return replace(
+        row,
+        X=result.X,
+        covariance=result.covariance,
+        residuals=result.residuals,
+        converged=True,  # or it would have raised
+        iterations=result.iterations,
+    )
+
+
+def _without_covariance(
+    row: Row, error: InputError, motions: Motions, noise: Noise | None, method: Method | RobotWorldMethod
+) -> Row:
+    """The row with X alone where it is the covariance that the method refuses, for example of too many pairs."""
+    if noise is None or method.weighted:
+        return replace(row, failure=_sentence(error))
+    try:
+        found = fit_published(motions, None, method.name, None, None)
+        if not np.isfinite(found.X).all():
+            raise ArithmeticError("the result holds numbers that are not finite.")
+        of_pairs = summarise(*residuals(motions.A, motions.B, found.X))
+    except Exception:
+        return replace(row, failure=_sentence(error))
+    row = replace(row, X=found.X, residuals=of_pairs, converged=True, iterations=found.iterations)
+    return replace(row, warnings=(f"No covariance, hence no verdict: {_sentence(error)}",))
+
+
+def _reached(row: Row, error: NotConvergedError, motions: Motions) -> Row:
+    """The row with what an iteration reached before it was given up."""
+    partial = error.partial
+    if not isinstance(partial, Estimate) or partial.X.shape != (4, 4) or not np.isfinite(partial.X).all():
+        return row
+    return replace(
+        row,
+        X=partial.X,
+        residuals=summarise(*residuals(motions.A, motions.B, partial.X)),
+        iterations=int(partial.iterations),
+    )
+
+
+def _undetermined(row: Row, error: DegenerateMotionError) -> Row:
+    """The row with the X of a covariance that means nothing, where there is one."""
+    try:
+        return _filled(row, error.partial) if isinstance(error.partial, Calibration) else row
+    except ArithmeticError:
+        return row
+
+
+def _sentence(error: Exception, method: str = "4dpa") -> str:
+    """What went wrong, in words for a table: nothing to call from Python, and no other method in the row of this."""
+    sentences = re.split(r"(?<=[.!?])\s+", " ".join(str(error).split()))
+    text = " ".join(sentence for sentence in sentences if "METHODS[" not in sentence) or type(error).__name__
+    return text if method == "4dpa" else text.replace("4DPA sees neither", "They show neither")
+
+
+def _seconds(function: Callable[[], object]) -> float:
+    """Shortest time of a few calls, or of one if it is slow."""
+    times: list[float] = []
+    while len(times) < REPEATS and sum(times) < ENOUGH:
+        start = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """Those of the reference (of all methods if none succeeded), and what each method has beyond them."""
+    common = {without_numbers(text): text for row in (rows if base is None else [base]) for text in row.warnings}
+    own = {row.method: tuple(text for text in row.warnings if without_numbers(text) not in common) for row in rows}
+    return tuple(common.values()), own

@@ -1,0 +1,111 @@
+"""The published methods beside a calibration: compared on its data, and their picture.
+
+This module imports Matplotlib; import it where it is used.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, NotConvergedError
+from ..poses.motions import spread_pairs
+from ..poses.pose_pairs import PosePairs
+from ..presentation.figure_parts import Picture
+from .compare import Comparison, compare
+from .methods_figure import methods_figure
+from .row import Row, against
+
+if TYPE_CHECKING:
+    from ..calibration.result import Calibration
+
+# Methods are compared on all pairs of the poses, or on about so many of them.
+COMPARED_PAIRS = 4000
+
+
+class Compared(NamedTuple):
+    """A comparison, or why there is none."""
+
+    comparison: Comparison | None
+    reason: str  # why there is none
+    note: str  # on the data that were compared
+
+
+def compared(result: Calibration, comparison: Comparison | Compared | bool) -> Compared:
+    """What `Calibration.report` is given as ``comparison``; True compares now, X of the result as the reference."""
+    if isinstance(comparison, Compared):
+        return comparison
+    if isinstance(comparison, Comparison):
+        if comparison.frame != result.frame:
+            raise InputError(
+                f"Expected `comparison` to be of {result.frame}, as the result, got one of {comparison.frame}."
+            )
+        return Compared(comparison, "", "")
+    if not isinstance(comparison, bool):
+        raise InputError(f"Expected `comparison` to be True, False or a Comparison, got {type(comparison).__name__}.")
+    if comparison:
+        return _on_its_data(result)
+    return Compared(None, "Not compared: report(path, comparison=True) puts all published methods here.", "")
+
+
+def methods_picture(comparison: Comparison) -> Picture | None:
+    """Differences of all methods from the reference; None where no other method has any."""
+    base = comparison.base
+    others = [row for row in comparison.rows if row is not base]
+    if base is None or not any(row.xi is not None and row.failure is None for row in others):
+        return None
+    alt = f"Differences of {len(others)} methods from {base.method} in the six components of X, with 1 and 2 sigma."
+    caption = (
+        f"Differences from {base.method}, one row per method; thick and thin bars are 1 and 2 standard deviations "
+        "of the method itself, the grey band is 1 standard deviation of the reference. Orange diamonds: the method "
+        "differs from it beyond its own 95 % ellipsoid. Triangles at the rim: farther away, with the value. Bars "
+        "that do not reach zero in several panels deserve a look."
+    )
+    return Picture(methods_figure([base, *others]), alt, caption)
+
+
+def _on_its_data(result: Calibration) -> Compared:
+    """All published methods on the data of the result, without the poses that it rejected."""
+    data, noise, note = result.data, result.noise, ""
+    if data is None:
+        return Compared(
+            None,
+            "Not compared: this result was read from a file, which holds no poses. "
+            "report(path, comparison=compare(poses, noise=noise)) shows the methods.",
+            "",
+        )
+    if result.table is not None and result.table.rejected:
+        kept = np.flatnonzero(result.table.weight > 0)
+        data, noise = data.rows(kept), None if noise is None else noise.rows(kept)
+        count = len(result.table.rejected)
+        note = f" Without the {f'{count} {result.table.item}s' if count > 1 else result.table.item} rejected here."
+    pairs: NDArray[np.intp] | str = "all"
+    if isinstance(data, PosePairs):
+        pairs = spread_pairs(data.n, COMPARED_PAIRS)
+    elif data.N > COMPARED_PAIRS:
+        some = np.linspace(0, data.N - 1, COMPARED_PAIRS).astype(np.intp)
+        note += f" They are spread evenly over the {data.N:,} motions."
+        data, noise = data.rows(some), None if noise is None else noise.rows(some)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # those that matter are in the table
+            found = compare(data, noise=noise, pairs=pairs)
+    except (InputError, NotConvergedError) as error:
+        return Compared(None, f"Not compared: {error}", "")
+    available = data.n * (data.n - 1) // 2 if isinstance(data, PosePairs) else found.n_pairs
+    base = Row(
+        f"{result.method} (this result)",
+        0,
+        "",
+        "",
+        X=result.X,
+        covariance=result.covariance,
+        residuals=result.residuals,
+    )
+    rows = [against(row, base) for row in (base, *found.rows)]
+    found = replace(found, rows=tuple(rows), reference=base.method, n_pairs_available=available)
+    return Compared(found, "", note)

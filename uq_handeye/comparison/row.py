@@ -1,0 +1,201 @@
+"""One method in a comparison: its result, its distance from the reference, and both as plain numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..geometry.se3 import Array
+from ..poses.residuals import Residuals
+
+# 95 % quantile of chi-square with 6 degrees of freedom.
+CHI2_95 = 12.591587243743977
+# Eigenvalue of a correlation matrix below which a direction has no variance.
+FLAT = 1e-13
+# Differences below both (1e-9 degrees in rad, 1e-9 mm in m) are rounding.
+ROUNDING = (math.radians(1e-9), 1e-12)
+
+_XYZ = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """What one method made of the data. Angles in rad, lengths in m."""
+
+    method: str
+    year: int
+    structure: str  # "separated" or "simultaneous"
+    form: str  # "closed form", "iterative" or "convex program"
+    X: Array | None = None  # (4, 4); with a failure: what the method came to all the same, if anything
+    covariance: Array | None = None  # (6, 6) of (theta, tau), the method's own; None without noise
+    residuals: Residuals | None = None
+    seconds: float | None = None  # of the estimator alone
+    converged: bool | None = None
+    iterations: int | None = None  # 0 in closed form
+    failure: str | None = None  # why there is no result, or none to rely on
+    warnings: tuple[str, ...] = ()  # beyond those of the comparison
+    xi: Array | None = None  # (6,) difference (theta, tau) from the reference
+    d2: float | None = None  # xi^T covariance^-1 xi; infinite where the covariance leaves no room
+    agrees: bool | None = None  # d2 <= CHI2_95; None: not known
+
+    @property
+    def status(self) -> str:
+        """ok; undetermined, where the noise leaves X open and the covariance means nothing; unconverged; failed."""
+        if self.failure is None:
+            return "ok"
+        if self.converged is False:
+            return "unconverged"
+        return "failed" if self.X is None else "undetermined"
+
+    def __repr__(self) -> str:
+        said = self.status if self.failure is not None or self.agrees is None else f"agrees={self.agrees}"
+        apart = ""
+        if self.xi is not None:
+            rotation, translation = np.degrees(np.linalg.norm(self.xi[:3])), 1e3 * np.linalg.norm(self.xi[3:])
+            apart = f", {rotation:.3g} deg and {translation:.3g} mm from the reference"
+        return f"Row({self.method} {self.year}, {said}{apart})"
+
+    @property
+    def std(self) -> Array | None:
+        """Standard deviations (6,) of (theta, tau)."""
+        return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def difference_rotation(self) -> float | None:
+        """Angle between the rotation and that of the reference."""
+        return None if self.xi is None else float(np.linalg.norm(self.xi[:3]))
+
+    @property
+    def difference_translation(self) -> float | None:
+        """Distance between the translation and that of the reference."""
+        return None if self.xi is None else float(np.linalg.norm(self.xi[3:]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text; None for what is not there."""
+        return {
+            "method": self.method,
+            "year": self.year,
+            "structure": self.structure,
+            "form": self.form,
+            "status": self.status,
+            "X": _plain(self.X),
+            "covariance": _plain(self.covariance),
+            "std": _plain(self.std),
+            "difference": _plain(self.xi),
+            "difference_rotation": _finite(self.difference_rotation),
+            "difference_translation": _finite(self.difference_translation),
+            "d2": _finite(self.d2),
+            "agrees": self.agrees,
+            "residuals": None
+            if self.residuals is None
+            else {k: _finite(v) for k, v in self.residuals._asdict().items()},
+            "seconds": _finite(self.seconds),
+            "converged": self.converged,
+            "iterations": self.iterations,
+            "failure": self.failure,
+            "warnings": list(self.warnings),
+        }
+
+
+def against(row: Row, base: Row | None) -> Row:
+    """The row with its difference from the reference, and whether it agrees; one of rounding counts as none."""
+    if base is None or base.X is None or row.X is None:
+        return row
+    theta = Rotation.from_matrix(row.X[:3, :3] @ base.X[:3, :3].T).as_rotvec()
+    xi = np.concatenate([theta, row.X[:3, 3] - base.X[:3, 3]])
+    if row.method == base.method:
+        xi = np.zeros(6)
+    if row.covariance is None or row.failure is not None:
+        return replace(row, xi=xi)
+    d2 = 0.0 if is_rounding(xi) else squared_distance(xi, row.covariance)
+    return replace(row, xi=xi, d2=d2, agrees=d2 <= CHI2_95)
+
+
+def is_rounding(xi: Array) -> bool:
+    """Whether a difference (6,) is below 1e-9 degrees and 1e-9 mm."""
+    return all(float(np.linalg.norm(part)) < least for part, least in zip((xi[:3], xi[3:]), ROUNDING, strict=True))
+
+
+def rotation_vector(X: Array, base: Array | None) -> Array:
+    """The rotation vector (3,) of X nearest to that of ``base``: near 180 degrees a vector and its opposite are one."""
+    vector = np.asarray(Rotation.from_matrix(X[:3, :3]).as_rotvec())
+    angle = float(np.linalg.norm(vector))
+    if base is None or angle == 0:
+        return vector
+    target = Rotation.from_matrix(base[:3, :3]).as_rotvec()
+    other = vector * (1 - 2 * np.pi / angle)
+    return other if np.linalg.norm(other - target) < np.linalg.norm(vector - target) else vector
+
+
+def squared_distance(xi: Array, covariance: Array) -> float:
+    """``xi^T covariance^-1 xi``; infinite where xi has a part along which the covariance has no variance."""
+    std = np.sqrt(np.diag(covariance))
+    if (xi[std == 0] != 0).any():
+        return math.inf
+    xi, covariance, std = xi[std > 0], covariance[np.ix_(std > 0, std > 0)], std[std > 0]
+    if not xi.size:
+        return 0.0
+    values, axes = np.linalg.eigh(covariance / np.outer(std, std))
+    parts = axes.T @ (xi / std)
+    flat = values <= FLAT
+    if (np.abs(parts[flat]) > np.sqrt(FLAT)).any():
+        return math.inf
+    return float(np.sum(parts[~flat] ** 2 / values[~flat]))
+
+
+def _plain(array: Array | None) -> Any:
+    return None if array is None else array.tolist()
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is None or math.isfinite(value) else None
+
+
+def flat(row: Row, base: Row | None) -> dict[str, Any]:
+    """The row of the data frame, beside the reference ``base``."""
+    missing = np.full(6, np.nan)
+    X = np.full((4, 4), np.nan) if row.X is None else row.X
+    rotvec = missing[:3] if row.X is None else rotation_vector(row.X, None if base is None else base.X)
+    std, xi = (missing if value is None else value for value in (row.std, row.xi))
+    rms: tuple[float | None, float | None, float | None] = (None, None, None)
+    if row.residuals is not None:
+        rms = (row.residuals.error, row.residuals.rotation_rms, row.residuals.translation_rms)
+    entry: dict[str, Any] = {
+        "method": row.method,
+        "year": row.year,
+        "structure": row.structure,
+        "form": row.form,
+        "status": row.status,
+        "is_reference": base is not None and row.method == base.method,
+    }
+    entry |= {f"rotation_vector_{a}_deg": math.degrees(rotvec[k]) for k, a in enumerate(_XYZ)}
+    entry |= {f"translation_{a}_mm": 1e3 * X[k, 3] for k, a in enumerate(_XYZ)}
+    entry |= {f"std_theta_{a}_deg": math.degrees(std[k]) for k, a in enumerate(_XYZ)}
+    entry |= {f"std_tau_{a}_mm": 1e3 * std[3 + k] for k, a in enumerate(_XYZ)}
+    entry |= {
+        "difference_rotation_deg": _scaled(row.difference_rotation, 180 / np.pi),
+        "difference_translation_mm": _scaled(row.difference_translation, 1e3),
+    }
+    entry |= {f"difference_theta_{a}_deg": math.degrees(xi[k]) for k, a in enumerate(_XYZ)}
+    entry |= {f"difference_tau_{a}_mm": 1e3 * xi[3 + k] for k, a in enumerate(_XYZ)}
+    entry |= {
+        "d2": row.d2,
+        "agrees": row.agrees,
+        "error_62": rms[0],
+        "residual_rotation_rms_deg": _scaled(rms[1], 180 / np.pi),
+        "residual_translation_rms_mm": _scaled(rms[2], 1e3),
+        "time_ms": _scaled(row.seconds, 1e3),
+        "converged": row.converged,
+        "iterations": row.iterations,
+        "failure": row.failure,
+    }
+    entry |= {f"X_{i + 1}{j + 1}" + ("_m" if j == 3 else ""): X[i, j] for i in range(3) for j in range(4)}
+    return entry
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value

@@ -1,0 +1,1 @@
+"""What residuals and geometry say about a fit."""

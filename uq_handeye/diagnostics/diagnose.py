@@ -1,0 +1,310 @@
+r"""What the data of a fit can tell, and what they cannot: observability, influence, residual tests, systematic errors.
+
+Model: the linearised `Fit`. Its residuals r (n rows of 6) have the covariance S, its unknowns x = (xi_X, xi_W) the
+derivatives J and the covariance ``C = (J^T S^-1 J)^-1``; an error e of the residuals moves the estimate by
+``-C J^T S^-1 e``. All statements are of first order in the errors; X in its parent frame (the gripper for
+eye-in-hand, the base for eye-to-hand), rad and m inside, deg and mm where the name of a field says so.
+
+*Leaving a row out.* With ``F F^T = (S^-1)_ii``, ``B_i = F^-1 (S^-1 J)_i``, ``e_i = F^-1 (S^-1 r)_i`` (for independent
+rows their whitened J and r) X moves by the block of X of ``C B_i^T (I - B_i C B_i^T)^-1 e_i``, exactly so for the
+linearised problem (R. D. Cook, Technometrics 1977, for rows of several numbers that may be correlated). The
+information that row i brings to X alone is ``tr(C_XX^-1 C_X B_i^T B_i C_X^T) / 6``, C_X the rows of C that belong to X.
+
+A shift d of X is stated "in standard deviations" as its length ``sqrt(d^T C_XX^-1 d)`` over all six directions.
+
+The tests of the residuals are in `residual_patterns`, errors that all rows share in `scale_errors`, the sentences in
+`report.diagnosis_words`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc
+
+from ..errors import InputError
+from ..geometry.se3 import Array, skew
+from ..likelihood.gauss_helmert import Fit, corrected
+from ..noise.models import Noise, PairNoise, is_joint
+from ..noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+from .residual_patterns import Autocorrelation, Normality, Regression, residual_tests
+from .scale_errors import ScaleError, inflation, scale_errors, shared_lengths
+
+_MM, _DEG = 1e3, 180.0 / np.pi
+# Of motions that come without poses.
+UNKNOWN_FRAME = "parent frame of X"
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Principal axes of the covariance of X, least certain first; ``axes`` hold one unit vector per row."""
+
+    frame: str
+    sd_rotation_deg: Array  # (3,)
+    axes_rotation: Array  # (3, 3)
+    sd_translation_mm: Array  # (3,)
+    axes_translation: Array  # (3, 3)
+    length_m: float  # rotations are multiplied by it in the joint spectrum
+    length_of: str
+    sd_joint_mm: Array  # (6,)
+    axes_joint: Array  # (6, 6) of (length theta, tau)
+    condition: float  # largest by smallest of sd_joint_mm
+
+
+@dataclass(frozen=True, eq=False)
+class Influence:
+    """Of each pose (or motion): its share of the information about X, and what X does when it is left out."""
+
+    share: Array  # (n,), sums to 1
+    effective_number: float  # 1 / sum share^2
+    shift: Array  # (n, 6) of X, rad and m; infinite where X is not determined without the row
+    shift_sd: Array  # (n,) sqrt(shift^T C_XX^-1 shift): in standard deviations of X
+    cook: Array  # (n,) shift^T C_XX^-1 shift / 6
+    p_value: Array  # (n,) of the row's residual given all others, chi-square(6) if the noise is right
+
+
+@dataclass(frozen=True, eq=False)
+class Diversity:
+    """Eigenvalues and axes (rows) of ``sum u u^T`` scaled to trace 1, ``u = sin(angle/2) axis`` of robot motions."""
+
+    share: Array  # (3,) largest first
+    axes: Array  # (3, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnostics:
+    """All of `diagnose`; ``sentences()`` says it in words, ``warnings()`` what deserves one."""
+
+    n: int
+    item: str  # "pose" or "motion"
+    independent_camera: bool  # the camera has noise, taken as independent from row to row
+    sigma_0: float  # root of chi-square of the fit by its degrees of freedom
+    spectrum: Spectrum
+    influence: Influence
+    diversity: Diversity
+    autocorrelation: Autocorrelation
+    normality: Normality
+    regression: Regression
+    probes: tuple[ScaleError, ...]
+    focal_covered: bool = False  # the noise contains the error of a focal length estimated with the camera poses
+
+    def sentences(self) -> list[str]:
+        """Everything in words."""
+        return [text for _, text in self._findings()]
+
+    def warnings(self) -> list[str]:
+        """Those of the sentences that a user should act upon."""
+        return [text for warn, text in self._findings() if warn]
+
+    def shared_errors(self) -> list[str]:
+        """What noise that was estimated from the poses of one camera cannot contain, in words."""
+        from .sentences import shared_errors
+
+        return shared_errors(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text; None stands for an infinite number."""
+        values = {name: _plain(value) for name, value in asdict(self).items()}
+        if not self.focal_covered:  # only where it is so, that files from before are read
+            del values["focal_covered"]
+        return values
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Diagnostics:
+        """The inverse of `to_dict`."""
+        values = dict(data)
+        for name, kind in _SECTIONS.items():
+            values[name] = _section(kind, values[name])
+        values["probes"] = tuple(_section(ScaleError, probe) for probe in values["probes"])
+        return cls(**values)
+
+    def _findings(self) -> list[tuple[bool, str]]:
+        from .sentences import findings
+
+        return findings(self)
+
+    @property
+    def frame(self) -> str:
+        """The parent frame of X."""
+        return self.spectrum.frame
+
+
+_SECTIONS: dict[str, Any] = {
+    "spectrum": Spectrum,
+    "influence": Influence,
+    "diversity": Diversity,
+    "autocorrelation": Autocorrelation,
+    "normality": Normality,
+    "regression": Regression,
+}
+
+
+def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
+    """Diagnostics of one fit, in O(n) time and memory, O(n^3) and O(n^2) for a joint covariance.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of `efficient` or `maximum_likelihood`, without leading axes.
+    data : PosePairs or Motions
+        What it was fitted to; timestamps give the order for the autocorrelation.
+    noise : PoseNoise or PairNoise
+        What it was fitted with.
+
+    Raises
+    ------
+    InputError
+        A fit of several problems at once, or data of another size.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.likelihood.gauss_helmert import efficient
+    >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    >>> poses = uq.simulate(n_poses=20, noise=noise, seed=1)
+    >>> found = diagnose(efficient(poses, noise), poses, noise)
+    >>> found.item, found.frame, round(found.influence.effective_number)
+    ('pose', 'gripper', 15)
+    """
+    if fit.covariance.ndim != 2:
+        raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
+    poses = data if isinstance(data, PosePairs) else data.poses
+    n, on_poses = len(fit.residual), fit.W is not None
+    count = poses.n if on_poses and poses is not None else len(data)
+    if count != n:
+        raise InputError(f"Expected `data` to be what was fitted, {n} rows, got {count}.")
+    joint = joint_residuals(fit.S)
+    factor = fit.weighted_factor
+    stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
+    white = whiten(factor, stacked)
+    counted = float(n if fit.weights is None else fit.weights.sum())
+    freedom = max(6 * counted - fit.covariance.shape[-1], 1.0)
+    sigma_0 = float(np.sqrt(np.sum(white[..., -1] ** 2) / freedom))
+
+    # Tests must not take the noise of the poses for a pattern: that of the corrected ones is independent of residuals.
+    measured = (poses.robot, poses.camera) if on_poses and poses is not None else (data.A, data.B)  # type: ignore[union-attr]
+    first, second = corrected(fit, noise, *measured)
+    lengths = shared_lengths(first, second, data, poses, on_poses)
+    tests = residual_tests(fit, poses if on_poses else None, second, joint)
+    camera = noise.B if isinstance(noise, PairNoise) else noise.camera
+    frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
+    distance = float(np.sqrt(np.mean(np.sum(second[:, :3, 3] ** 2, axis=-1))))
+    seen = None if poses is None else poses.camera_calibration
+    return Diagnostics(
+        n=n,
+        item="pose" if on_poses else "motion",
+        independent_camera=camera is not None and not is_joint(camera),
+        sigma_0=sigma_0,
+        spectrum=_spectrum(fit.covariance_X, frame, distance, on_poses),
+        influence=_influence(fit.covariance, *_own_parts(white, factor, joint)),
+        diversity=_diversity(data, poses),
+        autocorrelation=tests[0],
+        normality=tests[1],
+        regression=tests[2],
+        probes=scale_errors(fit, factor, white, lengths, max(1.0, sigma_0) * inflation(tests[0])),
+        focal_covered=camera is not None and is_joint(camera) and seen is not None and "fx" in seen.estimated,
+    )
+
+
+# ------------------------------------------------------------------------------------------- what X is known to
+
+
+def _spectrum(S: Array, frame: str, distance: float, on_poses: bool) -> Spectrum:
+    length, of = distance, "rms distance from camera to target" if on_poses else "rms length of the camera motions"
+    if not length > 0:
+        length, of = 1.0, "arbitrary, as the camera does not move"
+    units = np.array([length] * 3 + [1.0] * 3)
+    (rotation, axes_r), (translation, axes_t), (joint, axes_j) = (
+        _principal(block) for block in (S[:3, :3], S[3:, 3:], S * units[:, None] * units)
+    )
+    return Spectrum(
+        frame, rotation * _DEG, axes_r, translation * _MM, axes_t, length, of, joint * _MM, axes_j,
+        float(joint[0] / joint[-1]),
+    )  # fmt: skip
+
+
+def _principal(S: Array) -> tuple[Array, Array]:
+    """Standard deviations, largest first, and their axes as rows, the largest entry positive."""
+    values, vectors = np.linalg.eigh(S)
+    axes = vectors.T[::-1]
+    signs = np.sign(axes[np.arange(len(axes)), np.abs(axes).argmax(axis=1)])
+    return np.sqrt(np.maximum(values[::-1], 0.0)), axes * signs[:, None]
+
+
+def _own_parts(white: Array, factor: Factor, joint: bool) -> tuple[Array, Array]:
+    """B (n, 6, p) and e (n, 6) of the module: each row given all others."""
+    if not joint:
+        return white[..., :-1], white[..., -1]
+    parts = np.linalg.solve(np.linalg.cholesky(inverse_blocks(factor)), pulled(factor, white))
+    return parts[..., :-1], parts[..., -1]
+
+
+def _influence(C: Array, B: Array, e: Array) -> Influence:
+    by_X = B @ C[:, :6]  # (n, 6, 6)
+    to_unit = np.linalg.inv(np.linalg.cholesky(C[:6, :6]))  # of X
+    share = np.sum((by_X @ to_unit.T) ** 2, axis=(1, 2))
+    share = share / share.sum()
+    values, vectors = np.linalg.eigh(np.eye(6) - B @ C @ B.mT)
+    needed = values[:, 0] < 1e-9
+    turned = (vectors.mT @ e[..., None])[..., 0]
+    rotated = turned / np.where(needed[:, None], 1.0, values)
+    p_value = np.where(needed, 1.0, chdtrc(6, np.sum(turned * rotated, axis=1)))
+    shift = (by_X.mT @ (vectors @ rotated[..., None]))[..., 0]
+    cook = np.sum((shift @ to_unit.T) ** 2, axis=1) / 6
+    shift_sd = np.sqrt(6 * cook)
+    shift[needed] = shift_sd[needed] = cook[needed] = np.inf
+    return Influence(share, float(1.0 / np.sum(share**2)), shift, shift_sd, cook, p_value)
+
+
+def _diversity(data: PosePairs | Motions, poses: PosePairs | None) -> Diversity:
+    if poses is None:
+        assert isinstance(data, Motions)
+        u = Rotation.from_matrix(data.A[:, :3, :3]).as_quat()[:, :3]
+        total = u.T @ u
+    else:
+        # u = vec(conj(q_j) q_i) is bilinear, u_a = q_j^T E_a q_i: the sum over all pairs is tr(Q E_a Q E_b^T).
+        q = Rotation.from_matrix(poses.effective_robot[:, :3, :3]).as_quat()
+        Q = q.T @ q
+        total = np.einsum("apq,bpq->ab", Q @ _TURNS @ Q, _TURNS)
+    values, axes = _principal(total / max(float(np.trace(total)), 1e-300))
+    return Diversity(values**2, axes)
+
+
+def _turns() -> Array:
+    """E (3, 4, 4) for quaternions (x, y, z, w): ``w_j v_i - w_i v_j - v_j x v_i``."""
+    E = np.zeros((3, 4, 4))
+    E[:, :3, :3] = -skew(np.eye(3)).transpose(1, 0, 2)
+    E[:, 3, :3] = np.eye(3)
+    E[:, :3, 3] = -np.eye(3)
+    return E
+
+
+_TURNS = _turns()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(entry) for name, entry in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _section(kind: type[Any], data: dict[str, Any]) -> Any:
+    """One section from plain data; lists become arrays, None in them infinity."""
+
+    def back(value: Any) -> Any:
+        if value is None:
+            return np.inf
+        return [back(entry) for entry in value] if isinstance(value, list) else value
+
+    values = {field.name: back(data[field.name]) for field in fields(kind)}
+    return kind(**{name: np.array(value, dtype=float) if isinstance(value, list) else value
+                   for name, value in values.items()})  # fmt: skip

@@ -1,0 +1,97 @@
+r"""Errors that all rows share (focal length, target size, robot scale): what they do to X, and whether they show.
+
+Model: a `Fit`, in the notation of `diagnostics`. The relative error s of a length that all rows share adds ``k s`` to
+r. It moves X by ``-C J^T S^-1 k s``; as one more unknown it is estimated by ``s = k' . r' / |k'|^2`` with the deviation
+``1 / |k'|``, where k' is the whitened k less what X and W can explain of it (a score test). The lengths are those of
+the poses as the fit corrects them, whose noise is independent of r.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.se3 import Array
+from ..likelihood.gauss_helmert import Fit
+from ..noise.square_roots import Factor, whiten
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+from .residual_patterns import RARE, Autocorrelation
+
+# Estimates of a scale error beyond so many standard deviations are findings.
+SCORE = 4.0
+# What X and W cannot explain of the lengths must exceed what their noise makes of it, in squares, by this factor.
+SIGNAL = 10.0
+# The error whose effect is stated.
+SCALE = 1e-3
+
+FOCAL = "focal length"
+TARGET = "target size"
+ROBOT = "robot scale"
+
+
+@dataclass(frozen=True, eq=False)
+class ScaleError:
+    """A relative error that all rows share: what 0.1 % of it does to X, and what the residuals say about it."""
+
+    name: str
+    reason: str
+    shift: Array  # (6,) of X for 0.1 %, rad and m
+    shift_sd: float  # sqrt(shift^T C_XX^-1 shift): in standard deviations of X
+    visible: bool  # whether residuals can show it at all
+    estimate: float  # relative error of the lengths as given
+    sd: float
+    z: float
+
+
+def inflation(found: Autocorrelation) -> float:
+    return float(np.sqrt(max(found.factor, 1.0))) if found.p_value < RARE else 1.0
+
+
+def shared_lengths(
+    first: Array, second: Array, data: PosePairs | Motions, poses: PosePairs | None, on_poses: bool
+) -> dict[str, tuple[int, Array] | str]:
+    """Side and change of its translations (n, 3) for a relative error 1, or the reason why it is not known.
+
+    ``first`` and ``second`` are the poses (motions) of robot and camera, corrected by the fit.
+    """
+    depth: Array | None = None
+    if on_poses:
+        depth = second[:, :3, 3] * np.array([0.0, 0.0, 1.0])
+    elif poses is not None and isinstance(data, Motions) and data.pairs is not None:
+        along = poses.camera[:, :3, 3] * np.array([0.0, 0.0, 1.0])
+        i, j = data.pairs.T
+        depth = along[j] - (second[:, :3, :3] @ along[i, :, None])[..., 0]
+    return {
+        FOCAL: "the distances from camera to target are not known" if depth is None else (1, depth),
+        TARGET: (1, second[:, :3, 3]),
+        ROBOT: (0, first[:, :3, 3]),
+    }
+
+
+def scale_errors(
+    fit: Fit, factor: Factor, white: Array, lengths: dict[str, tuple[int, Array] | str], inflation: float
+) -> tuple[ScaleError, ...]:
+    C, J, r = fit.covariance, white[..., :-1], white[..., -1]
+    known = {name: value for name, value in lengths.items() if not isinstance(value, str)}
+    changes = [(fit.linear.sides[side][..., 3:] @ change[..., None]) for side, change in known.values()]
+    k = whiten(factor, np.concatenate(changes, axis=-1))  # (n, 6, probes)
+    response = -C @ (J.reshape(-1, len(C)).T @ k.reshape(J.shape[0] * 6, -1))
+    rest = k + J @ response
+    before, after = (np.sum(x**2, axis=(0, 1)) for x in (k, rest))
+    to_unit = np.linalg.inv(np.linalg.cholesky(C[:6, :6]))
+    found: list[ScaleError] = []
+    for name, value in lengths.items():
+        if isinstance(value, str):
+            found.append(ScaleError(name, value, np.zeros(6), 0.0, False, 0.0, 0.0, 0.0))
+            continue
+        m = list(known).index(name)
+        shift = SCALE * response[:6, m]
+        size = float(np.linalg.norm(to_unit @ shift))
+        if not after[m] > max(1e-9 * before[m], SIGNAL * 3 * len(r)):
+            found.append(ScaleError(name, "", shift, size, False, 0.0, 0.0, 0.0))
+            continue
+        estimate, sd = float(np.sum(rest[..., m] * r) / after[m]), inflation / float(np.sqrt(after[m]))
+        found.append(ScaleError(name, "", shift, size, True, estimate, sd, estimate / sd))
+    return tuple(found)

@@ -1,0 +1,237 @@
+r"""Split-half consistency: X from two halves of the data against the sum of their covariances.
+
+Model: halves 1 and 2 share no pose, each has its own estimate of X (and of W). The difference ``d = (theta, tau)``,
+``R_1 = exp([theta]x) R_2``, ``t_1 = t_2 + tau``, has to first order the covariance
+
+    V = C_1 + C_2 - K_12 - K_12^T,    K_12 = G_1 S_12 G_2^T,    G_h = C_h J_h^T S_hh^-1 (rows of X)
+
+K_12 = 0 for errors that are independent from pose to pose; S_12 is the covariance of the residuals of one half with
+those of the other, which a joint noise fills. ``d^T V^-1 d`` is chi-square(6) distributed if the noise is known. With
+a noise that was estimated from all of the same data with nu degrees of freedom, d itself is a part of what the estimate
+is made of: ``d^2 / nu`` is Beta distributed, or
+
+    (d^2 / 6) / ((nu - d^2) / (nu - 6))  ~  F(6, nu - 6)
+
+The test sees errors that differ between the halves (drift, wrong kinematics, a noise given too small). What both
+halves share, such as the error of the intrinsics, it does not see.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc, fdtrc
+
+from ..errors import DegenerateMotionError, InputError, NotConvergedError
+from ..geometry.se3 import Array
+from ..likelihood.constraint import constraint_of, residual_covariance
+from ..likelihood.gauss_helmert import ESTIMATORS, Fit
+from ..noise.models import Noise, PairNoise, is_joint
+from ..noise.square_roots import pulled, whiten
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+
+SPLITS = ("interleaved", "contiguous", "random", "angles")
+LEVEL = 0.95
+FEWEST = 3
+# The numbers of one test.
+_SHAPES = {"X1": (4, 4), "X2": (4, 4), "difference": (6,), "covariance": (6, 6), "d2": (), "p_value": ()}
+
+
+@dataclass(frozen=True, eq=False)
+class SplitHalf:
+    """The two estimates and the test, or the reason why there is none (``possible`` is False, numbers are None).
+
+    Leading axes of the data are independent problems and appear in every array.
+    """
+
+    split: str
+    halves: tuple[NDArray[np.intp], NDArray[np.intp]]  # numbers of the poses (or motions) in each
+    possible: bool
+    reason: str
+    X1: Array | None = None  # (..., 4, 4)
+    X2: Array | None = None
+    difference: Array | None = None  # (..., 6): X1 from X2, left rotation in rad, additive translation in m
+    covariance: Array | None = None  # (..., 6, 6) of the difference
+    d2: Array | None = None  # (...)
+    dof: float | None = None  # degrees of freedom of the estimated noise; None: known noise
+    p_value: Array | None = None  # (...)
+
+    @property
+    def passed(self) -> NDArray[np.bool_] | None:
+        """(...) whether the halves agree at the 95 % level; None where the test is not possible."""
+        return None if self.p_value is None else np.asarray(self.p_value > 1 - LEVEL)
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        if not self.possible:
+            return f"The split-half test ({self.split}) is not possible: {self.reason}"
+        assert self.passed is not None and self.difference is not None and self.d2 is not None
+        if self.passed.ndim:
+            return f"{int(self.passed.sum())} of {self.passed.size} split-half tests ({self.split}) are passed."
+        turn = np.degrees(np.linalg.norm(self.difference[:3]))
+        move = 1e3 * np.linalg.norm(self.difference[3:])
+        verdict = "agree" if self.passed else "do not agree"
+        advice = (
+            "" if self.passed else ": the covariance is too small, or the two halves have different systematic errors"
+        )
+        return (
+            f"X of two halves of the data ({self.split}, {len(self.halves[0])} and {len(self.halves[1])}) differs by "
+            f"{turn:.2g} deg and {move:.2g} mm; they {verdict} within their covariances (d^2 = {float(self.d2):.1f} "
+            f"where 6 is expected, p = {float(self.p_value):.2g}){advice}."  # type: ignore[arg-type]
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text."""
+
+        def plain(value: Array | None) -> Any:
+            return None if value is None else np.asarray(value).tolist()
+
+        names = ("X1", "X2", "difference", "covariance", "d2", "p_value", "passed")
+        return {
+            "split": self.split,
+            "halves": [half.tolist() for half in self.halves],
+            "possible": self.possible,
+            "reason": self.reason,
+            "dof": self.dof,
+            **{name: plain(getattr(self, name)) for name in names},
+            "sentence": self.sentence,
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> SplitHalf:
+        """The inverse of `to_dict`, of one problem."""
+        numbers = {name: None if data[name] is None else np.asarray(data[name], dtype=float) for name in _SHAPES}
+        for name, value in numbers.items():
+            if (value is None) if data["possible"] else (value is not None):
+                raise InputError(f"The split-half test is damaged: {name} and `possible` contradict each other.")
+            if value is not None and value.shape != _SHAPES[name]:
+                raise InputError(f"The split-half test is damaged: {name} has the shape {value.shape}.")
+        first, second = (np.asarray(half, dtype=np.intp) for half in data["halves"])
+        return cls(data["split"], (first, second), data["possible"], data["reason"], dof=data["dof"], **numbers)
+
+
+def split_half(
+    data: PosePairs | Motions,
+    noise: Noise,
+    *,
+    method: str = "efficient",
+    split: str = "interleaved",
+    seed: int = 0,
+    dof: float | None = None,
+    start: Array | None = None,
+) -> SplitHalf:
+    """X from two halves of the data, and whether they agree within their covariances.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+        Leading axes are independent problems.
+    noise : PoseNoise or PairNoise
+    method : "efficient" or "ml"
+    split : "interleaved", "contiguous", "random" or "angles"
+        Even and odd rows (both halves see the whole path, so that both determine X); first and last rows (finds drift
+        over time); drawn by ``seed``; or alternating in the order of the rotation angle from the first robot pose.
+        Choose one before the result is known: that one decides.
+    dof : float or None
+        Degrees of freedom with which the scale of the noise was estimated; None if the noise is known.
+    start : (..., 4, 4) or None
+        X of all data, from which the estimates of both halves start; None starts each from its own 4DPA.
+
+    Raises
+    ------
+    InputError
+        An unknown method or split, a dof that is not positive, noise that does not fit the data. Halves that are
+        too small or do not determine X are no error: the result says so.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.diagnostics.split_half import split_half
+    >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    >>> split_half(uq.simulate(n_poses=20, noise=noise, seed=3), noise).possible
+    True
+    """
+    if method not in ESTIMATORS:
+        raise InputError(f"Expected `method` to be one of {', '.join(ESTIMATORS)}, got {method!r}.")
+    if split not in SPLITS:
+        raise InputError(f"Expected `split` to be one of {', '.join(SPLITS)}, got {split!r}.")
+    if dof is not None and not (np.isfinite(dof) and dof > 0):
+        raise InputError(f"Expected `dof` to be a positive number or None, got {dof!r}.")
+    constraint_of(data, noise)  # raises where noise and data do not fit
+    data = _rows_of(data, noise)
+    halves = _halves(data, split, seed)
+    fewest = min(len(half) for half in halves)
+    if fewest < FEWEST:
+        what = "poses" if isinstance(data, PosePairs) else "motions"
+        return SplitHalf(split, halves, False, f"a half has {fewest} {what}, {FEWEST} are needed.")
+    if dof is not None and dof <= 6:
+        return SplitHalf(split, halves, False, f"the noise was estimated with {dof:.2g} degrees of freedom only.")
+    try:
+        fits = [ESTIMATORS[method](data.rows(half), noise.rows(half), start) for half in halves]
+    except (DegenerateMotionError, NotConvergedError) as error:
+        return SplitHalf(split, halves, False, f"a half of the data alone fails. {error}")
+    X1, X2 = fits[0].X, fits[1].X
+    turn = Rotation.from_matrix((X1[..., :3, :3] @ X2[..., :3, :3].mT).reshape(-1, 3, 3)).as_rotvec()
+    d = np.concatenate([turn.reshape(*X1.shape[:-2], 3), X1[..., :3, 3] - X2[..., :3, 3]], axis=-1)
+    V = fits[0].covariance_X + fits[1].covariance_X
+    if any(S is not None and is_joint(S) for S in (getattr(noise, "robot", None), getattr(noise, "camera", None))):
+        K = _between(fits, halves, noise)
+        V = V - K - K.mT
+    unit = 1.0 / np.sqrt(np.diagonal(V, axis1=-2, axis2=-1))
+    scaled = V * unit[..., :, None] * unit[..., None, :]
+    d2 = np.sum(d * unit * np.linalg.solve(scaled, (d * unit)[..., None])[..., 0], axis=-1)
+    p = chdtrc(6, d2) if dof is None else _p_value_of_estimated(d2, dof)
+    return SplitHalf(split, halves, True, "", X1, X2, d, V, np.asarray(d2), dof, np.asarray(p))
+
+
+def _p_value_of_estimated(d2: Array, dof: float) -> Array:
+    """Of d^2 (...) with noise from the same data; 0 from ``d^2 = dof`` on, which it cannot exceed."""
+    left = np.maximum(dof - d2, 1e-300)
+    return np.where(d2 < dof, fdtrc(6, dof - 6, d2 / 6 * (dof - 6) / left), 0.0)
+
+
+def _rows_of(data: PosePairs | Motions, noise: Noise) -> PosePairs | Motions:
+    """What is split: the poses wherever the fit is on poses."""
+    if isinstance(data, Motions) and data.poses is not None and not isinstance(noise, PairNoise):
+        return data.poses
+    return data
+
+
+def _halves(data: PosePairs | Motions, split: str, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    n = len(data)
+    if split == "contiguous":
+        order = np.arange(n)
+        if isinstance(data, PosePairs) and data.timestamps is not None:
+            order = np.argsort(data.timestamps, kind="stable")
+        return order[: n // 2], order[n // 2 :]
+    if split == "random":
+        order = np.random.default_rng(seed).permutation(n)
+        return np.sort(order[: n // 2]), np.sort(order[n // 2 :])
+    order = np.arange(n)
+    if split == "angles" and n:
+        R = (data.robot if isinstance(data, PosePairs) else data.A)[..., :3, :3].reshape(-1, n, 3, 3)[0]
+        if isinstance(data, PosePairs):
+            R = R[0].T @ R
+        order = np.argsort(np.trace(R, axis1=-2, axis2=-1), kind="stable")
+    return order[::2], order[1::2]
+
+
+def _between(fits: list[Fit], halves: tuple[NDArray[np.intp], NDArray[np.intp]], noise: Noise) -> Array:
+    """K_12 (..., 6, 6) for joint noise."""
+    order = np.concatenate(halves)
+    first, second = (np.concatenate(sides, axis=-3) for sides in zip(*(fit.linear.sides for fit in fits), strict=True))
+    S = residual_covariance((first, second), noise.rows(order))
+    gains = []
+    for fit in fits:
+        weighed = pulled(fit.factor, whiten(fit.factor, fit.linear.J))
+        weighed = weighed.reshape(*weighed.shape[:-3], -1, weighed.shape[-1])
+        gains.append(fit.covariance[..., :6, :] @ weighed.mT)
+    none = [np.zeros_like(gain) for gain in gains]  # rows and columns of the other half
+    one, other = np.concatenate([gains[0], none[1]], axis=-1), np.concatenate([none[0], gains[1]], axis=-1)
+    return np.asarray(one @ (S @ other.mT))

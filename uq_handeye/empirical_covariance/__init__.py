@@ -1,0 +1,1 @@
+"""Covariances without a noise model: sandwich, HAC, jackknife, bootstrap."""

@@ -1,0 +1,1 @@
+"""Read untrusted files and write whole ones, whatever is in them."""

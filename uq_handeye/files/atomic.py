@@ -1,0 +1,128 @@
+"""Files that are either written whole or not at all.
+
+The content goes to a temporary file in the same folder, is forced to disk and takes the place of the old file
+in one step of the file system. Whatever happens before that step (an exception, an interrupt, a full disk, a
+killed process) leaves the old file as it was; only a killed process leaves its temporary file behind, named
+``.uq-handeye-*.tmp``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import stat
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from ..errors import InputError
+from .open import StrPath, as_path, reason, shown
+
+Content = str | bytes | Callable[[BinaryIO], object]
+
+
+def write_atomically(path: StrPath, content: Content) -> None:
+    """Write one file, or leave it untouched.
+
+    Parameters
+    ----------
+    path : path of the file
+        A link is followed. A device or pipe is written to directly.
+    content : str, bytes or callable
+        Text is written as UTF-8 with the line ends it has. A callable gets the binary file to write to.
+
+    Raises
+    ------
+    InputError
+        A missing folder, no permission, a full disk, a folder in place of the file: one line. Other
+        exceptions of a callable pass through.
+    """
+    target = as_path(path)
+    with ExitStack() as cleaning:
+        _replace([_prepare(target, content, cleaning)])
+
+
+def json_text(data: Any, path: StrPath | None = None) -> str:
+    """``data`` as JSON text, also written to ``path``; raises ValueError for NaN and infinity, which JSON has not."""
+    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    if path is not None:
+        write_atomically(path, text)
+    return text
+
+
+def write_files(directory: StrPath, files: Mapping[str, Content]) -> None:
+    """Write several files into one folder (made if missing): all of them or none.
+
+    Every file is prepared in full before the first one takes its place, so that only a failure between two
+    renamings can leave new files beside old ones. Parameters and errors as in `write_atomically`; the keys of
+    ``files`` are names without folders.
+    """
+    folder = as_path(directory)
+    for name in files:
+        if Path(name).name != name:
+            raise InputError(f"Expected a file name without folders, got {name!a}.")
+    with ExitStack() as cleaning:
+        _make_folder(folder, cleaning)
+        _replace([_prepare(folder / name, content, cleaning) for name, content in files.items()])
+
+
+def _make_folder(folder: Path, cleaning: ExitStack) -> None:
+    try:
+        for missing in [part for part in reversed((folder, *folder.parents)) if not part.exists()]:
+            cleaning.callback(_remove_if_empty, missing)  # in the end it is empty only if the writing failed
+            missing.mkdir(exist_ok=True)
+        if not folder.is_dir():
+            raise InputError(f"Cannot write into {shown(folder)}: expected a folder, got a file.")
+    except OSError as error:
+        raise InputError(f"Cannot make the folder {shown(folder)}: {reason(error)}.") from error
+
+
+def _prepare(target: Path, content: Content, cleaning: ExitStack) -> tuple[Path | None, Path]:
+    """The temporary file that is to replace ``target``, complete and on disk; ``cleaning`` removes it."""
+    try:
+        mode = target.stat().st_mode if target.exists() else None
+        if mode is not None and stat.S_ISDIR(mode):
+            raise InputError(f"Cannot write {shown(target)}: it is a folder, expected a file.")
+        if not target.parent.is_dir():
+            raise InputError(f"Cannot write {shown(target)}: there is no folder {shown(target.parent)}; make it first.")
+        if mode is not None and not os.access(target, os.W_OK):
+            raise InputError(f"Cannot write {shown(target)}: the file is read-only.")
+        if mode is not None and not stat.S_ISREG(mode):  # nothing to keep whole, and never to be replaced
+            with open(target, "wb") as file:
+                _write(file, content)
+            return None, target
+        real = Path(os.path.realpath(target))
+        temporary = real.with_name(f".uq-handeye-{secrets.token_hex(8)}.tmp")
+        cleaning.callback(temporary.unlink, missing_ok=True)  # before it exists: no interrupt slips between
+        with open(temporary, "xb") as file:
+            _write(file, content)
+            file.flush()
+            os.fsync(file.fileno())
+        if mode is not None:
+            temporary.chmod(stat.S_IMODE(mode))
+        return temporary, real
+    except OSError as error:
+        raise InputError(f"Cannot write {shown(target)}: {reason(error)}.") from error
+
+
+def _write(file: BinaryIO, content: Content) -> None:
+    if callable(content):
+        content(file)
+    else:
+        file.write(content.encode("utf-8") if isinstance(content, str) else content)
+
+
+def _replace(prepared: list[tuple[Path | None, Path]]) -> None:
+    for temporary, target in prepared:
+        if temporary is not None:
+            try:
+                os.replace(temporary, target)
+            except OSError as error:
+                raise InputError(f"Cannot write {shown(target)}: {reason(error)}.") from error
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()

@@ -1,0 +1,63 @@
+"""Names of columns: which of `COLUMNS` they mean, and the unit that they carry.
+
+Beside our own names: short ones (`ALIASES`); ``position`` and ``orientation`` by their parts, as ROS and PlotJuggler
+name the fields of a ``geometry_msgs/Pose``; ``p_RS_R_x`` and ``q_RS_w`` of the EuRoC MAV data sets. A unit may stand
+behind a name, ``x_mm`` or ``x [mm]``; ``rostopic echo -p`` counts its ``%time`` in nanoseconds.
+"""
+
+from __future__ import annotations
+
+import re
+
+from ..formatting.units import LENGTH_UNITS
+from .contents import COLUMNS
+
+# Other names of the columns, in small letters, that mean one thing only.
+ALIASES = {
+    **dict.fromkeys(("t", "time", "stamp"), "timestamp"),
+    **{f"{prefix}{axis}": axis for prefix in ("t", "t_", "p", "p_", "pos_") for axis in "xyz"},
+    **{f"{prefix}{axis}": f"q{axis}" for prefix in ("q_", "quat_") for axis in "xyzw"},
+}
+SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_([a-z]{1,3}))")
+_PARTS = re.compile(r"(?:.*[./_])?(?:(position|translation)|orientation|rotation|quaternion)[./_]([xyzw])")
+_EUROC = re.compile(r"(?:(p)|q)_(?:[a-z]+_)+([xyzw])")
+
+
+def meaning(name: str) -> str:
+    """The column of `COLUMNS` that a name means, or the name itself."""
+    return meaning_and_unit(name)[0]
+
+
+def meaning_and_unit(name: str) -> tuple[str, str | None]:
+    """The column of `COLUMNS` that a name means, and the unit that it says; or the name itself.
+
+    >>> meaning_and_unit("x [mm]"), meaning_and_unit("pose.orientation.w"), meaning_and_unit("time_ns")
+    (('x', 'mm'), ('qw', None), ('timestamp', 'ns'))
+    """
+    small = name.lower()
+    if small == "%time":
+        return "timestamp", "ns"
+    if (column := _plain(small)) is not None:
+        return column, None
+    split = _UNIT.fullmatch(small)
+    if split is None or (column := _plain(split[1])) is None:
+        return name, None
+    unit = split[2] if split[2] is not None else split[3]
+    if column.startswith("q"):
+        return (column, None) if unit in ("", "-", "1") else (name, None)
+    known = SECONDS if column == "timestamp" else LENGTH_UNITS
+    return (column, unit) if unit in known else (name, None)
+
+
+def _plain(small: str) -> str | None:
+    """The column that a name in small letters, without a unit, means."""
+    small = small.lstrip("_")
+    if small in COLUMNS:
+        return small
+    if small in ALIASES:
+        return ALIASES[small]
+    found = _PARTS.fullmatch(small) or _EUROC.fullmatch(small)
+    column = None if found is None else f"{'' if found[1] else 'q'}{found[2]}"
+    return column if column in COLUMNS else None

@@ -1,0 +1,186 @@
+"""What a reader hands over: poses as their file has them, and how they become metres, matrices and one frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..errors import InputError
+from ..formatting.units import LENGTH_UNITS
+from ..geometry.se3 import TOO_LONG, Array, as_transforms, inverse
+from ..poses.pose_pairs import first_duplicate
+
+ORDERS = ("xyzw", "wxyz")
+
+# The frames in which poses are used, and those that are inverted first.
+FRAMES = {
+    "robot": ("base_T_gripper", "gripper_T_base"),
+    "camera": ("camera_T_target", "target_T_camera"),
+}
+
+# | |q| - 1 | of an accepted quaternion: four decimals pass, Euler angles and shifted columns do not.
+NORM_TOLERANCE = 1e-3
+
+COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """n poses of one sensor as they stand in a file.
+
+    Parameters
+    ----------
+    name : the file, for messages
+    translation : (n, 3), in the unit of the file
+    rotation : (n, 3, 3) matrices, or (n, 4) quaternions as they stand in the file
+    timestamps : (n,) seconds, or None
+    rows : (n,) line or item number of each pose, for messages
+    counted : what ``rows`` number: "line", "sample", "pose"
+    order : order of the quaternions, by their names or the rules of the format
+    columns : names of timestamp, translation and quaternion in messages
+    frame : what the file itself says the poses are, one of `FRAMES`, or None
+    units : length unit that the file itself says, or None
+    """
+
+    name: str
+    translation: Array
+    rotation: Array
+    timestamps: NDArray[np.float64] | None = None
+    rows: NDArray[np.int64] | None = None
+    counted: str = "pose"
+    order: str = "xyzw"
+    columns: tuple[str, ...] = COLUMNS
+    frame: str | None = None
+    units: str | None = None
+
+    def __len__(self) -> int:
+        return len(self.translation)
+
+    def at(self, k: int) -> str:
+        """Pose k in words: ``robot.csv, line 12``."""
+        number = k if self.rows is None else self.rows[k]
+        return f"{self.name}, {self.counted} {number}"
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """What one file holds: both sides, each by its name, or poses of one side that the file does not name."""
+
+    robot: Side | None = None
+    camera: Side | None = None
+    only: Side | None = None
+    setup: str | None = None  # where the file says it
+    robot_enters: bool = False  # the robot poses are those of AX = XB: gripper_T_base for eye-to-hand
+    notes: tuple[str, ...] = field(default=())
+
+
+def matrices_side(name: str, T: Array, **options: Any) -> Side:
+    """Poses given as matrices (n, 4, 4): refused, by their number, if they are no rigid motions."""
+    side = Side(name, T[:, :3, 3], T[:, :3, :3], **options)
+    with np.errstate(all="ignore"):  # huge numbers overflow before they are refused
+        try:
+            as_transforms(T, "matrix")
+        except InputError:
+            for k in range(len(T)):
+                try:
+                    as_transforms(T[k : k + 1], "the matrix")
+                except InputError as error:
+                    text = str(error).replace("`the matrix`[0]", "the matrix")
+                    raise InputError(f"{side.at(k)}: {text[0].lower()}{text[1:]}") from error
+            raise
+    return side
+
+
+def require_units(units: Any) -> float:
+    """Metres per unit."""
+    if not isinstance(units, str) or units not in LENGTH_UNITS:
+        raise InputError(f"Expected `units` to be one of {', '.join(LENGTH_UNITS)}, got {units!r}.")
+    return LENGTH_UNITS[units]
+
+
+def finished(side: Side, role: str, units: str, quaternion: str | None, frame: str) -> Array:
+    """Poses (n, 4, 4) in metres, ``base_T_gripper`` or ``camera_T_target``.
+
+    Parameters
+    ----------
+    side : what the file holds
+    role : "robot" or "camera"
+    units : unit of the translations, unless the file says it
+    quaternion : "xyzw", "wxyz" or None, the order in which the four numbers stand in the file; None: `Side.order`
+    frame : one of `FRAMES`; the first is that of the file, if the file names one, and the second inverts
+
+    Raises
+    ------
+    InputError
+        Numbers that are not finite, repeated timestamps, quaternions whose norm is not 1 within 1e-3 (the others are
+        normalised), an order of quaternions for matrices.
+    """
+    factor = require_units(units)
+    if side.units is not None:
+        if units not in ("m", side.units):  # m is what is left out
+            raise InputError(
+                f"{side.name} names its translations in {side.units}, and `units` (--units, --{role}-units) says "
+                f"{units}: leave `units` out, or correct the names of the columns."
+            )
+        factor = require_units(side.units)
+    check_numbers(side)
+    if quaternion is not None and quaternion not in ORDERS:
+        raise InputError(f"Expected `quaternion` (--quaternion) to be xyzw or wxyz, got {quaternion!r}.")
+    poses: Array = np.zeros((len(side), 4, 4))
+    if side.rotation.ndim == 3:
+        if quaternion is not None:
+            raise InputError(
+                f"{side.name} holds rotation matrices, and no order of quaternions applies to it: leave "
+                f"`quaternion` out for the {role} (--{role}-quaternion, --quaternion)."
+            )
+        poses[:, :3, :3] = side.rotation
+    else:
+        order = quaternion or side.order
+        q = side.rotation if order == "xyzw" else np.roll(side.rotation, -1, axis=1)
+        poses[:, :3, :3] = Rotation.from_quat(q).as_matrix()
+    poses[:, :3, 3] = side.translation * factor
+    poses[:, 3, 3] = 1.0
+    usual, inverted = FRAMES[role]
+    if not isinstance(frame, str) or frame not in (usual, inverted):
+        raise InputError(f"Expected `{role}_frame` (--{role}-frame) to be {usual} or {inverted}, got {frame!r}.")
+    return inverse(poses) if inverted in (frame, side.frame) else poses
+
+
+def check_numbers(side: Side) -> None:
+    """Raise `InputError` for numbers that are not finite, repeated timestamps, bad norms."""
+    parts = [np.full((len(side), 1), 0.0) if side.timestamps is None else side.timestamps[:, None], side.translation]
+    table = np.concatenate([*parts, side.rotation.reshape(len(side), -1)], axis=1)
+    finite = np.isfinite(table)
+    if not finite.all():
+        row, column = divmod(int(np.argmin(finite)), table.shape[1])
+        field_name = "the matrix" if side.rotation.ndim == 3 and column > 3 else f"column {side.columns[column]}"
+        raise InputError(
+            f"{side.at(row)}, {field_name}: expected a finite number, got {table[row, column]}; leave out poses that "
+            "were not measured, in both files."
+        )
+    if (far := np.abs(side.translation).max()) > TOO_LONG:
+        row = int(np.argmax(np.abs(side.translation).max(axis=1)))
+        raise InputError(f"{side.at(row)}: expected a translation below {TOO_LONG:g}, got {far:g}.")
+    if side.timestamps is not None and (twins := first_duplicate(side.timestamps)) is not None:
+        first = side.at(twins[0]).removeprefix(f"{side.name}, ")
+        raise InputError(
+            f"{side.at(twins[1])}, column {side.columns[0]}: {side.timestamps[twins[1]].item()!r} repeats the one of "
+            f"{first}; every pose needs its own (without times, number the rows 0, 1, 2, ...)."
+        )
+    if side.rotation.ndim == 3:
+        return
+    with np.errstate(over="ignore"):  # an infinite norm is as wrong as a large one
+        norms = np.sqrt(np.einsum("ij,ij->i", side.rotation, side.rotation))
+    wrong = np.abs(norms - 1.0) > NORM_TOLERANCE
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        where = f"{side.at(row)}, columns {','.join(side.columns[4:])}"
+        if norms[row] < NORM_TOLERANCE:
+            hint = "the orientation is missing; leave out poses that were not measured, in both files."
+        else:
+            hint = "are the columns shifted, or are these Euler angles, a rotation vector or rounded numbers?"
+        raise InputError(f"{where}: expected a unit quaternion, got the norm {norms[row]:.6g}: {hint}")

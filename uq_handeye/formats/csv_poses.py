@@ -1,0 +1,252 @@
+"""Pose files in CSV: one pose per line under the header ``timestamp,x,y,z,qx,qy,qz,qw``.
+
+A line is a timestamp (seconds, or a row number), a position (metres) and a unit quaternion; the columns may come in any
+order. Other common names of them are taken as well (`_columns`), with units behind them; the timestamp may be left out,
+and further columns are not used. Fields are separated by commas, or, where the header has none, by semicolons (numbers
+then may have decimal commas) or tabs. Blank lines, comment lines that start with ``#``, spaces and quotes around
+fields, a byte order mark and Windows line ends are tolerated, and so is a header that is a comment; everything else
+that is not such a table is an error that names the file, the line as an editor numbers it, and the column.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, BinaryIO, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from ..errors import InputError, InputWarning
+from ..files.atomic import write_atomically
+from ..files.lines import MAX_BYTES, decoded, is_number, rows_of, short
+from ..files.open import StrPath, as_path, opened, shown
+from ..geometry.se3 import Array, as_transforms
+from ..poses.pose_pairs import first_duplicate
+from .columns import SECONDS, meaning_and_unit
+from .contents import COLUMNS, Contents, Side, finished, require_units
+
+HEADER = ",".join(COLUMNS)
+
+_MARKS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The line of names: those that are used, where they stand, and what they mean."""
+
+    separator: bytes
+    count: int  # columns of the file
+    used: list[int]
+    names: list[str]
+    meant: list[str]
+    units: dict[str, str | None]  # of what is meant
+    left: list[str]  # names that are not used
+
+
+def read_csv(file: BinaryIO, name: str) -> Contents:
+    """The poses of a CSV file, as they stand there."""
+    header: _Header | None = None
+    commented = False  # the header stood in a comment; a real one may follow
+    decimal_commas = False
+
+    def comment(text: bytes, where: str) -> None:
+        nonlocal header, commented
+        if header is None:
+            with suppress(InputError):  # any other comment
+                header, commented = _header(text.lstrip(b"# \t"), where), True
+
+    def fields_of(text: bytes, where: str) -> list[bytes] | None:
+        nonlocal header, commented, decimal_commas
+        again = commented and not any(map(is_number, re.split(rb"[,;\s]+", text)))
+        commented = False
+        if header is None or again:
+            header = _header(text, where)
+            return None
+        if b'"' in text:
+            text = text.replace(b'"', b"")
+        fields = text.split(header.separator)
+        if len(fields) != header.count:
+            decoded(text, f"{where}: expected {header.count} fields")
+            mark = _MARKS[header.separator.decode()]
+            raise InputError(f"{where}: expected {header.count} fields separated by {mark}, got {len(fields)}.")
+        if header.left:
+            fields = [fields[k] for k in header.used]
+        if header.separator != b"," and b"," in text:
+            decimal_commas = True
+            fields = [field.replace(b",", b".") for field in fields]
+        return fields
+
+    def explain(fields: list[bytes], where: str) -> NoReturn:
+        for column, field in zip([] if header is None else header.names, fields, strict=True):
+            if not is_number(field):
+                text = decoded(field, f"{where}, column {column}: expected a number").strip(" \t")
+                got = short(text) if text else "an empty field"
+                raise InputError(f"{where}, column {column}: expected a number, got {got}.")
+        raise AssertionError(where)  # the caller has found something wrong
+
+    table, lines = rows_of(file, name, fields_of, explain, comment)
+    if header is None:
+        raise InputError(f"{name}: the file is empty; expected the header {HEADER} and one line per pose.")
+    if not len(lines):
+        raise InputError(f"{name}: no rows after the header; expected one line per pose.")
+    return _contents(name, header, table, lines, decimal_commas)
+
+
+def _contents(name: str, header: _Header, table: Array, lines: NDArray[np.int64], decimal_commas: bool) -> Contents:
+    """The poses under a header, and notes of what was found out from it."""
+    names, meant, notes = header.names, header.meant, []
+    if meant != names:
+        notes.append(f"columns {', '.join(names)} read as {', '.join(meant)}")
+    if header.left:
+        notes.append(f"not used: the columns {short(', '.join(header.left))}")
+    if header.separator != b",":
+        marks = "semicolons, numbers with decimal commas" if decimal_commas else _MARKS[header.separator.decode()]
+        notes.append(f"fields separated by {marks}")
+    # The quaternion as it stands in the file, and the order in which its columns are named.
+    quaternion = [k for k, column in enumerate(meant) if column.startswith("q")]
+    order = "".join(meant[k][1] for k in quaternion)
+    if order not in ("xyzw", "wxyz"):
+        quaternion, order = [meant.index(column) for column in COLUMNS[4:]], "xyzw"
+    elif order == "wxyz":
+        notes.append("quaternions with the scalar first, as the columns are named")
+    times = None
+    if "timestamp" in meant:
+        unit = header.units["timestamp"] or "s"
+        times = table[:, meant.index("timestamp")] * SECONDS[unit]
+        if unit not in ("s", "sec"):
+            notes.append(f"timestamps in {unit}, as the column is named")
+    else:
+        notes.append("no timestamp column: rows are numbered 0, 1, 2, ...")
+    translation = [meant.index(axis) for axis in "xyz"]
+    if (length := header.units["x"]) is not None:
+        notes.append(f"translations in {length}, as the columns are named")
+    columns = (
+        names[meant.index("timestamp")] if times is not None else "timestamp",
+        *(names[k] for k in translation + quaternion),
+    )
+    side = Side(name, table[:, translation], table[:, quaternion], times, lines, "line", order, columns, units=length)
+    return Contents(only=side, notes=tuple(notes))
+
+
+def read_pose_file(path: StrPath, units: str = "m") -> tuple[NDArray[np.float64], Array]:
+    """Timestamps (n,) and poses (n, 4, 4) of a CSV pose file.
+
+    Parameters
+    ----------
+    path : path of the file
+        At most 1 GB, 10,000,000 rows, 10,000 characters per line.
+    units : str
+        Length unit of ``x, y, z``: m, mm, ... (`uq_handeye.formatting.units.LENGTH_UNITS`). The poses are in metres.
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the line and the column: a file that cannot be read or is not such a
+        table, numbers that are not finite, quaternions whose norm is not 1 within 1e-3 (the others are
+        normalised), repeated timestamps, no rows.
+    """
+    require_units(units)
+    path = as_path(path)
+    with opened(path, MAX_BYTES) as file:
+        contents = read_csv(file, shown(path))
+    side = contents.only
+    assert side is not None
+    poses = finished(side, "robot", units, None, "base_T_gripper")
+    warn_if_back(side)
+    return (np.arange(len(side), dtype=float) if side.timestamps is None else side.timestamps), poses
+
+
+def warn_if_back(side: Side) -> None:
+    """Warn of timestamps that go back from one row to the next."""
+    if side.timestamps is None:
+        return
+    back = np.flatnonzero(side.timestamps[1:] < side.timestamps[:-1])
+    if back.size:
+        where = side.at(back[0] + 1).removeprefix(f"{side.name}, ")
+        warnings.warn(
+            f"{side.name}: the timestamps go back in {back.size} of {len(side)} rows, first in {where}. Rows are "
+            "paired by their order in the file, so this matters only if it is not what you expect.",
+            InputWarning,
+            stacklevel=3,
+        )
+
+
+def write_pose_file(path: StrPath, poses: Any, timestamps: ArrayLike | None = None) -> None:
+    """Write poses (n, 4, 4) (array or SciPy ``RigidTransform``, metres) as a pose file, atomically.
+
+    Numbers carry full precision: reading the file back loses at most rounding (1e-15 in the rotation). A
+    rotation that is orthogonal only within the tolerance of the toolkit becomes the nearest rotation.
+    ``timestamps`` (n,) must differ; left out, they are row numbers 0, 1, 2, ...
+
+    Raises `InputError` for poses or timestamps that `read_pose_file` would refuse, and for a file that cannot
+    be written.
+    """
+    write_atomically(path, pose_text(poses, timestamps))
+
+
+def pose_text(poses: Any, timestamps: ArrayLike | None = None) -> str:
+    """What `write_pose_file` writes.
+
+    >>> print(pose_text(np.eye(4)[None]), end="")
+    timestamp,x,y,z,qx,qy,qz,qw
+    0.0,0.0,0.0,0.0,0.0,0.0,0.0,1.0
+    """
+    T = as_transforms(poses, "poses")
+    if T.ndim != 3 or len(T) == 0:
+        raise InputError(f"Expected `poses` to have shape (n, 4, 4) with n >= 1, got {T.shape}.")
+    try:
+        times = np.asarray(np.arange(len(T)) if timestamps is None else timestamps, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"Expected `timestamps` to be numbers, got {type(timestamps).__name__}.") from error
+    if times.shape != (len(T),) or not np.isfinite(times).all():
+        raise InputError(f"Expected `timestamps` to be {len(T)} finite numbers, got shape {times.shape}.")
+    if (twins := first_duplicate(times)) is not None:
+        raise InputError(f"Expected `timestamps` to differ, got {times[twins[0]]} for poses {twins[0]} and {twins[1]}.")
+    quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)
+    table = np.column_stack([times, T[:, :3, 3], quaternions]) + 0.0  # + 0.0 turns -0.0 into 0.0
+    rows = (",".join(map(repr, row.tolist())) for row in table)
+    return "\n".join([HEADER, *rows, ""])
+
+
+def _header(line: bytes, where: str) -> _Header:
+    """The names of a header line; raises `InputError` unless they mean those of `COLUMNS`, in any order, and others."""
+    text = decoded(line, f"{where}: expected the header {HEADER}")
+    separator = next((mark for mark in _MARKS if mark in text), ",")
+    names = [name.strip(" \t\"'") for name in text.split(separator)]
+    meant, units = map(list, zip(*map(meaning_and_unit, names), strict=True))
+    used = [k for k, column in enumerate(meant) if column in COLUMNS]
+    found = sorted(meant[k] for k in used)
+    if found in (sorted(COLUMNS), sorted(COLUMNS[1:])):
+        unit_of = {meant[k]: units[k] for k in used}
+        if len(lengths := {unit_of[axis] for axis in "xyz"}) > 1:
+            got = ", ".join(sorted(unit or "none" for unit in lengths))
+            raise InputError(f"{where}: expected one unit for x, y and z, got {got}.")
+        left = [name for k, name in enumerate(names) if k not in used]
+        return _Header(
+            separator.encode(), len(names), used, [names[k] for k in used], [meant[k] for k in used], unit_of, left
+        )
+    words = [word for word in re.split(r"[,;\s]+", text) if word]
+    if len(words) > 1 and all(is_number(word.encode()) for word in words):
+        what = f"got numbers: the header line is missing, {_missing_line(len(words))}"
+        raise InputError(f"{where}: expected the header {HEADER}, {what}.")
+    missing = [column for column in COLUMNS[1:] if column not in meant]
+    unknown = [name for name, column in zip(names, meant, strict=True) if column not in COLUMNS]
+    repeated = sorted({column for column in meant if column in COLUMNS and meant.count(column) > 1})
+    parts = (("missing", missing), ("unknown", unknown), ("repeated", repeated))
+    details = "; ".join(f"{what}: {short(', '.join(which))}" for what, which in parts if which)
+    hint = "; end each line with a line feed" if "\r" in text else ""
+    if not {"x", "y", "z"} & set(missing) and set(COLUMNS[4:]) <= set(missing):
+        hint = "; rotations must be quaternions, which scipy.spatial.transform.Rotation makes of angles or vectors"
+    raise InputError(f"{where}: expected the header {HEADER}, got {short(text)} ({details}){hint}.")
+
+
+def _missing_line(n: int) -> str:
+    """What to do with n numbers in a line and no names of them."""
+    if n in (12, 16):
+        return f"or, if the {n} numbers are a matrix, save the matrices (n, 4, 4) with numpy.save"
+    names = f"{HEADER} or {','.join(COLUMNS[1:])}"
+    return f"add it as the first line, as the columns stand in the file: {names}, or with qw first"

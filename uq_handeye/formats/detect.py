@@ -1,0 +1,222 @@
+"""Which format a file has, told by its content, and its poses as they stand there."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable
+from io import BufferedReader
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+from ..errors import InputError
+from ..files import lines as _lines
+from ..files import trees as _trees
+from ..files.fields import POSE_NAMES, got
+from ..files.lines import is_number, short
+from ..files.open import Hashed, opened, require_size, shown
+from ..files.source import Source
+from .contents import COLUMNS, Contents
+from .csv_poses import read_csv
+from .easy_handeye import read_easy_handeye, read_easy_handeye2
+from .json_poses import ONE_SIDE, is_message, read_json, samples_of
+from .moveit import NAMES as MOVEIT_NAMES
+from .moveit import read_moveit
+from .numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
+from .numpy_poses import read_npy, read_npz
+from .opencv_storage import PAIRS, is_storage, read_opencv
+from .tum import names_order, read_tum
+
+# What each is, in a few words, for help texts.
+FORMATS = {
+    "csv": "timestamp,x,y,z,qx,qy,qz,qw with a header line",
+    "tum": "timestamp tx ty tz qx qy qz qw, separated by spaces",
+    "npz": "NumPy arrays robot and camera (n, 4, 4)",
+    "npy": "one NumPy array (n, 4, 4)",
+    "easy_handeye": "hand_world_samples and camera_marker_samples, YAML",
+    "easy_handeye2": "samples of robot and tracking, YAML",
+    "moveit": "samples of MoveIt calibration, YAML",
+    "opencv": "FileStorage with R_gripper2base, t_gripper2base, R_target2cam, t_target2cam",
+    "json": "robot and camera, lists of 4x4 matrices or of translation and quaternion",
+}
+
+_TABLES: dict[str, Callable[[BinaryIO, str], Contents]] = {"csv": read_csv, "tum": read_tum}
+_ARRAYS: dict[str, Callable[[bytes, str], Contents]] = {"npz": read_npz, "npy": read_npy}
+_TREES: dict[str, Callable[[Any, str], Contents]] = {
+    "easy_handeye": read_easy_handeye,
+    "easy_handeye2": read_easy_handeye2,
+    "moveit": read_moveit,
+    "opencv": read_opencv,
+    "json": read_json,
+}
+
+# Suffixes that say the format, so that nothing needs to be said.
+_SUFFIXES = {".csv": "csv", ".tum": "tum", ".npz": "npz", ".npy": "npy", ".json": "json", ".samples": "easy_handeye2"}
+
+# What is looked at to tell the format.
+_HEAD = 65536
+
+_log = logging.getLogger("uq_handeye")
+
+
+def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
+    """What a file holds, and the `Source` of it, whose notes say what was found out.
+
+    Raises `InputError` for what cannot be read, in the words of the reader of the format; and for a content that is of
+    no format or of several.
+    """
+    if format is not None and (not isinstance(format, str) or format not in FORMATS):
+        raise InputError(f"Expected `format` (--format) to be one of {', '.join(FORMATS)}, got {format!r}.")
+    name = shown(path)
+    with opened(path, _lines.MAX_BYTES) as raw:
+        hashed = Hashed(raw)
+        with BufferedReader(cast(Any, hashed), _HEAD) as file:
+            head = file.peek(_HEAD)
+            kind = _kind(head, name, path.suffix) if format is None else _of(format)
+            found, contents = format, None
+            try:
+                found, contents = _read(file, kind, format, path, name)
+            except InputError as error:
+                if format is not None and (other := _looks_like(head, name, format)):
+                    raise InputError(f"{error} It looks like {other}: leave `format` (--format) out.") from error
+                raise
+            while file.read(_HEAD):  # a reader may stop before the end; the hash is of the whole file
+                require_size(hashed.size, _lines.MAX_BYTES, path)
+    notes = list(contents.notes)
+    if format is None and _SUFFIXES.get(path.suffix.lower()) != found:
+        notes.insert(0, f"read as {found}, by its content")
+    source = Source(shown(Path(path.name)), found, hashed.size, hashed.digest.hexdigest(), tuple(notes))
+    for note in notes:
+        _log.info("%s: %s", name, note)
+    return contents, source
+
+
+def _of(format: str) -> str:
+    return format if format in _TABLES or format in _ARRAYS else "tree"
+
+
+def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name: str) -> tuple[str, Contents]:
+    if kind in _TABLES:
+        return kind, _TABLES[kind](file, name)
+    limit = MAX_ARRAY_BYTES if kind in _ARRAYS else _trees.MAX_BYTES
+    pieces: list[bytes] = []
+    total = 0
+    while piece := file.read(_HEAD):
+        pieces.append(piece)
+        total += len(piece)
+        require_size(total, limit, path)
+    data = b"".join(pieces)
+    if kind in _ARRAYS:
+        return kind, _ARRAYS[kind](data, name)
+    tree = _trees.parse_tree(data, name)
+    found = format or _tree_format(tree, name)
+    try:
+        return found, _TREES[found](tree, name)
+    except InputError as error:
+        others = [other for other, is_it in _MARKS.items() if is_it(tree)]
+        if found in others or not others:
+            raise
+        raise InputError(f"{error} It looks like {' or '.join(others)}.") from error
+
+
+def _looks_like(head: bytes, name: str, format: str) -> str | None:
+    """The format that a file has in place of the one asked for, where that shows in its first bytes."""
+    try:
+        kind = _kind(head, name, "")
+    except InputError:
+        return None
+    if kind == _of(format):
+        return None
+    return "YAML, JSON or XML" if kind == "tree" else kind
+
+
+def _kind(head: bytes, name: str, suffix: str) -> str:
+    """csv, tum, npz, npy, or "tree" for YAML, JSON and XML; by the first bytes, and the suffix if these say nothing."""
+    if head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+        return "npz"
+    if head.startswith(b"\x93NUMPY"):
+        return "npy"
+    if head.startswith(b"\x1f\x8b"):
+        raise InputError(f"{name} is compressed by gzip; unpack it first.")
+    lines = (line.strip() for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n"))
+    first = next((line for line in lines if line and not line.startswith(b"#")), b"")
+    if not first:
+        if len(head) >= _HEAD:
+            raise _unknown(name, head[:80])
+        raise InputError(f"{name}: the file is empty; expected poses ({', '.join(FORMATS)}).")
+    words, fields = first.split(), re.split(rb"[,;\t]", first)
+    names = {column.encode() for column in COLUMNS}
+    if all(map(is_number, words)):
+        return "tum"
+    if first.startswith((b"{", b"[", b"<", b"%YAML", b"---", b"- ")) or b":" in first:
+        return "tree"
+    if len(words) == 8 and (is_number(words[1]) or names_order(words)):
+        return "tum"
+    if len(fields) > 1 or names <= set(re.split(rb"[,;\s]+", first)):
+        return "csv"
+    if (table := _SUFFIXES.get(suffix.lower(), "")) in _TABLES:
+        return table  # whose reader says what is wrong
+    raise _unknown(name, first)
+
+
+def _unknown(name: str, start: bytes) -> InputError:
+    began = short(start[:60].decode("utf-8", errors="backslashreplace"))
+    return InputError(
+        f"{name}: not a pose file that is known; it begins with {began}. Expected one of {', '.join(FORMATS)}; name it "
+        "by `format` (--format) to see what is wrong."
+    )
+
+
+def _tree_format(tree: Any, name: str) -> str:
+    """The format of YAML, JSON or XML, by its keys."""
+    found = [format for format, is_it in _MARKS.items() if is_it(tree)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise InputError(f"{name}: the content fits {' and '.join(found)}; say which of them by `format` (--format).")
+    raise InputError(
+        f"{name}: expected poses by the names of a format that is known ({', '.join(_TREES)}), got {got(tree)}; name "
+        "the format by `format` (--format) to see what it lacks."
+    )
+
+
+def _keys(tree: Any) -> set[Any]:
+    """The keys of a map, or of the first item of a list."""
+    tree = tree[0] if isinstance(tree, list) and tree else tree
+    return set(tree) if isinstance(tree, dict) else set()
+
+
+def _samples(tree: Any) -> Any:
+    return tree.get("samples") if isinstance(tree, dict) else None
+
+
+def _is_json(tree: Any) -> bool:
+    if isinstance(tree, list):
+        one_side = isinstance(tree[0], list) if tree else False
+        return (
+            one_side or is_message(tree[0] if tree else None) or "translation" in _keys(tree) or bool(samples_of(tree))
+        )
+    if samples_of(tree) or (isinstance(tree, dict) and isinstance(tree.get(ONE_SIDE), list) and not is_storage(tree)):
+        return True
+    return not is_storage(tree) and bool(_keys(tree) & {*POSE_NAMES, "format"}) and "R_gripper2base" not in tree
+
+
+def _is_easy_handeye(tree: Any) -> bool:
+    marks = {"hand_world_samples", "camera_marker_samples"}
+    return isinstance(tree, dict) and bool(marks & (_keys(tree) | _keys(_samples(tree))))
+
+
+def _is_easy_handeye2(tree: Any) -> bool:
+    if isinstance(tree, list):
+        return "robot" in _keys(tree) and bool(_keys(tree) & {"tracking", "optical"})
+    samples = isinstance(_samples(tree), list) and not samples_of(tree)
+    return samples or ("parameters" in _keys(tree) and bool(_keys(tree) & {"transform", "transformation"}))
+
+
+_MARKS: dict[str, Callable[[Any], bool]] = {
+    "easy_handeye": _is_easy_handeye,
+    "easy_handeye2": _is_easy_handeye2,
+    "moveit": lambda tree: bool(_keys(tree) & {*MOVEIT_NAMES, "joint_values"}),
+    "opencv": lambda tree: is_storage(tree) or bool({pair[0] for pair in PAIRS} & _keys(tree)),
+    "json": _is_json,
+}

@@ -1,0 +1,173 @@
+"""Poses in NumPy's files: ``.npy`` with one array (n, 4, 4), ``.npz`` with arrays by name.
+
+Names in ``.npz``: ``robot`` and ``camera``, or a frame (`POSE_NAMES`), each (n, 4, 4); or rotations and translations by
+the names of OpenCV's arguments (`opencv_storage.PAIRS`); ``timestamps`` for both, or ``robot_timestamps`` and
+``camera_timestamps``; ``setup``. A file with a single array (n, 4, 4) of another name, or with ``R`` and ``t`` or
+``rvecs`` and ``tvecs`` alone, holds one side. Matrices may lack their last row, (n, 3, 4), or be flat, (n, 16). Nothing
+is unpickled, and the sizes that a file declares are checked before anything is read. Source of the rules: numpy/numpy,
+``numpy/lib/_format_impl.py``.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files.fields import POSE_NAMES
+from ..files.lines import one_line, short
+from ..geometry.se3 import Array
+from ..poses.pose_pairs import SETUPS
+from .contents import Contents, Side, matrices_side
+from .opencv_storage import EITHER_SIDE, PAIRS, joined
+
+MAX_BYTES = 500_000_000  # of all arrays of a file, unpacked
+MAX_ARRAYS = 100
+_SHAPES = ((4, 4), (3, 4), (16,))  # of a pose
+TIMES = ("timestamps", "timestamp", "times", "t")
+
+
+def read_npy(data: bytes, name: str) -> Contents:
+    """One array (n, 4, 4)."""
+    return Contents(only=_side(_array(io.BytesIO(data), len(data), name), name, name, None, None))
+
+
+def read_npz(data: bytes, name: str) -> Contents:
+    """Arrays by name."""
+    try:
+        arrays = members(data, name)
+    except InputError:
+        raise
+    except Exception as error:  # zipfile and zlib raise many kinds for damaged files
+        raise InputError(f"{name}: the archive is damaged: {one_line(str(error) or type(error).__name__)}.") from error
+    keys = short(", ".join(arrays))
+    setup, notes = None, []
+    if "setup" in arrays:
+        setup = str(arrays["setup"])
+        if setup not in SETUPS:
+            raise InputError(f"{name}, setup: expected {' or '.join(SETUPS)}, got {short(setup)}.")
+        notes.append(f"{setup}, as the file says")
+    common = next((key for key in TIMES if key in arrays), None)
+    if common == "t" and "R" in arrays:  # translations
+        common = None
+    sides: dict[str, Side] = {}
+    found = [(key, role, frame, array) for key, array in arrays.items() for role, frame in _named(key)]
+    either: tuple[str, NDArray[Any]] | None = None
+    for R_key, t_key, role, frame in (*PAIRS, ("R", "t", "", "")):
+        if R_key not in arrays or t_key not in arrays:
+            continue
+        R, t = (_numbers(arrays[key], f"{name}, {key}") for key in (R_key, t_key))
+        T = joined(R, t, f"{name}, {R_key}", f"{name}, {t_key}")
+        if R_key in (EITHER_SIDE, "R"):
+            either = (R_key, T)
+        else:
+            found.append((R_key, role, frame, T))
+    if either is not None and found:
+        found.append((either[0], "camera", "camera_T_target", either[1]))
+    for key, role, frame, array in found:
+        if role in sides:
+            raise InputError(f"{name}: expected the {role} poses once, got the arrays {keys}.")
+        if key != role:
+            notes.append(f"{role} poses from {key}")
+        times = next((k for k in (f"{role}_timestamps", f"{role}_times") if k in arrays), common)
+        sides[role] = _side(array, name, f"{name}, {key}", None if key == role else frame, _times(arrays, times, name))
+    if sides:
+        return Contents(sides.get("robot"), sides.get("camera"), setup=setup, notes=tuple(notes))
+    if either is not None:
+        side = _side(either[1], name, f"{name}, {either[0]}", None, _times(arrays, common, name))
+        return Contents(only=side, setup=setup, notes=(*notes, f"poses from {either[0]}"))
+    stacks = [key for key, array in arrays.items() if array.shape[1:] in _SHAPES]
+    if len(stacks) != 1:
+        raise InputError(
+            f"{name}: expected the arrays robot and camera, each (n, 4, 4), or a single one of that shape, or "
+            f"rotations and translations as R_gripper2base and t_gripper2base, got the arrays {keys}."
+        )
+    notes.append(f"poses from {short(stacks[0])}")
+    side = _side(arrays[stacks[0]], name, f"{name}, {short(stacks[0])}", None, _times(arrays, common, name))
+    return Contents(only=side, setup=setup, notes=tuple(notes))
+
+
+def _times(arrays: dict[str, NDArray[Any]], key: str | None, name: str) -> Array | None:
+    if key is None:
+        return None
+    times = arrays[key]
+    if times.ndim != 1 or times.dtype.kind not in "fiu":
+        raise InputError(f"{name}, {key}: expected times (n,) in seconds, got {times.dtype} of shape {times.shape}.")
+    return times.astype(float)
+
+
+def _side(array: NDArray[Any], name: str, where: str, frame: str | None, times: Array | None) -> Side:
+    T = _numbers(array, where)
+    if T.shape[1:] not in _SHAPES or not len(T):
+        hint = "; as x, y, z and quaternion they can be read from CSV" if T.shape[1:] in ((7,), (8,)) else ""
+        raise InputError(f"{where}: expected poses of shape (n, 4, 4), got {array.shape}{hint}.")
+    if T.shape[1:] == (3, 4):
+        T = np.concatenate([T, np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(T), 1, 4))], axis=1)
+    T = T.reshape(-1, 4, 4)
+    if times is not None and len(times) != len(array):
+        raise InputError(f"{where}: expected a time for each of the {len(array)} poses, got {len(times)}.")
+    return matrices_side(where, T, timestamps=times, frame=frame)
+
+
+def _named(key: str) -> list[tuple[str, str]]:
+    return [POSE_NAMES[key]] if key in POSE_NAMES else []
+
+
+def _numbers(array: NDArray[Any], where: str) -> Array:
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{where}: expected numbers, got {array.dtype}.")
+    numbers: Array = array.astype(float)
+    return numbers
+
+
+def members(data: bytes, name: str) -> dict[str, NDArray[Any]]:
+    """All arrays of an archive, by name; raises `InputError`, and whatever zipfile raises of a damaged one."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = archive.infolist()
+        size = sum(member.file_size for member in members)
+        if len(members) > MAX_ARRAYS or size > MAX_BYTES:
+            raise InputError(
+                f"{name}: expected at most {MAX_ARRAYS} arrays of {MAX_BYTES / 1e6:g} MB together, got {len(members)} "
+                f"of {size / 1e6:g} MB."
+            )
+        arrays: dict[str, NDArray[Any]] = {}
+        for member in members:
+            key = member.filename.removesuffix(".npy")
+            if key in arrays:
+                raise InputError(f"{name}: the array {short(key)} is given twice.")
+            if member.filename.endswith(".npy"):
+                with archive.open(member) as file:
+                    arrays[key] = _array(file, member.file_size, f"{name}, {short(key)}")
+    if not arrays:
+        raise InputError(f"{name}: expected arrays of NumPy in the archive, got none.")
+    return arrays
+
+
+def _array(file: Any, size: int, where: str) -> NDArray[Any]:
+    """One array, read only after its header is seen to fit into the ``size`` bytes that are there."""
+    try:
+        shape, dtype, start = _header(file)
+        if dtype.hasobject:
+            raise InputError(f"{where}: expected an array of numbers, got Python objects, which are not unpickled.")
+        if math.prod(shape) * dtype.itemsize > size - file.tell() or any(length < 0 for length in shape):
+            raise InputError(f"{where}: the file is cut off: its header declares more numbers than it holds.")
+        file.seek(start)
+        return np.asarray(npy.read_array(file, allow_pickle=False))
+    except InputError:
+        raise
+    except Exception as error:  # headers are Python literals; damaged ones raise many kinds
+        raise InputError(f"{where}: not an array of NumPy: {one_line(str(error) or type(error).__name__)}.") from error
+
+
+def _header(file: BinaryIO) -> tuple[tuple[int, ...], np.dtype[Any], int]:
+    start = file.tell()
+    version = npy.read_magic(file)
+    reader = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, _, dtype = reader(file)
+    return shape, dtype, start

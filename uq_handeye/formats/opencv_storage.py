@@ -1,0 +1,188 @@
+"""Poses in OpenCV's FileStorage (YAML, XML or JSON), under the names of the arguments of ``cv::calibrateHandEye``.
+
+Rotations ``R_gripper2base`` and ``R_target2cam`` are 3x3 matrices or rotation vectors (rad), translations
+``t_gripper2base`` and ``t_target2cam`` vectors of three; 4x4 matrices go by `POSE_NAMES`. Each is a sequence of
+matrices, or one matrix with the poses below each other or flattened to a row each, or n x 4 x 4.
+``R_gripper2base`` is ``base_T_gripper``. Other names: `PAIRS`. Source of the rules: opencv/opencv,
+``modules/core/src/persistence_yml.cpp``, ``persistence_xml.cpp`` and ``persistence_json.cpp`` for the form,
+``modules/calib3d/include/opencv2/calib3d.hpp`` (``calibrateHandEye``, ``calibrateRobotWorldHandEye``) for the names.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..errors import InputError
+from ..files.fields import POSE_NAMES, got, number
+from ..files.lines import short
+from ..geometry.se3 import Array
+from .contents import Contents, matrices_side
+
+# The names of rotation and translation, the side and the frame that OpenCV documents.
+PAIRS = (
+    ("R_gripper2base", "t_gripper2base", "robot", "base_T_gripper"),
+    ("R_base2gripper", "t_base2gripper", "robot", "gripper_T_base"),
+    ("R_target2cam", "t_target2cam", "camera", "camera_T_target"),
+    ("R_world2cam", "t_world2cam", "camera", "camera_T_target"),
+    ("R_cam2target", "t_cam2target", "camera", "target_T_camera"),
+    ("rvecs", "tvecs", "camera", "camera_T_target"),
+)
+# Names that other poses go by, too: alone in a file they are of the side that the file is given for.
+EITHER_SIDE = "rvecs"
+
+
+_NAMED = {pair[0] for pair in PAIRS if pair[0] != EITHER_SIDE} | set(POSE_NAMES)
+
+
+def read_opencv(tree: Any, name: str) -> Contents:
+    """The poses of a tree."""
+    expected = "R_gripper2base, t_gripper2base, R_target2cam and t_target2cam"
+    if not isinstance(tree, dict):
+        raise InputError(f"{name}: expected {expected}, got {got(tree)}.")
+    sides: dict[str, Any] = {}
+    notes: list[str] = []
+
+    def take(role: str, key: str, T: Array, frame: str) -> None:
+        if role in sides:
+            raise InputError(f"{name}: expected the {role} poses once, got {got(tree)}.")
+        if key not in ("R_gripper2base", "R_target2cam"):
+            notes.append(f"{role} poses from {key}")
+        sides[role] = matrices_side(f"{name}, {key}", T, frame=None if key == role else frame)
+
+    used = set()
+    for R_name, t_name, role, frame in PAIRS:
+        if R_name not in tree:
+            continue
+        t_found = next(
+            (key for key in (t_name, f"T{t_name[1:]}") if key in tree), None
+        )  # T_gripper2base: a translation
+        if t_found is None:
+            raise InputError(f"{name}: expected {t_name} beside {R_name}, got {got(tree)}.")
+        used.add(t_found)
+        wheres = (f"{name}, {R_name}", f"{name}, {t_found}")
+        t = stack(tree[t_found], wheres[1])
+        T = joined(stack(tree[R_name], wheres[0]), t, *wheres)
+        if R_name == EITHER_SIDE and not {*tree} & _NAMED:
+            return Contents(only=matrices_side(wheres[0], T), notes=(f"poses from {R_name} and {t_found}",))
+        take(role, R_name, T, frame)
+    for key, (role, frame) in POSE_NAMES.items():
+        if key in tree and key not in used:
+            values = stack(tree[key], f"{name}, {key}").reshape(-1)
+            if values.size % 16:
+                raise InputError(f"{name}, {key}: expected 16 numbers per pose (4x4), got {values.size}.")
+            take(role, key, values.reshape(-1, 4, 4), frame)
+    if not sides and len(tree) == 1 and is_storage(tree):
+        (key,) = tree
+        values = stack(tree[key], f"{name}, {short(key)}").reshape(-1)
+        if values.size and not values.size % 16:
+            only = matrices_side(f"{name}, {short(key)}", values.reshape(-1, 4, 4))
+            return Contents(only=only, notes=(f"poses from {short(key)}",))
+    if not sides:
+        raise InputError(f"{name}: expected {expected}, got {got(tree)}.")
+    return Contents(sides.get("robot"), sides.get("camera"), notes=tuple(notes))
+
+
+def joined(rotations: Array, translations: Array, R_where: str, t_where: str) -> Array:
+    """Poses (n, 4, 4) from matrices or rotation vectors, and translations, in any of the shapes that are read."""
+    t = _vectors(translations, t_where)
+    T = np.zeros((len(t), 4, 4))
+    T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = _rotations(rotations, len(t), R_where), t, 1.0
+    return T
+
+
+def _rotations(values: Array, n: int, where: str) -> Array:
+    """Matrices (n, 3, 3) from matrices or rotation vectors."""
+    if values.size == 9 * n:
+        return values.reshape(n, 3, 3)
+    if values.size != 3 * n:
+        raise InputError(
+            f"{where}: expected a 3x3 matrix or a rotation vector for each of the {n} translations, got {values.size} "
+            "numbers."
+        )
+    vectors = _vectors(values, where)
+    longest = float(np.linalg.norm(vectors, axis=1).max())
+    if longest > 4 * math.pi:
+        raise InputError(f"{where}: expected rotation vectors in rad, got one of length {longest:.4g}: degrees?")
+    return np.asarray(Rotation.from_rotvec(vectors).as_matrix())
+
+
+def _vectors(values: Array, where: str) -> Array:
+    """Vectors (n, 3)."""
+    if values.size % 3:
+        raise InputError(f"{where}: expected three numbers per pose, got {values.size}.")
+    if values.ndim == 2 and values.shape[0] == 3 and values.shape[1] not in (1, 3):
+        raise InputError(f"{where}: expected the poses below each other, n x 3, got {values.shape[1]} side by side.")
+    return values.reshape(-1, 3)
+
+
+def stack(value: Any, where: str) -> Array:
+    """The numbers of a matrix, or of a sequence of matrices or numbers, in their order."""
+    if _is_matrix(value):
+        return _matrix(value, where)
+    if isinstance(value, list) and value:
+        if all(_is_matrix(entry) for entry in value):
+            return np.concatenate([_matrix(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(value)])
+        if all(isinstance(entry, list) for entry in value):
+            return np.concatenate([stack(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(value)])
+        return np.array([number(entry, f"{where}[{k}]") for k, entry in enumerate(value)])
+    raise InputError(f"{where}: expected a matrix of OpenCV or a list of them, got {got(value)}.")
+
+
+def _is_matrix(value: Any) -> bool:
+    return isinstance(value, dict) and "data" in value and ({"rows", "cols"} <= set(value) or "sizes" in value)
+
+
+def is_storage(tree: Any) -> bool:
+    """Whether a tree holds a matrix of OpenCV, by itself or in a list."""
+    if not isinstance(tree, dict):
+        return False
+    firsts = (value[0] if isinstance(value, list) and value else value for value in tree.values())
+    return any(_is_matrix(first) for first in firsts)
+
+
+def _matrix(value: dict[str, Any], where: str) -> Array:
+    """The numbers of an ``opencv-matrix`` or ``opencv-nd-matrix``."""
+    dt = value.get("dt", "d")
+    kind = re.fullmatch(r"(\d*)([ucwsifdh])", dt) if isinstance(dt, str) else None
+    if kind is None:
+        raise InputError(f"{where}, dt: expected a type of numbers such as d, got {got(dt)}.")
+    sizes = value["sizes"] if "sizes" in value else [value["rows"], value["cols"]]
+    shape = [number(size, f"{where}, size") for size in (sizes if isinstance(sizes, list) else [sizes])]
+    data = value["data"] if isinstance(value["data"], list) else [value["data"]]
+    expected = math.prod(shape) * int(kind[1] or 1)
+    if len(data) != expected:
+        text = isinstance(value["data"], str)
+        hint = " (base64: write the storage as text)" if text else ""
+        shown = " x ".join(f"{size:g}" for size in shape)
+        raise InputError(f"{where}: expected {expected:g} numbers for {shown}, got {got(value['data'])}{hint}.")
+    numbers = np.array([number(entry, f"{where}, data[{k}]") for k, entry in enumerate(data)])
+    return numbers.reshape(int(shape[0]), -1) if numbers.size else numbers
+
+
+def yaml_number(value: float, digits: int = 17) -> str:
+    """A float that YAML 1.1 takes for one: with a point, also before an exponent.
+
+    >>> yaml_number(1e-5), yaml_number(2.0), yaml_number(-0.0)
+    ('1.0e-05', '2.0', '0.0')
+    """
+    text = repr(float(f"{value + 0.0:.{digits}g}"))
+    mantissa, e, exponent = text.partition("e")
+    return text if not e or "." in mantissa else f"{mantissa}.0e{exponent}"
+
+
+def matrix_lines(name: str, values: Array) -> list[str]:
+    """A matrix (rows, columns) as an entry of OpenCV's YAML."""
+    rows, columns = values.shape
+    data = ",\n       ".join(", ".join(map(yaml_number, row)) for row in values)
+    return [
+        f"{name}: !!opencv-matrix",
+        f"   rows: {rows}",
+        f"   cols: {columns}",
+        "   dt: d",
+        f"   data: [ {data} ]",
+    ]

@@ -1,0 +1,1 @@
+"""Numbers, units, paragraphs and snippets as text."""

@@ -1,0 +1,73 @@
+"""Numbers with units, as people write them: ``0.02deg``, ``1 mrad``, ``0.5mm``."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+
+from ..errors import InputError
+
+ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180, "°": math.pi / 180,
+               "arcmin": math.pi / 10800, "arcsec": math.pi / 648000}  # fmt: skip
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6, "in": 0.0254}
+
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s.+-]*)\s*")
+
+
+def _parse(value: str | float, units: dict[str, float], kind: str, name: str) -> float:
+    if isinstance(value, str):
+        known = ", ".join(units)
+        match = _QUANTITY.fullmatch(value)
+        if match is None:
+            raise InputError(f"Expected {name} to be {kind} such as '0.1{next(iter(units))}', got {value!r}.")
+        number, unit = float(match[1]), match[2]
+        if not unit:
+            raise InputError(f"Expected {name} to carry a unit (one of {known}), got {value!r}.")
+        if unit not in units:
+            raise InputError(f"Unknown unit {unit!r} in {name} = {value!r}; expected one of {known}.")
+        result = number * units[unit]
+    else:
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+            raise InputError(f"Expected {name} to be a number or text with a unit, got {value!r}.")
+        result = float(value)
+    if not math.isfinite(result):
+        raise InputError(f"Expected {name} to be finite, got {value!r}.")
+    return result
+
+
+def parse_angle(value: str | float, name: str = "angle") -> float:
+    """An angle in radians, from a number (radians) or text with its unit.
+
+    >>> parse_angle("1 mrad")
+    0.001
+    """
+    return _parse(value, ANGLE_UNITS, "an angle", name)
+
+
+def parse_length(value: str | float, name: str = "length") -> float:
+    """A length in metres, from a number (metres) or text with its unit.
+
+    >>> parse_length("0.5mm")
+    0.0005
+    """
+    return _parse(value, LENGTH_UNITS, "a length", name)
+
+
+def parse_deviations(value: tuple[str | float, str | float], name: str) -> tuple[float, float]:
+    """Standard deviations ``(rotation, translation)`` in (rad, m); negative ones are refused.
+
+    >>> parse_deviations(("1mrad", "0.5mm"), "robot")
+    (0.001, 0.0005)
+    """
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise InputError(f"Expected {name} to be a pair (rotation, translation), got {value!r}.")
+    rotation = parse_angle(value[0], f"the rotation deviation of {name}")
+    translation = parse_length(value[1], f"the translation deviation of {name}")
+    for number, text in ((rotation, value[0]), (translation, value[1])):
+        if number < 0:
+            raise InputError(f"Expected the standard deviations of {name} to be >= 0, got {text!r}.")
+        if number > 1e9:
+            raise InputError(f"Expected the standard deviations of {name} to be below 1e9, got {text!r}.")
+    return rotation, translation

@@ -1,0 +1,375 @@
+"""Does the input look like a hand-eye data set? Warnings that say why not and what to try.
+
+Nothing here changes a result. Each ``check_`` returns sentences for a person, which `calibrate` raises as
+`InputWarning` and keeps in the result; `require_signal` refuses data whose X would be an accident of the noise.
+
+The residuals of poses are those of ``W_k = G_k X C_k``, which is the same for every k without noise (robot-world
+constancy; G inverted for eye-to-hand): a rotation and a translation per pose, so that a bad row has a name.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import DegenerateMotionError
+from ..geometry.se3 import Array, block, inverse_jacobian, skew
+from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+from ..poses.residuals import median, pose_residuals, rotation_angles
+from ..procrustes.limit import DEGENERATE, infinite_directions
+from .misread_files import EXACT, LARGE_ROTATION, in_both, other_readings, scaled_reading
+
+# Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
+# unless the noise explains it.
+ANGLE_DISAGREEMENT = np.radians(2.5)
+# Translation residual, as a share of the robot's travel, beyond which another reading of the files is looked for; the
+# rotation residual is LARGE_ROTATION.
+LARGE_TRANSLATION = 0.1
+# Translation residual, as a share of the robot's travel, from which on a wrong scale of one file would show.
+SCALE_SHOWS = 0.01
+# Below this spread of the rotation axes, rotation about and translation along them are hardly determined.
+AXIS_SPREAD = np.radians(5.0)
+SMALL_ANGLE = np.radians(5.0)
+NEAR_HALF_TURN = np.radians(150.0)
+# The rotations must stand out of their noise by this factor, or X is an accident of the noise.
+SIGNAL_TO_NOISE = 4.0
+# Rotations whose sum of squared sines across the main axis stays below this are suspected of being noise.
+POOR = 0.03
+# Farther from its base than any arm reaches, in metres.
+FAR = 20.0
+# Numbers above this are millimetres: in centimetres they would be farther than most arms reach.
+IN_MILLIMETRES = 250.0
+# What sits farther from the gripper than this, and than the fixed part from the base, is unusual (m).
+LONG_BRACKET = 0.4
+# A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
+OUTLIER = 6.0
+
+
+# ------------------------------------------------------------------------------------ what the columns look like
+
+
+def check_poses(poses: PosePairs) -> list[str]:
+    """Units, constant and equal columns and repeated rows of the pose lists; the same list given twice."""
+    found = []
+    for name, T in (("robot", poses.robot), ("camera", poses.camera)):
+        t = T[:, :3, 3]
+        far = float(np.abs(t).max())
+        if far > FAR:
+            unit, looks = ("mm", "millimetres") if far > IN_MILLIMETRES else ("cm", "centimetres, or inches (in)")
+            small = "" if unit == "mm" else "; or mm, if the rig is smaller than a hand"
+            give = f"Give {in_both(name, 'units', unit, 'm')}{small}"
+            if name == "camera" and poses.camera_calibration is not None:  # it is the board that gives their size
+                give = f"Calibrate the camera again with the board in its unit (--units {unit}, or --square with one)"
+            found.append(f"The {name} translations reach {far:.4g} m: they look like {looks}. {give}.")
+        span = np.ptp(t, axis=0)
+        for axis in range(3):
+            if len(t) > 1 and span[axis] <= 1e-9 * max(far, 1e-3):
+                found.append(f"Column {'xyz'[axis]} of the {name} poses is constant ({t[0, axis] + 0.0:.6g}).")
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            if len(t) > 2 and span[a] > 1e-9 * max(far, 1e-3) and np.array_equal(t[:, a], t[:, b]):
+                found.append(
+                    f"Columns {'xyz'[a]} and {'xyz'[b]} of the {name} poses are identical in all {len(t)} rows: one of "
+                    "them was lost when the file was written."
+                )
+        same = int((T[1:] == T[:-1]).all(axis=(1, 2)).sum())
+        if same:
+            found.append(f"{same} of {len(T)} {name} poses repeat the row before exactly: they add no information.")
+    if np.array_equal(poses.robot, poses.camera):
+        found.append("Robot and camera poses are the same numbers: the same file was given twice.")
+    return found
+
+
+# --------------------------------------------------------------------------------- what the rotations look like
+
+
+def check_rotations(motions: Motions, noise: Noise | None, method: str) -> list[str]:
+    """Angles of robot against camera, half turns, small angles, spread of the rotation axes."""
+    found = []
+    R_A, R_B = motions.A[..., :3, :3], motions.B[..., :3, :3]
+    angle, angle_B = rotation_angles(R_A), rotation_angles(R_B)
+    difference = np.abs(angle - angle_B)
+    rms = float(np.sqrt(np.mean(difference**2)))
+    # one of the three axes of the noise changes the angle
+    explained = 0.0 if noise is None else np.sqrt(_rotation_variance(motions, noise) / 3.0)
+    if rms > max(ANGLE_DISAGREEMENT, 2.0 * explained):
+        worst = int(np.argmax(difference))
+        found.append(
+            f"Robot and camera disagree on how far they turned: rotation angles differ by {np.degrees(rms):.1f} "
+            f"degrees RMS, {np.degrees(difference[worst]):.1f} at most ({_pair(motions, worst)}). "
+            + (
+                "Few pairs differ: look for wrong detections."
+                if median(difference) < 0.25 * ANGLE_DISAGREEMENT
+                else "The rows of the two files do not belong together (wrong pairing, a shift, a time offset); if "
+                'both have timestamps, try pair="time" (--pair time) or --pair async.'
+            )
+        )
+    half = float(np.mean(angle > NEAR_HALF_TURN))
+    if half > 0.25 and method == "4dpa":
+        found.append(
+            f"{100 * half:.0f} % of the motions turn by more than 150 degrees. 4DPA weights a motion by "
+            "sin^2(angle), so they count almost nothing; choose pairs that turn by 30 to 150 degrees."
+        )
+    largest = float(angle.max(initial=0.0))
+    if largest < SMALL_ANGLE:
+        found.append(
+            f"The robot turns by {np.degrees(largest):.2g} degrees at most: noise is amplified. Turn it by 30 degrees "
+            "and more, about different axes."
+        )
+    spread, axis = _axis_spread(R_A)
+    if spread[2] > 0 and spread[0] + spread[1] < np.sin(AXIS_SPREAD) ** 2 * spread[2]:
+        within = np.degrees(np.sqrt(max(spread[0] + spread[1], 0.0) / spread[2]))
+        found.append(
+            f"The rotation axes of the robot are nearly parallel to ({', '.join(f'{x:.2f}' for x in axis)}) (within "
+            f"{max(within, 0.01):.2g} degrees): rotation about this axis and translation along it are hardly "
+            "determined. Add motions that turn about another axis."
+        )
+    return found
+
+
+def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
+    """Raise unless the rotations stand out of their noise in two directions.
+
+    4DPA finds R_X from the cross moment ``H / N = sum u v^T / N``, ``u, v = sin(angle) axis`` of robot and camera.
+    Noise of variances s_A^2, s_B^2 per axis leaves about ``s_A s_B / sqrt(n)`` in it, n the number of independent
+    motions; if the smallest eigenvalue of M / N is not well above that, the axes found are those of the noise
+    (parallel axes, half turns, no rotation) and no covariance can tell. The variances are those of the noise given.
+    Where the rotations are that poor, and the noise is not given or far below what the median rotation residual
+    ``angle`` shows, they are those that it shows.
+    """
+    spread, axis = _axis_spread(motions.A[..., :3, :3])
+    variance = 0.0 if noise is None else _rotation_variance(motions, noise) / 3.0
+    if spread[0] + spread[1] < POOR:
+        # the median length of a Gaussian vector with three components is 1.54 of their standard deviation
+        shown = (median(angle) / 1.54) ** 2
+        if noise is None or shown > 9.0 * variance:
+            variance = shown
+    independent = motions.N if motions.poses is None else min(motions.N, motions.poses.n - 1)
+    u, v = _axes(motions.A[..., :3, :3]), _axes(motions.B[..., :3, :3])
+    H = u @ v.T / motions.N
+    s = np.linalg.svd(H, compute_uv=False)
+    across = float(s[1] + np.sign(np.linalg.det(H)) * s[2])
+    level = variance / np.sqrt(independent)
+    if across > SIGNAL_TO_NOISE * level:
+        return
+    raise DegenerateMotionError(
+        f"The motions do not determine X: across their main rotation axis, ({', '.join(f'{x:.3f}' for x in axis)}) in "
+        f"the frame of `A`, the mean of sin(angle)^2 is {across:.2g}, and noise alone makes {level:.2g}. The rotation "
+        "of X about this axis and its translation along it would be accidents of the noise. Turn about other axes, by "
+        "30 to 150 degrees, and check that the rows of the two files belong together.",
+        infinite_directions(axis[None]),
+    )
+
+
+def _axes(R: Array) -> Array:
+    """``sin(angle) axis`` of rotations (N, 3, 3), as columns (3, N)."""
+    return 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]])
+
+
+def _axis_spread(R: Array) -> tuple[Array, Array]:
+    """Eigenvalues of ``sum u u^T / N``, ascending, and the main axis; below rounding they are 0."""
+    u = _axes(R)
+    values, vectors = np.linalg.eigh(u @ u.T / max(1, u.shape[1]))
+    axis = vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] > 0 else -vectors[:, 2]
+    return np.where(values > DEGENERATE * values[2], values, 0.0), np.round(axis, 12) + 0.0
+
+
+def _rotation_variance(motions: Motions, noise: Noise) -> float:
+    """Mean square of the rotation residual of a pair that the noise explains (rad^2).
+
+    To first order it is ``theta_A - R_X theta_B``, and theta of a motion is the difference of those of its two
+    poses (up to rotations): the traces add.
+    """
+    if isinstance(noise, PairNoise):
+        return sum(
+            float(np.mean(np.trace(S[..., :3, :3], axis1=-2, axis2=-1))) for S in (noise.A, noise.B) if S is not None
+        )
+    if motions.pairs is None or motions.poses is None:
+        return 0.0  # PoseNoise without poses: propagate() refuses it
+    traces = np.zeros(motions.poses.n)
+    for S in (noise.robot, noise.camera):
+        if S is not None:
+            traces += np.trace(marginals(S)[..., :3, :3], axis1=-2, axis2=-1)
+    return float(np.mean(traces[motions.pairs].sum(axis=1)))
+
+
+# ------------------------------------------------------------------------------------------ how well X fits them
+
+
+def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: Array | None) -> list[str]:
+    """Residuals of the poses against their noise and each other; if they are large, which other reading would fit."""
+    G, C = poses.effective_robot, poses.camera
+    angle, distance = pose_residuals(G, C, X)
+    travel = float(np.sqrt(np.mean(np.sum((G[:, :3, 3] - G[:, :3, 3].mean(axis=0)) ** 2, axis=1))))
+    reach = float(np.sqrt(np.mean(np.sum(C[:, :3, 3] ** 2, axis=1))))
+    turn, shift = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2)))
+    found: list[str] = []
+    most = None
+    if noise is not None and covariance is not None:
+        least, most = _explained(poses, X, noise, covariance)
+        joint = any(S is not None and is_joint(S) for S in (noise.robot, noise.camera))
+        found = _against_noise("poses", poses.n - 1, (angle, distance), None if joint else least, most)
+    # Noise turns about all three axes and so makes the residual sqrt(3) times the difference of the angles, which a
+    # wrong frame leaves as it is; but where the rows do not belong together, no other reading helps.
+    disagreement = float(np.sqrt(np.mean((_turns(G) - _turns(C)) ** 2)))
+    turned = turn > max(LARGE_ROTATION, 4.0 * disagreement, 3.0 * _rms(most, 0))
+    shifted = shift > max(LARGE_TRANSLATION * travel, 0.02 * reach, 3.0 * _rms(most, 1), 1e-9)
+    misfit = turned or (shifted and disagreement < 2 * ANGLE_DISAGREEMENT)
+    # Outliers are few, so the median pose is good; a wrong reading of the files spoils all of them.
+    most_fit = median(angle) < LARGE_ROTATION and median(distance) < max(LARGE_TRANSLATION * travel, 0.02 * reach)
+    if most_fit and (outliers := _outliers("pose", angle, distance, travel + reach, most)):
+        return found + outliers
+    if misfit:
+        start = f"the target seems to move by {np.degrees(turn):.2g} degrees and {1e3 * shift:.3g} mm RMS"
+        return [*found, f"X does not explain the poses: {start}. {other_readings(poses, turn, shift)}"]
+    shows = max(SCALE_SHOWS * travel, 0.005 * reach, 3.0 * _rms(most, 1), 1e-9)
+    if shift > shows and (scaled := scaled_reading(G, C, shift)):
+        found.append(f"The translations of robot and camera do not go together: it would fit if {scaled}.")
+    return found + _check_lengths(poses, X)
+
+
+def _rms(squares: tuple[Array, Array] | None, k: int) -> float:
+    return 0.0 if squares is None else float(np.sqrt(np.mean(squares[k])))
+
+
+def _turns(T: Array) -> Array:
+    """Rotation angles from each pose to the next."""
+    return rotation_angles(T[:-1, :3, :3].mT @ T[1:, :3, :3])
+
+
+def _against_noise(
+    what: str, n: int, rows: tuple[Array, Array], least: tuple[Array, Array] | None, most: tuple[Array, Array]
+) -> list[str]:
+    """RMS rotation and translation residuals of n things against the mean squares that the noise explains.
+
+    ``most`` counts what the error of X adds in full, though the residuals share part of it; ``least`` leaves it
+    out, and is None where errors are common to all and leave no trace in the residuals.
+    """
+    low, high = _chance(3 * n - 3)
+    found = []
+    for k, (name, unit, factor) in enumerate((("rotation", "degrees", 180 / np.pi), ("translation", "mm", 1e3))):
+        rms, expected = float(np.sqrt(np.mean(rows[k] ** 2))), float(np.sqrt(np.mean(most[k])))
+        start = f"The {name} residuals of the {what} ({factor * rms:.3g} {unit} RMS) are "
+        if rms > 1.3 * high * expected and rms > EXACT:
+            ratio = f"{rms / expected:.3g} times what" if expected > 0 else "more than"
+            found.append(
+                f"{start}{ratio} the noise given explains ({factor * expected:.3g} {unit}). Either the noise is larger "
+                "than given or the data are wrong; the standard deviations of X are too small."
+            )
+        elif least is not None and EXACT < rms < min(low, 1 / 3) * (floor := float(np.sqrt(np.mean(least[k])))):
+            found.append(
+                f"{start}{floor / rms:.3g} times smaller than the noise given explains ({factor * floor:.3g} {unit}): "
+                "the noise seems overstated, and with it the standard deviations of X. Check the units."
+            )
+    return found
+
+
+def _explained(
+    poses: PosePairs, X: Array, noise: PoseNoise, covariance: Array
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Mean squares (n,) of the rotation and translation of W_k: from the noise, and with the error of X added (T5)."""
+    G, C = poses.effective_robot, poses.camera
+    R_G, lever = G[:, :3, :3], C[:, :3, 3] @ X[:3, :3].T
+    point = np.einsum("nij,nj->ni", R_G, lever + X[:3, 3])
+    eye, turn = np.eye(3), R_G @ X[:3, :3]
+    J_robot, J_camera = block(eye, 0.0, -skew(point), eye), block(turn, 0.0, 0.0, turn)
+    if poses.setup == "eye-to-hand":
+        J_robot = J_robot @ inverse_jacobian(poses.robot)
+    squares = np.zeros((2, poses.n))
+    for J, S in ((J_robot, noise.robot), (J_camera, noise.camera)):
+        if S is not None:
+            squares += _traces(J @ marginals(S) @ J.mT)
+    J_X = block(R_G, 0.0, -R_G @ skew(lever), R_G)
+    with_X = squares + _traces(J_X @ covariance @ J_X.mT)
+    return (squares[0], squares[1]), (with_X[0], with_X[1])
+
+
+def _traces(S: Array) -> Array:
+    """Traces of the rotation and translation blocks of covariances (n, 6, 6): (2, n)."""
+    return np.asarray(np.diagonal(S, axis1=-2, axis2=-1).reshape(-1, 2, 3).sum(axis=2).T)
+
+
+def _chance(degrees_of_freedom: int) -> tuple[float, float]:
+    """Between what ratios a RMS of so many numbers lies but once in 10,000 times (Wilson and Hilferty 1931)."""
+    f = 2.0 / (9.0 * max(1, degrees_of_freedom))
+    low, high = ((max(1.0 - f + z * np.sqrt(f), 0.0)) ** 1.5 for z in (-3.72, 3.72))
+    return float(low), float(high)
+
+
+def _outliers(
+    what: str, angle: Array, distance: Array, size: float, explained: tuple[Array, Array] | None
+) -> list[str]:
+    """Poses or motions whose residual, in units of what its noise explains, stands out of the others."""
+    n = len(angle)
+    if n < 6:
+        return []  # their mean is not sharp enough to tell
+    far = np.zeros(n)
+    for k, (residual, least) in enumerate(((angle, EXACT), (distance, EXACT * size))):
+        unit = np.ones(n) if explained is None else np.sqrt(np.maximum(explained[k], least**2))
+        relative = np.where(residual > least, residual, 0.0) / unit
+        typical = max(median(relative), least / float(unit.max()))
+        if typical > 0:
+            far = np.maximum(far, relative / typical)
+    rows = np.flatnonzero(far > OUTLIER * (1.0 + 4.0 / n))
+    if not rows.size:
+        return []
+    rows = rows[np.argsort(-far[rows])]
+    named = ", ".join(f"{what} {k} ({np.degrees(angle[k]):.2g} degrees, {1e3 * distance[k]:.3g} mm)" for k in rows[:5])
+    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
+    return [
+        f"{len(rows)} of {n} {what}s fit much worse than the others (median {np.degrees(median(angle)):.2g} degrees, "
+        f"{1e3 * median(distance):.3g} mm): {named}{more}, counted from 0. Look for a wrong detection or a row that "
+        "belongs to another moment, and leave it out of both files."
+    ]
+
+
+def _check_lengths(poses: PosePairs, X: Array) -> list[str]:
+    """Is the sensor bracket longer than the arm? Swapped files fit AX = XB exactly and give inv(W) for X."""
+    W = poses.effective_robot @ X @ poses.camera
+    long_X = float(np.linalg.norm(X[:3, 3]))
+    long_W = float(np.linalg.norm(np.mean(W[:, :3, 3], axis=0)))
+    on_gripper, fixed = (long_X, long_W) if poses.setup == "eye-in-hand" else (long_W, long_X)
+    if on_gripper < LONG_BRACKET or on_gripper < 2.0 * fixed:
+        return []
+    what = "camera" if poses.setup == "eye-in-hand" else "target"
+    return [
+        f"The {what} would sit {on_gripper:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m "
+        "from the base. If that is not so, the two files are swapped or both hold inverse poses: such data fit equally "
+        'well, with another X. Give the robot\'s file first; or robot_frame="gripper_T_base", '
+        'camera_frame="target_T_camera" (--robot-frame gripper_T_base --camera-frame target_T_camera).'
+    ]
+
+
+def check_motions(
+    motions: Motions, noise: Noise | None, covariance: Array | None, angle: Array, distance: Array, X: Array
+) -> list[str]:
+    """Residuals (N,) of motions that come without poses: against the noise, their size and each other."""
+    found = []
+    A, B = motions.A, motions.B
+    most = None
+    if isinstance(noise, PairNoise) and covariance is not None:
+        # the translation residual is tau_A - [R_A t_X]x theta_A - R_X tau_B
+        J_A = block(np.eye(3), 0.0, -skew(A[:, :3, :3] @ X[:3, 3]), np.eye(3))
+        least = np.zeros((2, motions.N))
+        for S, J in ((noise.A, J_A), (noise.B, np.eye(6))):
+            if S is not None:
+                least += _traces(np.broadcast_to(J @ S @ J.mT, (motions.N, 6, 6)))
+        J_X = block(A[:, :3, :3] - np.eye(3), 0.0, skew(B[:, :3, 3] @ X[:3, :3].T), A[:, :3, :3] - np.eye(3))
+        with_X = least + _traces(J_X @ covariance @ J_X.mT)
+        most = (with_X[0], with_X[1])
+        found = _against_noise("motions", motions.N, (angle, distance), (least[0], least[1]), most)
+    travel = float(np.sqrt(3.0 * np.mean(A[:, :3, 3] ** 2)))
+    turn, shift = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2)))
+    if turn > max(LARGE_ROTATION, 3.0 * _rms(most, 0)) or shift > max(LARGE_TRANSLATION * travel, 3.0 * _rms(most, 1)):
+        found.append(
+            f"X does not explain the motions: residuals {np.degrees(turn):.2g} degrees and {1e3 * shift:.3g} mm RMS. "
+            "Check the directions and units of `A` and `B` and that they belong together."
+        )
+    return found + _outliers("motion", angle, distance, travel, most)
+
+
+def _pair(motions: Motions, k: int) -> str:
+    if motions.pairs is None:
+        return f"motion {k}"
+    i, j = motions.pairs[k]
+    return f"poses {i} and {j}"

@@ -1,0 +1,62 @@
+"""The distribution that ``d^2 = xi^T Sigma^-1 xi`` of the error xi of X follows: how far an ellipsoid reaches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.special import chdtrc, chdtri, fdtrc, fdtri
+
+from ..errors import InputError
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Of d^2 with 6 components.
+
+    - ``chi-square``: the covariance is that of known noise.
+    - ``F``: it is that of noise estimated from the same data, ``d^2 / 6 ~ F(6, dof)`` (`effective_dof`).
+    - ``Hotelling``: it comes from the residuals of few poses, ``d^2 (dof - 5) / (6 dof) ~ F(6, dof - 5)`` (`sandwich`).
+    """
+
+    kind: str = "chi-square"
+    dof: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("chi-square", "F", "Hotelling"):
+            raise InputError(f"Expected the reference to be chi-square, F or Hotelling, got {self.kind!r}.")
+        if (self.dof is None) != (self.kind == "chi-square") or (self.dof is not None and not self.dof > 0):
+            raise InputError(f"Expected degrees of freedom above 0 with F and Hotelling alone, got {self.dof!r}.")
+
+    @property
+    def determined(self) -> bool:
+        """Whether there are quantiles: Hotelling needs more than 5 degrees of freedom."""
+        return self.kind != "Hotelling" or (self.dof is not None and self.dof > 5)
+
+    def quantile(self, level: float) -> float:
+        """The d^2 below which the share ``level`` of all errors lies; infinite where that is not determined."""
+        if not 0 < level < 1:
+            raise InputError(f"Expected `level` to lie between 0 and 1, got {level!r}.")
+        if self.dof is None:
+            return float(chdtri(6, 1 - level))
+        if not self.determined:
+            return float("inf")
+        if self.kind == "F":
+            return 6 * float(fdtri(6, self.dof, level))
+        return 6 * self.dof / (self.dof - 5) * float(fdtri(6, self.dof - 5, level))
+
+    def p_value(self, d2: float) -> float:
+        """The probability of a d^2 at least as large."""
+        if self.dof is None:
+            return float(chdtrc(6, d2))
+        if not self.determined:
+            return 1.0
+        if self.kind == "F":
+            return float(fdtrc(6, self.dof, d2 / 6))
+        return float(fdtrc(6, self.dof - 5, d2 * (self.dof - 5) / (6 * self.dof)))
+
+    def __str__(self) -> str:
+        if self.dof is None:
+            return "chi-square with 6 degrees of freedom"
+        if self.kind == "F":
+            return f"6 F(6, {self.dof:.3g})"
+        return f"Hotelling's distribution with {self.dof:.3g} degrees of freedom"

@@ -1,0 +1,357 @@
+r"""The estimate at the Cramer-Rao bound: two closed-form steps, their iteration to maximum likelihood, and the bound.
+
+Model (`constraint`): Gaussian errors xi_i of the measured poses or motions with known covariance, true values that
+satisfy ``G X C = W`` or ``A X = X B``. With the latent true values eliminated, minus twice the log-likelihood is
+
+    min over v of  sum_i v_i^T Sigma_i^-1 v_i    subject to    r(measured (-) v; X, W) = 0
+
+One step (Gauss-Helmert) linearises r at guesses of X, W and the errors v. With ``rho = r + D v``, ``S = D Sigma D^T``
+
+    I_F = sum_i J_i^T S_i^-1 J_i,   xi = -I_F^-1 sum_i J_i^T S_i^-1 rho_i,   v_i = Sigma_i D_i^T S_i^-1 (rho_i + J_i xi)
+
+The first step from 4DPA's X, with v = 0, is that of T5: at the bound to first order in the errors. It takes the
+derivatives at measured data, whose noise biases X and makes ``I_F^-1`` too small where rotation noise times a lever
+exceeds the translation noise (motions with 10 mrad and 0.1 mm in `studies.likelihood`: mean NEES 8 and 12, not 6).
+``efficient`` therefore takes a second one, with the derivatives at the poses as the first corrected them. What further
+steps change is small beside the deviations, but for the largest noise there. ``ml`` goes on until it stands still:
+there the conditions of the constrained maximum hold exactly. The covariance of both is ``I_F^-1``, where the last step
+was taken; its block of X (the Schur complement on X) is marginal over W.
+
+Exact sides (noise None) and covariances that are joint over poses (T4b) need no special case, as Sigma is never
+inverted; S must be. Leading axes are independent problems.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DegenerateMotionError, InputError, NotConvergedError
+from ..geometry.se3 import Array, as_transforms, left_jacobian, perturb
+from ..noise.models import Noise, PairNoise, PoseNoise, is_joint
+from ..noise.square_roots import Covariance, Factor, cholesky_of, gram, joint_residuals, pulled, weighted, whiten
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+from ..poses.timing import Timing, warn_left_out
+from ..procrustes.limit import solve_limit
+from ..propagation.all_pairs import solve_all_pairs
+from ..propagation.target_pose import mean_target
+from .constraint import (
+    Constraint,
+    Linearised,
+    OnMotions,
+    OnPoses,
+    Unknowns,
+    constraint_of,
+    covariances_of,
+    residual_covariance,
+)
+
+# Steps of `efficient`, and at most of `ml`.
+CLOSED_FORM_STEPS, MOST_STEPS = 2, 50
+# `ml` stands still when a step moves X and W by less than this, in standard deviations; or, for noise near rounding, by
+# less than so many units of the numbers themselves (translations: of the longest).
+STEP, ROUNDING = 1e-6, 16 * float(np.finfo(float).eps)
+# Smallest eigenvalue of the Fisher information scaled to a unit diagonal that still determines all unknowns.
+SINGULAR = 1e-12
+
+
+# Of robot and camera (..., n, 6); None where there are none.
+Errors = tuple[Array | None, Array | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """X and W with everything that the covariance, diagnostics and robust weights are made of.
+
+    ``residual`` is what the errors leave of the constraint once X and W are fitted, to first order ``D xi`` less the
+    fitted part; with the covariance S and the leverage below 1 it is what consistency is judged by.
+    """
+
+    unknowns: Unknowns
+    covariance: Array  # (..., p, p) of (xi_X, xi_W) on poses, p = 12; of xi_X on motions, p = 6
+    linear: Linearised  # where the last step was taken
+    S: Covariance  # (..., n, 6, 6), or joint (..., 6n, 6n): covariance of the residuals, before any robust weight
+    residual: Array  # (..., n, 6) after the fit
+    iterations: int
+    converged: NDArray[np.bool_]  # (...)
+    weights: Array | None = None  # (..., n) in [0, 1], robust weights of the poses; None: all 1
+
+    @property
+    def X(self) -> Array:
+        """(..., 4, 4)"""
+        return self.unknowns.X
+
+    @property
+    def W(self) -> Array | None:
+        """(..., 4, 4); None on motions."""
+        return self.unknowns.W
+
+    @property
+    def covariance_X(self) -> Array:
+        """(..., 6, 6)"""
+        return self.covariance[..., :6, :6]
+
+    @property
+    def covariance_W(self) -> Array | None:
+        """(..., 6, 6); None on motions."""
+        return None if self.W is None else self.covariance[..., 6:, 6:]
+
+    @cached_property
+    def factor(self) -> Factor:
+        """L with ``S = L L^T``, as S."""
+        return cholesky_of(self.S)
+
+    @cached_property
+    def weighted_factor(self) -> Factor:
+        """The same of S with the robust weights in it."""
+        return self.factor if self.weights is None else cholesky_of(weighted(self.S, self.weights))
+
+    @cached_property
+    def white(self) -> tuple[Array, Array]:
+        """``L^-1 residual`` (..., n, 6) and ``L^-1 J`` (..., n, 6, p)."""
+        whitened = whiten(self.factor, np.concatenate([self.linear.J, self.residual[..., None]], axis=-1))
+        return whitened[..., -1], whitened[..., :-1]
+
+
+def efficient(data: PosePairs | Motions, noise: Noise, start: Array | None = None) -> Fit:
+    """Two closed-form steps from 4DPA (or ``start``): at the Cramer-Rao bound (T5).
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+        On poses where there are any, unless the noise is `PairNoise`; leading axes are independent problems.
+    noise : PoseNoise or PairNoise
+        With a residual covariance S that is positive definite.
+    start : (..., 4, 4) or None
+        A consistent estimate of X; None takes 4DPA of all pairs of poses, or of the motions given.
+
+    Raises
+    ------
+    InputError
+        Noise that is none, does not fit the data or leaves a part of the residuals exact.
+    DegenerateMotionError
+        The data do not determine X (or W).
+    """
+    constraint = _checked(data, noise)
+    return fit(constraint, noise, start_of(data, constraint, start), CLOSED_FORM_STEPS)
+
+
+def maximum_likelihood(data: PosePairs | Motions, noise: Noise, start: Array | None = None) -> Fit:
+    """`efficient`, repeated to the maximum of the likelihood with latent true poses or motions.
+
+    Parameters and errors as for `efficient`, and
+
+    Raises
+    ------
+    NotConvergedError
+        ``partial`` holds the `Fit` that was reached, with a flag for each problem.
+    """
+    constraint = _checked(data, noise)
+    found = fit(constraint, noise, start_of(data, constraint, start), steps=MOST_STEPS)
+    if not found.converged.all():
+        failed = int(found.converged.size - found.converged.sum())
+        of = "" if found.converged.ndim == 0 else f" on {failed} of {found.converged.size} problems"
+        raise NotConvergedError(
+            f"Method 'ml' did not converge{of} within {found.iterations} iterations: the residuals are too large for "
+            "the noise given, or the motions hardly determine X. Look at the warnings and residuals of method "
+            "'4dpa', and at the noise.",
+            found,
+        )
+    return found
+
+
+def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Array:
+    """The Cramer-Rao bound of X (..., 6, 6): no unbiased estimator has a smaller covariance, to first order (T5).
+
+    Model: the errors of the poses (or, with PairNoise, of the motions) are Gaussian with the covariance given; the true
+    poses and W are unknown nuisances. The bound belongs to true values: those of simulated poses that carry their
+    truth; else X and the poses as maximum likelihood corrects them; where ``X`` is given, X and the data as they are,
+    whose noise then moves the bound.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+    noise : PoseNoise or PairNoise
+    X : (4, 4) or None
+        The true X, if it is known for data that do not carry their truth.
+
+    Returns
+    -------
+    (..., 6, 6) covariance of ``xi = (theta, tau)``: left rotation in rad, additive translation; parent frame of X.
+
+    Examples
+    --------
+    >>> import numpy as np, uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    >>> poses = uq.simulate(n_poses=20, noise=noise, seed=1)
+    >>> np.round(np.sqrt(np.diag(uq.bound(poses, noise))) * 1e3, 2)  # mrad, mm
+    array([0.44, 0.39, 0.57, 0.5 , 0.46, 0.58])
+    """
+    constraint = _checked(data, noise)
+    poses = data if isinstance(data, PosePairs) else data.poses
+    warn_left_out("bound()", data)
+    if isinstance(constraint, OnPoses) and X is None and poses is not None and poses.truth is not None:
+        truth = poses.truth
+        at = Unknowns(truth.X, truth.W)
+        linear = constraint.linearise(at, truth.robot, truth.camera)
+    elif X is None:
+        return maximum_likelihood(data, noise).covariance_X
+    else:
+        at = start_of(data, constraint, as_transforms(X, "X", stack=False))
+        linear = constraint.linearise(at, constraint.first, constraint.second)
+    factor = cholesky_of(residual_covariance(linear.sides, noise))
+    return inverse_information(gram(whiten(factor, linear.J)))[..., :6, :6]
+
+
+# Estimates at the Cramer-Rao bound by name; every other name is a published method.
+ESTIMATORS = {"efficient": efficient, "ml": maximum_likelihood}
+
+
+def _checked(data: PosePairs | Motions, noise: Noise) -> Constraint:
+    """The constraint, once data and noise are known to be some."""
+    if not isinstance(data, PosePairs | Motions):
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if not isinstance(noise, PoseNoise | PairNoise):
+        raise InputError(f"Expected `noise` to be PoseNoise or PairNoise, got {type(noise).__name__}.")
+    return constraint_of(data, noise)
+
+
+def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None) -> Unknowns:
+    """X by 4DPA where it is not given, and W as the mean of G X C."""
+    if isinstance(constraint, OnMotions):
+        return Unknowns(solve_limit(constraint.first, constraint.second) if X is None else X, None)
+    poses = data if isinstance(data, PosePairs) else data.poses
+    assert poses is not None
+    X = solve_all_pairs(poses) if X is None else X
+    return Unknowns(X, mean_target(poses, X))
+
+
+def fit(constraint: Constraint, noise: Noise, start: Unknowns, steps: int, weights: Array | None = None) -> Fit:
+    """So many steps of Gauss-Helmert, or fewer once all problems stand still.
+
+    Robust ``weights`` (..., n) in [0, 1] multiply the information of each pose or motion; 0 leaves it out.
+    """
+    unknowns, first, second = start, constraint.first, constraint.second
+    errors: Errors = (None, None)
+    for done in range(1, steps + 1):
+        linear = constraint.linearise(unknowns, first, second)
+        if steps > CLOSED_FORM_STEPS:
+            linear = linear._replace(sides=_by_own_errors(linear.sides, errors))
+        rho = linear.r
+        for D, v in zip(linear.sides, errors, strict=True):
+            if v is not None:
+                rho = rho + (D @ v[..., None])[..., 0]
+        S = residual_covariance(linear.sides, noise)
+        factor = cholesky_of(S if weights is None else weighted(S, weights))
+        white = whiten(factor, np.concatenate([linear.J, rho[..., None]], axis=-1))
+        sums = gram(white)
+        information = sums[..., :-1, :-1]
+        covariance = inverse_information(information)
+        step = -(covariance @ sums[..., :-1, -1:])[..., 0]
+        residual = rho + (linear.J @ step[..., None, :, None])[..., 0]
+        unknowns = unknowns.moved(step)
+        if done == steps <= CLOSED_FORM_STEPS:
+            return Fit(unknowns, covariance, linear, S, residual, done, np.ones(step.shape[:-1], dtype=bool), weights)
+        moved = (step[..., None, :] @ information @ step[..., None])[..., 0, 0]
+        rounding = np.diagonal(information, axis1=-2, axis2=-1) @ _last_places(constraint, unknowns) ** 2
+        converged = np.asarray((moved < np.maximum(STEP**2, rounding)) & (done > 1))
+        if converged.all():
+            break
+        errors = _errors(linear.sides, noise, factor, white[..., -1:] + white[..., :-1] @ step[..., None, :, None])
+        first, second = (
+            T if v is None else perturb(T, -v)
+            for T, v in zip((constraint.first, constraint.second), errors, strict=True)
+        )
+    return Fit(unknowns, covariance, linear, S, residual, done, converged, weights)
+
+
+def offset_sensitivity(fit: Fit, timing: Timing) -> Array:
+    """By how much X and W move, (12,), per second of the time offset of the n poses that were fitted.
+
+    ``g = -C J^T S^-1 j`` with ``j_i = D_i rate_i``: rad/s and m/s. At the joint optimum of X, W and an offset known
+    with the variance v, the covariance of (X, W) is ``C + v g g^T`` (`synchronisation`).
+    """
+    j = fit.linear.sides[0 if timing.side == "robot" else 1] @ timing.rate[..., None]
+    white = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, j], axis=-1))
+    return -fit.covariance @ gram(white)[:-1, -1]
+
+
+def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Array, Array]:
+    """The measured poses (motions) of both sides less the errors that the fit ascribes to them.
+
+    What is left of their noise is, to first order, uncorrelated with the residuals.
+    """
+    factor, white = fit.factor, fit.white[0][..., None]
+    if fit.weights is not None and joint_residuals(fit.S):  # a wrong pose must not reach the others through their noise
+        factor = fit.weighted_factor
+        white = whiten(factor, fit.residual[..., None])
+    errors = _errors(fit.linear.sides, noise, factor, white)
+    one, other = (T if v is None else perturb(T, -v) for T, v in zip((first, second), errors, strict=True))
+    return one, other
+
+
+def _last_places(constraint: Constraint, unknowns: Unknowns) -> Array:
+    """The rounding of rotations and translations of X and W (p), in rad and the unit of length."""
+    longest = max(
+        float(np.abs(T[..., :3, 3]).max()) for T in (constraint.first, constraint.second, *unknowns) if T is not None
+    )
+    return ROUNDING * np.tile(np.repeat([1.0, longest], 3), 1 if unknowns.W is None else 2)
+
+
+def _by_own_errors(sides: tuple[Array, Array], errors: Errors) -> tuple[Array, Array]:
+    """Derivatives by the errors v themselves: ``exp([-theta - d]x) = exp([-J_l(-theta) d]x) exp([-theta]x)``.
+
+    It turns Sigma by half of theta and leaves D v as it is: of second order in S, needed for the exact maximum only.
+    """
+    first, second = (
+        D if v is None else np.concatenate([D[..., :3] @ left_jacobian(-v[..., :3]), D[..., 3:]], axis=-1)
+        for D, v in zip(sides, errors, strict=True)
+    )
+    return first, second
+
+
+def _errors(sides: tuple[Array, Array], noise: Noise, factor: Factor, white: Array) -> Errors:
+    """``v = Sigma D^T S^-1 residual`` (..., n, 6) of both sides, from ``L^-1 residual`` (..., n, 6, 1)."""
+    n = white.shape[-3]
+    pull = pulled(factor, white)
+    found: list[Array | None] = []
+    for D, S in zip(sides, covariances_of(noise), strict=True):
+        by_error = D.mT @ pull
+        if S is None:
+            found.append(None)
+        elif is_joint(S):
+            found.append((S @ by_error.reshape(*by_error.shape[:-3], 6 * n, 1)).reshape(by_error.shape[:-1]))
+        else:
+            found.append((S @ by_error)[..., 0])
+    return found[0], found[1]
+
+
+def inverse_information(information: Array) -> Array:
+    """The covariance (..., p, p); raises `DegenerateMotionError` where the information is singular."""
+    diagonal = np.diagonal(information, axis1=-2, axis2=-1)
+    if not (diagonal > 0).all():
+        silent = ~(diagonal > 0).reshape(-1, diagonal.shape[-1])[:, :6].all(axis=0)
+        raise DegenerateMotionError(
+            "The data do not determine X: components of its (theta, tau) leave no trace in the residuals. Add motions "
+            "that turn about different axes.",
+            np.eye(6)[silent],
+        )
+    unit = 1.0 / np.sqrt(diagonal)
+    scale = unit[..., :, None] * unit[..., None, :]
+    values, vectors = np.linalg.eigh(information * scale)
+    if not (values[..., 0] > SINGULAR).all():
+        where = np.unravel_index(int(np.argmin(values[..., 0])), values.shape[:-1])
+        direction = unit[where] * vectors[where][:, 0]
+        direction = direction[:6] / max(float(np.linalg.norm(direction[:6])), 1e-300)
+        raise DegenerateMotionError(
+            "The data do not determine X and W: (theta, tau) of X along "
+            f"({', '.join(f'{x:.3f}' for x in direction)}) leaves no trace in the residuals. Add motions that turn "
+            "about another axis.",
+            direction[None],
+        )
+    result = (vectors / values[..., None, :]) @ vectors.mT
+    return np.asarray(0.5 * (result + result.mT) * scale)

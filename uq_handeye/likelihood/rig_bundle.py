@@ -1,0 +1,250 @@
+r"""Everything at once on the corners: intrinsics, X, W and latent robot poses by one bundle adjustment.
+
+Model: with true robot poses G_i (inverted for eye-to-hand), X and W, the board is seen at ``C_i = (G_i X)^-1 W``.
+Corner j of picture i is ``z_ij = project(k, C_i P_j) + e``, e independent with the deviation s per coordinate (pixels);
+the measured robot pose is the true one with the error ``xi_i = L_i u_i`` (left rotation in rad, additive translation in
+m), u_i standard normal, ``L_i L_i^T`` its covariance: singular or 0 where the robot is exact. Minimised is
+
+    sum_ij |z_ij - project(k, C_i P_j)|^2 / s^2  +  sum_i |u_i|^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
+
+over X, W, the free intrinsics k and all u_i; those are eliminated picture by picture (`camera.variable_projection`).
+The covariance of X and W is their block of the inverse of the reduced information. s is that of the camera calibration.
+
+Derivatives. ``G X C = W`` linearised (`constraint`) is ``J d(X, W) + D_G d(G) + D_C d(C) = 0``, and D_C is orthogonal:
+
+    d(C) = -D_C^T (J d(X, W) + D_G d(G)),      d(G) = -blkdiag(J_l(-theta_i), I) L_i du_i
+
+To first order in the errors the estimate and its covariance are those of `likelihood` with the joint covariance of the
+camera poses (T4b). Pictures whose robot pose is wrong keep their corners, which still tell the intrinsics: their robot
+pose is then unknown, that is, it starts where the camera saw the board from and has a prior that says nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera.bundle import Sight, prior_rows
+from ..camera.calibrate import CameraCalibration
+from ..camera.variable_projection import minimised
+from ..errors import InputError, NotConvergedError
+from ..geometry.se3 import Array, inverse, left_jacobian, logarithm, perturb
+from ..noise.models import factor, is_joint, require_count
+from ..poses.pose_pairs import PosePairs
+from .constraint import OnPoses, Unknowns
+from .gauss_helmert import inverse_information
+
+# Deviation (rad, m) of a robot pose of which nothing is known.
+UNKNOWN = 100.0
+
+
+class RigBundle(NamedTuple):
+    """Result of `adjust_rig`."""
+
+    X: Array  # (4, 4)
+    W: Array  # (4, 4)
+    covariance: Array  # (12 + f, 12 + f) of the errors of X and W, then of the f free intrinsics
+    parameters: Array  # (k,) intrinsics
+    robot: Array  # (n, 4, 4) as adjusted
+    chi2: float  # what is left of the objective
+    dof: int
+    iterations: int
+
+    @property
+    def covariance_X(self) -> Array:
+        """(6, 6)"""
+        return self.covariance[:6, :6]
+
+    @property
+    def covariance_W(self) -> Array:
+        """(6, 6)"""
+        return self.covariance[6:12, 6:12]
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """The bundle adjustment against `efficient` with the joint covariance of the camera poses: the same to first order.
+
+    Differences are X of the bundle from X of `efficient`, ``xi = (theta, tau)``, in standard deviations of `efficient`.
+    """
+
+    distance: float  # sqrt(xi^T Sigma^-1 xi)
+    by_component: Array  # (6,) xi_k / sigma_k
+    eigenvalues: Array  # (6,) of the covariance of the bundle, in units of that of `efficient`, ascending
+    seconds_bundle: float
+    seconds_efficient: float
+
+    @classmethod
+    def of(cls, X: Array, covariance: Array, X0: Array, covariance0: Array, seconds: tuple[float, float]) -> Agreement:
+        """Of estimate and covariance by bundle and by `efficient`, and the times (s) that each took."""
+        sd = np.sqrt(np.diag(covariance0))
+        xi = np.concatenate([logarithm(X[:3, :3] @ X0[:3, :3].T), X[:3, 3] - X0[:3, 3]]) / sd
+        scale = 1.0 / np.outer(sd, sd)
+        half = np.linalg.cholesky(covariance0 * scale)
+        white = np.linalg.solve(half, np.linalg.solve(half, covariance * scale).T)
+        distance = float(np.linalg.norm(np.linalg.solve(half, xi)))
+        return cls(distance, xi, np.asarray(np.linalg.eigvalsh(0.5 * (white + white.T)), dtype=float), *seconds)
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        low, high = self.eigenvalues[0], self.eigenvalues[-1]
+        return (
+            "Bundle adjustment against method 'efficient' with the joint covariance of the camera poses: X differs by "
+            f"{self.distance:.2g} standard deviations (at most {np.abs(self.by_component).max():.2g} in one "
+            f"component), variances are {low:.3f} to {high:.3f} times as large; {self.seconds_bundle:.2g} s against "
+            f"{self.seconds_efficient:.2g} s, the calibration of the camera not counted."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers; see `from_dict`."""
+        return {name: np.asarray(value).tolist() for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Agreement:
+        """What `to_dict` wrote."""
+        arrays = {name: np.asarray(values[name], dtype=float) for name in ("by_component", "eigenvalues")}
+        if any(array.shape != (6,) for array in arrays.values()):
+            raise InputError("Expected 6 numbers for each part of the agreement of two estimates.")
+        return cls(**{**values, **arrays})
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Values: errors of X and W (12) from a start, then the free intrinsics; blocks: u (n, 6)."""
+
+    sight: Sight
+    s: float
+    parameters: Array
+    free: NDArray[np.bool_]
+    start: Unknowns
+    robot: Array  # (n, 4, 4) measured
+    L: Array  # (n, 6, 6)
+    inverted: bool
+
+    def _all(self, values: Array) -> Array:
+        parameters = self.parameters.copy()
+        parameters[self.free] = values[12:]
+        return parameters
+
+    def _camera(self, at: Unknowns, robot: Array) -> Array:
+        assert at.W is not None
+        G = inverse(robot) if self.inverted else robot
+        return np.asarray(inverse(G @ at.X) @ at.W)
+
+    def corrected(self, blocks: Array) -> tuple[Array, Array]:
+        """Robot poses without their errors, and those errors xi (n, 6)."""
+        xi = (self.L @ blocks[..., None])[..., 0]
+        return perturb(self.robot, -xi), xi
+
+    def residuals(self, values: Array, blocks: Array) -> Array:
+        robot, _ = self.corrected(blocks)
+        r = self.sight.residuals(self._all(values), self._camera(self.start.moved(values[:12]), robot))
+        return np.concatenate([r / self.s, blocks], axis=-1)
+
+    def rows(self, values: Array, blocks: Array) -> tuple[Array, Array, Array]:
+        at = self.start.moved(values[:12])
+        robot, xi = self.corrected(blocks)
+        camera = self._camera(at, robot)
+        r, by_parameters, by_pose = self.sight.rows(self._all(values), camera)
+        linear = OnPoses(robot, camera, self.inverted).linearise(at, robot, camera)
+        D_G, D_C = linear.sides
+        J, D = linear.J.copy(), D_G.copy()
+        for first in (0, 6):  # exp([theta + d]x) = exp([J_l(theta) d]x) exp([theta]x)
+            J[..., first : first + 3] = J[..., first : first + 3] @ left_jacobian(values[first : first + 3])
+        D[..., :3] = D[..., :3] @ left_jacobian(-xi[..., :3])
+        by_pose = -(by_pose @ D_C.mT) / self.s
+        n, m, f = len(r), r.shape[1], len(values)
+        A, B = np.zeros((n, m + 6, f)), np.empty((n, m + 6, 6))
+        A[:, :m, :12] = by_pose @ J
+        A[:, :m, 12:] = by_parameters[..., self.free] / self.s
+        B[:, :m] = -(by_pose @ (D @ self.L))
+        B[:, m:] = np.eye(6)
+        return np.concatenate([r / self.s, blocks], axis=-1), A, B
+
+    def moved(self, blocks: Array, step: Array) -> Array:
+        return blocks + step
+
+
+def adjust_rig(poses: PosePairs, robot: Array | None, start: Unknowns, weights: Array | None = None) -> RigBundle:
+    """The least squares estimate of X, W, intrinsics and robot poses on the corners.
+
+    Parameters
+    ----------
+    poses : PosePairs
+        With a ``camera_calibration``, whose corners, intrinsics, prior and pixel noise are taken.
+    robot : (6, 6), (n, 6, 6) or None
+        Covariance of the robot poses; None: they are exact.
+    start : Unknowns
+        X and W near the solution.
+    weights : (n,) or None
+        Robust weights in [0, 1]: divide the variances of the corners and of the robot pose; 0 says that the robot pose
+        belongs to another picture or is wrong, and is taken as unknown.
+
+    Raises
+    ------
+    InputError
+        Poses without corners; a covariance that is joint or of another number of poses.
+    DegenerateMotionError
+        The data do not determine X and W.
+    NotConvergedError
+        ``partial`` holds the `RigBundle` that was reached.
+    """
+    seen = poses.camera_calibration
+    if seen is None or start.W is None:
+        raise InputError("Expected poses with a `camera_calibration`, and W beside X to start from.")
+    if robot is not None and is_joint(robot):
+        raise InputError("Expected robot noise that is independent from pose to pose, got a joint covariance.")
+    require_count(robot, poses.n, "robot", "poses")
+    w = np.ones(poses.n) if weights is None else np.asarray(weights, dtype=float)
+    problem = _problem(poses, seen, robot, start, w)
+    values = np.concatenate([np.zeros(12), problem.parameters[problem.free]])
+    prior = None
+    if (known := seen.bundle.prior) is not None:
+        mean, R = prior_rows(known, problem.free, 1.0)
+        prior = np.concatenate([np.zeros(12), mean]), np.pad(R, ((0, 0), (12, 0)))
+    found = minimised(problem, values, np.zeros((poses.n, 6)), prior)
+    J = found.J.reshape(-1, len(values))
+    information, chi2 = J.T @ J, float(np.sum(found.r**2))
+    if prior is not None:
+        information = information + prior[1].T @ prior[1]
+        chi2 += float(np.sum((prior[1] @ (found.values - prior[0])) ** 2))
+    for first in (0, 6):  # of errors at the solution, not of steps from the start
+        turn = np.linalg.inv(left_jacobian(found.values[first : first + 3]))
+        part = slice(first, first + 3)
+        information[:, part] = information[:, part] @ turn
+        information[part] = turn.T @ information[part]
+    at = start.moved(found.values[:12])
+    assert at.W is not None
+    # Each robot pose brings as many numbers as it has unknowns; an unknown one neither.
+    dof = 2 * int(seen.bundle.used.sum()) - len(values) + (0 if prior is None else len(prior[1]))
+    dof -= 6 * int((w == 0).sum())
+    parameters = problem._all(found.values)
+    robots = problem.corrected(found.blocks)[0]
+    result = RigBundle(at.X, at.W, inverse_information(information), parameters, robots, chi2, dof, found.steps)
+    if not found.converged:
+        raise NotConvergedError(
+            f"Method 'bundle' did not converge within {found.steps} steps: the residuals are too large for the noise. "
+            "Look at the warnings of method 'efficient'.",
+            result,
+        )
+    return result
+
+
+def _problem(
+    poses: PosePairs, seen: CameraCalibration, robot: Array | None, start: Unknowns, weights: Array
+) -> _Problem:
+    bundle, kept = seen.bundle, weights > 0
+    root = np.sqrt(np.where(kept, weights, 1.0))
+    of_picture = root * np.sqrt(bundle.weights)
+    sight = Sight.of(bundle.model, seen.corners, bundle.used * of_picture[seen.corners.picture])
+    inverted = poses.setup == "eye-to-hand"
+    L = np.zeros((poses.n, 6, 6)) if robot is None else np.broadcast_to(factor(robot), (poses.n, 6, 6))
+    L = np.where(kept[:, None, None], L / root[:, None, None], UNKNOWN * np.eye(6))
+    assert start.W is not None
+    G = start.W @ inverse(start.X @ poses.camera)  # where the camera saw the board from
+    measured = np.where(kept[:, None, None], poses.robot, inverse(G) if inverted else G)
+    return _Problem(sight, bundle.pixel_noise, bundle.parameters, bundle.free, start, measured, L, inverted)

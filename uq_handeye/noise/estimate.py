@@ -1,0 +1,216 @@
+"""What is known of the noise, before and after it is estimated: data sheets, components, the estimate as a whole.
+
+Units: rad and m, standard deviations per axis; text is in degrees and mm. How it is found: `noise_estimation`, and for
+camera poses from corners `robot_noise`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..formatting.units import parse_angle, parse_length
+from ..geometry.se3 import Array
+from .joint_covariance import JointCovariance
+from .models import Noise, PairNoise, PoseNoise
+
+PartlyKnown = tuple[str | float | None, str | float | None]
+
+
+@dataclass(frozen=True)
+class NoisePrior:
+    """What data sheets say: standard deviations per axis, each known within a factor.
+
+    Parameters
+    ----------
+    robot, camera : (rotation, translation) or None
+        Numbers (rad, m) or text with units, as in `PoseNoise.isotropic`; None where nothing is known. For motions that
+        come without poses ``robot`` is A and ``camera`` is B.
+    factor : float
+        One standard deviation of the logarithm: 2 says that the true value is between half and twice the value given
+        with probability 68 %. 1 fixes the values.
+
+    Raises
+    ------
+    InputError
+        A factor below 1, negative values, or a value of 0 that is not fixed.
+
+    Examples
+    --------
+    >>> prior = NoisePrior(robot=(None, "0.05mm"), factor=1)
+    """
+
+    robot: PartlyKnown | None = None
+    camera: PartlyKnown | None = None
+    factor: float = 2.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.factor, bool) or not isinstance(self.factor, int | float) or not 1 <= self.factor < 1e6:
+            raise InputError(
+                f"Expected `factor` of the noise prior to be a number >= 1 (1 fixes the values), got {self.factor!r}."
+            )
+        if (self.values == 0).any() and self.factor > 1:
+            raise InputError(
+                "Expected the standard deviations of the noise prior to be above 0 where they are known within a "
+                "factor, got 0. Use factor=1 for a side that is exact, or None where nothing is known."
+            )
+
+    @property
+    def values(self) -> Array:
+        """(4,): robot rotation and translation, camera rotation and translation; NaN where nothing is known."""
+        found = []
+        for name in ("robot", "camera"):
+            value = getattr(self, name)
+            if value is None:
+                value = (None, None)
+            if not isinstance(value, tuple | list) or len(value) != 2:
+                raise InputError(f"Expected `{name}` to be (rotation, translation), got {value!r}.")
+            for part, parse, what in zip(value, (parse_angle, parse_length), ("rotation", "translation"), strict=True):
+                number = np.nan if part is None else parse(part, f"the {what} deviation of {name}")
+                if number < 0 or number > 1e9:
+                    raise InputError(f"Expected the {what} deviation of {name} to be in [0, 1e9], got {part!r}.")
+                found.append(number)
+        return np.array(found)
+
+
+@dataclass(frozen=True)
+class Component:
+    """A standard deviation per axis, with its 95 % interval.
+
+    ``status``: "estimated"; "zero" (the estimate is 0, on the edge of what is possible); "prior" (estimated with its
+    data sheet); "fixed" (given); "not told apart" (between ``low`` and ``high``, the data say no more); "exact" (the
+    residuals are rounding errors; ``high`` is then not determined: None); "from corners" (of the camera poses, from
+    their own covariance: root of the mean variance).
+    """
+
+    name: str
+    unit: str  # "rad" or "m"
+    value: float
+    low: float
+    high: float | None
+    status: str
+
+    def __str__(self) -> str:
+        scale, unit = (180 / np.pi, "deg") if self.unit == "rad" else (1e3, "mm")
+        if self.status in ("fixed", "exact", "from corners"):
+            return f"{self.name}: {self.value * scale:.3g} {unit} ({self.status})"
+        high = "?" if self.high is None else f"{self.high * scale:.3g}"
+        return f"{self.name}: {self.value * scale:.3g} {unit} ({self.low * scale:.3g} to {high}; {self.status})"
+
+
+@dataclass(frozen=True)
+class CameraFactor:
+    """By which the residuals would multiply the covariance of the camera poses: 1 where it is true (`robot_noise`)."""
+
+    value: float  # kappa, of variances
+    dof: float  # kappa times it is chi-square with so many degrees of freedom, if the covariance is true
+    p_value: float  # two-sided
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseEstimate:
+    """The noise that a data set shows; see `estimate_noise`.
+
+    ``variances`` and ``covariance`` (of their estimates) are of side 1 rotation, side 2 rotation (rad^2) and of the
+    translations together (m^2): what S is made of. Beside a camera covariance from corners there are two: of the
+    robot's rotation and translation.
+    """
+
+    noise: PoseNoise | PairNoise | None  # None: exact data
+    components: tuple[Component, ...]
+    statement: tuple[str, ...]
+    variances: Array  # (3,), beside a camera covariance from corners (2,)
+    covariance: Array  # (3, 3) or (2, 2)
+    dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
+    camera_factor: CameraFactor | None = None  # beside a camera covariance from corners, where the data can tell
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether a data sheet had a say, so that the test of the fit is one."""
+        return any(component.status in ("fixed", "prior") for component in self.components)
+
+    @property
+    def from_corners(self) -> bool:
+        """Whether the noise of the camera poses comes from their corners, and the robot's alone was estimated."""
+        return any(component.status == "from corners" for component in self.components)
+
+    @property
+    def tested(self) -> bool:
+        """Whether residuals can contradict this noise: most of what they see was not made of them."""
+        factor = self.camera_factor
+        return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)
+
+    def __getitem__(self, name: str) -> Component:
+        for component in self.components:
+            if component.name == name:
+                return component
+        raise KeyError(name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; see `from_dict`."""
+        noise = None
+        if self.noise is not None:
+            sides = _sides_of(self.noise)
+            given = {name: getattr(self.noise, name) for name in sides}
+            noise = {name: _side_to_dict(S) for name, S in given.items() if S is not None}
+        return {
+            "noise": noise,
+            "components": [asdict(component) for component in self.components],
+            "statement": list(self.statement),
+            "variances": self.variances.tolist(),
+            "covariance": self.covariance.tolist(),
+            "dof": self.dof,
+            **({} if self.camera_factor is None else {"camera_factor": asdict(self.camera_factor)}),
+        }
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> NoiseEstimate:
+        """What `to_dict` wrote."""
+        try:
+            given = values["noise"]
+            noise: Noise | None = None
+            if given is not None:
+                kind = PairNoise if "A" in given else PoseNoise
+                noise = kind(**{name: _side_from_dict(side) for name, side in given.items()})
+            factor = values.get("camera_factor")
+            return cls(
+                noise,
+                tuple(Component(**component) for component in values["components"]),
+                tuple(values["statement"]),
+                np.array(values["variances"], dtype=float),
+                np.array(values["covariance"], dtype=float),
+                float(values["dof"]),
+                None if factor is None else CameraFactor(**factor),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"Expected the values of a noise estimate as `to_dict` writes them: {error}.") from error
+
+
+def _side_to_dict(S: Array | JointCovariance) -> Any:
+    """Deviations of rotation and translation; a joint covariance, or others of corners, as they are."""
+    if isinstance(S, JointCovariance):
+        return S.to_dict()
+    deviations = np.sqrt(np.diag(S)) if S.shape == (6, 6) else np.zeros(6)
+    if np.array_equal(S, np.diag(np.repeat(deviations[[0, 3]], 3) ** 2)):
+        return deviations[[0, 3]].tolist()
+    return {"covariance": S.tolist()}
+
+
+def _side_from_dict(values: Any) -> Any:
+    """The inverse of `_side_to_dict`."""
+    if isinstance(values, dict):
+        return values["covariance"] if "covariance" in values else JointCovariance.from_dict(values)
+    rotation, translation = (float(value) for value in values)
+    return np.diag([rotation**2] * 3 + [translation**2] * 3)
+
+
+def together(what: str, sides: tuple[str, str]) -> str:
+    """The name of a sum."""
+    return f"{what}, {sides[0]} and {sides[1]} together"
+
+
+def _sides_of(noise: Noise) -> tuple[str, str]:
+    return ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")

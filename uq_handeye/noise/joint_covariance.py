@@ -1,0 +1,181 @@
+r"""The covariance of many poses that share a few errors, kept as what it is made of.
+
+Poses of one camera share the errors of its intrinsics: the errors of pose i are ``xi_i = eta_i + F_i z`` with eta_i of
+its own, covariance S_i, and z standard normal, common to all (q components, 4 to 12 for a camera). The joint covariance
+
+    Sigma = blkdiag(S_1 .. S_n) + F F^T,        F = [F_1; ..; F_n]  (6n, q)
+
+takes n (36 + 6q) numbers, and everything that is done with it takes time in proportion to n. With the Cholesky factor
+B of the blocks and ``V = B^-1 F = Q diag(s) Y^T`` (thin SVD)
+
+    Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - Q diag(1 - 1/sqrt(1 + s^2)) Q^T) B^-1
+
+which `JointFactor` applies without forming it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..geometry.se3 import Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointCovariance:
+    """``blkdiag(own) + F F^T`` of n poses: own (..., n, 6, 6) and the n blocks of F, shared (..., n, 6, q).
+
+    It stands where a (6n, 6n) array may stand, has its shape, multiplies like it, and ``np.asarray`` forms it.
+
+    >>> S = JointCovariance(np.tile(np.eye(6), (3, 1, 1)), np.ones((3, 6, 1)))
+    >>> S.shape, float(np.asarray(S)[0, 17]), S.n
+    ((18, 18), 1.0, 3)
+    """
+
+    own: Array
+    shared: Array
+
+    __array_ufunc__ = None  # `array @ S` comes here
+
+    def __post_init__(self) -> None:
+        own, shared = (np.asarray(getattr(self, name), dtype=float) for name in ("own", "shared"))
+        if own.ndim < 3 or own.shape[-2:] != (6, 6) or shared.ndim < 3 or shared.shape[-3:-1] != (own.shape[-3], 6):
+            raise InputError(
+                f"Expected `own` (n, 6, 6) and `shared` (n, 6, q) of one n, got {own.shape} and {shared.shape}."
+            )
+        object.__setattr__(self, "own", own)
+        object.__setattr__(self, "shared", shared)
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return int(self.own.shape[-3])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """That of the array, (..., 6n, 6n)."""
+        return (*np.broadcast_shapes(self.own.shape[:-3], self.shared.shape[:-3]), 6 * self.n, 6 * self.n)
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    @cached_property
+    def flat(self) -> Array:
+        """F (..., 6n, q)."""
+        return self.shared.reshape(*self.shared.shape[:-3], 6 * self.n, self.shared.shape[-1])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        dense = np.array(np.broadcast_to(self.flat @ self.flat.mT, self.shape), dtype=dtype)
+        blocks = dense.reshape(*dense.shape[:-2], self.n, 6, self.n, 6)
+        index = np.arange(self.n)
+        blocks[..., index, :, index, :] += np.moveaxis(self.own, -3, 0)
+        return dense
+
+    def __matmul__(self, values: Array) -> Array:
+        """Times (..., 6n) or (..., 6n, p)."""
+        if values.ndim == 1:
+            return np.asarray((self @ values[:, None])[..., 0])
+        by_pose = self.own @ values.reshape(*values.shape[:-2], self.n, 6, values.shape[-1])
+        return np.asarray(
+            by_pose.reshape(*by_pose.shape[:-3], *values.shape[-2:]) + self.flat @ (self.flat.mT @ values)
+        )
+
+    def __rmatmul__(self, values: Array) -> Array:
+        """(..., p, 6n) times it."""
+        return (self @ values.mT).mT
+
+    def __mul__(self, factor: float) -> JointCovariance:
+        return JointCovariance(factor * self.own, np.sqrt(factor) * self.shared)
+
+    __rmul__ = __mul__
+
+    def any(self) -> bool:
+        """Whether it is not zero."""
+        return bool(self.own.any() or self.shared.any())
+
+    @property
+    def blocks(self) -> Array:
+        """(..., n, 6, 6) the covariance of each pose by itself."""
+        return np.asarray(self.own + self.shared @ self.shared.mT)
+
+    def rows(self, index: NDArray[Any]) -> JointCovariance:
+        """That of some of the poses."""
+        return JointCovariance(self.own[..., index, :, :], self.shared[..., index, :, :])
+
+    def carried(self, D: Array) -> JointCovariance:
+        """Of ``D_i xi_i``, D (..., n, 6, 6)."""
+        return JointCovariance(D @ self.own @ D.mT, D @ self.shared)
+
+    def weighted(self, scale: Array) -> JointCovariance:
+        """With what each pose has of its own times ``scale`` (..., n), and what they share as it is.
+
+        Scaling the whole of each block would make an error that all poses share look like one that averages out.
+        """
+        return JointCovariance(scale[..., None, None] * self.own, self.shared)
+
+    def plus(self, other: Array | JointCovariance) -> JointCovariance:
+        """And independent errors of each pose (..., n, 6, 6), or of another joint covariance."""
+        if isinstance(other, JointCovariance):
+            return JointCovariance(self.own + other.own, np.concatenate([self.shared, other.shared], axis=-1))
+        return JointCovariance(self.own + other, self.shared)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, for files; `from_dict` reads them."""
+        return {"own": self.own.tolist(), "shared": self.shared.tolist()}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> JointCovariance:
+        """What `to_dict` wrote; KeyError for parts that are missing."""
+        own = np.asarray(values["own"], dtype=float)
+        return cls(own, np.asarray(values["shared"], dtype=float).reshape(*own.shape[:-1], -1))
+
+    def factor(self) -> JointFactor:
+        """L with ``Sigma = L L^T``; raises `numpy.linalg.LinAlgError` where a block of ``own`` is singular."""
+        B = np.asarray(np.linalg.cholesky(self.own))
+        V = np.linalg.solve(B, self.shared)
+        Q, s, _ = np.linalg.svd(V.reshape(*V.shape[:-3], 6 * self.n, V.shape[-1]), full_matrices=False)
+        return JointFactor(B, Q, 1.0 - 1.0 / np.sqrt(1.0 + s * s))
+
+
+@dataclass(frozen=True, eq=False)
+class JointFactor:
+    """``L^-1 = (I - Q diag(c) Q^T) B^-1`` of a `JointCovariance`; L is square, not triangular."""
+
+    B: Array  # (..., n, 6, 6)
+    Q: Array  # (..., 6n, q)
+    c: Array  # (..., q)
+
+    def _reflected(self, values: Array) -> Array:
+        """``(I - Q c Q^T)`` times (..., n, 6, p)."""
+        flat = values.reshape(*values.shape[:-3], -1, values.shape[-1])
+        flat = flat - self.Q @ (self.c[..., None] * (self.Q.mT @ flat))
+        return np.asarray(flat.reshape(*flat.shape[:-2], *values.shape[-3:]))
+
+    def whiten(self, values: Array) -> Array:
+        """``L^-1 values`` (..., n, 6, p)."""
+        return self._reflected(np.asarray(np.linalg.solve(self.B, values)))
+
+    def pull(self, white: Array) -> Array:
+        """``L^-T white`` (..., n, 6, p)."""
+        return np.asarray(np.linalg.solve(self.B.mT, self._reflected(white)))
+
+    def log_determinant(self) -> Array:
+        """(...) ``log|Sigma|``: of the blocks, and of what is shared ``log(1 + s^2)``, ``1 + s^2 = (1 - c)^-2``."""
+        own = 2.0 * np.log(np.diagonal(self.B, axis1=-2, axis2=-1)).sum(axis=(-2, -1))
+        return np.asarray(own - 2.0 * np.log1p(-self.c).sum(axis=-1))
+
+    def inverse_blocks(self) -> Array:
+        """(..., n, 6, 6) diagonal blocks of ``Sigma^-1 = B^-T (I - Q c(2 - c) Q^T) B^-1``."""
+        n = self.B.shape[-3]
+        own = np.linalg.inv(self.B)
+        left = own.mT @ self.Q.reshape(*self.Q.shape[:-2], n, 6, self.Q.shape[-1])
+        return np.asarray(own.mT @ own - (left * (self.c * (2.0 - self.c))[..., None, None, :]) @ left.mT)

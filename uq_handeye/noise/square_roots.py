@@ -1,0 +1,136 @@
+r"""Square roots of the covariance S of residuals, ``S = L L^T``, and what is done with them.
+
+S has one of three forms: blocks (..., n, 6, 6), independent from pose to pose; an array (..., 6n, 6n), joint; or a
+`JointCovariance`, joint by a few errors that all share. Values are (..., n, 6, p) always.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+from scipy.linalg import cho_solve, solve_triangular
+
+from ..errors import SingularNoiseError
+from ..geometry.se3 import Array
+from .joint_covariance import JointCovariance, JointFactor
+
+Covariance = Array | JointCovariance
+Factor = Array | JointFactor
+
+# Share of a variance below which what is left of it beside the other components is rounding.
+EXACT = 1e-14
+
+
+def joint_residuals(S: Covariance) -> bool:
+    """Whether the residuals of different poses are correlated."""
+    return isinstance(S, JointCovariance) or S.shape[-1] != 6
+
+
+def cholesky_of(S: Covariance) -> Factor:
+    """L with ``S = L L^T``; raises where the noise leaves a part of the residuals exact."""
+    if isinstance(S, JointCovariance):
+        cholesky_of(S.own)
+        return S.factor()
+    factor = None
+    with suppress(np.linalg.LinAlgError):
+        factor = np.linalg.cholesky(S)
+    if factor is not None:  # rounding may hide that it is singular
+        pivots, variances = (np.diagonal(M, axis1=-2, axis2=-1) for M in (factor, S))
+        if (pivots * pivots > EXACT * variances).all():
+            return np.asarray(factor)
+    raise SingularNoiseError(
+        "The noise given leaves a part of the residuals exact, so that they cannot be weighted by its inverse. Give "
+        "the poses of one side a rotation and a translation deviation above 0, or use method '4dpa'."
+    )
+
+
+def whiten(factor: Factor, values: Array) -> Array:
+    """``L^-1 values``."""
+    if isinstance(factor, JointFactor):
+        return factor.whiten(values)
+    if factor.shape[-1] == 6:
+        return _substituted(factor, values)
+    n, q = values.shape[-3], values.shape[-1]
+    flat = values.reshape(*values.shape[:-3], 6 * n, q)
+    white = np.asarray(solve_triangular(factor, flat, lower=True))
+    return white.reshape(*white.shape[:-2], n, 6, q)
+
+
+def pulled(factor: Factor, white: Array) -> Array:
+    """``L^-T white``; of whitened values, ``S^-1 values``."""
+    if isinstance(factor, JointFactor):
+        return factor.pull(white)
+    if factor.shape[-1] == 6:  # the last row first: a lower triangle again
+        return _substituted(factor.mT[..., ::-1, ::-1], white[..., ::-1, :])[..., ::-1, :]
+    n, q = white.shape[-3], white.shape[-1]
+    flat = white.reshape(*white.shape[:-3], 6 * n, q)
+    return np.asarray(solve_triangular(factor, flat, lower=True, trans="T")).reshape(white.shape)
+
+
+def inverse_blocks(factor: Factor) -> Array:
+    """(..., n, 6, 6) diagonal blocks of ``S^-1``: what the other poses leave open of each."""
+    if isinstance(factor, JointFactor):
+        return factor.inverse_blocks()
+    if factor.shape[-1] == 6:
+        half = np.linalg.inv(factor)
+        return np.asarray(half.mT @ half)
+    size = factor.shape[-1]
+    inverse = np.asarray(cho_solve((factor, True), np.broadcast_to(np.eye(size), factor.shape)))
+    return own_blocks(inverse)
+
+
+def log_determinant(factor: Factor) -> Array:
+    """``log|S|`` (...); of independent poses the sum over them."""
+    if isinstance(factor, JointFactor):
+        return factor.log_determinant()
+    logs = 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+    return np.asarray(logs.sum(axis=-1) if factor.shape[-1] == 6 and factor.ndim > 2 else logs)
+
+
+def own_blocks(S: Covariance) -> Array:
+    """(..., n, 6, 6) the covariance of each pose by itself."""
+    if isinstance(S, JointCovariance):
+        return S.blocks
+    if S.shape[-1] == 6:
+        return S
+    n = S.shape[-1] // 6
+    index = np.arange(n)
+    return np.moveaxis(S.reshape(*S.shape[:-2], n, 6, n, 6)[..., index, :, index, :], 0, -3)
+
+
+def weighed_blocks(S: Covariance) -> Array:
+    """(..., n, 6, 6) what the weight of a pose divides: its own part of a `JointCovariance`, else its whole block."""
+    return S.own if isinstance(S, JointCovariance) else own_blocks(S)
+
+
+def weighted(S: Covariance, weights: Array) -> Covariance:
+    """S with `weighed_blocks` divided by the weights; a weight of 0 becomes 1e-12."""
+    scale = 1.0 / np.maximum(weights, 1e-12)
+    if isinstance(S, JointCovariance):
+        return S.weighted(scale)
+    if S.shape[-1] == 6:
+        return S * scale[..., None, None]
+    n = S.shape[-1] // 6
+    result = np.array(np.broadcast_to(S, (*np.broadcast_shapes(S.shape[:-2], weights.shape[:-1]), 6 * n, 6 * n)))
+    for k in range(n):
+        own = slice(6 * k, 6 * k + 6)
+        result[..., own, own] *= scale[..., k, None, None]
+    return result
+
+
+def _substituted(lower: Array, values: Array) -> Array:
+    """``lower^-1 values``, row by row for all poses at once: NumPy's solver goes from pose to pose."""
+    result = np.empty((*np.broadcast_shapes(lower.shape[:-2], values.shape[:-2]), *values.shape[-2:]))
+    for i in range(lower.shape[-1]):
+        row = values[..., i : i + 1, :]
+        if i:
+            row = row - lower[..., i : i + 1, :i] @ result[..., :i, :]
+        result[..., i : i + 1, :] = row / lower[..., i : i + 1, i : i + 1]
+    return result
+
+
+def gram(white: Array) -> Array:
+    """``sum over poses of white^T white``: (..., n, 6, q) -> (..., q, q)."""
+    flat = white.reshape(*white.shape[:-3], -1, white.shape[-1])
+    return np.asarray(flat.mT @ flat)

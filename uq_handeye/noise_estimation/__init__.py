@@ -1,0 +1,1 @@
+"""Restricted maximum likelihood of the noise, and what can be said of it."""

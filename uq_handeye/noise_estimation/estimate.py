@@ -1,0 +1,335 @@
+r"""Noise from the data: how large are the errors of robot and camera, and what can this data set tell apart.
+
+Model: the errors ``xi = (theta, tau)`` of the poses (or of motions that come without poses) are independent, Gaussian
+and isotropic, with one standard deviation (rad, m) for each of robot rotation, robot translation, camera rotation and
+camera translation. They are estimated by restricted maximum likelihood on the linearised constraint
+(`noise_components`), which counts the degrees of freedom that X and W take.
+
+What data can tell. All that an estimate of X sees of the errors is, to first order, the residual r of ``G X C = W`` (or
+``A X = X B``), and
+
+- *translation*: robot and camera enter r as an error turned by a rotation; both covariances are ``sigma^2 I`` in r.
+  Only the sum of the two variances can be told. A data sheet for one of them gives the other.
+- *rotation*: a rotation error of the robot also moves the target, by the lever arm from gripper to target; one of the
+  camera does not. So the two can be told apart where ``lever times rotation error`` shows beside the translation noise,
+  and not otherwise. Their sum is always told.
+
+What cannot be told apart has no effect on X: r has the same covariance S however the sum is split, and X, its
+covariance, the bound and every test of the fit depend on the noise only through S (to first order in the errors). The
+`noise` that is returned holds one split: the half on each side where nothing is known, what the prior says where it is.
+
+A prior says that log of a standard deviation is Gaussian about that of the data sheet, with ``log(factor)`` as its
+standard deviation; the estimate is then the maximum of the restricted likelihood times the prior.
+
+Camera poses that come from corners (`calibrate_camera`) bring their joint covariance with them: nothing of it is
+estimated, and the robot's noise is found beside it (`robot_noise`), rotation and translation told apart from the
+camera's.
+
+Intervals are 95 % profile intervals of the restricted likelihood; those of sums of two of them are chi-square
+intervals with Satterthwaite's degrees of freedom ``2 sigma^4 / Var(sigma^2)``. Where the data cannot tell a component
+from 0 its interval starts at 0 and is conservative: it covers at least 95 %, up to 97.5 % where the true value is 0,
+and nearly always where rotations are not told apart.
+
+Units: rad and m, standard deviations per axis; text is in degrees and mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, NotConvergedError
+from ..geometry.se3 import Array, as_transforms
+from ..likelihood.constraint import OnPoses, Unknowns, constraint_of
+from ..likelihood.gauss_helmert import start_of
+from ..noise.estimate import Component, NoiseEstimate, NoisePrior, together
+from ..noise.models import Noise, PairNoise, PoseNoise
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+from .beside_camera import estimate_robot_noise
+from .restricted_likelihood import (
+    GAIN,
+    Model,
+    Rows,
+    State,
+    chi_square_interval,
+    covariance_of,
+    intervals,
+    maximise,
+    paired_rows,
+)
+
+# Residuals below this, in rad and relative to the longest translation, are rounding: no noise to estimate.
+ROUNDING = 1e-11
+# The components stand still when they change by less than this, in their own standard deviations.
+_STILL = 1e-3
+_ROUNDS = 8
+
+
+class Found(NamedTuple):
+    """Result of the iteration; leading axes are independent problems."""
+
+    state: State | None  # None where there is nothing to estimate
+    rows: Rows
+    at: Unknowns  # where the last estimate was linearised; `state.data.step` leads on to the efficient estimate
+    exact: NDArray[np.bool_]  # (..., 2): rotation, translation residuals at rounding level
+    converged: NDArray[np.bool_]  # (...)
+
+
+def estimate_noise(
+    data: PosePairs | Motions,
+    prior: NoisePrior | None = None,
+    *,
+    start: Array | None = None,
+    weights: Array | None = None,
+) -> NoiseEstimate:
+    """Variance components of robot and camera from the residuals of the data themselves.
+
+    Linearised at 4DPA (or ``start``); after each estimate X takes the efficient step with that noise, until the
+    components stand still.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+        One data set (no leading axes); on poses where there are any. With camera poses from corners
+        (``camera_calibration``) the robot's noise is estimated beside their joint covariance.
+    prior : NoisePrior or None
+    start : (4, 4) or None
+        A consistent estimate of X.
+    weights : (n,) or None
+        In [0, 1]; a pose of weight w counts as w poses in the likelihood and in the degrees of freedom, 0 leaves it
+        out; 0 or 1 beside a joint covariance. Weights that were made from the residuals make the noise look smaller:
+        correct for it where they were made.
+
+    Raises
+    ------
+    InputError
+        Weights that do not fit, or that leave no degrees of freedom.
+    DegenerateMotionError
+        The data do not determine X (or W).
+    NotConvergedError
+        The components do not stand still.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> estimate = estimate_noise(uq.simulate(n_poses=30, noise=noise, seed=1))
+    >>> estimate["translation, robot and camera together"].status
+    'estimated'
+    """
+    prior = NoisePrior() if prior is None else prior
+    constraint = constraint_of(data, None)
+    if constraint.first.ndim != 3:
+        raise InputError(f"Expected one data set, got leading axes {constraint.first.shape[:-3]}.")
+    n = len(constraint.first)
+    if weights is not None:
+        weights = np.asarray(weights, dtype=float)
+        if weights.shape != (n,) or not ((weights >= 0) & (weights <= 1)).all():
+            raise InputError(f"Expected `weights` to be {n} numbers in [0, 1], got shape {weights.shape}.")
+    on_poses = isinstance(constraint, OnPoses)
+    poses = data if isinstance(data, PosePairs) else data.poses
+    if poses is not None and poses.camera_calibration is not None:
+        return _beside_corners(poses, prior, start, weights)
+    dof = 6.0 * (n if weights is None else float(weights.sum())) - (12 if on_poses else 6)
+    if dof <= 0:
+        raise InputError(
+            f"Expected residuals to estimate the noise from, got {dof:g} degrees of freedom. Give more poses, or "
+            "the noise."
+        )
+    sides = ("robot", "camera") if on_poses else ("A", "B")
+    model, names = model_of(prior, sides)
+    X = None if start is None else as_transforms(start, "start", stack=False)
+    found = variance_components(data, model, start=X, weights=weights)
+    if names and found.exact.any():
+        return _exact(sides, found.exact, dof)
+    if not found.converged.all():
+        turn, shift = np.sqrt(found.rows.size)
+        raise NotConvergedError(
+            f"The noise components did not stand still; the residuals are {np.rad2deg(turn):.2g} deg and "
+            f"{shift * 1e3:.2g} mm (root mean square). If that is too much, look at the setup, at the pairing of the "
+            "poses and for outliers; or give the noise.",
+            found,
+        )
+    return _report(found, prior, model, names, sides, dof)
+
+
+def _beside_corners(poses: PosePairs, prior: NoisePrior, start: Array | None, weights: Array | None) -> NoiseEstimate:
+    """The robot's noise beside the joint covariance that the camera poses come with, which `noise` keeps whole."""
+    assert poses.camera_calibration is not None
+    whole = poses.camera_calibration.covariance
+    if weights is None or (weights == 1).all():
+        return estimate_robot_noise(poses, whole, prior, start=start)
+    kept = weights > 0
+    if (weights[kept] < 1).any():
+        raise InputError("Expected `weights` of 0 or 1 beside the joint covariance of camera poses, got others.")
+    found = estimate_robot_noise(poses.rows(kept), whole.rows(np.flatnonzero(kept)), prior, start=start)
+    assert isinstance(found.noise, PoseNoise)
+    return replace(found, noise=PoseNoise(found.noise.robot, whole))
+
+
+def model_of(prior: NoisePrior, sides: tuple[str, str]) -> tuple[Model, tuple[str, ...]]:
+    """The model of the prior and the names of its unknown variances; one for both translations if none is known."""
+    values = prior.values.reshape(2, 2)
+    fixed = prior.factor == 1
+    names, columns, means, deviations = [], [], [], []
+    offset = np.zeros(3)
+    for part, what in enumerate(("rotation", "translation")):
+        for k, side in enumerate(sides):
+            row = 2 if part else k
+            value = values[k, part]
+            known = not np.isnan(value)
+            if known and fixed:
+                offset[row] += value**2
+                continue
+            name = f"{side} {what}"
+            if part and np.isnan(values[:, 1]).all():
+                if k == 1:
+                    continue
+                name = together(what, sides)
+            names.append(name)
+            columns.append(np.eye(3)[row])
+            means.append(np.log(value) if known else 0.0)
+            deviations.append(np.log(prior.factor) if known else np.inf)
+    mixing = np.array(columns).reshape(-1, 3).T
+    return Model(mixing, offset, np.array(means), np.array(deviations)), tuple(names)
+
+
+def variance_components(
+    data: PosePairs | Motions, model: Model, *, start: Array | None = None, weights: Array | None = None
+) -> Found:
+    """The estimates of `estimate_noise`; leading axes of the data are independent problems."""
+    constraint = constraint_of(data, None)
+    at = start_of(data, constraint, start)
+    longest = [np.abs(T[..., :3, 3]).max() for T in (constraint.first, constraint.second)]
+    least = ROUNDING * np.array([1.0, max(1e-300, *longest)])
+    v: Array | None = None
+    for done in range(_ROUNDS):
+        rows = paired_rows(constraint.linearise(at, constraint.first, constraint.second), weights)
+        exact = rows.size < least**2
+        if v is None:
+            v = _first_guess(rows, model)
+        if model.size == 0 or exact.any():
+            return Found(None, rows, at, exact, np.ones(exact.shape[:-1], dtype=bool))
+        state, reached = maximise(rows, model, v, gain=1e-4 if done == 0 else GAIN)
+        known = np.where(model.known, np.maximum(v, 1e-300), 1.0)
+        change = np.abs(state.v - v) / known / np.sqrt(np.diagonal(covariance_of(state), axis1=-2, axis2=-1))
+        converged = reached & (change < _STILL).all(axis=-1)
+        v = state.v
+        if (done > 0 and converged.all()) or done == _ROUNDS - 1:
+            break
+        at = at.moved(state.data.step)
+    return Found(state, rows, at, exact, converged)
+
+
+def _first_guess(rows: Rows, model: Model) -> Array:
+    """Half of the mean square on each rotation and all of it on the translations, data sheets where there are any."""
+    size = np.stack([0.5 * rows.size[..., 0], 0.5 * rows.size[..., 0], rows.size[..., 1]], axis=-1)
+    return np.asarray(np.where(model.known, np.exp(2.0 * model.log_mean), size @ model.mixing))
+
+
+def _exact(sides: tuple[str, str], exact: NDArray[np.bool_], dof: float) -> NoiseEstimate:
+    parts = [what for what, is_exact in zip(("rotation", "translation"), exact, strict=True) if is_exact]
+    components = tuple(
+        Component(together(what, sides), unit, 0.0, 0.0, None, "exact" if what in parts else "not estimated")
+        for what, unit in (("rotation", "rad"), ("translation", "m"))
+    )
+    statement = (
+        f"The residuals in {' and '.join(parts)} are at rounding level: these data are exact, or were made from each "
+        "other. No noise can be estimated from them; give the noise.",
+    )
+    return NoiseEstimate(None, components, statement, np.zeros(3), np.zeros((3, 3)), dof)
+
+
+def _report(
+    found: Found, prior: NoisePrior, model: Model, names: tuple[str, ...], sides: tuple[str, str], dof: float
+) -> NoiseEstimate:
+    """Components, noise and statement of one problem."""
+    known = dict(
+        zip([f"{side} {what}" for side in sides for what in ("rotation", "translation")], prior.values, strict=True)
+    )
+    if found.state is None:
+        v, covariance, low, high = np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0)
+    else:
+        v = found.state.v
+        by = np.where(model.known, v, 1.0)
+        covariance = by[:, None] * covariance_of(found.state) * by
+        low, high = intervals(found.rows, model, found.state, np.arange(len(names)))
+    variances = model.mixing @ v + model.offset
+    full = model.mixing @ covariance @ model.mixing.T
+    parts: dict[str, Component] = {}
+    for k, name in enumerate(names):
+        status = "prior" if model.known[k] else "estimated" if v[k] > 0 else "zero"
+        parts[name] = _component(name, (v[k], low[k], high[k]), status)
+    for name, value in known.items():
+        if name not in parts and not np.isnan(value):
+            parts[name] = _component(name, [value**2] * 3, "fixed")
+    rotations, translations = ([f"{side} {what}" for side in sides] for what in ("rotation", "translation"))
+    for what, total, variance, own in (
+        ("rotation", variances[0] + variances[1], full[:2, :2].sum(), rotations),
+        ("translation", variances[2], full[2, 2], translations),
+    ):
+        name = together(what, sides)
+        if name in parts:
+            continue
+        ends = chi_square_interval(total, variance)
+        if all(parts[part].status == "fixed" for part in own if part in parts) and own[0] in parts:
+            parts[name] = _component(name, [total] * 3, "fixed")
+        else:
+            known_of_all = all(part in parts and parts[part].status in ("prior", "fixed") for part in own)
+            fixed = sum(parts[part].value ** 2 for part in own if part in parts and parts[part].status == "fixed")
+            status = "prior" if known_of_all or fixed > 0.5 * total else "estimated"
+            parts[name] = _component(name, (total, max(ends[0], fixed), ends[1]), status)
+    rotation_told = all(parts[name].status == "prior" for name in rotations) or any(
+        parts[name].low > 0 or parts[name].status == "fixed" for name in rotations
+    )
+    if not rotation_told:
+        for name in rotations:
+            parts[name] = replace(parts[name], status="not told apart")
+    whole = parts[together("translation", sides)]
+    for name in translations:
+        if name not in parts:
+            parts[name] = Component(name, "m", float(np.sqrt(0.5)) * whole.value, 0.0, whole.high, "not told apart")
+    deviations = {side: (parts[f"{side} rotation"].value, parts[f"{side} translation"].value) for side in sides}
+    kind = PoseNoise if sides[0] == "robot" else PairNoise
+    noise: Noise = kind.isotropic(**deviations)
+    order = [name for what in ("rotation", "translation")
+             for name in (together(what, sides), *(f"{side} {what}" for side in sides))]  # fmt: skip
+    from .statements import noise_statement
+
+    components = tuple(parts[name] for name in order)
+    sheet = _from_data_sheet(parts, sides, covariance, dict(zip(names, range(len(names)), strict=True)), prior)
+    return NoiseEstimate(noise, components, noise_statement(parts, sides, rotation_told, sheet), variances, full, dof)
+
+
+def _from_data_sheet(
+    parts: dict[str, Component], sides: tuple[str, str], covariance: Array, column: dict[str, int], prior: NoisePrior
+) -> frozenset[str]:
+    """Components and sums that the data sheet decides: half or more of its own spread is left, in variances."""
+    found = set()
+    for what in ("rotation", "translation"):
+        own = [f"{side} {what}" for side in sides]
+        statuses = [parts[name].status for name in own]
+        for names in (own[:1], own[1:], own):
+            name = names[0] if len(names) == 1 else together(what, sides)
+            if all(parts[one].status in ("fixed", "prior") for one in names):
+                columns = [column[one] for one in names if one in column]
+                before = sum((2 * np.log(prior.factor) * parts[one].value ** 2) ** 2 for one in names if one in column)
+                decided = covariance[np.ix_(columns, columns)].sum() >= 0.5 * before
+            else:  # a fixed part that makes up most of a sum
+                decided = len(names) == 2 and "fixed" in statuses and parts[name].status == "prior"
+            if decided:
+                found.add(name)
+    return frozenset(found)
+
+
+def _component(name: str, variances: Sequence[float | Array], status: str) -> Component:
+    """From estimate, lower and upper end of a variance."""
+    value, low, high = (float(np.sqrt(x)) for x in variances)
+    return Component(
+        name, "rad" if "rotation" in name else "m", value, low, high if np.isfinite(high) else None, status
+    )

@@ -1,0 +1,361 @@
+r"""Planning: which poses to take next, and what they would bring.
+
+Model (`constraint`, T5): the errors of pose i reach X and W through the residual of ``G X C = W``, so that its
+information about ``(xi_X, xi_W)`` is ``J_i^T S_i^-1 J_i``. Poses yet to be taken have independent errors, and all that
+the information asks of them is where they are: for a robot pose G the camera will see ``C = inv(X) inv(G) W`` (G
+inverted for eye-to-hand). To first order the covariance after the poses c is therefore known beforehand,
+
+    Sigma(c) = ( I_so_far + sum_(j in c) B_j^T B_j )^-1,    B_j = L_j^-1 J_j (6x12),    S_j = L_j L_j^T,
+
+and its block of X is what the plan shows: errors ``(theta, tau)``, rad and m, parent frame of X. Three criteria, each
+to be made small:
+
+- ``trace``: the mean squared error (m^2) of points at the distance ``length`` from the camera, in all directions:
+  ``tr(Sigma_tau) + 2/3 length^2 tr(Sigma_theta)``. The length makes angles and lengths commensurable.
+- ``point``: the mean squared error (m^2) of one point p in camera coordinates, expressed in the parent frame of X:
+  ``tr(M Sigma M^T)``, ``M = [-[R_X p]x, I]``.
+- ``logdet``: ``log det Sigma``, the volume of the ellipsoid, whatever the units.
+
+Poses are chosen greedily, then exchanged one by one as long as that helps, and put into the order in which each brings
+most (`planning_selection`). That is no proof of the best set; docs/how-to/plan.md has the gap.
+
+Poses that leave a part of X open (parallel axes, pure translations) can be planned from: there a weak prior stands in
+(`planning_start`), and `Plan.open_directions` says where.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.calibrate import calibrate
+from ..calibration.result_file import noise_to_dict
+from ..errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
+from ..formatting.units import parse_length
+from ..geometry.conventions import CONVENTION
+from ..geometry.se3 import Array, as_transforms, skew
+from ..io import json_text, pose_text, write_atomically
+from ..likelihood.constraint import OnPoses, constraint_of, residual_covariance
+from ..noise.models import PoseNoise, is_joint, marginals
+from ..noise.square_roots import cholesky_of, whiten
+from ..poses.pose_pairs import SETUPS, PosePairs
+from ..poses.timing import warn_left_out
+from .candidates import MOST, predicted_camera, sample_candidates
+from .selection import covariance_of, exchanged, greedy, value
+from .weak_prior import PRIOR, so_far
+
+_log = logging.getLogger("uq_handeye")
+
+CRITERIA = ("trace", "logdet", "point")
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The next k poses in the order in which to take them, and the covariance of X predicted after each.
+
+    Predicted to first order, for the noise given and errors independent from pose to pose; nothing systematic.
+    """
+
+    chosen: NDArray[np.intp]  # (k,) rows of the candidates, from 0
+    robot: Array  # (k, 4, 4) base_T_gripper
+    camera: Array  # (k, 4, 4) camera_T_target that the camera should see there
+    covariance_before: Array  # (6, 6) of X from the poses so far
+    covariances: Array  # (k, 6, 6) of X after each
+    criterion: str
+    criterion_before: float
+    criterion_values: Array  # (k,) after each: m^2, or the logarithm of rad^6 m^6
+    length: float | None  # m, of criterion trace
+    point: Array | None  # (3,) m, camera coordinates, of criterion point
+    X: Array  # (4, 4) from the poses so far
+    W: Array  # (4, 4)
+    setup: str
+    n_poses: int  # so far
+    n_candidates: int
+    sampled: bool  # the candidates were drawn, not given
+    noise: PoseNoise  # 6x6, of each new pose
+    noise_estimated: bool  # from the poses so far
+    open_directions: Array  # (r, 6) unit vectors of xi_X/prior that the poses so far leave to the weak prior
+
+    @property
+    def frame(self) -> str:
+        """``gripper_T_camera`` or ``base_T_camera``."""
+        return SETUPS[self.setup]
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (k + 1, 6) of (theta, tau), rad and m: before, and after each pose."""
+        return np.sqrt(np.diagonal(self._all(), axis1=-2, axis2=-1))
+
+    @property
+    def worst(self) -> Array:
+        """Standard deviations (k + 1, 2) of rotation (rad) and translation (m) along their worst axes."""
+        blocks = self._all()
+        largest = [np.linalg.eigvalsh(part)[:, -1] for part in (blocks[:, :3, :3], blocks[:, 3:, 3:])]
+        return np.sqrt(np.stack(largest, axis=1))
+
+    def _all(self) -> Array:
+        return np.concatenate([self.covariance_before[None], self.covariances])
+
+    def __repr__(self) -> str:
+        return f"Plan({len(self.chosen)} poses after {self.n_poses}, criterion {self.criterion})"
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from ..presentation.notebook import text_html
+
+        return text_html("Plan", repr(self), self.to_text())
+
+    def to_text(self) -> str:
+        """A sentence, a table with a row per pose, and what the numbers mean."""
+        from .text import text
+
+        return text(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers, lists and text."""
+        return {
+            "format": "uq-handeye plan 1",
+            "convention": CONVENTION,
+            "units": {"rotation": "rad", "translation": "m"},
+            "frame": self.frame,
+            "setup": self.setup,
+            "n_poses": self.n_poses,
+            "n_candidates": self.n_candidates,
+            "sampled": self.sampled,
+            "noise": noise_to_dict(self.noise),
+            "noise_estimated": self.noise_estimated,
+            "X": self.X.tolist(),
+            "W": self.W.tolist(),
+            "criterion": self.criterion,
+            "length": self.length,
+            "point": None if self.point is None else self.point.tolist(),
+            "prior_std": PRIOR if len(self.open_directions) else None,
+            "open_directions": self.open_directions.tolist(),
+            "before": _step(self.covariance_before, self.criterion_before, self.std[0], self.worst[0]),
+            "steps": [
+                {"candidate": int(row), "robot": G.tolist(), "camera": C.tolist()} | _step(*numbers)
+                for row, G, C, *numbers in zip(
+                    self.chosen,
+                    self.robot,
+                    self.camera,
+                    self.covariances,
+                    self.criterion_values,
+                    self.std[1:],
+                    self.worst[1:],
+                    strict=True,
+                )
+            ],
+        }
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """JSON text, also written to ``path`` (whole or not at all)."""
+        return json_text(self.to_dict(), path)
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """The robot poses as a pose file (m), in order, numbered 0, 1, ...; also written to ``path``."""
+        text = pose_text(self.robot)
+        if path is not None:
+            write_atomically(path, text)
+        return text
+
+
+def _step(covariance: Array, criterion: float, std: Array, worst: Array) -> dict[str, Any]:
+    return {
+        "covariance": covariance.tolist(),
+        "std": std.tolist(),
+        "worst_rotation": float(worst[0]),
+        "worst_translation": float(worst[1]),
+        "criterion": float(criterion),
+    }
+
+
+def plan(
+    data: PosePairs,
+    candidates: Any = None,
+    k: int = 5,
+    *,
+    noise: PoseNoise | None = None,
+    criterion: str = "trace",
+    point: Any = None,
+    length: str | float | None = None,
+    sample: int = 200,
+    seed: int | np.random.Generator = 0,
+    repeat: bool = False,
+) -> Plan:
+    """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
+
+    Parameters
+    ----------
+    data : PosePairs
+        The poses so far, at least 3, without batch axes. They need not determine X yet.
+    candidates : (m, 4, 4) or None
+        Robot poses ``base_T_gripper`` to choose from; None draws ``sample`` of them by `sample_candidates`.
+    k : int
+    noise : PoseNoise or None
+        6x6 or (n, 6, 6), whose mean is taken for new poses. None estimates it from the poses so far.
+    criterion : "trace", "logdet" or "point"
+        What the poses are chosen by: the mean squared error of points at a distance (``length``), the volume of the
+        ellipsoid, or the mean squared error of one point (``point``).
+    point : 3 numbers (m) or texts with units, or None
+        For criterion "point": in camera coordinates.
+    length : float (m), str or None
+        For criterion "trace"; None is the root mean square distance from camera to target so far.
+    sample : int
+    seed : int or numpy Generator
+        Of the candidates drawn.
+    repeat : bool
+        Whether a candidate may be taken more than once.
+
+    Raises
+    ------
+    InputError
+        Arguments that do not fit each other or the data; more than 100,000 candidates; joint noise (6n, 6n), which
+        says nothing of new poses; no noise where it cannot be estimated.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.planning.plan import plan
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> found = plan(uq.simulate(n_poses=10, noise=noise), k=3, noise=noise)
+    >>> found.robot.shape, found.covariances.shape
+    ((3, 4, 4), (3, 6, 6))
+    """
+    if not isinstance(data, PosePairs):
+        raise InputError(f"Expected `data` to be PosePairs, got {type(data).__name__}.")
+    if data.robot.ndim != 3:
+        raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")
+    if data.n < 3:
+        raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
+    warn_left_out("plan()", data)
+    require_integer("k", k, 1)
+    estimated = noise is None
+    if noise is None:
+        data, noise = _estimated_noise(data)
+    target, distance = _target(data, criterion, point, length)
+    constraint = constraint_of(data, noise)
+    if not isinstance(constraint, OnPoses):
+        raise InputError("Expected PoseNoise: planning needs the noise of poses.")
+    of_new = _noise_of_new(noise)
+
+    at, information, open_directions = so_far(data, noise)
+    assert at.W is not None
+    if candidates is None:
+        robot = sample_candidates(data, at.X, at.W, sample, seed=seed)
+    else:
+        robot = as_transforms(candidates, "candidates")
+        if robot.ndim != 3 or len(robot) == 0:
+            raise InputError(f"Expected `candidates` to have shape (m, 4, 4) with m >= 1, got {robot.shape}.")
+    if len(robot) > MOST:
+        raise InputError(f"Expected at most {MOST} candidates, got {len(robot)}: thin them out.")
+    if k > len(robot) and not repeat:
+        raise InputError(
+            f"Expected at most as many poses as candidates, got k = {k} and {len(robot)} candidates; give more, or let "
+            "them be taken again (repeat)."
+        )
+    camera = predicted_camera(robot, at.X, at.W, data.setup)
+    linear = OnPoses(robot, camera, constraint.inverted).linearise(at, robot, camera)
+    rows = whiten(cholesky_of(residual_covariance(linear.sides, of_new)), linear.J)
+
+    Q = None if criterion == "logdet" else _weight(at.X, target, distance)
+    chosen = greedy(information, rows, np.arange(len(rows)), k, Q, repeat)
+    chosen = exchanged(information, rows, chosen, Q, repeat)
+    chosen = greedy(information, rows, chosen, k, Q, repeat=False)
+    sums = information + np.concatenate([np.zeros((1, 12, 12)), np.cumsum(rows[chosen].mT @ rows[chosen], axis=0)])
+    covariances = covariance_of(sums)[:, :6, :6]
+    values = value(covariances, Q)
+    return Plan(
+        chosen=chosen,
+        robot=robot[chosen],
+        camera=camera[chosen],
+        covariance_before=covariances[0],
+        covariances=covariances[1:],
+        criterion=criterion,
+        criterion_before=float(values[0]),
+        criterion_values=values[1:],
+        length=distance,
+        point=target,
+        X=at.X,
+        W=at.W,
+        setup=data.setup,
+        n_poses=data.n,
+        n_candidates=len(robot),
+        sampled=candidates is None,
+        noise=of_new,
+        noise_estimated=estimated,
+        open_directions=open_directions,
+    )
+
+
+def _target(
+    data: PosePairs, criterion: str, point: Any, length: str | float | None
+) -> tuple[Array | None, float | None]:
+    """Point and length of the criterion, checked."""
+    if criterion not in CRITERIA:
+        raise InputError(f"Expected `criterion` to be one of {', '.join(CRITERIA)}, got {criterion!r}.")
+    if (point is not None) != (criterion == "point"):
+        raise InputError(
+            "Criterion 'point' and a point (x, y, z in camera coordinates) go together, "
+            f"got criterion {criterion!r} and point {point!r}."
+        )
+    if length is not None and criterion != "trace":
+        raise InputError(f"A length is part of criterion 'trace' alone, got criterion {criterion!r}.")
+    if criterion == "point":
+        if isinstance(point, str) or np.shape(point) != (3,):
+            raise InputError(f"Expected `point` to be x, y, z in camera coordinates, got {point!r}.")
+        return np.array([parse_length(x, "`point`") for x in point]), None
+    if criterion == "logdet":
+        return None, None
+    if length is None:
+        return None, float(np.sqrt(np.mean(np.sum(data.camera[:, :3, 3] ** 2, axis=-1))))
+    distance = parse_length(length, "`length`")
+    if distance <= 0:
+        raise InputError(f"Expected `length` to be above 0, got {length!r}.")
+    return None, distance
+
+
+def _estimated_noise(data: PosePairs) -> tuple[PosePairs, PoseNoise]:
+    """The noise as `calibrate` estimates it, and the poses that it keeps; its warnings name those it leaves out."""
+    give = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
+    try:
+        result = calibrate(data)
+        noise = result.noise
+        if result.table is not None and result.table.rejected:
+            data = data.rows(result.table.weight > 0)
+    except (DegenerateMotionError, NotConvergedError) as error:
+        raise InputError(
+            f"The noise cannot be estimated from the poses so far, which may leave a part of X open. {give}"
+        ) from error
+    if not isinstance(noise, PoseNoise):
+        raise InputError(f"The noise cannot be estimated from poses that fit exactly. {give}")
+    if noise.camera is not None and is_joint(noise.camera):  # of a camera that was calibrated from corners
+        _log.info("planned as if each pose had its own error of the intrinsics; what they share does not average out")
+        noise = PoseNoise(noise.robot, marginals(noise.camera))
+    return data, noise
+
+
+def _noise_of_new(noise: PoseNoise) -> PoseNoise:
+    """6x6: the noise of each new pose, the mean of those so far."""
+    for name, covariance in (("robot", noise.robot), ("camera", noise.camera)):
+        if covariance is not None and is_joint(covariance):
+            raise InputError(
+                f"Expected the covariance `{name}` to be (6, 6) or (n, 6, 6), got the joint one of all poses so far, "
+                "which does not say how new poses share their errors. For a plan as if they did not, give its 6x6 "
+                "blocks, uq_handeye.noise.models.marginals(...)."
+            )
+    robot, camera = (None if S is None else S.reshape(-1, 6, 6).mean(axis=0) for S in (noise.robot, noise.camera))
+    return PoseNoise(robot, camera)
+
+
+def _weight(X: Array, point: Array | None, length: float | None) -> Array:
+    """Q (6, 6) of the criterion ``tr(Q Sigma)``."""
+    if point is not None:
+        M = np.concatenate([-skew(X[:3, :3] @ point), np.eye(3)], axis=1)
+        return np.asarray(M.T @ M)
+    assert length is not None
+    return np.diag([2 / 3 * length**2] * 3 + [1.0] * 3)

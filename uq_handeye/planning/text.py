@@ -1,0 +1,116 @@
+"""A plan as plain text: what the next poses would bring, where they are, units on every number."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..geometry.se3 import Array
+from .weak_prior import PRIOR
+
+if TYPE_CHECKING:
+    from .plan import Plan
+
+WIDTH = 120
+
+
+def text(plan: Plan) -> str:
+    """A sentence, a table, and what the numbers mean."""
+    lines = [*_wrapped(headline(plan)), "", *_table(plan), ""]
+    for note in _notes(plan):
+        lines += _wrapped(note)
+    return "\n".join(lines) + "\n"
+
+
+def headline(plan: Plan) -> str:
+    """What the poses would bring, in one sentence or two."""
+    k = len(plan.chosen)
+    before, after = plan.worst[0], plan.worst[-1]
+    poses = f"{k} more {'pose' if k == 1 else 'poses'} would bring"
+    if len(plan.open_directions):
+        parent = plan.frame.split("_T_")[0]
+        what = " and ".join(_direction(a) for a in plan.open_directions)
+        return (
+            f"The {plan.n_poses} poses so far leave {plan.frame} open: {what} of the {parent} frame. {poses} its "
+            f"translation to {_mm(after[1])} mm, its rotation to {_deg(after[0])} deg (standard deviation, worst axis)."
+        )
+    return (
+        f"{poses} the translation of {plan.frame} from {_mm(before[1])} to {_mm(after[1])} mm and its rotation from "
+        f"{_deg(before[0])} to {_deg(after[0])} deg (standard deviation, worst axis)."
+    )
+
+
+def _table(plan: Plan) -> list[str]:
+    name, unit = {"logdet": ("log", "det")}.get(plan.criterion, ("error", "mm"))
+    rows = [
+        ["step", "candidate", "x", "y", "z", "qx", "qy", "qz", "qw", "rotation", "translation", name],
+        ["", "", "mm", "mm", "mm", "", "", "", "", "sd, deg", "sd, mm", unit],
+        ["so far", *[""] * 8, *_numbers(plan, plan.worst[0], plan.criterion_before)],
+    ]
+    quaternions = Rotation.from_matrix(plan.robot[:, :3, :3]).as_quat(canonical=True)
+    for step, (row, G, q, worst, value) in enumerate(
+        zip(plan.chosen, plan.robot, quaternions, plan.worst[1:], plan.criterion_values, strict=True), start=1
+    ):
+        place = [f"{1e3 * x:.1f}" for x in G[:3, 3]] + [f"{x:.4f}" for x in q]
+        rows.append([str(step), str(row), *place, *_numbers(plan, worst, float(value))])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
+    return [_deg(worst[0]), _mm(worst[1]), f"{value:.2f}" if plan.criterion == "logdet" else _mm(float(np.sqrt(value)))]
+
+
+def _notes(plan: Plan) -> list[str]:
+    origin = "drawn around the target" if plan.sampled else "given"
+    notes = [
+        f"candidate: row among the {plan.n_candidates} candidates {origin}, from 0. x to qw: base_T_gripper. sd: "
+        "standard deviation of X along its worst axis, once the pose is taken too. " + _criterion(plan),
+    ]
+    if len(plan.open_directions):
+        notes.append(
+            "CAUTION: where X is open, a weak prior stands in for what is not known (standard deviation "
+            f"{PRIOR:g} rad, {PRIOR:g} m), and the camera may miss the target. Take the first pose, see that the "
+            "target is in the image, and plan again."
+        )
+    whose = "estimated from the poses so far" if plan.noise_estimated else "given"
+    notes.append(
+        f"Predicted to first order, for the noise {whose}, with errors independent from pose to pose. Systematic "
+        "errors (wrong intrinsics, wrong robot kinematics) are not covered. Reach and obstacles are not known: look at "
+        "each pose before you drive there."
+    )
+    return notes
+
+
+def _criterion(plan: Plan) -> str:
+    if plan.length is not None:
+        what = f"of points {_mm(plan.length)} mm from the camera, in all directions"
+    elif plan.point is not None:
+        point = ", ".join(f"{1e3 * x:g}" for x in plan.point)
+        what = f"of the point ({point}) mm in camera coordinates, in the {plan.frame.split('_T_')[0]} frame"
+    else:
+        return "log det: of the covariance of X (rad, m), which the poses were chosen to make small."
+    return f"error: root mean square error {what}, which the poses were chosen to make small."
+
+
+def _direction(a: Array) -> str:
+    turn, shift = np.linalg.norm(a[:3]), np.linalg.norm(a[3:])
+    part, what = (a[:3], "rotation about") if turn > shift else (a[3:], "translation along")
+    part = part / max(turn, shift)
+    part = part if part[np.argmax(np.abs(part))] > 0 else -part
+    return f"{what} ({', '.join(f'{x + 0.0:+.2f}' for x in part)})"
+
+
+def _wrapped(line: str) -> list[str]:
+    return textwrap.wrap(line, WIDTH, break_on_hyphens=False)
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.2f}" if metres < 0.1 else f"{1e3 * metres:.0f}"
+
+
+def _deg(radians: float) -> str:
+    return f"{np.degrees(radians):.3f}" if radians < 0.1 else f"{np.degrees(radians):.0f}"

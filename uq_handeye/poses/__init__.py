@@ -1,0 +1,1 @@
+"""The data: pose pairs, motions, streams, their timing; residuals."""

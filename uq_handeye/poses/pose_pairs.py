@@ -1,0 +1,149 @@
+"""PosePairs: robot and camera poses taken at the same moments.
+
+Frames: ``robot[k] = base_T_gripper(k)``, ``camera[k] = camera_T_target(k)``. Two setups:
+
+- ``eye-in-hand``: the camera sits on the gripper, the target stands still; ``X = gripper_T_camera`` and
+  ``base_T_gripper X camera_T_target = base_T_target`` is constant.
+- ``eye-to-hand``: the camera stands still, the target sits on the gripper; ``X = base_T_camera`` and
+  ``gripper_T_base X camera_T_target = gripper_T_target`` is constant. It is the same equation with the
+  robot poses inverted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files.source import Source
+from ..geometry.se3 import Array, as_numbers, as_transforms, inverse
+from .timing import Timing
+
+if TYPE_CHECKING:
+    from ..camera.calibrate import CameraCalibration
+
+SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
+# The frames of W = G X C, the same for all poses.
+TARGETS = {"eye-in-hand": "base_T_target", "eye-to-hand": "gripper_T_target"}
+
+
+class Truth(NamedTuple):
+    """What a simulation knows."""
+
+    X: Array  # (4, 4)
+    W: Array  # (4, 4): base_T_target (eye-in-hand) or gripper_T_target (eye-to-hand)
+    robot: Array  # (n, 4, 4), without noise
+    camera: Array  # (n, 4, 4), without noise
+
+
+@dataclass(frozen=True, eq=False)
+class PosePairs:
+    """n pairs of poses, validated once and never changed.
+
+    Parameters
+    ----------
+    robot : (..., n, 4, 4) array or RigidTransform
+        ``base_T_gripper``.
+    camera : (..., n, 4, 4) array or RigidTransform
+        ``camera_T_target``.
+    setup : "eye-in-hand" or "eye-to-hand"
+    timestamps : (n,) array or None
+        Seconds; no two may be equal.
+    truth : Truth or None
+        Known for simulated poses.
+    sources : tuple of Source
+        The files they came from.
+    timing : Timing or None
+        Of poses that `synchronise` paired: their time offset and how it moves them.
+    camera_calibration : CameraCalibration or None
+        Where the camera poses come from corners (`calibrate_camera`): their joint covariance, and the corners.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, matrices that are not rigid motions, different numbers of poses, repeated timestamps, a timing of
+        other poses.
+    """
+
+    robot: Array
+    camera: Array
+    setup: str = "eye-in-hand"
+    timestamps: NDArray[np.float64] | None = None
+    truth: Truth | None = None
+    sources: tuple[Source, ...] = ()
+    timing: Timing | None = None
+    camera_calibration: CameraCalibration | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.setup, str) or self.setup not in SETUPS:
+            raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {self.setup!r}.")
+        robot, camera = _frozen(self.robot, "robot"), _frozen(self.camera, "camera")
+        if robot.shape != camera.shape:
+            raise InputError(
+                "Expected `robot` and `camera` to hold the same number of poses, "
+                f"got shapes {robot.shape} and {camera.shape}."
+            )
+        object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "camera", camera)
+        if self.timestamps is not None:
+            times = np.array(as_numbers(self.timestamps, "timestamps"))
+            if times.shape != (self.n,) or not np.isfinite(times).all():
+                raise InputError(f"Expected `timestamps` to be {self.n} finite numbers, got shape {times.shape}.")
+            if (twins := first_duplicate(times)) is not None:
+                raise InputError(
+                    f"Expected a timestamp of its own for every pose, got {times[twins[0]]} for poses {twins[0]} "
+                    f"and {twins[1]}."
+                )
+            times.flags.writeable = False
+            object.__setattr__(self, "timestamps", times)
+        if self.timing is not None and (self.robot.ndim != 3 or len(self.timing) != self.n):
+            raise InputError(f"Expected the `timing` of {self.n} poses, got one of {len(self.timing)}.")
+        seen = self.camera_calibration
+        if seen is not None and not np.array_equal(seen.poses, self.camera):
+            raise InputError("Expected the `camera` poses to be those of the `camera_calibration`, got others.")
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return int(self.robot.shape[-3])
+
+    def __len__(self) -> int:
+        return self.n
+
+    def __repr__(self) -> str:
+        return f"PosePairs({self.n} poses, {self.setup})"
+
+    def rows(self, index: NDArray[Any]) -> PosePairs:
+        """Some of the poses, by their numbers or a mask."""
+        truth = self.truth
+        if truth is not None:
+            truth = truth._replace(robot=truth.robot[..., index, :, :], camera=truth.camera[..., index, :, :])
+        times = None if self.timestamps is None else self.timestamps[index]
+        timing = None if self.timing is None else self.timing.rows(index)
+        seen = None if self.camera_calibration is None else self.camera_calibration.select(index)
+        robot, camera = self.robot[..., index, :, :], self.camera[..., index, :, :]
+        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen)
+
+    @property
+    def effective_robot(self) -> Array:
+        """The robot poses as they enter AX = XB: inverted for eye-to-hand."""
+        return self.robot if self.setup == "eye-in-hand" else inverse(self.robot)
+
+
+def first_duplicate(times: NDArray[np.float64]) -> tuple[int, int] | None:
+    """The first two rows with equal times, or None."""
+    order = np.argsort(times, kind="stable")
+    same = np.flatnonzero(times[order][1:] == times[order][:-1])
+    if not same.size:
+        return None
+    k = same[np.argmin(order[same + 1])]
+    return int(order[k]), int(order[k + 1])
+
+
+def _frozen(value: Any, name: str) -> Array:
+    T = np.array(as_transforms(value, name), order="C")  # rounding follows the order in memory
+    T.flags.writeable = False
+    return T

@@ -1,0 +1,99 @@
+"""What poses that were paired by interpolation know about their time offset."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, InputWarning
+from ..geometry.se3 import Array, as_numbers
+
+SIDES = ("robot", "camera")
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """The offset between the clocks that n pose pairs were made with, and what an error of it does to them.
+
+    Model: ``robot_time = camera_time + offset``; an error d of the offset moves pose i of the interpolated side by
+    ``xi_i = rate_i d``, xi = (theta, tau) in the convention of the toolkit. It is one number for all poses, known with
+    the standard deviation ``std`` (s); 0: taken as exact.
+    """
+
+    offset: float
+    std: float
+    rate: Array  # (n, 6), rad/s and m/s
+    side: str  # the interpolated one, "robot" or "camera"
+
+    def __post_init__(self) -> None:
+        rate = np.array(as_numbers(self.rate, "rate"))
+        if rate.ndim != 2 or rate.shape[1] != 6 or not np.isfinite(rate).all():
+            raise InputError(f"Expected `rate` to be finite numbers of shape (n, 6), got shape {rate.shape}.")
+        if self.side not in SIDES:
+            raise InputError(f"Expected `side` to be robot or camera, got {self.side!r}.")
+        if not (np.isfinite(self.offset) and np.isfinite(self.std) and self.std >= 0):
+            raise InputError(
+                f"Expected a finite offset and a standard deviation >= 0 (s), got {self.offset!r} and {self.std!r}."
+            )
+        rate.flags.writeable = False
+        object.__setattr__(self, "rate", rate)
+
+    def __len__(self) -> int:
+        return len(self.rate)
+
+    def rows(self, index: NDArray[Any]) -> Timing:
+        """That of some of the poses; the offset is known as well as before."""
+        return Timing(self.offset, self.std, self.rate[index], self.side)
+
+    @property
+    def matters(self) -> bool:
+        """Whether an error of the offset moves any pose."""
+        return bool(self.std > 0 and self.rate.any())
+
+
+@dataclass(frozen=True)
+class TimeOffset:
+    """The share of the time offset in the covariance of X: a rank-one term ``std^2 g g^T``.
+
+    ``sensitivity`` is g, by how much X moves (theta, tau) per second of offset; ``share`` of the variance of X in the
+    direction where the offset matters most is due to it.
+    """
+
+    offset: float  # s
+    std: float  # s
+    side: str
+    sensitivity: tuple[float, ...]  # (6,) rad/s, m/s
+    share: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return asdict(self) | {"sensitivity": list(self.sensitivity)}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> TimeOffset:
+        """The inverse of `to_dict`."""
+        values = data | {"sensitivity": tuple(float(value) for value in data["sensitivity"])}
+        result = cls(**values)
+        if len(result.sensitivity) != 6 or result.side not in SIDES or not 0 <= result.share <= 1:
+            raise ValueError("the time offset is not one")
+        return result
+
+
+def warn_left_out(function: str, data: Any) -> None:
+    """Warn where ``data`` (PosePairs or Motions) have an offset that ``function`` takes as exact."""
+    for text in left_out_of(function, getattr(getattr(data, "poses", data), "timing", None)):
+        warnings.warn(text, InputWarning, stacklevel=3)
+
+
+def left_out_of(function: str, timing: Timing | None) -> list[str]:
+    """What a function that takes the offset as exact has to say, if the offset matters."""
+    if timing is None or not timing.matters:
+        return []
+    return [
+        f"The time offset of these poses is known to {1e3 * timing.std:.2g} ms; {function} takes it as exact. "
+        "calibrate() with method 'efficient' or 'ml' takes its uncertainty in."
+    ]

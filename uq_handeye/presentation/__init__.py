@@ -1,0 +1,1 @@
+"""The toolkit of pages: blocks, figures, notebook, PDF, ellipses, placed labels."""

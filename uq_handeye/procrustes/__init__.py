@@ -1,0 +1,1 @@
+"""4DPA: registration, its limit, finite d, sensitivities, SO(4) covariances."""

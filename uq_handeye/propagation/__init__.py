@@ -1,0 +1,1 @@
+"""From the noise of the data to the covariance of a published X."""

@@ -1,0 +1,55 @@
+r"""Robot-world calibration: the pose W that every ``G_i X C_i`` measures, with its covariance.
+
+Model: ``G_i X C_i = W`` for poses without noise; ``W = base_T_target`` for eye-in-hand, with ``G = base_T_gripper``,
+and ``W = gripper_T_target`` for eye-to-hand, with ``G = gripper_T_base``. W is the unweighted mean of its n
+measurements: the rotation nearest to the sum of theirs, the mean of their translations. Errors are ``xi = (theta,
+tau)``: left rotation, additive translation, in the parent frame of W. To first order (T5)
+
+    xi_W = mean_i( J_X xi_X + J_G xi_G + J_C xi_C ),
+    J_X = [[R_G, 0], [-R_G [R_X t_C]x, R_G]],   J_G = [[I, 0], [-[R_G (R_X t_C + t_X)]x, I]],   J_C = blkdiag(R_G R_X)
+
+and ``xi_X = sum_k D_k xi_k`` depends on the same errors of the poses (T4), so that each pose carries both to W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..geometry.se3 import Array, block, inverse_jacobian, skew
+from ..poses.pose_pairs import PosePairs
+from ..procrustes.limit import orthonormalise
+
+_EYE = np.eye(3)
+
+
+def mean_target(poses: PosePairs, X: Array) -> Array:
+    """W (..., 4, 4), the mean of ``G_i X C_i``."""
+    measured = poses.effective_robot @ X[..., None, :, :] @ poses.camera
+    W = np.zeros((*measured.shape[:-3], 4, 4))
+    W[..., :3, :3] = orthonormalise(measured[..., :3, :3].sum(axis=-3))
+    W[..., :3, 3] = measured[..., :3, 3].mean(axis=-2)
+    W[..., 3, 3] = 1.0
+    return W
+
+
+def target_by_X(poses: PosePairs, X: Array) -> Array:
+    """The mean of J_X (6, 6): ``d xi_W / d xi_X`` of `mean_target`."""
+    R_G = poses.effective_robot[:, :3, :3]
+    return np.asarray(block(R_G, 0.0, -R_G @ skew(poses.camera[:, :3, 3] @ X[:3, :3].T), R_G).mean(axis=0))
+
+
+def target_sensitivities(poses: PosePairs, X: Array, D: Sequence[Array | None]) -> list[Array | None]:
+    """``d xi_W / d xi_k`` (n, 6, 6) of `mean_target`; ``D`` holds those of X, by robot and by camera poses."""
+    G, C, n = poses.effective_robot, poses.camera, poses.n
+    R_G, R_X = G[:, :3, :3], X[:3, :3]
+    lever = C[:, :3, 3] @ R_X.T  # R_X t_C
+    J_X = target_by_X(poses, X)
+    reach = (R_G @ (lever + X[:3, 3])[..., None])[..., 0]
+    J_G = block(_EYE, 0.0, -skew(reach), _EYE)
+    if poses.setup == "eye-to-hand":
+        J_G = J_G @ inverse_jacobian(poses.robot)
+    turned = R_G @ R_X
+    J_C = block(turned, 0.0, 0.0, turned)
+    return [None if by_X is None else J_X @ by_X + J / n for by_X, J in zip(D, (J_G, J_C), strict=True)]

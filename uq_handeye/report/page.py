@@ -1,0 +1,178 @@
+"""The report of a calibration: one self-contained HTML file, or the same as PDF.
+
+Nothing is loaded from anywhere: style and figures are in the file, and a content security policy forbids the rest. All
+text is escaped by the template. The same result gives the same file, except for the date.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from datetime import UTC, datetime
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+
+from .. import __version__
+from ..comparison.compare import Comparison
+from ..comparison.of_result import Compared, compared
+from ..errors import InputError
+from ..files.atomic import write_atomically
+from ..geometry.conventions import CONVENTION
+from ..presentation.blocks import Drawing, Section
+from ..presentation.figure_parts import Picture, inline_svg
+from ..presentation.pdf import to_pdf
+from .figures import pictures, require_same_problem
+from .sections_camera import camera_sections
+from .sections_data import (
+    budget_section,
+    covariances_section,
+    methods_section,
+    noise_section,
+    observability_section,
+    pretty,
+    residuals_section,
+    rig_section,
+)
+from .sections_repeat import repeat_section
+from .sections_result import (
+    answer_section,
+    ellipses_section,
+    forms_section,
+    scope_section,
+    task_space_section,
+    warnings_section,
+)
+
+if TYPE_CHECKING:
+    from ..calibration.result import Calibration
+    from ..validation.cross_check.run import CrossCheck
+
+SUFFIXES = (".html", ".pdf")
+
+
+def write_report(
+    result: Calibration,
+    path: str | Path,
+    *,
+    comparison: Comparison | Compared | bool = True,
+    cross_check: CrossCheck | None = None,
+) -> Path:
+    """Write the report of ``result``; the arguments are those of `Calibration.report`.
+
+    Returns
+    -------
+    Path
+        Of the file, which is written whole or not at all.
+
+    Raises
+    ------
+    InputError
+        A path that ends neither in .html nor in .pdf or cannot be written; a comparison or cross-check of another
+        problem.
+    MissingExtraError
+        A PDF where neither WeasyPrint nor a Chromium browser is installed.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"Expected `path` to end in {' or '.join(SUFFIXES)}, got {path.name!r}.")
+    text = report_html(result, comparison=comparison, cross_check=cross_check)
+    write_atomically(path, text if suffix == ".html" else to_pdf(text))
+    return path
+
+
+def report_html(
+    result: Calibration,
+    *,
+    comparison: Comparison | Compared | bool = True,
+    cross_check: CrossCheck | None = None,
+    date: str | None = None,
+) -> str:
+    """The report as HTML text; ``date`` is written into it, None is now (UTC). Raises as `write_report`."""
+    if cross_check is not None:
+        require_same_problem(result, cross_check)
+    found = compared(result, comparison)
+    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
+    drawings = {
+        stem: drawing(stem, picture) for stem, picture in pictures(result, cross_check, found.comparison).items()
+    }
+    sections = [
+        answer_section(result),
+        warnings_section(result),
+        ellipses_section(result, drawings, cross_check),
+        rig_section(result, drawings),
+        *camera_sections(result),
+        residuals_section(result, drawings),
+        budget_section(result, drawings),
+        task_space_section(result, drawings),
+        methods_section(found.comparison, found.reason, found.note, drawings.get("methods")),
+        observability_section(result),
+        noise_section(result),
+        covariances_section(result),
+        forms_section(result),
+        repeat_section(result, date, __version__),
+        scope_section(result, CONVENTION),
+    ]
+    data = f"{result.n_poses:,} poses" if result.n_poses is not None else f"{result.n_pairs:,} motions"
+    facts = [result.setup or "motions without poses", data, f"method {result.method}", date]
+    return rendered("Hand-eye calibration", result.frame, facts, sections)
+
+
+def rendered(heading: str, subject: str, facts: list[str], sections: list[Section]) -> str:
+    """One page as HTML text; the section with the anchor ``answer`` comes first."""
+    from jinja2 import Environment, StrictUndefined
+
+    files = resources.files(__package__)
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["pretty"] = pretty
+    template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
+    script = _SCRIPT.strip()
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return template.render(
+        heading=heading,
+        subject=subject,
+        facts=facts,
+        sections=sections,
+        style=Markup((files / "report.css").read_text(encoding="utf-8")),
+        script=Markup(script),
+        script_hash=digest,
+        version=__version__,
+    )
+
+
+def drawing(stem: str, picture: Picture) -> Drawing:
+    """The picture as a block of a page."""
+    return Drawing(stem, Markup(inline_svg(picture.figure, stem)), picture.alt, picture.caption)
+
+
+# Shows the buttons, which do nothing without it, and copies; the old way where a browser has no clipboard for files.
+_SCRIPT = """
+document.querySelectorAll("button.copy").forEach(function (button) {
+  button.hidden = false;
+  button.addEventListener("click", function () {
+    var text = button.parentElement.parentElement.querySelector("pre").textContent;
+    function said(word) {
+      button.textContent = word;
+      setTimeout(function () { button.textContent = "Copy"; }, 1500);
+    }
+    function oldWay() {
+      var area = document.createElement("textarea");
+      area.value = text;
+      area.setAttribute("readonly", "");
+      area.className = "offscreen";
+      document.body.appendChild(area);
+      area.select();
+      var done = false;
+      try { done = document.execCommand("copy"); } catch (error) { done = false; }
+      document.body.removeChild(area);
+      said(done ? "Copied" : "Select and copy by hand");
+    }
+    if (navigator.clipboard && navigator.clipboard.writeText) {
+      navigator.clipboard.writeText(text).then(function () { said("Copied"); }, oldWay);
+    } else { oldWay(); }
+  });
+});
+"""

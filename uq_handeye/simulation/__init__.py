@@ -1,0 +1,1 @@
+"""Simulated rigs and fast repeated trials."""

@@ -1,0 +1,1 @@
+"""Two streams with unsynchronised clocks."""

@@ -1,0 +1,1 @@
+"""Is the covariance consistent: everything side by side, and the relations that must hold."""

@@ -1,0 +1,173 @@
+"""A cross-check as plain text: whether all relations hold, the table of covariances, the relations with numbers."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...formatting.numbers import digits
+from ...noise.models import PoseNoise
+from .ratios import TOLERANCE
+from .rows import METHODS
+
+if TYPE_CHECKING:
+    from .relations import Relation
+    from .rows import Row
+    from .run import CrossCheck
+
+WIDTH = 118
+_DEG, _MM = 180 / np.pi, 1e3
+_UNITS = np.array([_DEG] * 3 + [_MM] * 3)
+
+
+def to_text(check: CrossCheck) -> str:
+    """The verdict, one line per covariance, every relation, and what the columns mean."""
+    lines = [] if check.complete else _wrapped(_cut_short(check))
+    lines += _wrapped(verdict(check))
+    for relation in check.relations:
+        if relation.name in check.broken:
+            text = f"- {relation.statement}: NOT SO. {_sentence(relation.text)} {relation.advice}"
+            lines += textwrap.wrap(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+    noise = "estimated from the data" if check.noise_estimated else "as given"
+    of = f"{check.n:,} motions"
+    if isinstance(check.noise, PoseNoise):
+        of = f"{check.n:,} poses, {check.pairs:,} pairs"
+    lines += [
+        "",
+        *_wrapped(
+            f"{check.frame}: {of}; noise {noise}, drawn around the {check.origin}; {_trials(check)}, "
+            f"seed {check.seed}; {digits(check.seconds)} s in all"
+        ),
+    ]
+    lines += ["", *_table(check.rows), ""]
+    notes: dict[str, list[str]] = {}
+    for row in check.rows:
+        if row.note:
+            notes.setdefault(row.note, []).append(row.label)
+    for note, labels in notes.items():
+        lines += _wrapped(f"{'; '.join(labels)}: {note}", "  ")
+    lines += [*_wrapped(_legend(check.rows)), "", "Relations"]
+    for relation in check.relations:
+        lines += _wrapped(f"[{state(relation)}] {relation.statement}.")
+        lines += textwrap.wrap(_sentence(relation.text), WIDTH, initial_indent="    ", subsequent_indent="    ")
+        if relation.advice and relation.name not in check.broken:
+            lines += textwrap.wrap(relation.advice, WIDTH, initial_indent="    -> ", subsequent_indent="       ")
+    return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def _cut_short(check: CrossCheck) -> str:
+    """That it ended early, and how many trials each method has."""
+    done = [f"{row.method} {row.trials or 0:,}" for row in check.rows if row.kind == "sampled"]
+    text = f"NOT COMPLETE ({check.reason.rstrip('.')}). Trials, of {check.trials:,} asked: {', '.join(done)}."
+    if any(row.kind == "posterior" and row.covariance is None for row in check.rows):
+        text += " No posterior."
+    return f"{text} What follows is of these."
+
+
+def _trials(check: CrossCheck) -> str:
+    """How many there were, of each method where they differ."""
+    done = {row.method: row.trials for row in check.rows if row.kind == "sampled" and row.trials}
+    if len(set(done.values())) == 1 and (check.complete or len(done) == len(METHODS)):
+        return f"{next(iter(done.values())):,} trials"
+    return f"trials: {', '.join(f'{method} {count:,}' for method, count in done.items())}" if done else "no trials"
+
+
+def verdict(check: CrossCheck) -> str:
+    """Whether all relations hold, or how many do not; claims, and what cannot be judged, behind it."""
+    laws = [relation for relation in check.relations if relation.law]
+    told = [relation for relation in laws if relation.holds is not None]
+    if not told:
+        text = "No relation could be judged."
+    elif check.broken:
+        text = f"BROKEN: {len(check.broken)} of {len(told)} relations."
+    elif len(told) == 1:
+        text = "The only relation that could be judged holds."
+    else:
+        text = f"All {len(told)} relations {'hold' if len(told) == len(laws) else 'that could be judged hold'}."
+    if untold := [relation.statement for relation in laws if relation.holds is None]:
+        text += f" Not judged: {'; '.join(untold)}."
+    if failed := [relation.statement for relation in check.relations if not relation.law and relation.holds is False]:
+        text += f" Claimed, but not so here: {'; '.join(failed)}."
+    return text
+
+
+def _table(rows: tuple[Row, ...]) -> list[str]:
+    width = max(len(row.label) for row in rows)
+    head = (
+        f"{'':{width}s}{'1 sigma, rotation (deg)':>24s}{'1 sigma, transl. (mm)':>24s} "
+        f"{'trace R':>8s} {'trace t':>8s} {'ln':>6s} {'mean':>8s}  {'time':>6s}"
+    )
+    axes = "".join(f"{axis:>8s}" for axis in "xyz")
+    names = f"{'':{width}s}{axes}{axes} {'deg^2':>8s} {'mm^2':>8s} {'det':>6s} {'NEES':>8s}  {'s':>6s}"
+    lines, kind = [head, names], ""
+    for row in rows:
+        if row.kind != kind:
+            kind = row.kind
+            lines.append("-" * len(names))
+        lines.append(f"{row.label:{width}s}{_cells(row)}")
+    return lines
+
+
+def _cells(row: Row) -> str:
+    seconds = f"{row.seconds:.2f}" if row.seconds >= 0.01 else "< 0.01"
+    if row.std is None or row.trace_rotation is None or row.trace_translation is None:
+        return f"{'none, see below':>24s}{seconds:>66s}"
+    deviations = "".join(f"{_figures(value):>8s}" for value in row.std * _UNITS)
+    determinant = "-" if row.log_determinant is None else f"{row.log_determinant:.1f}"
+    nees = "-" if row.nees is None else f"{row.nees:.2f}" if row.nees < 1e4 else f"{row.nees:.1e}"
+    squares = row.trace_rotation * _DEG**2, row.trace_translation * _MM**2
+    traces = "".join(f" {_figures(value):>8s}" for value in squares)
+    return f"{deviations}{traces} {determinant:>6s} {nees:>8s}{_mark(row)} {seconds:>6s}"
+
+
+def _mark(row: Row) -> str:
+    """Behind a NEES that a true covariance does not have."""
+    if row.nees is None or row.consistent is not False:
+        return " "
+    return "~" if abs(np.sqrt(row.nees / 6) - 1) < TOLERANCE else "!"
+
+
+def _figures(value: float) -> str:
+    """Three figures in at most seven characters, two where the exponent is long."""
+    if 0.001 <= value < 999.5:
+        return f"{value:#.3g}".rstrip(".")
+    if value == 0:
+        return "0"
+    texts = (f"{value:.{n}e}".replace("e-0", "e-").replace("e+0", "e") for n in (2, 1))
+    return next(text for text in texts if len(text) <= 7)
+
+
+def _legend(rows: tuple[Row, ...]) -> str:
+    intervals = sorted({row.nees_interval for row in rows if row.nees_interval is not None})
+    where = ""
+    if intervals:
+        low, high = intervals[-1]  # of the most trials
+        where = f" (99 %: {low:.2f} to {high:.2f}" + (", wider for fewer trials)" if len(intervals) > 1 else ")")
+    return (
+        "NEES: of the Monte Carlo errors of the same method (of ml for bound and posterior), 6 if the covariance is "
+        f"true{where}; ! marks another, ~ one where this is less than {100 * TOLERANCE:g} % of a standard deviation. "
+        "det: in rad and m. Formulas are to first order at the truth around which noise is drawn; efficient and ml are "
+        "what these report at the data. Axes are those of the frame of X."
+    )
+
+
+def state(relation: Relation) -> str:
+    """Whether a relation holds, in a word or two."""
+    if relation.holds is None:
+        return "not judged"
+    if relation.law:
+        return "holds" if relation.holds else "BROKEN"
+    return "claim, so here" if relation.holds else "claim, not so here"
+
+
+def _sentence(text: str) -> str:
+    """With a capital and a full stop; names of methods stay as they are."""
+    named = any(text.startswith((f"{name} ", f"{name},")) for name in METHODS)
+    start = text[:1] if named else text[:1].upper()
+    return f"{start}{text[1:]}{'' if text.endswith('.') else '.'}"
+
+
+def _wrapped(text: str, indent: str = "") -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=2 * indent, break_on_hyphens=False)

@@ -1,0 +1,141 @@
+r"""A run of Monte Carlo in chunks of a fixed number of trials, each with random numbers of its own.
+
+Chunk k draws from ``SFC64(SeedSequence(seed, spawn_key=(k,)))``, the k-th child of ``SeedSequence(seed).spawn``, and so
+needs no other chunk. It is worked out with one thread of linear algebra, on a copy of the problem that was written to
+bytes and read again, wherever that happens. Hence the same numbers, bit by bit, in one process or in many, on one
+machine or on several with the same type of processor and the same versions of the libraries.
+"""
+
+from __future__ import annotations
+
+import pickle
+import platform
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from ... import __version__
+from ...errors import InputError
+from ...geometry.se3 import Array
+from ...simulation.experiment import Experiment
+from ...simulation.run import run
+from .consistency import Sums
+
+# Trials per chunk: the largest of these for which trials times poses (or pairs) stay below `MOST`. Each divides the
+# 10,000 trials of a sequence of JCGM 101.
+SIZES, MOST = (1000, 100, 10), 1_000_000
+
+
+def versions() -> dict[str, str]:
+    """What the last bits of a result depend on."""
+    return {
+        "uq_handeye": __version__,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "python": f"{sys.version_info.major}.{sys.version_info.minor}",
+        "machine": platform.machine(),
+    }
+
+
+def chunk_size(experiment: Experiment) -> int:
+    """Trials per chunk, by the size of the problem alone."""
+    return next((size for size in SIZES if size * experiment.size <= MOST), SIZES[-1])
+
+
+class Chunk(NamedTuple):
+    """Trials of one chunk."""
+
+    errors: Array  # (m, 6), zeros where not ok
+    ok: NDArray[np.bool_]  # (m,)
+    own: Array  # (6, 6) sum of the trials' own covariances; zeros where they are not what is tested
+    sums: Sums
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """Everything that a chunk is made from."""
+
+    experiment: Experiment
+    seed: int
+    trials: int
+    chunk: int  # trials per chunk; the last one may have fewer
+    tested: Array | None  # (6, 6) the covariance that is put to the test; None: each trial's own
+    versions: dict[str, str] = field(default_factory=versions)
+
+    @property
+    def count(self) -> int:
+        """Number of chunks."""
+        return -(-self.trials // self.chunk)
+
+    def size(self, index: int) -> int:
+        """Trials of a chunk."""
+        return min(self.chunk, self.trials - index * self.chunk)
+
+    def compute(self, index: int) -> Chunk:
+        """Draw and solve the trials of one chunk."""
+        rng = np.random.Generator(np.random.SFC64(np.random.SeedSequence(self.seed, spawn_key=(index,))))
+        errors, ok, covariances = run(self.experiment, rng, self.size(index), each=self.tested is None)
+        if self.tested is not None:
+            return Chunk(errors, ok, np.zeros((6, 6)), Sums.of(errors, ok, self.tested))
+        assert covariances is not None
+        return Chunk(errors, ok, covariances[ok].sum(axis=0), Sums.of(errors, ok, covariances))
+
+
+def to_bytes(work: Work) -> bytes:
+    """What `from_bytes` reads: every process, also the one that asks, works on the result of that."""
+    return pickle.dumps(work, protocol=5)
+
+
+def from_bytes(data: bytes) -> Work:
+    """The copy to work on. Reading it again settles how its arrays lie in memory, which rounding depends on."""
+    work: Work = pickle.loads(data)
+    return work
+
+
+class Failure(NamedTuple):
+    """Why a group of chunks could not be worked out, in a form that passes between processes."""
+
+    text: str
+    of_input: bool
+
+    def error(self) -> Exception:
+        """To be raised where the chunks were asked for."""
+        return InputError(self.text) if self.of_input else RuntimeError(self.text)
+
+
+Answer = list[tuple[int, Chunk]] | Failure
+
+
+def answer(work: Work, indices: Sequence[int]) -> Answer:
+    """Some chunks with their numbers, in a process that cannot raise to the one that asked."""
+    if work.versions != versions():
+        other = [f"{name} {mine}, not {work.versions[name]}" for name, mine in versions().items()
+                 if mine != work.versions[name]]  # fmt: skip
+        return Failure(f"A worker has other versions, and its last digits would differ: {', '.join(other)}.", True)
+    try:
+        one_thread_from_now_on()
+        return [(index, work.compute(index)) for index in indices]
+    except InputError as error:
+        return Failure(str(error), True)
+    except Exception:
+        return Failure(f"A worker failed.\n{traceback.format_exc()}", False)
+
+
+def one_thread() -> Any:
+    """A context in which linear algebra keeps to one thread."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController().limit(limits=1)
+
+
+@cache
+def one_thread_from_now_on() -> None:
+    """The same for a worker process, whose threads (of Dask) would else lift the limit for each other."""
+    one_thread()

@@ -1,0 +1,320 @@
+r"""Monte Carlo: the noise drawn again and again, X estimated from each draw, and what its errors say of a covariance.
+
+Model: true poses (or motions), those of a simulation or, around real data, those that maximum likelihood finds; on them
+errors ``xi = (theta, tau)`` drawn from the noise (`trials.experiment`). Each trial gives the error of its X,
+
+    xi = ( log(R_hat R_true^T), t_hat - t_true )                    rotation first; rad and m; parent frame of X
+
+and the sampling covariance of these is what the covariance that is tested claims to be. It is exact in the noise, but
+for its own deviation of ``1 / sqrt(2 T)`` of a standard deviation with T trials (JCGM 101 and 102). How it is judged:
+`consistency`.
+
+Trials run in chunks whose random numbers depend on the seed and their number alone, added up in their order: the result
+is the same, bit by bit, for any number of workers, for a run that was ended and resumed, and on a cluster (`chunks`).
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...errors import InputError, InputWarning, require_integer
+from ...geometry.se3 import Array
+from ...noise.models import Noise, checked_covariance
+from ...poses.motions import Motions
+from ...poses.pose_pairs import SETUPS, PosePairs
+from ...poses.timing import warn_left_out
+from ...runtime.progress import progress_bar
+from ...simulation.experiment import experiment
+from .chunks import Chunk, Work, chunk_size, from_bytes, one_thread, to_bytes
+from .consistency import Consistency, Sums, consistency
+from .result import MonteCarlo
+from .stopping import BLOCK, Stability, in_digits
+from .store import RunFolder
+from .workers import Alone, Cluster, Local, WorkersLostError, in_order
+
+__all__ = ["MonteCarlo", "monte_carlo"]
+
+# Errors that are kept, trial by trial: 48 MB.
+KEPT = 1_000_000
+# Trials at most, given or where only the digits are.
+MOST, MOST_FOR_DIGITS = 10**12, 1_000_000
+# Variances of a covariance that is given, rad^2 or m^2: beyond these, squares of what is weighed by it overflow.
+VARIANCES = (1e-60, 1e60)
+# Workers take about so many seconds to start; what ends sooner is done without.
+START_SECONDS = 1.0
+
+
+def monte_carlo(
+    data: PosePairs | Motions,
+    *,
+    noise: Noise | None = None,
+    method: str = "4dpa",
+    trials: int | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    pairs: str | ArrayLike = "all",
+    scale: float | None = None,
+    covariance: str | ArrayLike | None = None,
+    digits: int | None = None,
+    directory: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    client: Any = None,
+    progress: bool = False,
+) -> MonteCarlo:
+    """The sampling covariance of a method, and whether a covariance predicts it.
+
+    Ctrl-C ends it early: the result is then that of the trials so far, with ``complete=False``.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+        Simulated poses carry the truth around which noise is drawn; of others it is what maximum likelihood finds.
+    noise : PoseNoise, PairNoise or None
+        None estimates it from the data.
+    method : str
+        ``efficient``, ``ml`` or a name in `METHODS` or `ROBOT_WORLD_METHODS`.
+    trials : int or None
+        At least 2; None is 10,000. With ``digits``, the most that are run; None is then 1,000,000.
+    seed : int
+        The same seed gives the same numbers, whatever the workers.
+    workers : int
+        Processes at most; a run of about a second is done in this one.
+    pairs, scale : as in `calibrate`
+    covariance : None, "each" or (6, 6)
+        What is tested: the first-order covariance of the method at the truth; that which every trial would report of
+        itself; or one that is given.
+    digits : int or None
+        Stop when the result is stable to so many significant digits (1 to 4), after JCGM 102 (`stable`).
+    directory : path or None
+        Folder for the chunks, from which ``resume=True`` goes on after whatever ended the program (`store`). With
+        more ``trials`` than before it extends the run.
+    client : distributed.Client, address or None
+        A Dask cluster to run on in place of local workers. The first chunk is still done here.
+    progress : bool
+        Show a bar on stderr if that is a terminal.
+
+    Returns
+    -------
+    MonteCarlo
+        ``errors`` (T, 6) of the trials that gave an estimate, in their order; of a longer run those among the first
+        1,000,000 trials. Everything else is of all trials.
+
+    Raises
+    ------
+    InputError
+        Arguments that do not fit each other; a covariance that is singular, or out of all proportion; a folder that
+        holds something else; a cluster that cannot be reached.
+    DegenerateMotionError
+        The data do not determine X.
+    NotConvergedError
+        The fit to real data did not converge.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.validation.monte_carlo.run import monte_carlo
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> result = monte_carlo(uq.simulate(n_poses=20, noise=noise), noise=noise, trials=2000)
+    >>> result.errors.shape, result.consistent
+    ((2000, 6), True)
+    """
+    warn_left_out("monte_carlo()", data)
+    started = time.monotonic()
+    total, digits = _checked_counts(trials, seed, workers, digits, resume, directory)
+    with ExitStack() as stack:
+        stack.enter_context(one_thread())
+        problem = experiment(data, noise, method, pairs=pairs, scale=scale)
+        tested, kind = _tested(covariance, problem.predicted)
+        message = to_bytes(Work(problem, int(seed), total, chunk_size(problem), tested))
+        work = from_bytes(message)
+        folder = None if directory is None else stack.enter_context(closing(RunFolder(directory, work, resume)))
+        tally = Tally(work, None if digits is None else Stability(digits))
+        reason = _run(tally, message, folder, int(workers), client, progress)
+        if tally.sums is None:
+            raise InputError(f"No trial was done: {reason}.")
+        sums = tally.sums
+        own_mean = tally.own / sums.count if tested is None and sums.count else None
+        judged = consistency(sums, own_mean if tested is None else tested, own=tested is None)
+        result = _result(data, noise, tally, folder, kind, judged, total, reason, started)
+        if folder is not None:
+            folder.write_result(result.to_json())
+    for note in result.notes:
+        warnings.warn(note, InputWarning, stacklevel=2)
+    return result
+
+
+def _result(
+    data: PosePairs | Motions,
+    noise: Noise | None,
+    tally: Tally,
+    folder: RunFolder | None,
+    kind: str,
+    judged: Consistency,
+    total: int,
+    reason: str,
+    started: float,
+) -> MonteCarlo:
+    """Everything that is known in the end."""
+    work = tally.work
+    stability = None if tally.stability is None else tally.stability.summary()
+    poses = data if isinstance(data, PosePairs) else data.poses
+    notes: list[str] = []
+    damaged = [] if folder is None else folder.damaged
+    if damaged:
+        names = ", ".join(damaged[:3]) + (f" and {len(damaged) - 3} more" if len(damaged) > 3 else "")
+        notes.append(f"Chunks that were damaged or of another run were worked out again: {names}.")
+    return MonteCarlo(
+        experiment=work.experiment,
+        frame="X" if poses is None else SETUPS[poses.setup],
+        setup=None if poses is None else poses.setup,
+        origin="fit to the data" if poses is None or poses.truth is None else "truth of the simulation",
+        noise_estimated=noise is None,
+        seed=work.seed,
+        chunk=work.chunk,
+        asked=total,
+        tested=kind,
+        errors=tally.errors,
+        consistency=judged,
+        stability=stability,
+        complete=reason == ALL or (stability is not None and stability.stable),
+        reason=reason,
+        seconds=time.monotonic() - started,
+        resumed=0 if folder is None else folder.resumed,
+        notes=tuple(notes),
+    )
+
+
+# Why a run ended, but for what went wrong.
+ALL, INTERRUPTED = "all trials done", "interrupted"
+
+
+class Tally:
+    """What is known of the chunks so far, taken in their order."""
+
+    def __init__(self, work: Work, stability: Stability | None) -> None:
+        self.work, self.stability = work, stability
+        self.stable = False
+        self._errors = np.empty((min(work.trials, KEPT), 6))
+        self._block: list[Chunk] = []
+        # One object, so that an interrupt leaves the old one or the new one: sums, of own covariances, rows, trials.
+        self._state: tuple[Sums | None, Array, int, int] = (None, np.zeros((6, 6)), 0, 0)
+
+    @property
+    def sums(self) -> Sums | None:
+        return self._state[0]
+
+    @property
+    def own(self) -> Array:
+        return self._state[1]
+
+    @property
+    def errors(self) -> Array:
+        """Of the first `KEPT` trials, those that gave an estimate."""
+        return self._errors[: self._state[2]].copy()
+
+    def add(self, chunk: Chunk) -> None:
+        sums, own, rows, trials = self._state
+        among = slice(max(0, min(len(chunk.errors), len(self._errors) - trials)))
+        kept = chunk.errors[among][chunk.ok[among]]
+        self._errors[rows : rows + len(kept)] = kept
+        total = chunk.sums if sums is None else sums + chunk.sums
+        self._state = (total, own + chunk.own, rows + len(kept), trials + len(chunk.errors))
+        if self.stability is not None:
+            self._block.append(chunk)
+            if len(self._block) * self.work.chunk == BLOCK:
+                block, self._block = self._block, []
+                if len(block[-1].errors) == self.work.chunk:  # not the last one, cut short
+                    errors, ok = (
+                        np.concatenate(parts) for parts in zip(*((c.errors, c.ok) for c in block), strict=True)
+                    )
+                    self.stability.add(errors, ok)
+                    self.stable = self.stability.stable
+
+
+def _run(tally: Tally, message: bytes, folder: RunFolder | None, workers: int, client: Any, progress: bool) -> str:
+    """Chunk after chunk into the tally, until it is enough; says why it ended."""
+    work = tally.work
+    stored: Callable[[int], Chunk | None] = (lambda index: None) if folder is None else folder.load
+    arrived: Callable[[int, Chunk], None] = (lambda index, chunk: None) if folder is None else folder.save
+    try:
+        with ExitStack() as stack:
+            if client is not None:  # reached before the work begins
+                cluster = stack.enter_context(closing(Cluster(message, client)))
+                team = Alone(work, cluster.of_groups, gain=1.0)
+            elif workers > 1:
+                most = min(workers, work.count)
+                team = Alone(work, lambda group: Local(message, most, group), 1 - 1 / workers, START_SECONDS)
+            else:
+                team = Alone(work)
+            stack.enter_context(closing(team))
+            advance = stack.enter_context(progress_bar(work.experiment.method, work.trials, "trials", progress))
+            for chunk in in_order(team, work.count, stored, arrived):
+                tally.add(chunk)
+                advance(len(chunk.errors))
+                if tally.stable:
+                    assert tally.stability is not None
+                    return f"stable to {in_digits(tally.stability.digits)}"
+    except KeyboardInterrupt:
+        if tally.sums is None:
+            raise
+        return INTERRUPTED
+    except WorkersLostError as error:
+        return str(error)
+    if tally.stability is not None:
+        return f"{ALL}, but not stable: {tally.stability.summary().reason}"
+    return ALL
+
+
+def _checked_counts(
+    trials: Any, seed: Any, workers: Any, digits: Any, resume: bool, directory: Any
+) -> tuple[int, int | None]:
+    """Trials at most, and digits, once all counts are known to be some."""
+    if trials is None:
+        trials = MOST_FOR_DIGITS if digits is not None else 10_000
+    for name, value, least, most in (
+        ("trials", trials, 2, MOST),
+        ("seed", seed, 0, None),
+        ("workers", workers, 1, 10_000),
+    ):
+        require_integer(name, value, least)
+        if most is not None and value > most:
+            raise InputError(f"Expected `{name}` to be at most {most:,}, got {value:,}.")
+    if resume and directory is None:
+        raise InputError("Expected a `directory` with resume=True: the folder of the run to go on with.")
+    if digits is not None:
+        digits = Stability(digits).digits
+        if trials < BLOCK:
+            raise InputError(f"Expected `trials` to be at least {BLOCK:,} with `digits`, got {trials:,}.")
+    return int(trials), digits
+
+
+def _tested(covariance: Any, predicted: Callable[[], Array]) -> tuple[Array | None, str]:
+    """The covariance that is tested, None where each trial has its own, and which it is."""
+    if covariance is None:
+        return np.ascontiguousarray(predicted()), "first order"
+    if isinstance(covariance, str):
+        if covariance != "each":
+            raise InputError(f"Expected `covariance` to be None, 'each' or a (6, 6) array, got {covariance!r}.")
+        return None, "each"
+    S = checked_covariance(covariance, "covariance", joint=False)
+    if S.shape != (6, 6):
+        raise InputError(f"Expected `covariance` to be None, 'each' or a (6, 6) array, got shape {S.shape}.")
+    variances = np.diag(S)
+    for name, wrong, limit in (
+        ("small", variances[(variances > 0) & (variances < VARIANCES[0])], VARIANCES[0]),
+        ("large", variances[variances > VARIANCES[1]], VARIANCES[1]),
+    ):
+        if wrong.size:
+            raise InputError(
+                f"Expected the variances of `covariance` in rad^2 and m^2, got {wrong[0]:.3g}, which is too {name} "
+                f"({'below' if name == 'small' else 'above'} {limit:g}) to weigh errors by."
+            )
+    return np.ascontiguousarray(S), "given"

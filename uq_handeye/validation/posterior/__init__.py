@@ -1,0 +1,1 @@
+"""Is the covariance consistent: by the posterior."""

@@ -1,0 +1,146 @@
+r"""When a chain may be believed: autocorrelation time, split R-hat and effective sample size, all of them.
+
+For each coordinate, over the walkers and the steps kept:
+
+- *autocorrelation time* tau (steps): emcee's estimate, averaged over walkers (Goodman and Weare 2010); the chain must
+  be 50 tau long for it to be trusted;
+- *split R-hat*, rank-normalised, bulk and folded (Vehtari et al. 2021, doi:10.1214/20-BA1221), by ArviZ: below 1.01;
+- *effective sample size*, bulk and tail (the smaller of the 5 % and the 95 % quantile), by ArviZ: at least as many as
+  asked.
+
+The walkers of an ensemble move depend on each other through it; that they are taken as chains is customary, and tau is
+the check that does not need it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import MissingExtraError
+from ...geometry.se3 import Array
+
+LONGEST_R_HAT = 1.01
+LENGTHS = 50  # of the autocorrelation time
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorDiagnostics:
+    """How well a chain stands for its posterior; arrays (d,) follow ``names``. NaN is "not known"."""
+
+    names: tuple[str, ...]
+    autocorrelation_time: Array  # steps
+    r_hat: Array
+    ess_bulk: Array
+    ess_tail: Array
+    acceptance: float  # share of proposals accepted
+    walkers: int
+    steps: int  # kept, of each walker
+    burn_in: int  # steps before
+    asked: int  # effective samples
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What is not fulfilled, in words; empty if the chain has converged."""
+        found = []
+        tau = self.autocorrelation_time
+        if not (self.steps >= LENGTHS * tau).all():
+            longest = "unknown" if np.isnan(tau).any() else f"{tau.max():.3g} steps"
+            found.append(f"the chain of {self.steps} steps is shorter than {LENGTHS} autocorrelation times ({longest})")
+        if not (self.r_hat < LONGEST_R_HAT).all():
+            found.append(
+                f"split R-hat is {_worst(self.r_hat, np.argmax)} ({self._named(self.r_hat, np.argmax)}), "
+                f"not below {LONGEST_R_HAT}"
+            )
+        for values, what in ((self.ess_bulk, "bulk"), (self.ess_tail, "tail")):
+            if not (values >= self.asked).all():
+                found.append(
+                    f"there are {_worst(values, np.argmin)} effective samples in the {what} of "
+                    f"{self._named(values, np.argmin)}, not {self.asked}"
+                )
+        return tuple(found)
+
+    @property
+    def converged(self) -> bool:
+        return not self.faults
+
+    def _named(self, values: Array, which: Any) -> str:
+        unknown = np.isnan(values)
+        return self.names[int(np.argmax(unknown) if unknown.any() else which(values))]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; None for what is not known."""
+        arrays = {
+            name: [None if np.isnan(x) else float(x) for x in getattr(self, name)]
+            for name in ("autocorrelation_time", "r_hat", "ess_bulk", "ess_tail")
+        }
+        numbers = {name: getattr(self, name) for name in ("acceptance", "walkers", "steps", "burn_in", "asked")}
+        return {
+            "names": list(self.names),
+            **arrays,
+            **numbers,
+            "converged": self.converged,
+            "faults": list(self.faults),
+        }
+
+
+def _worst(values: Array, which: Any) -> str:
+    return "unknown" if np.isnan(values).any() else f"{values[which(values)]:.4g}"
+
+
+def autocorrelation_time(chain: Array) -> Array:
+    """tau (d,) in steps of a chain (steps, walkers, d); NaN where a walker never moved or there are too few steps."""
+    from emcee.autocorr import integrated_time
+
+    if len(chain) < 4 or (np.ptp(chain, axis=0) == 0).any():
+        return np.full(chain.shape[-1], np.nan)
+    return np.asarray(integrated_time(chain, tol=0, quiet=True))
+
+
+def diagnose(chain: Array, names: tuple[str, ...], acceptance: float, burn_in: int, asked: int) -> PosteriorDiagnostics:
+    """All of them, of a chain (steps, walkers, d)."""
+    steps, walkers, d = chain.shape
+    tau = autocorrelation_time(chain)
+    r_hat, bulk, tail = (np.full(d, np.nan) for _ in range(3))
+    if steps >= 4:
+        r_hat, bulk, tail = by_arviz(chain, names)
+    return PosteriorDiagnostics(names, tau, r_hat, bulk, tail, acceptance, walkers, steps, burn_in, asked)
+
+
+def by_arviz(chain: Array, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
+    """Split R-hat, bulk and tail ESS (d,)."""
+    az = arviz()
+    data = inference_data(chain, names)
+    found = (az.rhat(data, method="rank"), az.ess(data, method="bulk"), az.ess(data, method="tail", prob=(0.05, 0.95)))
+    return tuple(np.array([float(_variables(values)[name]) for name in names]) for values in found)  # type: ignore[return-value]
+
+
+def _variables(values: Any) -> Any:
+    """The data set of one group, which ArviZ from 1.0 on returns inside a tree."""
+    return values["posterior"] if "posterior" in getattr(values, "children", ()) else values
+
+
+def inference_data(chain: Array, names: tuple[str, ...], log_density: Array | None = None) -> Any:
+    """ArviZ's ``InferenceData`` (before 1.0) or ``DataTree``: a variable per coordinate, a chain per walker."""
+    az = arviz()
+    by_walker = np.swapaxes(chain, 0, 1)
+    groups: dict[str, Any] = {"posterior": {name: by_walker[..., k] for k, name in enumerate(names)}}
+    if log_density is not None:
+        groups["sample_stats"] = {"lp": log_density.T}
+    with warnings.catch_warnings():  # more chains than draws: so it is with many walkers
+        warnings.simplefilter("ignore", UserWarning)
+        return az.from_dict(**groups) if int(az.__version__.partition(".")[0]) < 1 else az.from_dict(groups)
+
+
+def arviz() -> Any:
+    """ArviZ, or `MissingExtraError`."""
+    try:
+        with warnings.catch_warnings():  # it announces its next major version
+            warnings.simplefilter("ignore")
+            import arviz as az
+    except ImportError as error:
+        raise MissingExtraError('Posteriors need ArviZ and h5py: pip install "uq-handeye[posterior]".') from error
+    return az

@@ -1,0 +1,1 @@
+"""Over which noise levels a covariance is consistent."""

@@ -1,0 +1,197 @@
+"""One level of a sweep over the noise: trials of a method, held against first order and against sigma points.
+
+What a covariance has to do in order to hold is written in `sweep`. Errors ``xi = (theta, tau)`` in rad and m, rotation
+first; covariances about the truth.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import gammainc, gammaincinv
+
+from ...errors import InputWarning, NotConvergedError
+from ...geometry.se3 import Array
+from ...likelihood.constraint import covariances_of
+from ...simulation.experiment import Experiment
+from ...simulation.sigma_points import sigma_points_of
+from ..monte_carlo.chunks import Work, chunk_size, from_bytes, to_bytes
+from ..monte_carlo.consistency import HEAVY, LEVELS, PARTS, Consistency, Sums, consistency
+from ..monte_carlo.sums import SIZES
+
+KINDS = ("first order", "sigma points")
+CONFIDENCE = 0.99
+
+_AT_95 = LEVELS.index(0.95)
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """One covariance against the trials at one level of noise."""
+
+    kind: str  # one of KINDS
+    covariance: Array | None  # (6, 6), about the truth; None: there is none, `reason` says why
+    consistency: Consistency | None
+    reason: str | None  # why it fails; None: it holds
+
+    @property
+    def holds(self) -> bool:
+        """See the module."""
+        return self.reason is None
+
+    @property
+    def mean_nees(self) -> Array | None:
+        """(3,) of joint, rotation, translation: 6, 3, 3 if the covariance is true."""
+        return None if self.consistency is None else self.consistency.mean_nees
+
+    @property
+    def coverage(self) -> float | None:
+        """Share of the errors inside the joint 95 % ellipsoid."""
+        c = self.consistency
+        return None if c is None or c.coverage is None else float(c.coverage[0, _AT_95])
+
+    @property
+    def worst(self) -> tuple[float, float] | None:
+        """Least and largest ratio of an error (root mean square) to its predicted standard deviation, any direction."""
+        c = self.consistency
+        if self.covariance is None or c is None or c.second_moment is None or c.sums.count < 6:
+            return None
+        from scipy.linalg import eigh
+
+        unit = np.sqrt(np.diag(self.covariance))
+        scale = np.outer(unit, unit)
+        values = eigh(c.second_moment / scale, self.covariance / scale, eigvals_only=True)
+        return float(np.sqrt(max(values[0], 0.0))), float(np.sqrt(values[-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A method at one level of noise."""
+
+    factor: float  # of the covariance of the noise
+    first_order: Verdict
+    sigma_points: Verdict
+
+    @property
+    def deviations(self) -> float:
+        """The factor of the standard deviations of the noise."""
+        return math.sqrt(self.factor)
+
+    def of(self, kind: str) -> Verdict:
+        """One of `KINDS`."""
+        return self.first_order if kind == KINDS[0] else self.sigma_points
+
+    @property
+    def heavy(self) -> bool:
+        """Whether rare large errors make up the spread, so that no covariance tells how often they come."""
+        # in first-order deviations a single direction may outgrow the others
+        c = self.sigma_points.consistency or self.first_order.consistency
+        if c is None or c.kurtosis is None or c.kurtosis_error is None:
+            return False
+        return c.kurtosis > max(HEAVY, 4 * c.kurtosis_error)
+
+    @property
+    def bias(self) -> float | None:
+        """The mean error of the component that has most of it, in sampled standard deviations."""
+        c = self.first_order.consistency
+        return None if c is None or c.bias_sd is None else float(np.abs(c.bias_sd).max())
+
+    @property
+    def failed(self) -> float:
+        """Share of the trials without an estimate."""
+        c = self.first_order.consistency
+        return 1.0 if c is None else c.failures / c.trials
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A method at one level of noise, to be worked out."""
+
+    problem: Experiment
+    factor: float
+    trials: int
+    seed: int
+    tolerance: float
+
+
+def level_at(task: Task) -> Level:
+    """Trials and both covariances at one level; the caller keeps linear algebra to one thread."""
+    scaled = (None if S is None else task.factor * S for S in covariances_of(task.problem.noise))
+    problem = replace(task.problem, noise=type(task.problem.noise)(*scaled))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)  # data as noisy as this look wrong, which is the point
+        first_order = problem.predicted()
+        # through bytes as in `monte_carlo`: rounding depends on how arrays lie in memory
+        work = from_bytes(to_bytes(Work(problem, task.seed, task.trials, chunk_size(problem), first_order)))
+        chunks = [work.compute(index) for index in range(work.count)]
+        errors, ok = (np.concatenate(parts) for parts in zip(*((c.errors, c.ok) for c in chunks), strict=True))
+        first = judged(KINDS[0], errors, ok, first_order, task.tolerance)
+        try:
+            second = judged(KINDS[1], errors, ok, sigma_points_of(problem, seed=task.seed).mean_square, task.tolerance)
+        except NotConvergedError as error:
+            points = error.partial
+            share = "All" if points is None else f"{points.failures} of {points.evaluations}"
+            second = Verdict(KINDS[1], None, None, f"{share} sigma points give no X.")
+    return Level(task.factor, first, second)
+
+
+def judged(kind: str, errors: Array, ok: Any, covariance: Array, tolerance: float) -> Verdict:
+    """Errors (m, 6) of trials, where they are ok (m,), against a covariance about the truth."""
+    found = consistency(Sums.of(errors, ok, covariance), covariance, CONFIDENCE)
+    return Verdict(kind, covariance, found, _reason(found, tolerance))
+
+
+def _reason(c: Consistency, tolerance: float) -> str | None:
+    """Why a covariance fails; None: it does not."""
+    if c.many_failed:
+        return f"{c.failures} of {c.trials} trials give no X."
+    assert c.mean_nees is not None and c.nees_interval is not None
+    assert c.coverage is not None and c.coverage_interval is not None
+    sizes, shares = [], []
+    for k, (part, size) in enumerate(zip(PARTS, SIZES, strict=True)):
+        ratio, (low, high) = math.sqrt(c.mean_nees[k] / size), c.nees_interval[k]
+        of = "" if part == "joint" else f"{part} "
+        if not 1 / (1 + tolerance) <= ratio <= 1 + tolerance and not low <= c.mean_nees[k] <= high:
+            sizes.append((abs(math.log(ratio)), f"The {of}errors are {ratio:.3g} times as large as predicted."))
+        share, (low, high) = c.coverage[k, _AT_95], c.coverage_interval[k, _AT_95]
+        fewest, most = coverage_limits(size, tolerance)
+        if not fewest <= share <= most and not low <= LEVELS[_AT_95] <= high:
+            off = abs(math.log(share / (1 - share) / 19)) if 0 < share < 1 else math.inf
+            shares.append((off, f"The 95 % ellipsoid holds {100 * share:.3g} % of the {of}errors."))
+    return None if not (said := sizes or shares) else max(said)[1]
+
+
+def coverage_limits(size: int, tolerance: float) -> tuple[float, float]:
+    """Shares of Gaussian errors in the 95 % ellipsoid if deviations are too small and too large by the tolerance."""
+    edge = float(2 * gammaincinv(size / 2, 0.95))
+    few, many = (float(gammainc(size / 2, edge * wrong / 2)) for wrong in ((1 + tolerance) ** -2, (1 + tolerance) ** 2))
+    return few, many
+
+
+def level_dict(level: Level) -> dict[str, Any]:
+    """A level as plain numbers, lists and text."""
+    row: dict[str, Any] = {
+        "factor": level.factor,
+        "sd_factor": level.deviations,
+        "bias_sd": level.bias,
+        "failed": level.failed,
+        "heavy_tails": level.heavy,
+    }
+    for kind in KINDS:
+        one = level.of(kind)
+        row[kind] = {
+            "holds": one.holds,
+            "reason": one.reason,
+            "mean_nees": None if one.mean_nees is None else one.mean_nees.tolist(),
+            "nees_interval": None
+            if one.consistency is None or one.consistency.nees_interval is None
+            else one.consistency.nees_interval.tolist(),
+            "worst": None if one.worst is None else list(one.worst),
+            "coverage_95": one.coverage,
+            "covariance": None if one.covariance is None else one.covariance.tolist(),
+        }
+    return row

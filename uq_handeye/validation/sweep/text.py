@@ -1,0 +1,170 @@
+"""A sweep over the noise as plain text: per method whether the noise is inside, how far it may grow, and a table."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from ...formatting.numbers import digits
+from .level import KINDS, Level, Verdict
+from .run import Limit, MethodSweep
+
+if TYPE_CHECKING:
+    from .run import Sweep
+
+WIDTH = 118
+# Deviations of the noise may grow by so much before a covariance fails: then the noise is well inside.
+WELL = 2.0
+# Mean errors from here on, in standard deviations, are worth a word.
+BIASED = 0.5
+
+
+def summary(result: Sweep) -> str:
+    """Sentences per method, then its levels."""
+    whose = "estimated from the data" if result.noise_estimated else "given"
+    lines = _wrapped(
+        f"Where first order ends: the noise {whose}, its covariances times a factor, drawn {result.trials:,} times on "
+        f"{result.count} {result.item} around the {result.around}, seed {result.seed}."
+    )
+    for found in result.methods:
+        lines += ["", *_wrapped(verdict(found)), *_table(found)]
+    percent = f"{100 * result.tolerance:g} %"
+    lines += [
+        "",
+        *_wrapped(
+            "cov x, sd x: the noise, its covariances and its standard deviations as multiples of yours; all levels "
+            "share their draws. bias: of the worst component, in standard deviations. NEES: mean, 6 if the covariance "
+            "is true; of rotation (rot.) and translation (tr.) 3. errors: root mean square error over predicted "
+            "standard deviation, least and largest in any direction. in 95 %: share of the errors in "
+            f"the 95 % ellipsoid. A covariance fails where errors differ from it by more than {percent} over all "
+            "directions, of rotation or of translation, or its 95 % ellipsoid holds as few (many) of them as if it was "
+            f"wrong by {percent}, and that is no chance (99 %). The covariances are those at the true data; that of "
+            "one data set scatters about them."
+        ),
+    ]
+    return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def verdict(found: MethodSweep) -> str:
+    """Whether the noise is inside, what to do if not, and what goes wrong where, in words."""
+    first, second = (found.limit(kind) for kind in KINDS)
+    own = found.own
+    if own.first_order.holds:
+        said = [f"{found.method}: first order holds {_reach(found, first)}; {_margin(first)}."]
+        if first.fails is not None:
+            said.append(f"Beyond, it fails: {_lower(found.at(first.fails).first_order.reason)}")
+    else:
+        said = [f"{found.method}: your noise is outside of first order. {own.first_order.reason}"]
+        if first.holds is not None:
+            said.append(f"First order holds {_reach(found, first)}.")
+    if own.sigma_points.holds and first.fails is not None:
+        use = "Sigma points hold" if own.first_order.holds else "Use covariance='sigma-points', which holds"
+        said.append(f"{use} {_reach(found, second)}.")
+        if second.fails is not None:
+            level = found.at(second.fails)
+            said.append(f"Beyond, neither holds: {_lower(level.sigma_points.reason)} {_why(level)}".rstrip())
+    elif not own.sigma_points.holds:
+        said.append(f"Sigma points do not hold at your noise: {_lower(own.sigma_points.reason)} {_why(own)}".rstrip())
+        if not own.first_order.holds:
+            said.append("Reduce the noise, take more data, or use another method.")
+    if own.heavy and own.sigma_points.holds and own.sigma_points.coverage is not None:
+        said.append(
+            f"At your noise the errors have heavy tails: {100 * own.sigma_points.coverage:.1f} % of them lie in the "
+            "95 % ellipsoid of sigma points."
+        )
+    if own.bias is not None and own.bias > BIASED:
+        said.append(
+            f"At your noise X is biased by {own.bias:.2f} standard deviations; a mean square error includes that."
+        )
+    return " ".join(said)
+
+
+def _reach(found: MethodSweep, limit: Limit) -> str:
+    if limit.holds is None:
+        return "at no level tried"
+    if limit.fails is None:
+        return f"at all levels tried, up to {_times(limit.holds)}"
+    if limit.heavy:
+        tails = rough(min(level.deviations for level in found.levels if level.heavy))
+        return (
+            f"up to about {_times(limit.holds, rough)}; from about {tails} times on errors have heavy tails, where it "
+            "is chance whether a level passes"
+        )
+    return f"up to {_times(limit.holds)}"
+
+
+def _times(factor: float, number: Callable[[float], str] | None = None) -> str:
+    if factor == 1:
+        return "your noise"
+    deviations, covariances = (
+        (digits(math.sqrt(factor), 2), digits(factor))
+        if number is None
+        else (number(math.sqrt(factor)), number(factor))
+    )
+    return f"{deviations} times your standard deviations ({covariances} times your covariances)"
+
+
+def rough(value: float) -> str:
+    """Two digits of a number that chance moves."""
+    return digits(float(f"{value:.1e}"), 2)
+
+
+def _margin(limit: Limit) -> str:
+    assert limit.holds is not None
+    if math.sqrt(limit.holds) >= WELL:
+        return "your own noise is well inside"
+    return "your own noise is inside" if limit.fails is None else "your own noise is inside, but near the end"
+
+
+def _why(level: Level) -> str:
+    """What kind of errors these are."""
+    if level.heavy:
+        return (
+            "The errors have heavy tails: rare large ones make up much of their spread, so that no covariance says how "
+            "often they come."
+        )
+    if level.bias is not None and level.bias > BIASED:
+        return f"X is biased by {level.bias:.2f} standard deviations."
+    return ""
+
+
+def _lower(text: str | None) -> str:
+    return "" if not text else text[0].lower() + text[1:]
+
+
+def _table(found: MethodSweep) -> list[str]:
+    names = ["NEES", "rot.", "tr.", "errors", "in 95 %", ""]
+    rows = [["cov x", "sd x", "bias", "no X", *names, *names]]
+    for level in found.levels:
+        bias = "" if level.bias is None else f"{level.bias:.2f}"
+        start = [digits(level.factor), digits(level.deviations), bias, f"{100 * level.failed:.2g} %"]
+        rows.append([*start, *_cells(level.first_order), *_cells(level.sigma_points)])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    first, second = (sum(widths[:k]) + 2 * k for k in (4, 10))
+    above = ("noise times".ljust(first) + "first order").ljust(second) + "sigma points"
+    return [above, *("  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows)]
+
+
+def _cells(tested: Verdict) -> list[str]:
+    word = "holds" if tested.holds else "FAILS"
+    if tested.mean_nees is None or tested.worst is None or tested.coverage is None:
+        return ["", "", "", "", "", word]
+    least, largest = tested.worst
+    return [
+        *(_number(value) for value in tested.mean_nees),
+        f"{_number(least)} {_number(largest)}",
+        f"{100 * tested.coverage:.1f} %",
+        word,
+    ]
+
+
+def _number(value: float) -> str:
+    if value >= 1e4:
+        return f"{value:.1e}".replace("e+0", "e")
+    return f"{value:.2f}" if value < 100 else f"{value:.0f}"
+
+
+def _wrapped(line: str) -> list[str]:
+    return textwrap.wrap(line, WIDTH, break_on_hyphens=False)
