@@ -26,7 +26,9 @@ def test_it_survives_json_and_pickling():
     assert pickle.loads(pickle.dumps(FOUND)) == FOUND
 
 
-@pytest.mark.parametrize("change", [{"code": "tests.unknown"}, {"code": []}, {"severity": "bad"}, {"values": 3}, {"more": 1}])
+@pytest.mark.parametrize(
+    "change", [{"code": "tests.unknown"}, {"code": []}, {"severity": "bad"}, {"values": 3}, {"more": 1}]
+)
 def test_what_is_no_finding_is_refused(change):
     with pytest.raises(InputError, match="Expected a"):
         Finding.from_dict(FOUND.to_dict() | change)
