@@ -10,16 +10,16 @@ from pathlib import Path
 
 
 def described() -> dict[str, str]:
-    """Modules that run as a study, by name, with their first line. Nothing is imported for it."""
-    found = {}
+    """What runs: the studies and the scripts of `performance`, by name, with their first lines. Nothing is imported."""
     here = Path(__file__).parent
-    for path in sorted(here.rglob("*.py")):
-        text = path.read_text(encoding="utf-8")
-        if path.name.startswith("__") or "\nif __name__ ==" not in text:
-            continue
-        name = ".".join(("studies", *path.relative_to(here).with_suffix("").parts))
-        found[name] = (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
-    return found
+    scripts = [path.with_name("__init__.py") for path in here.glob("*/__main__.py")]
+    scripts += [path for path in (here / "performance").glob("*.py") if path.name != "__init__.py"]
+    found = {}
+    for path in scripts:
+        name = ".".join(("studies", *path.relative_to(here).with_suffix("").parts)).removesuffix(".__init__")
+        docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+        found[name] = (docstring or "").partition("\n")[0]
+    return dict(sorted(found.items()))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 
 import uq_handeye as uq
-from studies.geometries import random_transforms
+from studies.common.geometries import random_transforms
 from uq_handeye.geometry.se3 import inverse, perturb
 from uq_handeye.simulation.experiment import experiment
 from uq_handeye.simulation.run import run

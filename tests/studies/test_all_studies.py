@@ -14,7 +14,7 @@ from pages import DOCS, ROOT
 from PIL import Image
 
 from studies.__main__ import described
-from studies.study import FINDINGS, RUN, read_tables
+from studies.common.study import FINDINGS, RUN, read_tables
 
 PAGES = DOCS / "studies"
 OF_THE_PAPER = (

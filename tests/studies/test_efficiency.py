@@ -6,9 +6,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from studies import efficiency, efficiency_findings, efficiency_rig
+from studies import efficiency
+from studies.efficiency import rig
+from studies.efficiency.findings import deviations_between, first_order, means_between
 
-SMALL = efficiency_rig.Size(budget=10_000, most=100_000, trials=400)
+SMALL = rig.Size(budget=10_000, most=100_000, trials=400)
 
 
 def angles(T):
@@ -17,17 +19,17 @@ def angles(T):
 
 def test_the_ratio_is_that_of_rotation_to_translation_noise_at_a_constant_product():
     for ratio in (0.01, 1.0, 100.0):
-        noise = efficiency_rig.poses(ratio=ratio).noise
+        noise = rig.poses(ratio=ratio).noise
         turn, shift = 1e3 * np.sqrt(np.diag(noise.camera))[[0, 3]]  # mrad, mm
         assert turn / shift == pytest.approx(ratio) and turn * shift == pytest.approx(0.09)
         np.testing.assert_allclose(noise.robot, 0.2**2 * noise.camera)
-        tenth = efficiency_rig.smaller(noise, 0.1)
+        tenth = rig.smaller(noise, 0.1)
         np.testing.assert_allclose(tenth.camera, 0.01 * noise.camera)
 
 
 def test_poses_are_exact_and_their_spread_is_that_asked_for():
-    narrow, wide = (efficiency_rig.poses(spread=spread).truth for spread in (3.0, 90.0))
-    for setting in (efficiency_rig.poses(7), efficiency_rig.poses(spread=3.0)):
+    narrow, wide = (rig.poses(spread=spread).truth for spread in (3.0, 90.0))
+    for setting in (rig.poses(7), rig.poses(spread=3.0)):
         G, C = setting.truth.robot, setting.truth.camera
         np.testing.assert_allclose(G @ setting.X @ C, np.broadcast_to(setting.W, G.shape), atol=1e-12)
     between = [angles(np.linalg.inv(poses.robot[:1]) @ poses.robot[1:]).max() for poses in (narrow, wide)]
@@ -35,23 +37,23 @@ def test_poses_are_exact_and_their_spread_is_that_asked_for():
 
 
 def test_motions_near_half_a_turn_and_motions_with_a_common_translation():
-    setting = efficiency_rig.motions(near=0.8, distance=1.0)
+    setting = rig.motions(near=0.8, distance=1.0)
     A, B = setting.truth.A, setting.truth.B
     np.testing.assert_allclose(A @ setting.X, setting.X @ B, atol=1e-12)
     np.testing.assert_allclose(angles(B)[-48:], 179.0, atol=1e-6)
     assert (angles(B)[:12] < 150).all()
     assert setting.noise.A[0, 0] == pytest.approx(1e-6) and setting.noise.B[5, 5] == pytest.approx(1e-6)
-    shared = efficiency_rig.motions(star=10.0).truth.B[:, :3, 3]
+    shared = rig.motions(star=10.0).truth.B[:, :3, 3]
     assert shared.std(axis=0).max() < 0.013 and np.linalg.norm(shared.mean(axis=0)) == pytest.approx(0.5, abs=0.01)
 
 
 @pytest.mark.parametrize("method", ["4dpa", "daniilidis", "shah", "efficient"])
 def test_a_cell_draws_what_first_order_predicts(method):
-    row = efficiency_rig.cell(efficiency_rig.poses(10), method, SMALL)
-    low, high = efficiency_findings.deviations_between(row["trials"], 4)
+    row = rig.cell(rig.poses(10), method, SMALL)
+    low, high = deviations_between(row["trials"], 4)
     assert row["answer"] == "yes" and row["failed"] == 0 and row["trials"] >= 200
     assert low < row["drawn_over_predicted_low"] < row["drawn_over_predicted_high"] < high
-    least, most = efficiency_findings.means_between(row["trials"], 4)
+    least, most = means_between(row["trials"], 4)
     assert least < row["nees"] < most
     assert row["predicted_over_bound_low"] > 1 - 1e-6
     if method == "efficient":
@@ -59,17 +61,17 @@ def test_a_cell_draws_what_first_order_predicts(method):
 
 
 def test_what_a_cell_says_without_an_answer_or_without_draws():
-    setting = efficiency_rig.motions()
-    assert efficiency_rig.cell(setting, "shah", SMALL)["answer"] == "solves for poses, not for motions"
-    parallel = efficiency_rig.motions(near=1.0, distance=90.0)
+    setting = rig.motions()
+    assert rig.cell(setting, "shah", SMALL)["answer"] == "solves for poses, not for motions"
+    parallel = rig.motions(near=1.0, distance=90.0)
     B = parallel.truth.B.copy()
     B[:, :3, :3] = Rotation.from_rotvec([0.0, 0.0, 1.0]).as_matrix()
     X = parallel.X
-    degenerate = efficiency_rig.Setting(uq.Motions(X @ B @ np.linalg.inv(X), B), X, None, parallel.noise)
+    degenerate = rig.Setting(uq.Motions(X @ B @ np.linalg.inv(X), B), X, None, parallel.noise)
     with pytest.raises(uq.DegenerateMotionError):  # not even the bound exists
-        efficiency_rig.cell(degenerate, "4dpa", SMALL)
+        rig.cell(degenerate, "4dpa", SMALL)
     pytest.importorskip("cvxpy")
-    heller = efficiency_rig.cell(setting, "heller", SMALL)
+    heller = rig.cell(setting, "heller", SMALL)
     assert heller["trials"] == 0 and heller["predicted_over_bound_high"] > 1
 
 
@@ -84,7 +86,7 @@ def test_half_turns_count_nothing_for_4dpa_alone():
 def tables():
     sweeps = efficiency.SWEEPS
     settings = [(sweep, sweep.quick[0]) for sweep in sweeps]
-    cells = pd.DataFrame(efficiency._cells(settings, efficiency_rig.Size(1_000, 4_000, 50, 100), lambda count: None))
+    cells = pd.DataFrame(efficiency._cells(settings, rig.Size(1_000, 4_000, 50, 100), lambda count: None))
     return {"cells": cells, "smaller": cells.iloc[:0], "half_turns": pd.DataFrame(efficiency._half_turns())}
 
 
@@ -124,7 +126,7 @@ def test_the_claim_of_the_paper_is_about_its_own_nine_methods(tables):
 def test_where_first_order_ends_is_said(tables):
     cells = tables["cells"].copy()
     drawn = cells[cells.trials > 0]
-    assert efficiency_findings.first_order(cells)[drawn.index].mean() > 0.9
+    assert first_order(cells)[drawn.index].mean() > 0.9
     wrong = (cells.method == "tsai") & (cells.sweep == "poses")
     cells.loc[wrong, ["drawn_over_predicted_high", "nees"]] = 3.0, 40.0
     smaller = tables["cells"][wrong]
@@ -138,7 +140,7 @@ def test_where_first_order_ends_is_said(tables):
 def test_the_intervals_hold_what_they_should():
     rng = np.random.default_rng(2019)
     found = np.sqrt(np.mean(rng.normal(size=(4_000, 100, 6)) ** 2, axis=1))
-    low, high = efficiency_findings.deviations_between(100, 4_000)
+    low, high = deviations_between(100, 4_000)
     assert ((found > low) & (found < high)).all()
     assert (found < 0.98 * high).mean() > 0.999 and found.max() > 0.9 * high
 

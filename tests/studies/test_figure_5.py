@@ -10,12 +10,13 @@ import pandas as pd
 import pytest
 
 import uq_handeye as uq
-from studies import figure_5, figure_5_rig
-from studies.figure_5_figures import RADIUS, ellipse
-from studies.figure_5_findings import findings
-from studies.figure_5_rig import BOARD, METHOD_OF, METHODS, judged, problem, problem_2, rows, sample
-from studies.noises import paper
-from studies.scores import errors
+from studies import figure_5
+from studies.common.noises import paper
+from studies.common.scores import errors
+from studies.figure_5 import rig
+from studies.figure_5.figures import RADIUS, ellipse
+from studies.figure_5.findings import findings
+from studies.figure_5.rig import BOARD, METHOD_OF, METHODS, judged, problem, problem_2, rows, sample
 from uq_handeye.procrustes.limit import so4_from_se3
 from uq_handeye.procrustes.so4_covariances import PAPER_SCALE
 from uq_handeye.simulation.experiment import Experiment
@@ -48,7 +49,7 @@ def module_patch():
 @pytest.mark.parametrize(("geometry", "kind"), [(0, "random"), (3, "random"), (1, BOARD)])
 def test_motions_are_exact_and_60(geometry, kind):
     found = problem(geometry, kind)
-    assert found.count == figure_5_rig.PAIRS and isinstance(found.noise, uq.PairNoise)
+    assert found.count == rig.PAIRS and isinstance(found.noise, uq.PairNoise)
     A, B, X = found.truth.A, found.truth.B, found.X
     np.testing.assert_allclose(A @ X, X @ B, atol=1e-12)
 
@@ -105,16 +106,16 @@ def test_the_same_error_for_all_pairs_is_the_model_of_45(at, samples):
     """With F11 a mean too, (45) is the covariance there; one error of the motions themselves is another matter."""
     mean = rows(at, samples)["4dpa-mean"]
     rng = np.random.default_rng(3)
-    images = np.cov(figure_5_rig.same_image_error(at, 2000, rng).T)
+    images = np.cov(rig.same_image_error(at, 2000, rng).T)
     np.testing.assert_allclose(np.diag(mean) / np.diag(images), 1, atol=3.5 * np.sqrt(2 / 2000))
-    motions = figure_5_rig.same_motion_error(at, 2000, rng)
+    motions = rig.same_motion_error(at, 2000, rng)
     assert (np.diag(mean) < 0.5 * np.var(motions, axis=0)).all()
 
 
 def test_one_error_of_all_motions_is_common(at):
     """Pairs do not average it: X is worse than with errors of the same size that are independent."""
     quiet = replace(at, noise=uq.PairNoise(1e-16 * np.eye(6), 1e-10 * np.eye(6)))
-    e = figure_5_rig.same_motion_error(quiet, 500, np.random.default_rng(0))
+    e = rig.same_motion_error(quiet, 500, np.random.default_rng(0))
     independent = uq.propagate(at.truth.A, at.truth.B, quiet.noise)
     assert np.trace(np.cov(e.T)) > 5 * np.trace(independent)
 
@@ -141,7 +142,7 @@ def test_ellipse_holds_what_it_says():
     distances = np.einsum("ik,ij,jk->k", points, np.linalg.inv(S), points)
     np.testing.assert_allclose(distances, RADIUS**2)
     draws = np.random.default_rng(0).multivariate_normal([0, 0], S, 20_000)
-    assert figure_5_rig.inside(draws, S) == pytest.approx(0.95, abs=0.006)
+    assert rig.inside(draws, S) == pytest.approx(0.95, abs=0.006)
 
 
 def test_the_verdict_follows_the_tables(tables):

@@ -6,8 +6,8 @@ from scipy.stats import chi2, kstest, norm
 
 import uq_handeye as uq
 from studies import figures_3_4 as study
-from studies import figures_3_4_rig as rig
-from studies.study import read_table
+from studies.common.study import read_table
+from studies.figures_3_4 import rig as rig
 from uq_handeye.geometry.se3 import logarithm
 
 

@@ -6,10 +6,10 @@ from scipy.stats import chi2
 
 import uq_handeye as uq
 from studies import laser_camera
-from studies import laser_camera_estimates as made
-from studies import laser_camera_rig as rig
+from studies.common.scores import errors, nees, true_means
+from studies.laser_camera import estimates as made
 from studies.laser_camera import findings
-from studies.scores import errors, nees, true_means
+from studies.laser_camera import rig as rig
 from uq_handeye.geometry.se3 import inverse, perturb
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from studies.common.scores import errors
 from studies.likelihood import LIMITS, ROWS, at_bound, draws, findings, honest, score, scores, true_ratios
-from studies.scores import errors
 
 
 def table(least=1.0, largest=1.0, nees=6.0, draws=1000, **about):

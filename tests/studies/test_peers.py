@@ -8,11 +8,12 @@ import pandas as pd
 import pytest
 
 import uq_handeye as uq
-from studies import peers, peers_programs
-from studies.peers_findings import OURS, REFERENCE
+from studies import peers
+from studies.peers import programs
+from studies.peers.findings import OURS, REFERENCE
 
 NOISE = peers.NOISES["isotropic"]
-PROGRAMS = {program.label: program for program in peers_programs.installed() if program.name != "SymForce"}
+PROGRAMS = {program.label: program for program in programs.installed() if program.name != "SymForce"}
 
 
 @pytest.mark.parametrize("label", PROGRAMS)
@@ -25,7 +26,7 @@ def test_every_program_finds_the_true_X_of_exact_poses(label):
 
 def test_symforce_minimises_what_ml_minimises():
     pytest.importorskip("symforce")
-    program = next(program for program in peers_programs.installed() if program.name == "SymForce")
+    program = next(program for program in programs.installed() if program.name == "SymForce")
     noise = peers.NOISES["weak in depth and tilt"]
     poses = uq.simulate(6, noise=noise, seed=3)
     X, S = program.prepare(poses, noise)()
@@ -65,14 +66,14 @@ def test_a_program_that_fails_is_counted_and_one_that_is_not_installed_left_out(
 
     draws = peers._draws(0, NOISE, 40)
     exact = draws[0]
-    program = peers_programs.Program("other", "1", "odd", prepare)
+    program = programs.Program("other", "1", "odd", prepare)
     found, ours = (list(peers._found(one, draws, NOISE, 40, lambda n: None)) for one in (program, PROGRAMS[REFERENCE]))
     row = peers._quality(program, found, ours, exact, np.ones(6))
     assert row["failed"] + row["trials"] == 40 and 20 < row["failed"] < 40 and "NEES" not in row
-    absent = dataclasses.replace(peers_programs.PEERS[0], module="no_such_module")
-    monkeypatch.setattr(peers_programs, "PEERS", (absent, peers_programs.PEERS[-1]))
+    absent = dataclasses.replace(programs.PEERS[0], module="no_such_module")
+    monkeypatch.setattr(programs, "PEERS", (absent, programs.PEERS[-1]))
     assert absent.version == "not installed"
-    assert [program.label for program in peers_programs.installed()] == [OURS, REFERENCE]
+    assert [program.label for program in programs.installed()] == [OURS, REFERENCE]
 
 
 def test_the_excess_is_that_over_the_same_draws():

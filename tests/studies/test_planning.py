@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from studies import planning_sessions
 from studies.planning import findings, measure, of_degenerate, of_random, of_subsets
-from studies.planning_sessions import against_all_subsets, degenerate, spread, worst_rotation, worst_translation
+from studies.planning import sessions as planning_sessions
+from studies.planning.sessions import against_all_subsets, degenerate, spread, worst_rotation, worst_translation
 from uq_handeye.simulation.rig import RIGS
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from studies.common.scores import errors, nees
 from studies.real_cell import CELLS, KINDS, band, calibrated, distance2, judged, of_rendered, outliers, sets, spoilt
 from studies.real_cell import true_components as components
-from studies.scores import errors, nees
 
 FIRST = next(iter(CELLS))
 

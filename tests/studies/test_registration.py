@@ -6,10 +6,10 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from studies import registration
-from studies import registration_covariance as covariance
-from studies import registration_forms as forms
+from studies.common.scores import nees, true_means
+from studies.registration import covariance as covariance
 from studies.registration import findings
-from studies.scores import nees, true_means
+from studies.registration import forms as forms
 
 
 @pytest.fixture(scope="module")

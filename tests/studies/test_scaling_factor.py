@@ -7,10 +7,10 @@ import pytest
 
 import uq_handeye as uq
 from studies import scaling_factor as study
-from studies import scaling_factor_curves as curves
-from studies import scaling_factor_findings as words
-from studies import single_precision as route
-from studies.study import read_table
+from studies.common.study import read_table
+from studies.scaling_factor import curves
+from studies.scaling_factor import single_precision as route
+from studies.scaling_factor.findings import findings, flat
 from uq_handeye import _closed_form
 
 DEVIATIONS = np.array([1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3])
@@ -122,7 +122,7 @@ def test_a_fit_finds_the_factors_of_a_made_up_curve(tables):
 
 
 def test_the_findings_of_the_quick_run(tables):
-    text = words.findings(tables)
+    text = findings(tables)
     assert "The guarantee does not hold: 0 of 32" in text
     assert re.search(r"\b(\d+) of \1 fitted slopes", text)
     assert "do not; take the limit" in text
@@ -135,7 +135,7 @@ def test_the_findings_say_the_opposite_of_tables_that_say_it(tables):
     table.loc[table.d_m.isna(), ["translation_error_median_m", "covariance_from_limit"]] = 1.0
     table.loc[table.d_m.notna(), "covariance_from_limit"] = table.length_m / table.d_m
     table.loc[table.length_m == 10, "translation_from_limit_m"] *= 3
-    text = words.findings({"accuracy": table})
+    text = findings({"accuracy": table})
     assert "Not only d / length matters" in text
     assert "The guarantee holds: 32 of 32" in text
     assert not re.search(r"\b(\d+) of \1 fitted slopes", text)
@@ -144,10 +144,10 @@ def test_the_findings_say_the_opposite_of_tables_that_say_it(tables):
 
 def test_table_v_is_said_to_fall_only_where_it_does(tables):
     table = tables["accuracy"].copy()
-    assert "does so for 1 of 4 lengths" in words.findings(tables)
+    assert "does so for 1 of 4 lengths" in findings(tables)
     table["translation_from_limit_m"] = table.length_m / table.d_m
     table.loc[table.d_m.isna(), "translation_from_limit_m"] = 1e-9
-    text = words.findings({"accuracy": table})
+    text = findings({"accuracy": table})
     assert "does so for 4 of 4 lengths" in text and "rises again" not in text
     assert "fall by a factor of 10;" in text
 
@@ -155,5 +155,5 @@ def test_table_v_is_said_to_fall_only_where_it_does(tables):
 def test_the_range_of_d_that_is_as_good_as_the_limit(tables):
     rows = curves.chosen(tables["accuracy"], precision="double", noise="none", length_m=1.0).copy()
     rows["x"] = np.where(rows.d_m.between(50, 2e4), 1.005, 1.5)
-    assert words.flat(rows, "x", 1.0) == "1e2 to 1e4"
-    assert words.flat(rows, "x", 9.0) == "nowhere"
+    assert flat(rows, "x", 1.0) == "1e2 to 1e4"
+    assert flat(rows, "x", 9.0) == "nowhere"

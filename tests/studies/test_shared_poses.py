@@ -6,7 +6,7 @@ import pytest
 import uq_handeye as uq
 from studies import shared_poses
 from studies.shared_poses import BOARD, NOISES, RANDOM, sequence, stated, trial_statistics
-from studies.shared_poses_findings import findings, inside, slope
+from studies.shared_poses.findings import findings, inside, slope
 from uq_handeye.simulation.experiment import experiment
 
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import uq_handeye as uq
-from studies.scores import errors
+from studies.common.scores import errors
 from studies.simulation_based_calibration import BINS, CASES, band, figures, findings, problem, ranks, told, verdicts
 
 

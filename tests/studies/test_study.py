@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import uq_handeye as uq
-from studies.study import Study, markdown, read_table, read_tables
+from studies.common.study import Study, markdown, read_table, read_tables
 from uq_handeye.presentation.figure_parts import canvas, finished
 
 THIRD = 1.0 / 3.0

@@ -7,9 +7,9 @@ from support import SEED
 
 import uq_handeye as uq
 from studies import table_1
-from studies.paper_tables import classes
-from studies.scores import errors, nees, true_means
-from studies.table_1_findings import ACCURACY, SPEED, class_of, findings, summary
+from studies.common.paper_tables import classes
+from studies.common.scores import errors, nees, true_means
+from studies.table_1.findings import ACCURACY, SPEED, class_of, findings, summary
 from uq_handeye.simulation.experiment import Experiment
 from uq_handeye.simulation.run import run
 

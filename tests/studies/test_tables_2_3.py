@@ -8,10 +8,11 @@ from scipy.spatial.transform import Rotation
 from support import SEED
 
 import uq_handeye as uq
-from studies import tables_2_3, ur10_camera
-from studies.paper_tables import CLASSICAL, PAPER, RECENT, SIZES, errors_and_times
-from studies.scores import errors, nees, true_means
-from studies.tables_2_3_findings import OTHERS, PAPER_SCALE, findings, holds, printed_share, slope, smallest
+from studies import tables_2_3
+from studies.common.paper_tables import CLASSICAL, PAPER, RECENT, SIZES, errors_and_times
+from studies.common.scores import errors, nees, true_means
+from studies.tables_2_3 import ur10_camera
+from studies.tables_2_3.findings import OTHERS, PAPER_SCALE, findings, holds, printed_share, slope, smallest
 from uq_handeye.geometry.se3 import perturb
 
 

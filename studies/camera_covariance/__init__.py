@@ -1,0 +1,216 @@
+"""What the joint covariance of camera poses is worth: errors of X against what each noise model says of them.
+
+    python -m studies.camera_covariance [--full] [-o results]
+
+Simulated cameras look at a board of 9 x 6 corners from 20 poses each: focal length, centre, distortion, X and poses are
+drawn anew for every set, the corners have Gaussian noise, the robot little. Every set is calibrated from its corners
+alone. X is then estimated with the joint covariance of the camera poses, with the same covariance without the
+correlations between poses (independent noise), with the joint one beside robot noise that is estimated as well, and, in
+the first sets, by bundle adjustment of everything. 1,000 sets with ``--full``, 50 without.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+import uq_handeye as uq
+from studies.common.scores import true_means
+from studies.common.study import Study, Tables, markdown
+from uq_handeye.camera.calibrate import calibrate_camera
+from uq_handeye.camera.corners import Corners
+from uq_handeye.camera.models import MODELS
+from uq_handeye.geometry.se3 import inverse, perturb
+from uq_handeye.likelihood.constraint import Unknowns
+from uq_handeye.likelihood.gauss_helmert import efficient
+from uq_handeye.likelihood.goodness_of_fit import effective_dof
+from uq_handeye.likelihood.rig_bundle import adjust_rig
+from uq_handeye.noise.models import marginals
+from uq_handeye.noise_estimation.estimate import estimate_noise
+from uq_handeye.presentation.figure_parts import BLUE, GREEN, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.runtime.progress import progress_bar
+
+SEED = 2019
+SIZE = (1280, 960)
+SETS, FULL = 50, 1_000
+BUNDLES = 20  # one set in so many is adjusted as a whole too
+PIXEL = 0.2
+ROBOT = np.diag([5e-5] * 3 + [2e-5] * 3) ** 2  # 0.003 deg, 0.02 mm
+NAMES = {
+    "joint": "joint covariance of the camera poses",
+    "independent": "same covariance without correlations between poses",
+    "estimated": "joint, robot noise estimated",
+}
+
+
+def transforms(turn: Rotation, move: Any) -> Any:
+    T = np.zeros((*np.shape(move)[:-1], 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = turn.as_matrix(), move, 1.0
+    return T
+
+
+def board(columns: int = 9, rows: int = 6, square: float = 0.03) -> Any:
+    """Points (m, 3) of a flat board."""
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+    return square * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1)
+
+
+def recorded(
+    rng: np.random.Generator,
+    n: int = 20,
+    *,
+    model: str = "pinhole",
+    setup: str = "eye-in-hand",
+    pixel: float = PIXEL,
+    robot: Any = ROBOT,
+) -> tuple[Corners, Any, Any]:
+    """Corners of one random camera, robot poses (n, 4, 4) with noise, and the true X.
+
+    The camera looks at the board from 0.5 to 0.9 m, tilted up to 45 degrees; eye-in-hand, or the mirror image of it.
+    """
+    f = rng.uniform(900, 1500)
+    parameters = np.zeros(len(MODELS[model].names))
+    parameters[:4] = f, f * rng.uniform(0.99, 1.01), *(0.5 * np.array(SIZE) + rng.uniform(-30, 30, 2))
+    if model == "brown":
+        parameters[4:6] = rng.uniform(-0.25, 0.1), rng.uniform(-0.05, 0.05)
+    points = board()
+    middle = points.mean(axis=0)
+    axis = rng.uniform(0, 2 * np.pi, n)
+    tilt = rng.uniform(0, np.radians(45), n)
+    turn = Rotation.from_rotvec(np.stack([tilt * np.cos(axis), tilt * np.sin(axis), np.zeros(n)], axis=-1))
+    turn = turn * Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, (n, 1)))
+    away = rng.uniform(0.5, 0.9, n)
+    aside = rng.uniform(-0.12, 0.12, (n, 2)) * away[:, None] * 1200 / f
+    camera = transforms(turn, np.concatenate([aside, away[:, None]], axis=-1) - turn.apply(middle))
+    seen = MODELS[model].project(parameters, points @ camera[:, :3, :3].mT + camera[:, None, :3, 3]).pixels
+    seen = seen + pixel * rng.normal(size=seen.shape)
+    inside = ((seen > 0) & (seen < np.array(SIZE) - 1)).all(axis=-1)
+    row, which = np.nonzero(inside)
+    X = transforms(Rotation.random(rng=rng), rng.normal(size=3) * 0.1)
+    W = transforms(Rotation.random(rng=rng), rng.normal(size=3) * 0.5)
+    G = W @ inverse(X @ camera)
+    true = G if setup == "eye-in-hand" else inverse(G)
+    xi = np.zeros((n, 6)) if robot is None else rng.multivariate_normal(np.zeros(6), robot, n)
+    return Corners(row, points[which], seen[inside]), perturb(true, xi), X
+
+
+def poses_of(corners: Corners, robot: Any, model: str = "pinhole", setup: str = "eye-in-hand") -> uq.PosePairs:
+    """The calibrated camera beside the robot."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", uq.InputWarning)
+        seen = calibrate_camera(corners, SIZE, model)
+    return uq.PosePairs(robot[seen.rows], seen.poses, setup, camera_calibration=seen)
+
+
+def error(X: Any, truth: Any) -> Any:
+    """(theta, tau) of X (4, 4)."""
+    turn = Rotation.from_matrix(X[:3, :3] @ truth[:3, :3].T).as_rotvec()
+    return np.concatenate([turn, X[:3, 3] - truth[:3, 3]])
+
+
+def one_set(seed: int, with_bundle: bool) -> dict[str, float]:
+    """Squared distances and errors of one camera."""
+    corners, robot, X = recorded(np.random.default_rng([SEED, seed]))
+    poses = poses_of(corners, robot)
+    assert poses.camera_calibration is not None
+    S = poses.camera_calibration.covariance
+    found: dict[str, float] = {}
+    fits = {
+        "joint": efficient(poses, uq.PoseNoise(ROBOT, S)),
+        "independent": efficient(poses, uq.PoseNoise(ROBOT, marginals(S))),
+    }
+    estimate = estimate_noise(poses)
+    assert estimate.noise is not None
+    fits["estimated"] = efficient(poses, estimate.noise)
+    for name, fit in fits.items():
+        e = error(fit.X, X)
+        found[f"{name}_d2"] = float(e @ np.linalg.solve(fit.covariance_X, e))
+        found[f"{name}_mm"] = 1e3 * float(np.linalg.norm(e[3:]))
+    found["estimated_dof"] = effective_dof(fits["estimated"], estimate)
+    factor = estimate.camera_factor
+    found["factor_p"] = np.nan if factor is None else factor.p_value
+    if with_bundle:
+        at = fits["joint"]
+        bundle = adjust_rig(poses, ROBOT, Unknowns(at.X, at.W))
+        e = error(bundle.X, at.X)
+        found["bundle_sd"] = float(np.sqrt(e @ np.linalg.solve(at.covariance_X, e)))
+        ratio = np.linalg.eigvals(np.linalg.solve(at.covariance_X, bundle.covariance_X)).real
+        found["bundle_variance"] = float(np.abs(ratio - 1).max())
+    return found
+
+
+def measure(full: bool) -> Tables:
+    sets = FULL if full else SETS
+    rows = []
+    with progress_bar("cameras", sets, "cameras") as advance:
+        for seed in range(sets):
+            rows.append(one_set(seed, seed % BUNDLES == 0))
+            advance(1)
+    return {"sets": pd.DataFrame(rows)}
+
+
+def findings(tables: Tables) -> str:
+    table = tables["sets"]
+    n = len(table)
+    low, high = true_means(n)
+    rows, verdicts = [], []
+    for name, words in NAMES.items():
+        d2 = table[f"{name}_d2"]
+        limit = 6 * stats.f.ppf(0.95, 6, table["estimated_dof"]) if name == "estimated" else stats.chi2.ppf(0.95, 6)
+        mean = float(d2.mean())
+        rms = float(np.sqrt((table[f"{name}_mm"] ** 2).mean()))
+        rows.append([words, f"{mean:.2f}", f"{100 * (d2 <= limit).mean():.1f} %", f"{rms:.3f}"])
+        if name != "estimated":  # which has heavier tails than chi-square: its ellipsoid is that of F
+            verdict = "consistent with the errors"
+            if mean > high:
+                verdict = f"too small: a mean NEES of {mean:.0f} says that the deviations are, roughly, "
+                verdict += f"{np.sqrt(mean / 6):.1f} times larger"
+            elif mean < low:
+                verdict = "too large"
+            verdicts.append(f"With the {words}, the covariance of X is {verdict}.")
+    head = ["camera noise", "mean NEES (6)", "truth inside the 95 % ellipsoid", "RMS error of translation (mm)"]
+    bundles = table["bundle_sd"].dropna()
+    p = table["factor_p"].dropna()
+    return (
+        f"{n:,} simulated cameras, 20 poses of up to 54 corners each, {PIXEL} pixels. The mean NEES of a true "
+        f"covariance lies between {low:.2f} and {high:.2f} (99.9 %). Where robot noise is estimated the ellipsoid is "
+        f"that of the F distribution, and its mean NEES a little larger.\n\n{markdown(head, rows)}\n\n"
+        f"{' '.join(verdicts)}\n\n"
+        f"Bundle adjustment of everything ({len(bundles)} sets) gives X within {bundles.max():.3f} standard deviations "
+        f"of that with the joint covariance ({bundles.median():.3f} in the median), and variances within "
+        f"{100 * table['bundle_variance'].max():.1f} %.\n\n"
+        f"The test of the camera's covariance, which is true here, has p below 5 % in {100 * (p < 0.05).mean():.1f} % "
+        f"of {len(p)} sets and below 0.1 % in {100 * (p < 0.001).mean():.1f} %."
+    )
+
+
+def figures(tables: Tables) -> Mapping[str, Any]:
+    """The distribution of d^2 against chi-square."""
+    figure = canvas(3.6)
+    axis = figure.subplots()
+    plain(axis)
+    table = tables["sets"]
+    n = len(table)
+    expected = stats.chi2.ppf((np.arange(n) + 0.5) / n, 6)
+    looks = {"joint": (BLUE, "-"), "independent": (ORANGE, "--"), "estimated": (GREEN, "-.")}
+    order = np.arange(1, n + 1)
+    low, high = (stats.chi2.ppf(stats.beta.ppf(level, order, n + 1 - order), 6) for level in (0.005, 0.995))
+    axis.fill_between(expected, low, high, color=GRID, label="99 % of true ones", linewidth=0)
+    for name, words in NAMES.items():
+        colour, line = looks[name]
+        axis.plot(expected, np.sort(table[f"{name}_d2"]), color=colour, linestyle=line, label=words)
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.set_xlabel("quantile of chi-square with 6 degrees of freedom", fontsize=TEXT)
+    axis.set_ylabel("squared distance of X from the truth", fontsize=TEXT)
+    axis.legend(fontsize=SMALL, frameon=False)
+    return {"camera_covariance": finished(figure)}
+
+
+STUDY = Study("camera_covariance", measure, findings, figures, packages=("opencv-python-headless",))

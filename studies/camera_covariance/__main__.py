@@ -1,0 +1,3 @@
+from studies import camera_covariance
+
+camera_covariance.STUDY.run(camera_covariance.__doc__)

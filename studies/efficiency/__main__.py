@@ -1,0 +1,3 @@
+from studies import efficiency
+
+efficiency.STUDY.run(efficiency.__doc__)

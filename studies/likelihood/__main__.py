@@ -1,0 +1,3 @@
+from studies import likelihood
+
+likelihood.STUDY.run(likelihood.__doc__)

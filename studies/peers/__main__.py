@@ -1,0 +1,3 @@
+from studies import peers
+
+peers.STUDY.run(peers.__doc__)

@@ -1,0 +1,3 @@
+from studies import planning
+
+planning.STUDY.run(planning.__doc__)

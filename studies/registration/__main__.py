@@ -1,0 +1,3 @@
+from studies import registration
+
+registration.STUDY.run(registration.__doc__)

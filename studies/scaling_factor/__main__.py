@@ -1,0 +1,3 @@
+from studies import scaling_factor
+
+scaling_factor.STUDY.run(scaling_factor.__doc__)

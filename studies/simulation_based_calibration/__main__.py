@@ -1,0 +1,3 @@
+from studies import simulation_based_calibration
+
+simulation_based_calibration.STUDY.run(simulation_based_calibration.__doc__)
