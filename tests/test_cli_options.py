@@ -21,9 +21,9 @@ from uq_handeye.cli.options import choices, made_of, methods_of, one_of
 from uq_handeye.estimators import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.export import FORMATS as EXPORTED
 from uq_handeye.formatting.units import LENGTH_UNITS
+from uq_handeye.geometry.frames import SETUPS
 from uq_handeye.io import FORMATS, pose_text, write_pose_file
 from uq_handeye.likelihood.gauss_helmert import ESTIMATORS
-from uq_handeye.poses.pose_pairs import SETUPS
 
 TAKES_POSES = ("calibrate", "compare", "plan", "validate", "posterior", "cross-check")
 

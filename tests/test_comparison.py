@@ -12,7 +12,8 @@ from support import difference, exact_motions, moved, noisy_motions, random_cova
 
 import uq_handeye as uq
 from uq_handeye.comparison import compare as module
-from uq_handeye.comparison.compare import CHI2_95, Comparison, Row, against, compare, squared_distance
+from uq_handeye.comparison.compare import CHI2_95, Row, against, compare, squared_distance
+from uq_handeye.comparison.result import Comparison
 from uq_handeye.errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from uq_handeye.estimators.common.method import Estimate
 from uq_handeye.poses.motions import spread_pairs

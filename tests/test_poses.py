@@ -8,7 +8,8 @@ from scipy.spatial.transform import RigidTransform
 from support import exact_poses, random_transforms
 
 from uq_handeye.errors import InputError
-from uq_handeye.poses.pose_pairs import SETUPS, PosePairs
+from uq_handeye.geometry.frames import SETUPS
+from uq_handeye.poses.pose_pairs import PosePairs
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import CHUNK
+from uq_handeye.geometry.checks import CHUNK
 from uq_handeye.procrustes import limit as procrustes
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -17,14 +17,8 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.diagnostics.task_space import (
-    budget,
-    budget_of_sensitivities,
-    points_covariance,
-    through_robot,
-    through_target,
-    through_X,
-)
+from uq_handeye.diagnostics.budget import budget, budget_of_sensitivities
+from uq_handeye.diagnostics.task_space import points_covariance, through_robot, through_target, through_X
 from uq_handeye.likelihood.gauss_helmert import efficient
 
 SETUPS = ["eye-in-hand", "eye-to-hand"]

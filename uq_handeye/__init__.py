@@ -16,12 +16,14 @@ if TYPE_CHECKING:
     from .calibration.calibrate import calibrate
     from .calibration.result import Calibration
     from .camera.board import Board, detect_board
-    from .camera.calibrate import CameraCalibration, calibrate_camera
+    from .camera.calibrate import calibrate_camera
     from .camera.corners import Corners
     from .camera.files.corner_file import read_corners
     from .camera.files.folder import read_camera
     from .camera.files.intrinsics_file import read_intrinsics
-    from .comparison.compare import Comparison, compare
+    from .camera.result import CameraCalibration
+    from .comparison.compare import compare
+    from .comparison.result import Comparison
     from .errors import (
         DegenerateMotionError,
         InputError,
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .estimators.nguyen import nguyen
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
+    from .geometry.nearest_rotation import orthonormalise
     from .io import read_noise_file, read_poses, read_stream
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
@@ -41,23 +44,28 @@ if TYPE_CHECKING:
     from .noise.models import PairNoise, PoseNoise
     from .noise_estimation.beside_camera import estimate_robot_noise
     from .noise_estimation.estimate import estimate_noise
-    from .planning.plan import Plan, plan
+    from .planning.plan import plan
+    from .planning.result import Plan
     from .poses.board_symmetry import resolve_turns
     from .poses.motions import Motions, relative_motions
     from .poses.pose_pairs import PosePairs
     from .poses.stream import Stream
-    from .procrustes.limit import orthonormalise, register, se3_from_so4, so4_from_se3
+    from .procrustes.finite_scale import se3_from_so4, so4_from_se3
+    from .procrustes.registration import register
     from .procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
     from .propagation.propagate import propagate
     from .simulation.rig import simulate
     from .simulation.sigma_points import SigmaPoints, sigma_points
     from .synchronisation.result import Synchronised
     from .synchronisation.synchronise import synchronise
-    from .validation.cross_check.run import CrossCheck, cross_check
+    from .validation.cross_check.result import CrossCheck
+    from .validation.cross_check.run import cross_check
     from .validation.monte_carlo.run import MonteCarlo, monte_carlo
     from .validation.posterior.density import ScalePrior
-    from .validation.posterior.sample import Posterior, sample_posterior
-    from .validation.sweep.run import Sweep, sweep
+    from .validation.posterior.result import Posterior
+    from .validation.posterior.sample import sample_posterior
+    from .validation.sweep.result import Sweep
+    from .validation.sweep.run import sweep
 
 __version__ = "0.1.0"
 

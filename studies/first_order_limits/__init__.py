@@ -28,7 +28,8 @@ from uq_handeye.geometry.se3 import inverse
 from uq_handeye.presentation.figure_parts import GRID, QUIET, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.runtime.progress import progress_bar
 from uq_handeye.validation.sweep.level import KINDS
-from uq_handeye.validation.sweep.run import MethodSweep, sweep
+from uq_handeye.validation.sweep.limits import MethodSweep
+from uq_handeye.validation.sweep.run import sweep
 
 SEED = 2019
 DEVIATIONS = (1, 3, 10, 30, 100, 300)  # mrad

@@ -21,9 +21,9 @@ from uq_handeye.files.source import Source
 from uq_handeye.poses.timing import TimeOffset, Timing
 from uq_handeye.presentation import pdf
 from uq_handeye.presentation.figure_parts import canvas
+from uq_handeye.presentation.page import pretty
 from uq_handeye.report import sections_data, sections_repeat
 from uq_handeye.report.page import report_html
-from uq_handeye.report.sections_data import pretty
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 ANCHORS = [

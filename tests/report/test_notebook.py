@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from support import SEED, moved
 
 import uq_handeye as uq
+from uq_handeye.calibration.report.notebook import calibration_html, six_numbers
 from uq_handeye.formatting.numbers import concise
-from uq_handeye.presentation.notebook import calibration_html, six_numbers, text_html
+from uq_handeye.presentation.notebook import text_html
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 VOID = {"br", "hr", "img", "meta", "link", "input"}

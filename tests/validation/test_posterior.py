@@ -24,7 +24,8 @@ from uq_handeye.errors import DegenerateMotionError, InputError, NotConvergedErr
 from uq_handeye.likelihood.gauss_helmert import bound
 from uq_handeye.validation.posterior.density import ScalePrior
 from uq_handeye.validation.posterior.figure import _thresholds, corner
-from uq_handeye.validation.posterior.sample import sample_posterior, shortest
+from uq_handeye.validation.posterior.result import shortest
+from uq_handeye.validation.posterior.sample import sample_posterior
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
 POSES = uq.simulate(10, noise=NOISE, seed=8)

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ..diagnostics.budget import Budget, budget
 from ..diagnostics.diagnose import Diagnostics, diagnose
 from ..diagnostics.split_half import SplitHalf, split_half
-from ..diagnostics.task_space import Budget, budget
 from ..empirical_covariance.resampled import KINDS, resampled
 from ..errors import DegenerateMotionError, InputError
 from ..geometry.se3 import Array

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import platform
 from dataclasses import asdict, dataclass, field
-from functools import cache
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -14,9 +11,7 @@ import numpy as np
 from ..files.source import Source
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
-
-# Packages whose version can change a number of a result.
-PACKAGES = ("uq-handeye", "numpy", "scipy")
+from ..runtime.versions import versions
 
 
 @dataclass(frozen=True)
@@ -54,15 +49,3 @@ def provenance(data: PosePairs | Motions, options: dict[str, Any]) -> Provenance
     for T in sides:
         digest.update(np.ascontiguousarray(T, dtype="<f8").tobytes())
     return Provenance(digest.hexdigest(), options, dict(versions()), () if poses is None else poses.sources)
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Python's and those of the packages that can change a number."""
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:  # run from a checkout that is not installed
-            found[name] = "not installed"
-    return found

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from ..empirical_covariance.resampled import KINDS as OF_RESIDUALS
 from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..likelihood.constraint import require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.estimate import NoisePrior
-from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
+from ..noise.models import Noise, PairNoise, PoseNoise, is_joint
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
 from ..propagation.all_pairs import AllPairs
@@ -29,20 +30,6 @@ BUNDLE = "bundle"
 
 # Poses (or motions) from which on wrong ones can be told from good ones.
 FEWEST_FOR_ROBUST = 5
-
-
-def require_noise_fits(noise: Noise | None, motions: Motions) -> None:
-    """Raise `InputError` unless the noise is one, of as many motions or poses."""
-    if isinstance(noise, PairNoise):
-        require_count(noise.A, motions.N, "A", "motions")
-        require_count(noise.B, motions.N, "B", "motions")
-    elif isinstance(noise, PoseNoise):
-        if motions.poses is None:
-            raise InputError("PoseNoise needs poses; for motions that come without poses use PairNoise.")
-        require_count(noise.robot, motions.poses.n, "robot", "poses")
-        require_count(noise.camera, motions.poses.n, "camera", "poses")
-    elif noise is not None:
-        raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from ..diagnostics.budget import Budget
 from ..diagnostics.diagnose import Diagnostics
 from ..diagnostics.pose_table import PoseTable
 from ..diagnostics.split_half import SplitHalf
-from ..diagnostics.task_space import Budget, PointUncertainty, through_robot, through_target, through_X
+from ..diagnostics.task_space import PointUncertainty, through_robot, through_target, through_X
 from ..errors import InputError
 from ..files.atomic import json_text
 from ..geometry import conventions
+from ..geometry.frames import SETUPS, TARGETS
 from ..geometry.se3 import Array, inverse, inverse_jacobian
 from ..likelihood.d2_distribution import Reference
 from ..likelihood.goodness_of_fit import GoodnessOfFit
@@ -25,10 +27,10 @@ from ..likelihood.rig_bundle import Agreement
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise
 from ..poses.motions import Motions
-from ..poses.pose_pairs import SETUPS, TARGETS, PosePairs
+from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
-from ..procrustes.limit import octonion
+from ..procrustes.finite_scale import octonion
 from ..procrustes.sensitivity import pose_from_octonion_jacobian
 from ..procrustes.so4_covariances import PAPER_SCALE
 from .analysis import Analysis, StoredAnalysis
@@ -38,9 +40,9 @@ from .result_file import FourDPA, from_dict, to_dict
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..comparison.compare import Comparison
     from ..comparison.of_result import Compared
-    from ..validation.cross_check.run import CrossCheck
+    from ..comparison.result import Comparison
+    from ..validation.cross_check.result import CrossCheck
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,7 +372,7 @@ class Calibration:
 
     def _repr_html_(self) -> str:
         """The result in a notebook: X with its deviations, warnings, and the numbers behind them."""
-        from ..presentation.notebook import calibration_html
+        from .report.notebook import calibration_html
 
         return calibration_html(self)
 
@@ -415,7 +417,7 @@ class Calibration:
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table of the six numbers of X: value, standard deviation, unit."""
-        from ..presentation.notebook import calibration_table
+        from .report.notebook import calibration_table
 
         return calibration_table(self)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -12,16 +12,17 @@ from ..diagnostics.pose_table import PoseTable
 from ..errors import InputError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..files.validate import misfit, not_finite, unequal
+from ..geometry.checks import as_transforms
 from ..geometry.conventions import CONVENTION
-from ..geometry.se3 import Array, as_transforms
+from ..geometry.frames import SETUPS
+from ..geometry.se3 import Array
 from ..likelihood.d2_distribution import Reference
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.rig_bundle import Agreement
 from ..noise.estimate import NoiseEstimate
-from ..noise.joint_covariance import JointCovariance
-from ..noise.models import Noise, PairNoise, PoseNoise, checked_covariance
-from ..poses.pose_pairs import SETUPS
+from ..noise.models import checked_covariance
+from ..noise.to_dict import noise_from_dict, noise_to_dict
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
 from .analysis import StoredAnalysis
@@ -169,31 +170,6 @@ def _covariance(data: dict[str, Any], name: str) -> Array | None:
     if S.shape != (6, 6):
         raise ValueError(f"{name} has the shape {S.shape}")
     return S
-
-
-def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
-    """Type and covariances as plain numbers."""
-    if noise is None:
-        return None
-    parts = {field.name: getattr(noise, field.name) for field in fields(noise)}
-    return {"type": type(noise).__name__} | {name: _covariance_to_dict(S) for name, S in parts.items()}
-
-
-def noise_from_dict(data: dict[str, Any]) -> Noise:
-    """The inverse of `noise_to_dict`."""
-    if data["type"] == "PairNoise":
-        return PairNoise(data["A"], data["B"])
-    return PoseNoise(*(_covariance_from_dict(data[name]) for name in ("robot", "camera")))
-
-
-def _covariance_to_dict(S: Array | JointCovariance | None) -> Any:
-    if isinstance(S, JointCovariance):
-        return S.to_dict()
-    return None if S is None else S.tolist()
-
-
-def _covariance_from_dict(data: Any) -> Any:
-    return JointCovariance.from_dict(data) if isinstance(data, dict) else data
 
 
 def _plain(array: Array | None) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..geometry.se3 import Array, as_numbers
+from ..geometry.checks import as_numbers
+from ..geometry.se3 import Array
 
 FEWEST = 4  # corners of a picture, for its pose
 
@@ -97,3 +98,12 @@ class Corners:
         padded = np.full((self.n, int(self.place.max()) + 1, *values.shape[1:]), empty)
         padded[self.picture, self.place] = values
         return padded
+
+
+def without_pictures(corners: Corners, out: NDArray[np.bool_]) -> Corners:
+    """All but some of the n pictures."""
+    kept = ~out[corners.picture]
+    names = tuple(np.array(corners.names)[~out].tolist())
+    return replace(
+        corners, row=corners.row[kept], points=corners.points[kept], pixels=corners.pixels[kept], names=names
+    )

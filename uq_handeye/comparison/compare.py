@@ -15,176 +15,44 @@ an imprecise reference.
 
 from __future__ import annotations
 
-import io
 import re
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import __version__
 from ..calibration.calibrate import calibrate
-from ..calibration.request import require_noise_fits
 from ..calibration.result import Calibration
-from ..calibration.result_file import noise_to_dict
 from ..errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from ..estimators import METHODS, ROBOT_WORLD_METHODS
 from ..estimators.common.method import Estimate, Method
 from ..estimators.common.robot_world import RobotWorldMethod
-from ..files.atomic import json_text, write_atomically
-from ..geometry.conventions import CONVENTION
+from ..geometry.frames import SETUPS
+from ..likelihood.constraint import require_noise_fits
 from ..noise.models import Noise, PairNoise
 from ..noise_estimation.estimate import estimate_noise
 from ..poses.motions import Motions, relative_motions, spread_pairs
-from ..poses.pose_pairs import SETUPS, PosePairs
+from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
 from ..propagation.noise_transport import noise_of_pairs
 from ..propagation.published_fit import fit_published
 from ..runtime.progress import progress_bar
-from .row import CHI2_95, Row, against, flat, squared_distance
-from .text import table, verdict, without_numbers
+from .result import Comparison
+from .row import CHI2_95, Row, against, squared_distance, without_numbers
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 # All pairs of more poses than make this many are thinned out evenly, the same for every method.
 MOST_PAIRS = 20_000
 # A method is timed so many times, or until so many seconds are over, and the best counts.
 REPEATS, ENOUGH = 5, 0.25
-__all__ = ["CHI2_95", "Comparison", "Row", "UnknownMethodError", "against", "compare", "squared_distance"]
-
-_FORMAT = "uq-handeye comparison 1"
-
-
-class UnknownMethodError(InputError, KeyError):
-    """A comparison was asked for a method that it does not have; the message lists those that it has."""
-
-    def __str__(self) -> str:  # KeyError would quote it
-        return str(self.args[0])
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """One row per method, in the order asked for; see `compare`."""
-
-    rows: tuple[Row, ...]
-    reference: str | None  # what the differences are taken from; None: every method failed
-    asked_reference: str  # differs from `reference` where that method failed
-    frame: str  # e.g. gripper_T_camera
-    setup: str | None  # None for motions that came without poses
-    n_poses: int | None
-    n_pairs: int  # that every method used
-    n_pairs_available: int  # more than `n_pairs` where these were thinned out
-    noise: Noise | None  # given or estimated
-    noise_estimated: bool = False
-    warnings: tuple[str, ...] = ()  # about the data, as calibrate() gives them for the reference
-
-    def __getitem__(self, method: str) -> Row:
-        for row in self.rows:
-            if row.method == method:
-                return row
-        names = ", ".join(row.method for row in self.rows)
-        raise UnknownMethodError(f"Expected the name of a method compared, one of {names}; got {method!r}.")
-
-    def __contains__(self, method: object) -> bool:
-        return any(row.method == method for row in self.rows)
-
-    def __repr__(self) -> str:
-        return f"Comparison({len(self.rows)} methods, reference {self.reference}, {self.n_pairs} pairs)"
-
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        from ..presentation.notebook import text_html
-
-        return text_html("Comparison of methods", self.verdict, self.to_text(), self.warnings)
-
-    @property
-    def base(self) -> Row | None:
-        """The row of the reference."""
-        return None if self.reference is None else self[self.reference]
-
-    @property
-    def origin(self) -> str:
-        """What the methods were given, e.g. ``300 pairs of 25 poses, eye-in-hand``."""
-        pairs = f"{self.n_pairs:,} pairs"
-        if self.n_pairs_available > self.n_pairs:
-            pairs = f"{self.n_pairs:,} of the {self.n_pairs_available:,} pairs"
-        poses = "" if self.n_poses is None else f" of {self.n_poses} poses"
-        setup = "" if self.setup is None else f", {self.setup}"
-        return f"{pairs}{poses}{setup}" + (", noise estimated from them" if self.noise_estimated else "")
-
-    @property
-    def own_warnings(self) -> list[str]:
-        """Warnings of single methods beyond the common ones, each kind once with the names of its methods."""
-        first: dict[str, str] = {}
-        names: dict[str, list[str]] = {}
-        for row in self.rows:
-            for text in row.warnings:
-                first.setdefault(without_numbers(text), text)
-                names.setdefault(without_numbers(text), []).append(row.method)
-        return [f"{', '.join(names[kind])}: {text}" for kind, text in first.items()]
-
-    @property
-    def most_central(self) -> tuple[str, int] | None:
-        """The method that most others would agree with as the reference, and how many; None without covariances."""
-        rows = [row for row in self.rows if row.covariance is not None and row.failure is None]
-        counts = {base.method: sum(bool(against(row, base).agrees) for row in rows) - 1 for base in rows}
-        return max(counts.items(), key=lambda item: item[1], default=None)
-
-    @property
-    def verdict(self) -> str:
-        """In words: who agrees, who differs, who failed."""
-        return verdict(self)
-
-    def to_text(self) -> str:
-        """The table as plain text."""
-        return table(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything as plain numbers, lists and text, with units and convention."""
-        return {
-            "format": _FORMAT,
-            "version": __version__,
-            "convention": CONVENTION,
-            "units": {"rotation": "rad", "translation": "m", "time": "s"},
-            "reference": self.reference,
-            "asked_reference": self.asked_reference,
-            "frame": self.frame,
-            "setup": self.setup,
-            "n_poses": self.n_poses,
-            "n_pairs": self.n_pairs,
-            "n_pairs_available": self.n_pairs_available,
-            "noise": noise_to_dict(self.noise),
-            "noise_estimated": self.noise_estimated,
-            "agrees_up_to_d2": CHI2_95,
-            "verdict": self.verdict,
-            "warnings": list(self.warnings),
-            "methods": [row.to_dict() for row in self.rows],
-        }
-
-    def to_json(self, path: str | Path | None = None) -> str:
-        """JSON text, also written to ``path`` (whole or not at all)."""
-        return json_text(self.to_dict(), path)
-
-    def to_dataframe(self) -> pd.DataFrame:
-        """A pandas table, one row per method, units in the names of the columns."""
-        import pandas as pd
-
-        return pd.DataFrame([flat(row, self.base) for row in self.rows])
-
-    def to_csv(self, path: str | Path | None = None) -> str:
-        """`to_dataframe` as CSV text, also written to ``path`` (whole or not at all); empty: not known."""
-        buffer = io.StringIO()
-        self.to_dataframe().to_csv(buffer, index=False, lineterminator="\n")
-        if path is not None:
-            write_atomically(path, buffer.getvalue())
-        return buffer.getvalue()
+__all__ = ["CHI2_95", "Row", "against", "compare", "squared_distance"]
 
 
 def compare(

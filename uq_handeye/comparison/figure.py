@@ -28,8 +28,10 @@ from matplotlib.ticker import MaxNLocator
 from ..geometry.se3 import Array
 from ..presentation.ellipses import PAIRS_WITHIN, SYMBOLS, render
 from ..presentation.label_placement import HALO, Named, label_points
-from .compare import CHI2_95, Comparison
-from .text import apart, digits, notes, without_numbers
+from .compare import CHI2_95
+from .result import Comparison
+from .row import without_numbers
+from .text import apart, digits, notes
 
 MINUS = "\N{MINUS SIGN}"
 # Colours of Okabe and Ito for the methods that differ; line styles and markers of other periods keep all of them apart.

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from ..errors import InputError, NotConvergedError
 from ..poses.motions import spread_pairs
 from ..poses.pose_pairs import PosePairs
-from ..presentation.figure_parts import Picture
-from .compare import Comparison, compare
-from .methods_figure import methods_figure
+from .compare import compare
+from .result import Comparison
 from .row import Row, against
 
 if TYPE_CHECKING:
@@ -50,22 +49,6 @@ def compared(result: Calibration, comparison: Comparison | Compared | bool) -> C
     if comparison:
         return _on_its_data(result)
     return Compared(None, "Not compared: report(path, comparison=True) puts all published methods here.", "")
-
-
-def methods_picture(comparison: Comparison) -> Picture | None:
-    """Differences of all methods from the reference; None where no other method has any."""
-    base = comparison.base
-    others = [row for row in comparison.rows if row is not base]
-    if base is None or not any(row.xi is not None and row.failure is None for row in others):
-        return None
-    alt = f"Differences of {len(others)} methods from {base.method} in the six components of X, with 1 and 2 sigma."
-    caption = (
-        f"Differences from {base.method}, one row per method; thick and thin bars are 1 and 2 standard deviations "
-        "of the method itself, the grey band is 1 standard deviation of the reference. Orange diamonds: the method "
-        "differs from it beyond its own 95 % ellipsoid. Triangles at the rim: farther away, with the value. Bars "
-        "that do not reach zero in several panels deserve a look."
-    )
-    return Picture(methods_figure([base, *others]), alt, caption)
 
 
 def _on_its_data(result: Calibration) -> Compared:

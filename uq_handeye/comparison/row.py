@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -199,3 +200,8 @@ def flat(row: Row, base: Row | None) -> dict[str, Any]:
 
 def _scaled(value: float | None, factor: float) -> float | None:
     return None if value is None else factor * value
+
+
+def without_numbers(text: str) -> str:
+    """The text with # for every number: what is the same if only the numbers differ."""
+    return re.sub(r"[-+]?\d[\w.+-]*", "#", text)

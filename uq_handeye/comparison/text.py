@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..geometry.se3 import Array, left_jacobian
-from .row import rotation_vector
+from .row import rotation_vector, without_numbers
 
 if TYPE_CHECKING:
-    from .compare import Comparison
+    from .result import Comparison
     from .row import Row
 
 WIDTH = 118
@@ -202,11 +202,6 @@ def digits(value: float | None, factor: float = 1.0) -> str:
         return f"{value:.1e}"
     exponent = math.floor(math.log10(abs(float(f"{value:.2e}"))))
     return f"{value:.{min(max(0, 2 - exponent), 5)}f}"
-
-
-def without_numbers(text: str) -> str:
-    """The text with # for every number: what is the same if only the numbers differ."""
-    return re.sub(r"[-+]?\d[\w.+-]*", "#", text)
 
 
 def _wrapped(text: str) -> list[str]:

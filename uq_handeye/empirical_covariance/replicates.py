@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from ..errors import DegenerateMotionError, InputError
 from ..estimators.common.method import require_converged
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
+from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array
 from ..likelihood.constraint import OnMotions, OnPoses, Unknowns
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint
 from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
-from ..procrustes.limit import orthonormalise, pair_blocks
+from ..procrustes.limit import pair_blocks
 from ..propagation.all_pairs import AllPairs, solve_all_pairs
 from ..propagation.noise_transport import noise_of_pairs
 from ..propagation.propagate import pose_sensitivities

@@ -39,7 +39,8 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import DegenerateMotionError, InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ..geometry.se3 import Array, as_transforms
+from ..geometry.checks import as_transforms
+from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit
 from ..noise.models import Noise
 from ..poses.motions import Motions

@@ -16,9 +16,10 @@ from itertools import product
 
 import numpy as np
 
+from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array
 from ..noise.models import PairNoise
-from ..procrustes.limit import orthonormalise, pair_blocks, trial_blocks
+from ..procrustes.limit import pair_blocks, trial_blocks
 from .common.kronecker import SHAPE, kronecker_factors, normal_equations, residual_gradient
 from .common.linear import Normal, normal, require_axes, require_scale, slopes, turn_of
 from .common.method import Estimate, Method, closed_form

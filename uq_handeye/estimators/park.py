@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array
-from ..procrustes.limit import DEGENERATE, NO_ROTATION, orthonormalise
+from ..procrustes.limit import DEGENERATE, NO_ROTATION
 from .common.axes import Signs, quaternions, rotation_vectors
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver

@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array, skew
-from ..procrustes.limit import DEGENERATE, orthonormalise
+from ..procrustes.limit import DEGENERATE
 from .common.axes import Signs, quaternions, unit_axes
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver

@@ -8,12 +8,12 @@ and ``geometry_msgs/msg/PoseWithCovariance.msg`` (ros2/common_interfaces); GTSAM
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..formats.opencv_storage import yaml_number
+from ..formatting.snippets import Snippet, short
 from ..geometry.conventions import TOOLKIT
 from ..geometry.se3 import Array
 from .frames import NOT_DETERMINED, Transform, fixed_axis_angles, transforms_of, yaml_fields
@@ -22,28 +22,9 @@ if TYPE_CHECKING:
     from ..calibration.result import Calibration
 
 
-@dataclass(frozen=True)
-class Snippet:
-    """One text to copy."""
-
-    title: str  # e.g. "ROS 2 static transform: gripper_T_camera"
-    convention: str  # one or two sentences: units, order, frames
-    text: str
-    language: str  # for highlighting: python, bash, yaml or xml
-
-
 def texts(result: Calibration) -> list[Snippet]:
     """NumPy, OpenCV, ROS, GTSAM and URDF forms of X, then of its inverse."""
     return [make(transform) for transform in transforms_of(result) for make in _FORMS]
-
-
-def short(value: float) -> str:
-    """Twelve significant digits; never ``-0``.
-
-    >>> short(0.1 + 0.2), short(-0.0)
-    ('0.3', '0')
-    """
-    return f"{value + 0.0:.12g}"
 
 
 def _vector(values: Array) -> str:

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..formatting.units import LENGTH_UNITS
-from ..geometry.se3 import TOO_LONG, Array, as_transforms, inverse
-from ..poses.pose_pairs import first_duplicate
+from ..geometry.checks import TOO_LONG, as_transforms, first_duplicate
+from ..geometry.se3 import Array, inverse
 
 ORDERS = ("xyzw", "wxyz")
 

@@ -24,8 +24,8 @@ from ..errors import InputError, InputWarning
 from ..files.atomic import write_atomically
 from ..files.lines import MAX_BYTES, decoded, is_number, rows_of, short
 from ..files.open import StrPath, as_path, opened, shown
-from ..geometry.se3 import Array, as_transforms
-from ..poses.pose_pairs import first_duplicate
+from ..geometry.checks import as_transforms, first_duplicate
+from ..geometry.se3 import Array
 from .columns import SECONDS, meaning_and_unit
 from .contents import COLUMNS, Contents, Side, finished, require_units
 

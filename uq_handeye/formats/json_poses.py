@@ -19,8 +19,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.fields import POSE_NAMES, got, item, matrix, number, transform, vector
+from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
-from ..poses.pose_pairs import SETUPS
 from .contents import Contents, Side, matrices_side
 
 QUATERNIONS = {"quaternion_xyzw": "xyzw", "quaternion_wxyz": "wxyz"}

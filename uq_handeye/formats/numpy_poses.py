@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files.fields import POSE_NAMES
 from ..files.lines import one_line, short
+from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
-from ..poses.pose_pairs import SETUPS
 from .contents import Contents, Side, matrices_side
 from .opencv_storage import EITHER_SIDE, PAIRS, joined
 

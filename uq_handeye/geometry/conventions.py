@@ -28,7 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from .se3 import Array, as_transforms, block, skew
+from .checks import as_transforms
+from .se3 import Array, block, skew
 
 # In words, for files and reports: that of (theta, tau) in the parent frame of a pose, and that of X.
 TOOLKIT = (

@@ -18,12 +18,13 @@ from ..files.source import Source
 from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
-from ..poses.pose_pairs import SETUPS, PosePairs
+from ..geometry.frames import SETUPS
+from ..poses.pose_pairs import PosePairs
 from ..poses.stream import Stream
 from .matching import match_times
 
 if TYPE_CHECKING:
-    from ..camera.calibrate import CameraCalibration
+    from ..camera.result import CameraCalibration
 
 # Rows are synchronous within this (s): rounding of printed times; an arm at 1 m/s moves a micrometre in it.
 SYNCHRONOUS = 1e-6
@@ -154,7 +155,7 @@ class _Seen(NamedTuple):
 
 def _calibrated(camera: Any) -> _Seen | None:
     """The calibrated camera that is meant, if one is."""
-    from ..camera.calibrate import CameraCalibration  # what it needs is slow to import
+    from ..camera.result import CameraCalibration
 
     if isinstance(camera, CameraCalibration):
         return _Seen(camera, "the pictures", ())

@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, gammaincinv
 
 from ..errors import DegenerateMotionError
-from ..geometry.se3 import CHUNK, Array, inverse, vee
+from ..geometry.checks import CHUNK
+from ..geometry.nearest_rotation import orthonormalise
+from ..geometry.se3 import Array, inverse, vee
 from ..noise.models import Noise, PairNoise, PoseNoise, marginals
-from ..procrustes.limit import orthonormalise, solve_limit
+from ..procrustes.limit import solve_limit
 from .constraint import Constraint, OnMotions, OnPoses, Unknowns
 from .gauss_helmert import fit
 

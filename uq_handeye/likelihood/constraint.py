@@ -212,3 +212,17 @@ def block_diagonal(blocks: Array) -> Array:
     for k in range(n):
         result[..., k, :, k, :] = blocks[..., k, :, :]
     return result.reshape(*blocks.shape[:-3], 6 * n, 6 * n)
+
+
+def require_noise_fits(noise: Noise | None, motions: Motions) -> None:
+    """Raise `InputError` unless the noise is one, of as many motions or poses."""
+    if isinstance(noise, PairNoise):
+        require_count(noise.A, motions.N, "A", "motions")
+        require_count(noise.B, motions.N, "B", "motions")
+    elif isinstance(noise, PoseNoise):
+        if motions.poses is None:
+            raise InputError("PoseNoise needs poses; for motions that come without poses use PairNoise.")
+        require_count(noise.robot, motions.poses.n, "robot", "poses")
+        require_count(noise.camera, motions.poses.n, "camera", "poses")
+    elif noise is not None:
+        raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")

@@ -30,7 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
-from ..geometry.se3 import Array, as_transforms, left_jacobian, perturb
+from ..geometry.checks import as_transforms
+from ..geometry.se3 import Array, left_jacobian, perturb
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint
 from ..noise.square_roots import Covariance, Factor, cholesky_of, gram, joint_residuals, pulled, weighted, whiten
 from ..poses.motions import Motions

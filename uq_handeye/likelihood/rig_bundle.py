@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.bundle import Sight, prior_rows
-from ..camera.calibrate import CameraCalibration
+from ..camera.result import CameraCalibration
 from ..camera.variable_projection import minimised
 from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array, inverse, left_jacobian, logarithm, perturb

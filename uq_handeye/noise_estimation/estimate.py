@@ -43,7 +43,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, NotConvergedError
-from ..geometry.se3 import Array, as_transforms
+from ..geometry.checks import as_transforms
+from ..geometry.se3 import Array
 from ..likelihood.constraint import OnPoses, Unknowns, constraint_of
 from ..likelihood.gauss_helmert import start_of
 from ..noise.estimate import Component, NoiseEstimate, NoisePrior, together

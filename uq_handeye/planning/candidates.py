@@ -22,7 +22,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
-from ..geometry.se3 import Array, as_transforms, inverse, skew
+from ..geometry.checks import as_transforms
+from ..geometry.se3 import Array, inverse, skew
 from ..poses.pose_pairs import PosePairs
 
 DISTANCE = (0.8, 1.2)  # of the nearest and the farthest so far

@@ -12,7 +12,7 @@ from ..geometry.se3 import Array
 from .weak_prior import PRIOR
 
 if TYPE_CHECKING:
-    from .plan import Plan
+    from .result import Plan
 
 WIDTH = 120
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.board import Board, listed
-from ..camera.calibrate import CameraCalibration
+from ..camera.result import CameraCalibration
 from ..errors import InputError, InputWarning
 from ..geometry.se3 import Array, inverse, skew
 from .pose_pairs import PosePairs

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..geometry.se3 import Array, as_transforms, inverse
+from ..geometry.checks import as_transforms
+from ..geometry.se3 import Array, inverse
 from .pose_pairs import PosePairs
 
 

@@ -19,15 +19,13 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.source import Source
-from ..geometry.se3 import Array, as_numbers, as_transforms, inverse
+from ..geometry.checks import as_numbers, as_transforms, first_duplicate
+from ..geometry.frames import SETUPS
+from ..geometry.se3 import Array, inverse
 from .timing import Timing
 
 if TYPE_CHECKING:
-    from ..camera.calibrate import CameraCalibration
-
-SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
-# The frames of W = G X C, the same for all poses.
-TARGETS = {"eye-in-hand": "base_T_target", "eye-to-hand": "gripper_T_target"}
+    from ..camera.result import CameraCalibration
 
 
 class Truth(NamedTuple):
@@ -131,16 +129,6 @@ class PosePairs:
     def effective_robot(self) -> Array:
         """The robot poses as they enter AX = XB: inverted for eye-to-hand."""
         return self.robot if self.setup == "eye-in-hand" else inverse(self.robot)
-
-
-def first_duplicate(times: NDArray[np.float64]) -> tuple[int, int] | None:
-    """The first two rows with equal times, or None."""
-    order = np.argsort(times, kind="stable")
-    same = np.flatnonzero(times[order][1:] == times[order][:-1])
-    if not same.size:
-        return None
-    k = same[np.argmin(order[same + 1])]
-    return int(order[k]), int(order[k + 1])
 
 
 def _frozen(value: Any, name: str) -> Array:

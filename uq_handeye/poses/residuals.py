@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array
-from ..procrustes.limit import orthonormalise
 
 
 class Residuals(NamedTuple):

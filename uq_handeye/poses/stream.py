@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.source import Source
-from ..geometry.se3 import Array, as_numbers, as_transforms
-from .pose_pairs import first_duplicate
+from ..geometry.checks import as_numbers, as_transforms, first_duplicate
+from ..geometry.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning
-from ..geometry.se3 import Array, as_numbers
+from ..geometry.checks import as_numbers
+from ..geometry.se3 import Array
 
 SIDES = ("robot", "camera")
 

@@ -32,7 +32,8 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..files.atomic import write_files
 from ..files.open import StrPath, as_path
-from ..geometry.se3 import Array, as_transforms
+from ..geometry.checks import as_transforms
+from ..geometry.se3 import Array
 from ..noise.models import checked_covariance
 
 LEVELS = (1, 2, 3)

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from .ellipses import render
 
@@ -88,3 +89,14 @@ def round_number(value: float) -> float:
     """The nearest of 1, 2, 5, 10, ... below."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1 + 1e-9)))
+
+
+def plain_numbers(axis: Axes) -> None:
+    """Few ticks of a logarithmic axis, as numbers: 0.5, 1, 10, 20, and powers only where that would be long."""
+    low, high = axis.get_ylim()
+    decades = float(np.log10(high / low))
+    steps = (1.0, 2.0, 5.0) if decades < 1.5 else (1.0, 3.0) if decades < 2.2 else (1.0,)
+    axis.yaxis.set_major_locator(LogLocator(subs=steps, numticks=6 if decades >= 2.2 else 12))
+    axis.yaxis.set_minor_formatter(NullFormatter())
+    if low >= 1e-4 and high < 1e6:
+        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))

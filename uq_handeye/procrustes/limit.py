@@ -20,19 +20,17 @@ constant. The rotation does not depend on the translations, and a pair weighs si
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice, product
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from .. import _closed_form
 from ..errors import DegenerateMotionError, InputError
-from ..geometry.se3 import CHUNK, Array, as_numbers, as_transforms, entry_rows, surely_transforms
+from ..geometry.checks import CHUNK, as_numbers, as_transforms, entry_rows, surely_transforms
+from ..geometry.se3 import Array
 from ..runtime.workspace import scratch
 
 # Below this ratio of the eigenvalues of M (squared spread of the rotation axes, rad^2) the smallest one is
@@ -43,85 +41,12 @@ NO_ROTATION = 1e-14
 # Pairs from which on a second thread pays for itself.
 PARALLEL_PAIRS = 50_000
 
-_EYE4 = np.eye(4)
 # (M32 - M23, M13 - M31, M21 - M12) from the entries of M, row by row.
 # The entries (M32, M13, M21) and (M23, M31, M12) of a 4x4 matrix stored as rows.
 _UPPER, _LOWER = np.array([9, 2, 4]), np.array([6, 8, 1])
 _AXIAL = np.zeros((3, 9))
 _AXIAL[(0, 1, 2), (7, 2, 3)] = 1.0
 _AXIAL[(0, 1, 2), (5, 6, 1)] = -1.0
-
-
-def orthonormalise(matrix: ArrayLike) -> Array:
-    """Sub-problem 1: the rotation in SO(n) nearest to ``matrix`` (..., n, n) in the Frobenius norm.
-
-    ``U diag(1, .., 1, det(U V^T)) V^T`` of the singular value decomposition ``U S V^T`` of the input.
-
-    >>> orthonormalise([[0.0, -2.0], [1.0, 0.0]])
-    array([[ 0., -1.],
-           [ 1.,  0.]])
-    """
-    matrix = as_numbers(matrix, "matrix")
-    if matrix.ndim < 2 or matrix.shape[-1] != matrix.shape[-2] or matrix.shape[-1] < 1:
-        raise InputError(f"Expected `matrix` to have shape (..., n, n), got {matrix.shape}.")
-    if not np.isfinite(matrix).all():
-        raise InputError("Expected `matrix` to be finite, got NaN or infinity.")
-    return _nearest_rotation(matrix)[0]
-
-
-def _nearest_rotation(matrix: Array) -> tuple[Array, Array]:
-    """The nearest rotation, and whether it is the only one: ``s_(n-1) +- s_n > 0``, the sign that of det U V^T."""
-    U, s, Vt = np.linalg.svd(matrix)
-    sign = np.linalg.det(U @ Vt)
-    U[..., -1] *= sign[..., None]
-    unique = s[..., -2] + sign * s[..., -1] > 1e-12 * s[..., 0] if s.shape[-1] > 1 else s[..., 0] > 0
-    return np.asarray(U @ Vt + 0.0), np.asarray(unique)
-
-
-def register(U: ArrayLike, V: ArrayLike) -> tuple[Array, Array]:
-    """Problem 1: the rotation and translation that carry the points U onto V.
-
-    Minimises ``sum |R u_i + t - v_i|^2`` (13) over R in SO(n) and t. By (14)-(15), with the correlation
-    ``sum (v_i - v_mean)(u_i - u_mean)^T``: its singular value decomposition, the transpose of the paper's H.
-
-    Parameters
-    ----------
-    U, V : (..., N, n)
-        Corresponding points; n = 4 in the paper, any n >= 2 here.
-
-    Returns
-    -------
-    R : (..., n, n)
-    t : (..., n)
-
-    Raises
-    ------
-    InputError
-        Shapes differ, values are not finite, or more than one rotation fits equally well: the points span
-        fewer than n - 1 directions, or are mirror images with equal smallest singular values.
-    """
-    U, V = as_numbers(U, "U"), as_numbers(V, "V")
-    if U.ndim < 2 or U.shape != V.shape or U.shape[-1] < 2 or U.shape[-2] < 1:
-        raise InputError(
-            f"Expected `U` and `V` to have the same shape (..., N, n) with n >= 2, got {U.shape} and {V.shape}."
-        )
-    if not (np.isfinite(U).all() and np.isfinite(V).all()):
-        raise InputError("Expected `U` and `V` to be finite, got NaN or infinity.")
-    U_mean, V_mean = U.mean(axis=-2), V.mean(axis=-2)
-    correlation = np.swapaxes(V - V_mean[..., None, :], -1, -2) @ (U - U_mean[..., None, :])
-    R, unique = _nearest_rotation(correlation)
-    if not unique.all():
-        raise InputError(
-            f"Expected `U` and `V` to span at least {U.shape[-1] - 1} directions and not to be mirror images, so that "
-            "one rotation fits best; more than one fits equally well."
-        )
-    return R, V_mean - (R @ U_mean[..., None])[..., 0]
-
-
-def solve_4dpa(A: Any, B: Any, scale: float | None) -> Array:
-    """X (..., 4, 4) by 4DPA at the scaling factor ``scale``, or in its limit (None); see `estimators.solve`."""
-    A, B = as_pairs(A, B)
-    return solve_limit(A, B) if scale is None else solve_scaled(A, B, scale).X
 
 
 def as_pairs(A: Any, B: Any) -> tuple[Array, Array]:
@@ -295,105 +220,3 @@ def _cores() -> int:
 
 
 # ------------------------------------------------------------------ the paper's route at finite d (Problem 2)
-
-
-class Scaled(NamedTuple):
-    """Solution of Problem 2 at finite d with what its covariance (39)-(48) needs again."""
-
-    X: Array  # (..., 4, 4)
-    sigma: Array  # (..., 8), the unit octonion (18)
-    pinv_L: Array  # (..., 4, 4): (F11 - lambda_min I)^+
-    pinv_R: Array  # (..., 4, 4): (F22 - lambda_min I)^+
-
-
-def check_scale(scale: float) -> None:
-    number = isinstance(scale, int | float | np.number) and not isinstance(scale, bool)
-    if not (number and np.isfinite(scale) and scale > 0):
-        raise InputError(f"Expected `scale` to be a positive number or None, got {scale!r}.")
-
-
-def so4_from_se3(T: ArrayLike, scale: float, mapping: str = "F2") -> Array:
-    """The maps F1 (49) and F2 (51) at ``eps = 1/scale``: (..., 4, 4) in SE(3) to nearly SO(4).
-
-    ``F2 = [[R, t/d], [-t^T R/d, 1]]``; F1 has the opposite sign in its last row. F2 is orthogonal up to
-    |t|^2/d^2, F1 only up to 2 |t|/d: the rotation nearest to F1(T) is diag(R, 1), so that F1 carries no
-    translation through Problem 2, which therefore takes F2.
-    """
-    check_scale(scale)
-    if mapping not in ("F1", "F2"):
-        raise InputError(f"Expected `mapping` to be 'F1' or 'F2', got {mapping!r}.")
-    function = _closed_form.F2 if mapping == "F2" else _closed_form.F1
-    return np.asarray(function(as_transforms(T, "T", stack=False), scale), dtype=float)
-
-
-def se3_from_so4(R4: ArrayLike, scale: float) -> Array:
-    """Inverse of F1 and F2: rotation from the upper left block, ``t = d R4[:3, 3]``; (..., 4, 4).
-
-    The block is orthonormalised, which changes it by the order of |t|^2/d^2.
-    """
-    check_scale(scale)
-    R4 = as_numbers(R4, "R4")
-    if R4.ndim < 2 or R4.shape[-2:] != (4, 4):
-        raise InputError(f"Expected `R4` to have shape (..., 4, 4), got {R4.shape}.")
-    if not np.isfinite(R4).all():
-        raise InputError("Expected `R4` to be finite, got NaN or infinity.")
-    T = np.zeros(R4.shape)
-    T[..., :3, :3] = orthonormalise(R4[..., :3, :3])
-    T[..., :3, 3] = scale * R4[..., :3, 3]
-    T[..., 3, 3] = 1.0
-    return T
-
-
-def octonion(X: ArrayLike, scale: float) -> Array:
-    """The unit octonion ``sigma = (q_L, q_R)/sqrt(2)`` (18) of X on SO(4); (..., 4, 4) -> (..., 8).
-
-    ``q_L q_R^T`` has the entries ``<R_L(e_j) R_R(e_k), R4>/4`` for R4 in SO(4); the two leading singular
-    vectors give the octonion of the nearest rotation for the image of X, which is in SO(4) to order 1/d only.
-    """
-    R4 = so4_from_se3(X, scale)
-    basis = _closed_form.R_L(_EYE4)[:, None] @ _closed_form.R_R(_EYE4)
-    U, _, Vt = np.linalg.svd(np.einsum("jkab,...ab->...jk", basis, R4))
-    return _signed_octonion(U[..., 0], Vt[..., 0, :])
-
-
-def _signed_octonion(q_L: Array, q_R: Array) -> Array:
-    """Signs fixed by ``R[3, 3] > 0``, which ``R`` owes to a pose, and by ``q_L[0] >= 0``."""
-    corner = (_closed_form.R_L(q_L) @ _closed_form.R_R(q_R))[..., 3, 3]
-    q_R = np.where(corner < 0, -1.0, 1.0)[..., None] * q_R
-    sign = np.where(q_L[..., 0] < 0, -1.0, 1.0)[..., None]
-    return np.asarray(np.concatenate([sign * q_L, sign * q_R], axis=-1) / math.sqrt(2.0))
-
-
-def solve_scaled(A: Array, B: Array, scale: float) -> Scaled:
-    """Problem 2 on ``F2(A_i), F2(B_i)`` through the generated F11 and F22 (33)-(35).
-
-    The eigenvectors of the smallest eigenvalues are q_L
-    and q_R (34); the signs are fixed by ``R[3, 3] > 0`` and ``q_L[0] >= 0``.
-    """
-    check_scale(scale)
-    # The limit checks the input, and tells motions that do not determine X: at finite d the translations hide
-    # it by terms of the order of |t|^2/d^2.
-    solve_limit(A, B)
-    longest = max(float(np.abs(T[..., :3, 3]).max()) for T in (A, B))
-    if longest > 0 and not 0.01 * longest < scale < 1e12 * longest:
-        raise InputError(
-            f"Expected `scale` well above the longest translation, {longest:.3g}, and below 1e12 times it, got "
-            f"{scale:g}: a small one leaves SO(4), a large one rounds the translations away."
-        )
-    batch, N = A.shape[:-3], A.shape[-3]
-    flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
-    sums = np.zeros((2, len(flat_A), 4, 4))
-    for trials, pairs in product(trial_blocks(len(flat_A), N), pair_blocks(N)):
-        E = _closed_form.F2(flat_A[trials, pairs], scale)
-        Z = _closed_form.F2(flat_B[trials, pairs], scale)
-        sums[0, trials] += _closed_form.F11(E, Z).sum(axis=1)  # (35)
-        sums[1, trials] += _closed_form.F22(E, Z).sum(axis=1)
-    values, vectors = np.linalg.eigh(sums)  # (34), ascending
-    if not np.all(values[..., 1] - values[..., 0] > DEGENERATE * (values[..., 3] - values[..., 0])):
-        raise DegenerateMotionError("The motions do not determine X at this `scale`; make it larger.", np.eye(6))
-    sigma = _signed_octonion(vectors[0, ..., 0], vectors[1, ..., 0])
-    X = se3_from_so4(_closed_form.sigma_to_R(sigma), scale)
-    # (F - lambda_min I)^+ from the decomposition at hand: the smallest eigenvalue is the one left out.
-    inverse_gaps = 1.0 / (values[..., 1:] - values[..., :1])
-    pinv = (vectors[..., 1:] * inverse_gaps[..., None, :]) @ vectors[..., 1:].mT
-    return Scaled(X.reshape(*batch, 4, 4), sigma.reshape(*batch, 8), *(p.reshape(*batch, 4, 4) for p in pinv))

@@ -29,9 +29,11 @@ import numpy as np
 
 from .. import _closed_form
 from ..errors import DegenerateMotionError
-from ..geometry.se3 import Array, entry_rows, skew, surely_transforms
+from ..geometry.checks import entry_rows, surely_transforms
+from ..geometry.se3 import Array, skew
 from ..runtime.workspace import scratch
-from .limit import DEGENERATE, NO_ROTATION, Scaled, Suspicious, infinite_directions, octonion
+from .finite_scale import Scaled, octonion
+from .limit import DEGENERATE, NO_ROTATION, Suspicious, infinite_directions
 
 _EYE = np.eye(3)
 

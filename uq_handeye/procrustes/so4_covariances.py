@@ -13,9 +13,11 @@ import numpy as np
 
 from .. import _closed_form
 from ..errors import InputError
-from ..geometry.se3 import Array, as_numbers, as_transforms, vee
+from ..geometry.checks import as_numbers, as_transforms
+from ..geometry.se3 import Array, vee
 from ..noise.models import PairNoise, require_count
-from .limit import as_pairs, pair_blocks, solve_scaled
+from .finite_scale import solve_scaled
+from .limit import as_pairs, pair_blocks
 from .sensitivity import Linearised, ScaledDerivatives, columns_by_octonion, linearised
 
 # The scaling factor of the paper's experiments, used where a formula exists at finite d only.

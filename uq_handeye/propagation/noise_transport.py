@@ -17,7 +17,8 @@ from scipy.linalg import block_diag
 
 from ..errors import InputError
 from ..estimators.common.method import ErrorFactors
-from ..geometry.se3 import Array, block, entry_rows, inverse, skew
+from ..geometry.checks import entry_rows
+from ..geometry.se3 import Array, block, inverse, skew
 from ..noise.models import Noise, PairNoise, PoseNoise, factor, is_joint, marginals, require_count
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs

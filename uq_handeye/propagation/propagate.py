@@ -35,18 +35,12 @@ from ..estimators.common.method import (
     require_converged,
 )
 from ..estimators.registry import find
-from ..geometry.se3 import Array, as_transforms
+from ..geometry.checks import as_transforms
+from ..geometry.se3 import Array
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..poses.motions import Motions
-from ..procrustes.limit import (
-    Suspicious,
-    as_pairs,
-    pair_blocks,
-    require_transforms,
-    solve_limit,
-    solve_scaled,
-    trial_blocks,
-)
+from ..procrustes.finite_scale import solve_scaled
+from ..procrustes.limit import Suspicious, as_pairs, pair_blocks, require_transforms, solve_limit, trial_blocks
 from ..procrustes.sensitivity import LimitDerivatives, ScaledDerivatives, linearised
 from ..procrustes.so4_covariances import PAPER_SCALE, literal_covariance
 from .noise_transport import DataSide, Shared, Start, data_side, made_from_poses, noise_of_pairs

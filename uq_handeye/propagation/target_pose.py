@@ -17,9 +17,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array, block, inverse_jacobian, skew
 from ..poses.pose_pairs import PosePairs
-from ..procrustes.limit import orthonormalise
 
 _EYE = np.eye(3)
 

@@ -17,7 +17,7 @@ from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure
 from ..calibration.report.task_space_figure import ahead, task_space_figure, typical_distance
 from ..calibration.report.text import directions, parent_frame
-from ..comparison.of_result import methods_picture
+from ..comparison.methods_figure import methods_picture
 from ..errors import InputError
 from ..formatting.numbers import digits
 from ..noise.models import PoseNoise
@@ -29,9 +29,9 @@ from ..propagation.target_pose import mean_target
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..comparison.compare import Comparison
+    from ..comparison.result import Comparison
     from ..geometry.se3 import Array
-    from ..validation.cross_check.run import CrossCheck
+    from ..validation.cross_check.result import CrossCheck
 
 # Rows of a cross-check that are laid over the ellipses: key and name in the legend.
 OVERLAY = (

@@ -6,23 +6,17 @@ text is escaped by the template. The same result gives the same file, except for
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from datetime import UTC, datetime
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markupsafe import Markup
-
 from .. import __version__
-from ..comparison.compare import Comparison
 from ..comparison.of_result import Compared, compared
+from ..comparison.result import Comparison
 from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..geometry.conventions import CONVENTION
-from ..presentation.blocks import Drawing, Section
-from ..presentation.figure_parts import Picture, inline_svg
+from ..presentation.page import drawing, rendered
 from ..presentation.pdf import to_pdf
 from .figures import pictures, require_same_problem
 from .sections_camera import camera_sections
@@ -32,7 +26,6 @@ from .sections_data import (
     methods_section,
     noise_section,
     observability_section,
-    pretty,
     residuals_section,
     rig_section,
 )
@@ -48,7 +41,7 @@ from .sections_result import (
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..validation.cross_check.run import CrossCheck
+    from ..validation.cross_check.result import CrossCheck
 
 SUFFIXES = (".html", ".pdf")
 
@@ -119,60 +112,3 @@ def report_html(
     data = f"{result.n_poses:,} poses" if result.n_poses is not None else f"{result.n_pairs:,} motions"
     facts = [result.setup or "motions without poses", data, f"method {result.method}", date]
     return rendered("Hand-eye calibration", result.frame, facts, sections)
-
-
-def rendered(heading: str, subject: str, facts: list[str], sections: list[Section]) -> str:
-    """One page as HTML text; the section with the anchor ``answer`` comes first."""
-    from jinja2 import Environment, StrictUndefined
-
-    files = resources.files(__package__)
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["pretty"] = pretty
-    template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
-    script = _SCRIPT.strip()
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return template.render(
-        heading=heading,
-        subject=subject,
-        facts=facts,
-        sections=sections,
-        style=Markup((files / "report.css").read_text(encoding="utf-8")),
-        script=Markup(script),
-        script_hash=digest,
-        version=__version__,
-    )
-
-
-def drawing(stem: str, picture: Picture) -> Drawing:
-    """The picture as a block of a page."""
-    return Drawing(stem, Markup(inline_svg(picture.figure, stem)), picture.alt, picture.caption)
-
-
-# Shows the buttons, which do nothing without it, and copies; the old way where a browser has no clipboard for files.
-_SCRIPT = """
-document.querySelectorAll("button.copy").forEach(function (button) {
-  button.hidden = false;
-  button.addEventListener("click", function () {
-    var text = button.parentElement.parentElement.querySelector("pre").textContent;
-    function said(word) {
-      button.textContent = word;
-      setTimeout(function () { button.textContent = "Copy"; }, 1500);
-    }
-    function oldWay() {
-      var area = document.createElement("textarea");
-      area.value = text;
-      area.setAttribute("readonly", "");
-      area.className = "offscreen";
-      document.body.appendChild(area);
-      area.select();
-      var done = false;
-      try { done = document.execCommand("copy"); } catch (error) { done = false; }
-      document.body.removeChild(area);
-      said(done ? "Copied" : "Select and copy by hand");
-    }
-    if (navigator.clipboard && navigator.clipboard.writeText) {
-      navigator.clipboard.writeText(text).then(function () { said("Copied"); }, oldWay);
-    } else { oldWay(); }
-  });
-});
-"""

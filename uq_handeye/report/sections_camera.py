@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..calibration.report.analysis import KINDS
 from ..camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
-from ..diagnostics.task_space import EACH, SHARED
+from ..diagnostics.budget import EACH, SHARED
 from ..formatting.numbers import fixed
 from ..presentation.blocks import Block, Paragraph, Points, Section, Table
 from .figures import poses_of

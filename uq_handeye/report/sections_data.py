@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..calibration.report.analysis import budget_shares, covariance_names, fit_sentences, noise_sizes
+from ..calibration.report.time_offset import offset_lines
 from ..formatting.numbers import column, fixed
 from ..presentation.blocks import Block, Cell, Drawing, Paragraph, Points, Section, Table
-from ..synchronisation.text import offset_lines
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..comparison.compare import Comparison
+    from ..comparison.result import Comparison
     from ..noise.estimate import Component
 
 # A table lists all poses up to so many; of more those that are flagged, and the worst.
@@ -269,9 +268,3 @@ def covariances_section(result: Calibration) -> Section:
     halves = [analysis.split_half.sentence, analysis.split_in_time.sentence]
     warned = frozenset(text for text in halves if text in result.warnings)
     return Section("covariances", title, [Table(caption, head, rows), Points(halves, warned)])
-
-
-def pretty(text: str) -> str:
-    """Signs of print for those of a terminal: d², ±, a true minus before a number."""
-    text = text.replace("`", "").replace("d^2", "d²").replace("deg^2", "deg²").replace("mm^2", "mm²").replace("+-", "±")
-    return re.sub(r"(?<![\w.)\]-])-(?=\d)", "\N{MINUS SIGN}", text)

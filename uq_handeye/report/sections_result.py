@@ -18,7 +18,7 @@ from .sections_data import needs
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..validation.cross_check.run import CrossCheck
+    from ..validation.cross_check.result import CrossCheck
 
 NO_COVARIANCE = (
     "Not determined: there is no covariance, because no noise was given and the residuals show none. Give the noise of "

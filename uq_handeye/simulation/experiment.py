@@ -15,11 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..calibration.request import require_noise_fits
 from ..errors import InputError, NotConvergedError, SingularNoiseError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..geometry.se3 import Array, inverse
-from ..likelihood.constraint import constraint_of
+from ..likelihood.constraint import constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise_estimation.estimate import estimate_noise

@@ -9,10 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..formatting.units import parse_angle, parse_length
-from ..geometry.se3 import Array, as_transforms, inverse, perturb
+from ..geometry.checks import as_transforms
+from ..geometry.frames import SETUPS
+from ..geometry.se3 import Array, inverse, perturb
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, factor, is_joint, require_count
-from ..poses.pose_pairs import SETUPS, PosePairs, Truth
+from ..poses.pose_pairs import PosePairs, Truth
 
 
 def _transform(rotation: Rotation, translation: Any) -> Array:

@@ -28,9 +28,10 @@ import numpy as np
 
 from ..errors import InputError, InputWarning, NotConvergedError, require_integer
 from ..files.source import Source
+from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from ..noise.models import PoseNoise, is_joint
-from ..poses.pose_pairs import SETUPS, PosePairs
+from ..poses.pose_pairs import PosePairs
 from ..poses.stream import Stream
 from ..poses.timing import SIDES, Timing
 from .correlation import Correlation, best_correlation

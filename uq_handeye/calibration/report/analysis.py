@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...diagnostics.budget import SHARED
 from ...diagnostics.sentences import SYSTEMATIC, independent_words, joint_words, spectrum_words
-from ...diagnostics.task_space import SHARED
 from ...formatting.numbers import digits, probability, rotvec_jacobian, row, std_of
+from ...formatting.paragraphs import wrapped
 from ...geometry.se3 import Array
 from ...noise.models import PairNoise, is_joint, marginals
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ...noise.models import Noise
     from ..result import Calibration
 
-WIDTH = 118
 KINDS = ("rotation", "translation")
 # Poses that a text lists; the table of the result has them all.
 MOST_LISTED = 12
@@ -245,7 +244,3 @@ def diagnosis_lines(result: Calibration) -> list[str]:
     above = " (see the cautions above)" if {*found.warnings(), *halves}.intersection(result.warnings) else ""
     title = f"Diagnostics{above}:"
     return [title, *(line for text in texts for line in wrapped(f"- {text}", indent="    ", first="  "))]
-
-
-def wrapped(text: str, indent: str = "  ", first: str | None = None) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=indent if first is None else first, subsequent_indent=indent)

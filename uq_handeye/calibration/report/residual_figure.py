@@ -13,11 +13,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from ...diagnostics.pose_table import PoseTable
 from ...geometry.se3 import Array
-from ...presentation.figure_parts import BLUE, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
+from ...presentation.figure_parts import BLUE, INK, ORANGE, SMALL, TEXT, canvas, finished, plain, plain_numbers
 from ...presentation.label_placement import HALO
 
 # Marker and colour by the first word of the flag.
@@ -87,17 +87,6 @@ def _limits(axis: Axes, value: Array, logarithmic: bool) -> None:
     low = float(np.quantile(positive, 0.01 if len(positive) > MANY else 0.0)) if positive.size else 1.0
     high = float(positive.max()) if positive.size else 1.0
     axis.set_ylim(0.5 * max(low, 1e-6 * high), 3.0 * high)
-
-
-def plain_numbers(axis: Axes) -> None:
-    """Few ticks of a logarithmic axis, as numbers: 0.5, 1, 10, 20, and powers only where that would be long."""
-    low, high = axis.get_ylim()
-    decades = float(np.log10(high / low))
-    steps = (1.0, 2.0, 5.0) if decades < 1.5 else (1.0, 3.0) if decades < 2.2 else (1.0,)
-    axis.yaxis.set_major_locator(LogLocator(subs=steps, numticks=6 if decades >= 2.2 else 12))
-    axis.yaxis.set_minor_formatter(NullFormatter())
-    if low >= 1e-4 and high < 1e6:
-        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
 
 
 def _named(axis: Axes, rows: list[int], value: Array, count: int) -> None:

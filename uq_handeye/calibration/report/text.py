@@ -11,11 +11,12 @@ from ...diagnostics.diagnose import UNKNOWN_FRAME
 from ...diagnostics.residual_patterns import RARE
 from ...diagnostics.sentences import direction_words
 from ...formatting.numbers import digits, rotvec_jacobian, row, std_of
+from ...formatting.paragraphs import wrapped
 from ...geometry.se3 import Array, skew
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import PoseNoise
-from ...synchronisation.text import offset_lines
-from .analysis import beside_lines, budget_lines, covariance_lines, diagnosis_lines, noise_lines, pose_lines, wrapped
+from .analysis import beside_lines, budget_lines, covariance_lines, diagnosis_lines, noise_lines, pose_lines
+from .time_offset import offset_lines
 
 if TYPE_CHECKING:
     from ..result import Calibration

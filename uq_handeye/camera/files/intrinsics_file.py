@@ -18,7 +18,7 @@ from ...geometry.se3 import Array
 from ..models import LINEAR, MODELS
 
 if TYPE_CHECKING:
-    from ..calibrate import CameraCalibration
+    from ..result import CameraCalibration
 
 FORMAT = "uq-handeye camera 1"
 

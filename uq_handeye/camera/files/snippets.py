@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...export.snippets import Snippet, short
 from ...formats.opencv_storage import yaml_number
+from ...formatting.snippets import Snippet, short
 from ...geometry.se3 import Array
 from .intrinsics_file import coefficients_of, opencv_text
 
 if TYPE_CHECKING:
-    from ..calibrate import CameraCalibration
+    from ..result import CameraCalibration
 
 PIXELS = "Pixels; the centre of the first pixel is at (0, 0), as in OpenCV."
 

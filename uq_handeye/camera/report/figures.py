@@ -23,7 +23,7 @@ from .text import boards_words, coverage_words, noise_words, pattern_words
 from .view_figures import boards_figure, certainty, certainty_figure
 
 if TYPE_CHECKING:
-    from ..calibrate import CameraCalibration
+    from ..result import CameraCalibration
 
 
 def camera_figures(cam: CameraCalibration) -> dict[str, Figure]:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ... import __version__
-from ...calibration.provenance import versions
 from ...formatting.numbers import column, fixed
 from ...geometry.conventions import CONVENTION
 from ...presentation.blocks import Block, Cell, Code, Drawing, Paragraph, Points, Section, Table
 from ...presentation.ellipses import render
 from ...presentation.figure_parts import Picture
-from ...report.page import drawing, rendered
+from ...presentation.page import drawing, rendered
+from ...runtime.versions import versions
 from ..files.snippets import PIXELS, camera_snippets
 from .figures import camera_pictures
 from .residual_figures import picture_rms
@@ -35,7 +35,7 @@ from .text import (
 )
 
 if TYPE_CHECKING:
-    from ..calibrate import CameraCalibration
+    from ..result import CameraCalibration
 
 # Tables list all pictures and outliers up to so many, of more the worst.
 MOST_LISTED, WORST = 60, 40

@@ -18,7 +18,6 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ...calibration.report.residual_figure import plain_numbers
 from ...geometry.se3 import Array
 from ...presentation.figure_parts import (
     BLUE,
@@ -32,6 +31,7 @@ from ...presentation.figure_parts import (
     canvas,
     finished,
     plain,
+    plain_numbers,
     round_number,
 )
 from ...presentation.label_placement import HALO
@@ -39,7 +39,7 @@ from ..residual_pattern import CELLS, LARGE
 from .text import outlier_names, pattern_words
 
 if TYPE_CHECKING:
-    from ..calibrate import CameraCalibration
+    from ..result import CameraCalibration
 
 # More arrows are drawn as an image: a drawing of each would make a large file.
 MANY = 2500

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...calibration.report.analysis import wrapped
 from ...formatting.numbers import concise, fixed, probability
+from ...formatting.paragraphs import wrapped
 from ...geometry.se3 import Array
 from ..model_choice import best
 from ..models import LINEAR
 from ..residual_pattern import CELLS, RARE
 
 if TYPE_CHECKING:
-    from ..calibrate import CameraCalibration
+    from ..result import CameraCalibration
 
 # Corners left out that the text lists, the farthest first; the files list them all.
 MOST_LISTED = 12

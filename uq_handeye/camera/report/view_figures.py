@@ -23,7 +23,7 @@ from .residual_figures import MANY, picture_canvas
 from .text import seen_points
 
 if TYPE_CHECKING:
-    from ..calibrate import CameraCalibration
+    from ..result import CameraCalibration
 
 # Nodes of the map along the longer side of the picture.
 NODES = 49

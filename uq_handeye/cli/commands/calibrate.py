@@ -33,12 +33,12 @@ from .camera import pictures_of
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
-    from ...comparison.compare import Comparison
     from ...comparison.of_result import Compared
+    from ...comparison.result import Comparison
     from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
     from ...poses.pose_pairs import PosePairs
-    from ...validation.cross_check.run import CrossCheck
+    from ...validation.cross_check.result import CrossCheck
     from .camera import Pictures
 
 METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)

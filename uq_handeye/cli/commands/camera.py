@@ -13,8 +13,8 @@ from ..options import UNITS, JsonOption, emit, folder_option, made_of, one_of, o
 
 if TYPE_CHECKING:
     from ...camera.board import Board
-    from ...camera.calibrate import CameraCalibration
     from ...camera.corners import Corners
+    from ...camera.result import CameraCalibration
     from ...poses.pose_pairs import PosePairs
 
 # camera.models.MODELS and "auto", written down once more to be quick.
@@ -246,7 +246,7 @@ def camera_command(
         with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
             found.write(output)
     if as_json:
-        from ...camera.files.folder import to_dict
+        from ...camera.files.folder_writer import to_dict
         from ...io import json_text
 
         emit(json_text(to_dict(found)))

@@ -22,7 +22,7 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
-    from ...comparison.compare import Comparison
+    from ...comparison.result import Comparison
     from ...noise.models import Noise
 
 COMPARED = (*PUBLISHED, *ROBOT_WORLD)

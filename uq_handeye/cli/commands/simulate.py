@@ -33,9 +33,9 @@ def simulate_command(
 
     Example: uq-handeye simulate -o sim/ --poses 30 --camera-noise 0.1deg,0.5mm
     """
+    from ...geometry.frames import SETUPS
     from ...io import pose_text, write_files
     from ...noise.models import PoseNoise
-    from ...poses.pose_pairs import SETUPS
     from ...simulation.rig import simulate
 
     if noise is not None and not isinstance(noise, PoseNoise):

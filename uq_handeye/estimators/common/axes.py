@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...geometry.nearest_rotation import orthonormalise
 from ...geometry.se3 import Array, left_jacobian, skew, vee
-from ...procrustes.limit import orthonormalise
 from .method import require
 
 # cos(170 / 2 degrees): below this scalar part a quaternion's sign needs the other motions.

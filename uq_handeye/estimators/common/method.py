@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...geometry.se3 import Array, as_transforms
+from ...geometry.checks import as_transforms
+from ...geometry.se3 import Array
 from ...noise.models import PairNoise
 from ...procrustes.limit import as_pairs, solve_limit
 

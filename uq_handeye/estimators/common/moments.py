@@ -22,7 +22,8 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...geometry.se3 import CHUNK, Array, vee
+from ...geometry.checks import CHUNK
+from ...geometry.se3 import Array, vee
 from ...noise.models import PairNoise
 from ...procrustes.limit import pair_blocks, trial_blocks
 from .axes import Signs, axis_signs, quaternions

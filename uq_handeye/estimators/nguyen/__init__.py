@@ -40,7 +40,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...geometry.se3 import Array, as_transforms
+from ...geometry.checks import as_transforms
+from ...geometry.se3 import Array
 from ...noise.models import PairNoise, require_count
 from ...procrustes.limit import as_pairs, trial_blocks
 from ..common.method import Derivatives, Estimate, Method

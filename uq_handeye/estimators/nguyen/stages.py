@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...errors import DegenerateMotionError, InputError
+from ...geometry.nearest_rotation import orthonormalise
 from ...geometry.packed3x3 import (
     EYE,
     NotDefinite,
@@ -34,7 +35,7 @@ from ...geometry.packed3x3 import (
 )
 from ...geometry.se3 import Array, vee
 from ...noise.models import PairNoise
-from ...procrustes.limit import DEGENERATE, NO_ROTATION, infinite_directions, orthonormalise
+from ...procrustes.limit import DEGENERATE, NO_ROTATION, infinite_directions
 from .descent import PUBLISHED_ROTATION, PUBLISHED_TRANSLATION, Descent, Rule
 
 CrossTerm = Literal["derived", "published"]

@@ -29,7 +29,7 @@ from ...geometry.se3 import Array
 from ...presentation.ellipses import SYMBOLS, display_unit, limited, render
 
 if TYPE_CHECKING:
-    from .run import CrossCheck
+    from .result import CrossCheck
 
 LEVEL = 2
 POINTS = 2000

@@ -28,7 +28,7 @@ from ...simulation.experiment import Experiment
 from ..monte_carlo.run import INTERRUPTED, MonteCarlo, monte_carlo
 
 if TYPE_CHECKING:
-    from ..posterior.sample import Posterior
+    from ..posterior.result import Posterior
 
 METHODS = ("4dpa", "nguyen", "efficient", "ml")
 NAMES = {"4dpa": "4DPA", "nguyen": "Nguyen and Pham", "efficient": "efficient", "ml": "ml"}

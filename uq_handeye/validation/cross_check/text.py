@@ -14,8 +14,8 @@ from .rows import METHODS
 
 if TYPE_CHECKING:
     from .relations import Relation
+    from .result import CrossCheck
     from .rows import Row
-    from .run import CrossCheck
 
 WIDTH = 118
 _DEG, _MM = 180 / np.pi, 1e3

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ... import __version__
-from ...calibration.result_file import noise_to_dict
 from ...errors import InputError
 from ...files.atomic import json_text, write_atomically
 from ...geometry.conventions import CONVENTION
 from ...geometry.se3 import Array
 from ...noise.models import Noise
+from ...noise.to_dict import noise_to_dict
 from ...simulation.experiment import Experiment
 from .consistency import LEVELS, PARTS, Consistency
 from .stopping import Summary

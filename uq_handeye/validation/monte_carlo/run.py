@@ -26,10 +26,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError, InputWarning, require_integer
+from ...geometry.frames import SETUPS
 from ...geometry.se3 import Array
 from ...noise.models import Noise, checked_covariance
 from ...poses.motions import Motions
-from ...poses.pose_pairs import SETUPS, PosePairs
+from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
 from ...runtime.progress import progress_bar
 from ...simulation.experiment import experiment

@@ -26,7 +26,7 @@ from ...geometry.se3 import Array
 from ...presentation.ellipses import LEVELS, SYMBOLS, display_unit
 
 if TYPE_CHECKING:
-    from .sample import Posterior
+    from .result import Posterior
 
 BINS = 60
 REACH = 4.0  # standard deviations to either side

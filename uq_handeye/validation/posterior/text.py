@@ -11,7 +11,7 @@ from ...formatting.numbers import digits
 from ...geometry.se3 import Array
 
 if TYPE_CHECKING:
-    from .sample import Posterior
+    from .result import Posterior
 
 WIDTH = 120
 SHAPE_LEVELS = (0.5, 0.68, 0.9, 0.95, 0.99)

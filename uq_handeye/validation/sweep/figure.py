@@ -28,11 +28,11 @@ from ...formatting.numbers import digits
 from ...presentation.ellipses import render
 from ...presentation.label_placement import HALO
 from .level import KINDS
-from .run import Limit, MethodSweep
+from .limits import Limit, MethodSweep
 from .text import rough
 
 if TYPE_CHECKING:
-    from .run import Sweep
+    from .result import Sweep
 
 # Colours of Okabe and Ito, lines and markers apart in greyscale too.
 STYLES: dict[str, tuple[str, Any, str]] = {KINDS[0]: ("#D55E00", "-", "o"), KINDS[1]: ("#0072B2", (0, (4, 1.5)), "s")}

@@ -30,187 +30,31 @@ A sweep takes seconds: levels are worked out one after the other, in this proces
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import __version__
-from ...calibration.result_file import noise_to_dict
 from ...errors import InputError, require_integer
-from ...files.atomic import json_text
-from ...geometry.conventions import CONVENTION
+from ...geometry.frames import SETUPS
 from ...noise.models import Noise
 from ...poses.motions import Motions
-from ...poses.pose_pairs import SETUPS, PosePairs
+from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
 from ...runtime.progress import progress_bar
 from ...simulation.experiment import Experiment, experiment
 from ..monte_carlo.chunks import one_thread
-from ..monte_carlo.consistency import PARTS
-from .level import CONFIDENCE, KINDS, Level, Task, level_at, level_dict
+from .level import KINDS, Level, Task, level_at
+from .limits import MethodSweep, limit_of
+from .result import Sweep
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0)
 # Ratio of two factors between which no third is looked at.
 CLOSE = 1.1
-
-_FORMAT = "uq-handeye sweep 1"
-
-
-@dataclass(frozen=True)
-class Limit:
-    """Factors of the covariance of the noise between which a covariance begins to fail."""
-
-    holds: float | None  # the largest below the first failure; None: it fails at the smallest tried
-    fails: float | None  # the smallest that fails; None: it holds at all tried
-    heavy: bool = False  # errors have heavy tails at either: it is chance which of the levels around pass
-
-
-@dataclass(frozen=True, eq=False)
-class MethodSweep:
-    """A method at all levels, by ascending factor, those of the bisection among them."""
-
-    method: str
-    levels: tuple[Level, ...]
-
-    def limit(self, kind: str) -> Limit:
-        """Where one of `KINDS` ends."""
-        return _limit(self.levels, kind)
-
-    def __repr__(self) -> str:
-        ends = "; ".join(f"{kind} {_ends(self.limit(kind))}" for kind in KINDS)
-        return f"MethodSweep({self.method}, {len(self.levels)} levels: {ends})"
-
-    @property
-    def own(self) -> Level:
-        """At the noise as it is."""
-        return next(level for level in self.levels if level.factor == 1)
-
-    def at(self, factor: float) -> Level:
-        """At a factor that was asked for."""
-        for level in self.levels:
-            if math.isclose(level.factor, factor, rel_tol=1e-12):
-                return level
-        known = ", ".join(f"{level.factor:.4g}" for level in self.levels)
-        raise InputError(f"Expected `factor` to be one of {known}, got {factor!r}.")
-
-
-@dataclass(frozen=True, eq=False)
-class Sweep:
-    """Where first order and sigma points end, for some methods; see `sweep`."""
-
-    methods: tuple[MethodSweep, ...]
-    factors: tuple[float, ...]  # as asked for, and 1
-    noise: Noise  # as it is, factor 1
-    noise_estimated: bool
-    frame: str  # of X
-    count: int  # poses or motions
-    item: str  # "poses" or "motions"
-    around: str  # "truth of the simulation" or "fit to the data"
-    trials: int
-    seed: int
-    tolerance: float
-
-    def __getitem__(self, method: str) -> MethodSweep:
-        for found in self.methods:
-            if found.method == method:
-                return found
-        known = ", ".join(found.method for found in self.methods)
-        raise InputError(f"Expected `method` to be one of {known}, got {method!r}.")
-
-    def __repr__(self) -> str:
-        ends = ", ".join(f"{found.method} {_ends(found.limit(KINDS[0]))}" for found in self.methods)
-        return f"Sweep({self.trials:,} trials per level, covariance of the noise times a factor; first order: {ends})"
-
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        from ...presentation.notebook import text_html
-
-        return text_html("Sweep of the noise", repr(self), self.summary())
-
-    def summary(self) -> str:
-        """What holds up to which noise, in words and as a table."""
-        from .text import summary
-
-        return summary(self)
-
-    def figure(self, path: str | Path) -> Path:
-        """Write the mean NEES against the noise as ``.png`` or ``.svg``."""
-        from .figure import figure
-
-        return figure(self, path)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything as plain numbers, lists and text, with units and convention."""
-        return {
-            "format": _FORMAT,
-            "version": __version__,
-            "convention": CONVENTION,
-            "units": {"rotation": "rad", "translation": "m"},
-            "frame": self.frame,
-            "around": self.around,
-            "count": self.count,
-            "item": self.item,
-            "noise": noise_to_dict(self.noise),
-            "noise_estimated": self.noise_estimated,
-            "factors": list(self.factors),
-            "trials": self.trials,
-            "seed": self.seed,
-            "tolerance": self.tolerance,
-            "confidence": CONFIDENCE,
-            "methods": [
-                {
-                    "method": found.method,
-                    "limits": {
-                        kind: {"holds": (end := found.limit(kind)).holds, "fails": end.fails, "heavy_tails": end.heavy}
-                        for kind in KINDS
-                    },
-                    "levels": [level_dict(level) for level in found.levels],
-                }
-                for found in self.methods
-            ],
-        }
-
-    def to_json(self, path: str | Path | None = None) -> str:
-        """JSON text, also written to ``path`` (whole or not at all)."""
-        return json_text(self.to_dict(), path)
-
-    def to_dataframe(self) -> pd.DataFrame:
-        """A pandas table, one row per method, level and kind of covariance; factors are of the noise covariance."""
-        import pandas as pd
-
-        rows = []
-        for found in self.methods:
-            for level in found.levels:
-                row = level_dict(level)
-                for kind in KINDS:
-                    tested = row[kind]
-                    nees = tested["mean_nees"] or [None] * len(PARTS)
-                    worst = tested["worst"] or [None, None]
-                    rows.append(
-                        {
-                            "method": found.method,
-                            "factor": level.factor,
-                            "sd_factor": level.deviations,
-                            "kind": kind,
-                            "holds": tested["holds"],
-                            **{f"mean_nees_{part}": value for part, value in zip(PARTS, nees, strict=True)},
-                            "least_ratio": worst[0],
-                            "largest_ratio": worst[1],
-                            "coverage_95": tested["coverage_95"],
-                            "bias_sd": level.bias,
-                            "failed": level.failed,
-                            "heavy_tails": level.heavy,
-                            "reason": tested["reason"],
-                        }
-                    )
-        return pd.DataFrame(rows)
 
 
 def sweep(
@@ -326,31 +170,11 @@ def _ordered(levels: dict[float, Level]) -> tuple[Level, ...]:
     return tuple(levels[factor] for factor in sorted(levels))
 
 
-def _limit(levels: Sequence[Level], kind: str) -> Limit:
-    """Of levels by ascending factor: before the first that fails, however it is above."""
-    before: Level | None = None
-    for level in levels:
-        if not level.of(kind).holds:
-            heavy = level.heavy or (before is not None and before.heavy)
-            return Limit(None if before is None else before.factor, level.factor, heavy)
-        before = level
-    return Limit(None if before is None else before.factor, None)
-
-
-def _ends(limit: Limit) -> str:
-    """For `repr`."""
-    if limit.holds is None:
-        return "holds at no factor tried"
-    about = "about " if limit.heavy else ""
-    factor = float(f"{limit.holds:.1e}")
-    return f"holds {'at all tried, ' if limit.fails is None else ''}up to {about}{factor:,.10g}"
-
-
 def _next(levels: dict[float, Level]) -> list[float]:
     """Where bisection looks next, for either kind."""
     found = set()
     for kind in KINDS:
-        limit = _limit(_ordered(levels), kind)
+        limit = limit_of(_ordered(levels), kind)
         if limit.holds is not None and limit.fails is not None and limit.fails / limit.holds > CLOSE:
             found.add(math.sqrt(limit.holds * limit.fails))
     return sorted(found)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from ...formatting.numbers import digits
 from .level import KINDS, Level, Verdict
-from .run import Limit, MethodSweep
+from .limits import Limit, MethodSweep
 
 if TYPE_CHECKING:
-    from .run import Sweep
+    from .result import Sweep
 
 WIDTH = 118
 # Deviations of the noise may grow by so much before a covariance fails: then the noise is well inside.

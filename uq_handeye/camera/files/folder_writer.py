@@ -1,0 +1,92 @@
+"""A camera folder written."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...files.atomic import json_text, write_files
+from ...files.open import StrPath, as_path
+from ...formats.csv_poses import pose_text
+from ..result import CameraCalibration
+from .corner_file import corners_text
+from .folder import CONVENTION, CORNERS, COVARIANCE, FURTHER, INTRINSICS, POSES
+from .intrinsics_file import FORMAT, opencv_text
+
+
+def camera_files(cam: CameraCalibration) -> dict[str, str | bytes]:
+    """The files of `write_camera` that are data, by name."""
+    buffer = io.BytesIO()
+    S = cam.covariance
+    arrays: dict[str, Any] = {
+        "own": S.own,
+        "shared": S.shared,
+        "rows": cam.rows.astype(np.int64),
+        "poses": cam.poses,
+        "by_parameters": cam.bundle.by_parameters,
+        "parameters": cam.bundle.parameters,
+        "weights": cam.bundle.weights,
+        "convention": CONVENTION,
+    }
+    np.savez(buffer, **arrays)
+    return {
+        POSES: pose_text(cam.poses, cam.rows),
+        COVARIANCE: buffer.getvalue(),
+        INTRINSICS: json_text(to_dict(cam)),
+        "intrinsics.yaml": opencv_text(cam),
+        CORNERS: corners_text(cam.corners, cam.bundle.used),
+    }
+
+
+def to_dict(cam: CameraCalibration) -> dict[str, Any]:
+    """All but poses and corners as plain numbers and text."""
+    bundle = cam.bundle
+    return {
+        "format": FORMAT,
+        "model": cam.model,
+        "image_size": list(cam.image_size),
+        "parameters": cam.intrinsics,
+        "std": cam.std,
+        "estimated": list(cam.estimated),
+        "names": list(bundle.model.names),
+        "covariance": bundle.covariance.tolist(),
+        "prior": None
+        if bundle.prior is None
+        else {"mean": bundle.prior.mean.tolist(), "covariance": bundle.prior.covariance.tolist()},
+        "units": "pixels; coefficients without unit",
+        "convention": "centre of the first pixel at (0, 0); models and order of the coefficients as in OpenCV",
+        "pixel_noise": bundle.pixel_noise,
+        "pictures": cam.corners.n,
+        "pictures_without_board": list(cam.corners.missing),
+        "corners": cam.corners.m,
+        "outliers": [
+            {"picture": picture, "corner": corner, "distance": distance} for picture, corner, distance in cam.outliers
+        ],
+        "pattern": {"p_value": cam.pattern.p_value, "share": cam.pattern.share, "found": cam.pattern.found},
+        "candidates": [
+            {
+                "model": one.model,
+                "coefficients": list(one.coefficients),
+                "bic": one.bic if np.isfinite(one.bic) else None,
+                "rms": one.rms if np.isfinite(one.rms) else None,
+            }
+            for one in cam.candidates
+        ],
+        "converged": bundle.converged,
+        "iterations": bundle.iterations,
+        "warnings": list(cam.warnings),
+    }
+
+
+def write_camera(cam: CameraCalibration, folder: StrPath, further: Mapping[str, str | bytes]) -> Path:
+    """Write the files of `camera_files`, and ``further`` ones by name, into a folder: all of them or none."""
+    files = {**camera_files(cam), **further}
+    write_files(folder, files)
+    path = as_path(folder)
+    for name in FURTHER - set(files):  # those of an earlier run are not of this camera
+        (path / name).unlink(missing_ok=True)
+    return path

@@ -1,0 +1,146 @@
+"""What `calibrate_camera` found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files.open import StrPath
+from ..geometry.se3 import Array
+from ..noise.joint_covariance import JointCovariance
+from .bundle import Bundle
+from .corners import Corners, without_pictures
+from .model_choice import Candidate
+from .residual_pattern import Pattern
+
+# A focal length less certain than this share of it is warned of.
+UNCERTAIN = 0.01
+
+
+# Estimates of coefficients within so many standard deviations of 0 are not told apart from it.
+SMALL = 2.0
+
+
+# A value, which is exact, or a value and its standard deviation.
+Known = Mapping[str, float | tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCalibration:
+    """A calibrated camera, the poses it saw the board at, and how well all of that is known; see `calibrate_camera`."""
+
+    bundle: Bundle
+    corners: Corners
+    image_size: tuple[int, int]
+    candidates: tuple[Candidate, ...]  # models that were compared; empty if the model was given
+    pattern: Pattern
+    warnings: tuple[str, ...]
+
+    @property
+    def model(self) -> str:
+        """``pinhole``, ``brown`` or ``fisheye``."""
+        return self.bundle.model.name
+
+    @cached_property
+    def intrinsics(self) -> dict[str, float]:
+        """Parameters by name: pixels, coefficients without unit."""
+        return dict(zip(self.bundle.model.names, map(float, self.bundle.parameters), strict=True))
+
+    @cached_property
+    def std(self) -> dict[str, float]:
+        """Their standard deviations; 0 where they were not estimated."""
+        deviations = np.sqrt(np.diag(self.bundle.covariance))
+        return dict(zip(self.bundle.model.names, map(float, deviations), strict=True))
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Names of the parameters that were estimated."""
+        return tuple(np.array(self.bundle.model.names)[self.bundle.free].tolist())
+
+    @property
+    def poses(self) -> Array:
+        """(n, 4, 4) camera_T_target."""
+        return self.bundle.poses
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """(n,) rows of the robot poses that these belong to."""
+        return self.corners.rows
+
+    @cached_property
+    def covariance(self) -> JointCovariance:
+        """Of the errors (theta, tau) of all poses: left rotation, additive translation, in the camera frame."""
+        free = self.bundle.free
+        factor = np.linalg.cholesky(self.bundle.covariance[np.ix_(free, free)])
+        return JointCovariance(self.bundle.own, self.bundle.by_parameters[..., free] @ factor)
+
+    def summary(self) -> str:
+        """Model, intrinsics with their deviations, pixel noise, corners that were left out, warnings: as text."""
+        from .report.text import camera_text  # the report comes last
+
+        return camera_text(self)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from ..presentation.notebook import text_html
+        from .report.text import answer, title
+
+        return text_html(title(self), answer(self), self.summary(), self.warnings)
+
+    def figure(self, path: StrPath, name: str = "pattern") -> Path:
+        """Write a figure as ``.png`` or ``.svg``; names: pattern, residuals, pictures, certainty, boards."""
+        from .report.figures import save_figure
+
+        return save_figure(self, path, name)
+
+    def write(self, folder: StrPath) -> Path:
+        """Everything as files in a folder, all or none, which `read_camera` and `read_poses` take; see `folder`."""
+        from .files.folder_writer import write_camera
+        from .report.page import report_files
+
+        return write_camera(self, folder, report_files(self))
+
+    def select(self, index: NDArray[Any]) -> CameraCalibration:
+        """Of some of the pictures, by their numbers or a mask: the same camera, nothing is estimated anew."""
+        numbers = np.arange(self.corners.n)[index]
+        kept = np.isin(self.corners.picture, numbers)
+        if (np.diff(numbers) <= 0).any():
+            raise InputError("Expected pictures in ascending order, each once.")
+        corners, bundle = self.corners, self.bundle
+        return replace(
+            self,
+            # How many pictures there were is no longer known.
+            corners=replace(
+                without_pictures(corners, ~np.isin(np.arange(corners.n), numbers)), missing=(), image_size=None
+            ),
+            bundle=replace(
+                bundle,
+                poses=bundle.poses[numbers],
+                residuals=bundle.residuals[kept],
+                used=bundle.used[kept],
+                own=bundle.own[numbers],
+                by_parameters=bundle.by_parameters[numbers],
+                weights=bundle.weights[numbers],
+            ),
+        )
+
+    @property
+    def pixel_noise(self) -> float:
+        """Estimated standard deviation of a corner, per coordinate, in pixels."""
+        return self.bundle.pixel_noise
+
+    @property
+    def outliers(self) -> list[tuple[str, int, float]]:
+        """Corners that were left out: picture, number of the corner within it, distance in pixels."""
+        distance = np.linalg.norm(self.bundle.residuals, axis=1)
+        return [
+            (self.corners.names[self.corners.picture[j]], int(self.corners.place[j]), float(distance[j]))
+            for j in np.flatnonzero(~self.bundle.used)
+        ]

@@ -1,0 +1,15 @@
+"""The frames of X and W by setup."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    pass
+
+
+SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
+
+
+# The frames of W = G X C, the same for all poses.
+TARGETS = {"eye-in-hand": "base_T_target", "eye-to-hand": "gripper_T_target"}
