@@ -27,7 +27,7 @@ import uq_handeye as uq
 from studies.common.scores import CERTAIN, errors, nees
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.calibration.analysis import Analysis
-from uq_handeye.calibration.calibrate import reference_of
+from uq_handeye.calibration.by_published import reference_of
 from uq_handeye.empirical_covariance.resampled import resampled
 from uq_handeye.geometry.se3 import Array
 from uq_handeye.io import read_pose_file

@@ -250,7 +250,7 @@ def test_plain_where_most_poses_do_not_determine_x(poses, monkeypatch):
     def refuse(*_, **__):
         raise uq.DegenerateMotionError("the poses that agree are still", np.eye(6))
 
-    monkeypatch.setattr("uq_handeye.calibration.calibrate.robust_fit", refuse)
+    monkeypatch.setattr("uq_handeye.calibration.by_likelihood.robust_fit", refuse)
     with pytest.warns(uq.InputWarning) as said:
         found = uq.calibrate(poses)
     assert any("Wrong poses were not looked for" in str(warning.message) for warning in said)

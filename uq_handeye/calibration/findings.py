@@ -1,12 +1,24 @@
-"""Whether the covariance of a calibration means anything: a rotation that is left open has no first-order one."""
+"""What `calibrate` finds: data sheets contradicted, outliers, shifted rows, a rotation that is left open."""
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import replace
+
 import numpy as np
 
-from ..errors import DegenerateMotionError
+from ..diagnostics.pose_table import PoseTable, pose_table
+from ..errors import DegenerateMotionError, InputError, NotConvergedError
+from ..input_checks.checks import check_fit
+from ..input_checks.shifted_rows import find_shift, shifted_run
+from ..likelihood.constraint import Unknowns
+from ..likelihood.robust import robust_fit
+from ..noise.estimate import NoiseEstimate
+from ..noise.models import Noise
 from ..poses.motions import Motions
 from ..poses.residuals import rotation_angles
+from ..propagation.published_fit import fit_published
+from .request import FEWEST_FOR_ROBUST, Job
 from .result import Calibration
 
 # A first-order covariance of a rotation means nothing beyond this standard deviation.
@@ -37,3 +49,74 @@ def _advice(method: str, motions: Motions) -> str:
             "its axis to the noise: leave small rotations out, or use another method."
         )
     return "Add motions that turn about other axes."
+
+
+# Probability below which residuals contradict a data sheet.
+RARE = 1e-4
+
+
+# RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
+SUSPICIOUS = np.radians(1.0)
+
+
+def against_data_sheet(result: Calibration) -> list[str]:
+    """Whether the residuals contradict what was taken as known of the noise."""
+    estimate, fit = result.noise_estimate, result.fit
+    if estimate is None or fit is None or not estimate.has_prior or fit.p_value > RARE:
+        return []
+    how = {
+        what: f"{ratio:.2g} times larger" if ratio > 1 else f"{1 / ratio:.2g} times smaller"
+        for what, ratio in (("rotation", fit.rotation_sigma0), ("translation", fit.translation_sigma0))
+    }
+    return [
+        f"The rotation residuals are {how['rotation']}, the translation residuals {how['translation']} than the noise "
+        f"taken from the data sheet explains (chi-square test, p = {fit.p_value:.1g}): it is not that of these data, "
+        "and the standard deviations of X are wrong by up to that."
+    ]
+
+
+def against_corners(estimate: NoiseEstimate) -> list[str]:
+    """Whether the residuals contradict the covariance of camera poses from corners."""
+    factor = estimate.camera_factor
+    if factor is None or factor.p_value > RARE:
+        return []
+    from ..noise_estimation.statements import camera_factor_words
+
+    return [camera_factor_words(factor)]
+
+
+def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[str]:
+    """Which poses a plain fit should leave out: robust estimation tells, as gross errors spoil all residuals."""
+    if not (table.distance2 > table.limit_of_all).any():
+        return []
+    with suppress(InputError, NotConvergedError):
+        found = robust_fit(job.data, noise, method="efficient", seed=job.seed)
+        table = pose_table(found.fit, found)
+        table = replace(table, flag=tuple("kept" if flag == "kept" else "outlier" for flag in table.flag))
+    return table.statements
+
+
+def reasons(job: Job) -> list[str]:
+    """What may be wrong with data that gave no result."""
+    found: list[str] = []
+    with suppress(InputError, NotConvergedError):
+        X = fit_published(job.motions, None, "4dpa", None, job.everything).X
+        if job.poses is not None:
+            found = check_fit(job.poses, X, None, None)
+    return found + shifted(job, None)
+
+
+def shifted(job: Job, result: Calibration | None) -> list[str]:
+    """Whether rows of one file are missing, where the fit gives reason to ask (or there is none)."""
+    if job.poses is None or job.poses.n < FEWEST_FOR_ROBUST:
+        return []
+    if result is not None:
+        bad = 0 if result.table is None else len(result.table.flagged)
+        if bad < max(2, 0.05 * job.poses.n) and result.residuals.rotation_rms < SUSPICIOUS:
+            return []
+    if (shift := find_shift(job.poses)) is not None:
+        return [shift.statement]
+    if result is None or result.table is None or result.W is None or result.table.item == "motion":
+        return []
+    run = shifted_run(job.poses, Unknowns(result.X, result.W), result.table.weight == 0)
+    return [] if run is None else [run]

@@ -1,0 +1,52 @@
+"""X by bundle adjustment of the corners, with `efficient` beside it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from ..likelihood.gauss_helmert import efficient
+from ..likelihood.rig_bundle import Agreement, adjust_rig
+from ..noise.models import PoseNoise
+from ..poses.residuals import residuals, summarise
+from .analysis import Analysis
+from .by_likelihood import by_likelihood
+from .request import BUNDLE, Job
+from .result import Calibration
+
+# Difference of bundle adjustment and `efficient`, in standard deviations, or ratio of variances, that is warned of.
+APART = 1.5
+
+
+def by_bundle(job: Job) -> tuple[Calibration, list[str]]:
+    """`efficient`, which finds noise and wrong poses, and the bundle adjustment from there."""
+    result, texts = by_likelihood(replace(job, method="efficient"))
+    analysis, poses = result.analysis, job.poses
+    assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None
+    assert result.covariance is not None
+    fit, robot = analysis.fit, analysis.noise.robot
+    begun = time.perf_counter()
+    efficient(poses, analysis.noise, result.X)
+    between = time.perf_counter()
+    found = adjust_rig(poses, robot, fit.unknowns, fit.weights)
+    seconds = time.perf_counter() - between, between - begun
+    agreement = Agreement.of(found.X, found.covariance_X, fit.X, fit.covariance_X, seconds)
+    of_offset = result.covariance - fit.covariance_X
+    angle, distance = residuals(job.motions.A, job.motions.B, found.X)
+    result = replace(
+        result,
+        X=found.X,
+        W=found.W,
+        covariance=found.covariance_X + of_offset,
+        covariance_W=found.covariance_W,
+        method=BUNDLE,
+        iterations=found.iterations,
+        residuals=summarise(angle, distance),
+        agreement=agreement,
+    )
+    if agreement.distance > APART or not 1 / APART < agreement.eigenvalues[0] <= agreement.eigenvalues[-1] < APART:
+        texts.append(
+            f"{agreement.sentence} They should agree to first order: errors are too large for that, or wrong poses or "
+            "corners spoil one of them."
+        )
+    return result, texts

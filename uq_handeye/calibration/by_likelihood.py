@@ -1,0 +1,147 @@
+"""X by `efficient` or `ml`, with its covariance, at the Cramer-Rao bound."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..diagnostics.pose_table import pose_table
+from ..empirical_covariance.resampled import resampled
+from ..geometry.se3 import Array
+from ..input_checks.checks import check_fit, check_motions, require_signal
+from ..likelihood.gauss_helmert import ESTIMATORS, Fit, offset_sensitivity
+from ..likelihood.goodness_of_fit import goodness_of_fit
+from ..likelihood.robust import RobustFit, robust_fit
+from ..noise.estimate import NoiseEstimate
+from ..noise.models import Noise, PairNoise, PoseNoise
+from ..noise_estimation.estimate import estimate_noise
+from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
+from ..poses.residuals import residuals, summarise
+from ..poses.timing import TimeOffset
+from ..propagation.published_fit import Published, fit_published
+from .analysis import Analysis
+from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
+from .findings import against_corners, against_data_sheet, wrong_poses
+from .request import FEWEST_FOR_ROBUST, Job
+from .result import Calibration
+from .result_file import FourDPA
+
+# Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
+EXACT = 1e-10
+
+
+# Probability below which two halves of the data contradict each other.
+CONTRADICTION = 1e-3
+
+
+def by_likelihood(job: Job) -> tuple[Calibration, list[str]]:
+    """`efficient` or `ml`, with 4DPA beside it."""
+    start = fit_published(job.motions, job.noise, "4dpa", None, job.everything)
+    angle, distance = residuals(job.motions.A, job.motions.B, start.X)
+    require_signal(job.motions, job.noise, angle)
+    data, noise = job.data, job.noise
+    robust: RobustFit | None = None
+    estimate: NoiseEstimate | None = None
+    exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
+    if job.robust and not exact:
+        estimates: list[NoiseEstimate] = []
+
+        def by_residuals(data: PosePairs | Motions, X: Array, weights: Array) -> Noise | None:
+            estimates.append(estimate_noise(data, job.prior, start=X, weights=weights))
+            return estimates[-1].noise
+
+        robust = robust_fit(data, noise, method=job.method, estimate=by_residuals, seed=job.seed)
+        noise, estimate = robust.noise, (estimates[-1] if estimates else None)
+    elif noise is None:
+        estimate = estimate_noise(data, job.prior, start=start.X)
+        noise = estimate.noise
+    if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
+        assert estimate is not None
+        if robust is not None:  # once wrong ones are left out
+            kept = replace(start, X=robust.fit.X, W=robust.fit.W)
+            result, texts = estimate_unweighted(job, kept, estimate)
+            table = pose_table(robust.fit, robust)
+            return replace(result, table=table), [*table.statements, *texts]
+        return estimate_unweighted(job, start, estimate)
+    fit = ESTIMATORS[job.method](data, noise, start.X) if robust is None else robust.fit
+    return _assembled(job, noise, fit, start, estimate, robust)
+
+
+def _longest(motions: Motions) -> float:
+    """The longest translation, or 1 if there is none."""
+    data = (motions.A, motions.B) if motions.poses is None else (motions.poses.robot, motions.poses.camera)
+    return max(float(np.abs(T[:, :3, 3]).max()) for T in data) or 1.0
+
+
+def _assembled(
+    job: Job, noise: Noise, fit: Fit, start: Published, estimate: NoiseEstimate | None, robust: RobustFit | None
+) -> tuple[Calibration, list[str]]:
+    data, motions, poses = job.data, job.motions, job.poses
+    reference = of_model = reference_for(fit, estimate)
+    covariance, covariance_W = fit.covariance_X, fit.covariance_W
+    if job.covariance == "sigma-points":
+        covariance, covariance_W = by_sigma_points(job, noise, robust), None
+    elif job.covariance != "model":
+        found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
+        covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
+    time_offset, move = _time_offset(poses, fit, covariance)
+    if move is not None:
+        of_offset = np.outer(move, move)
+        covariance = covariance + of_offset[:6, :6]
+        covariance_W = None if covariance_W is None else covariance_W + of_offset[6:, 6:]
+    table = pose_table(fit, robust)
+    # Beside a camera covariance from corners the noise counts as known: most of it, or the test errs on the safe side.
+    dof = None if estimate is not None and estimate.from_corners else of_model.dof
+    analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed)
+    angle, distance = residuals(motions.A, motions.B, fit.X)
+    result = replace(
+        bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
+        covariance=covariance,
+        covariance_W=covariance_W,
+        iterations=fit.iterations if job.method == "ml" else 0,
+        covariance_kind=job.covariance,
+        reference=reference,
+        noise_estimate=estimate,
+        bound=fit.covariance_X,
+        fourdpa=FourDPA(start.X, start.covariances(noise)[0]),
+        fit=goodness_of_fit(fit),
+        table=table,
+        time_offset=time_offset,
+        analysis=analysis,
+    )
+    texts = table.statements if robust else wrong_poses(job, noise, table)
+    if poses is None or isinstance(noise, PairNoise):
+        texts += check_motions(motions, None if estimate else noise, fit.covariance_X, angle, distance, fit.X)
+    else:
+        assert isinstance(noise, PoseNoise)
+        kept = table.weight > 0
+        whole = bool(kept.all())
+        rest, rest_noise = (poses, noise) if whole else (poses.rows(kept), noise.rows(kept))
+        # noise that was estimated explains any residuals
+        texts += check_fit(rest, fit.X, None if estimate else rest_noise, None if estimate else fit.covariance_X)
+    texts += analysis.diagnostics.warnings()
+    for test in (analysis.split_half, analysis.split_in_time):
+        if test.p_value is not None and test.p_value < CONTRADICTION:
+            texts.append(test.sentence)
+    if estimate is not None:
+        texts += against_data_sheet(result) + against_corners(estimate) + analysis.diagnostics.shared_errors()
+        if len(data) < FEWEST_FOR_ROBUST:
+            texts.append(
+                f"With {len(data)} {table.item}s a wrong one cannot be told from the others: take at least "
+                f"{FEWEST_FOR_ROBUST}."
+            )
+    return result, texts
+
+
+def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:
+    """What the offset of interpolated poses does to X, and one standard deviation of it as a move (12,) of X and W."""
+    timing = None if poses is None else poses.timing
+    if timing is None or fit.W is None:
+        return None, None
+    g = offset_sensitivity(fit, timing)
+    move = timing.std * g
+    added = float(move[:6] @ np.linalg.solve(covariance, move[:6]))
+    sensitivity = tuple(float(value) for value in g[:6])
+    return TimeOffset(timing.offset, timing.std, timing.side, sensitivity, added / (1.0 + added)), move

@@ -1,0 +1,139 @@
+"""X by a published method, with its covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..empirical_covariance.resampled import Resampled, resampled
+from ..errors import InputError, NotConvergedError
+from ..estimators.registry import ROBOT_WORLD_METHODS
+from ..geometry.se3 import Array
+from ..input_checks.checks import check_fit, check_motions, require_signal
+from ..likelihood.d2_distribution import Reference
+from ..likelihood.gauss_helmert import ESTIMATORS, Fit, efficient
+from ..likelihood.goodness_of_fit import effective_dof
+from ..likelihood.robust import RobustFit
+from ..noise.estimate import NoiseEstimate
+from ..noise.models import Noise, PairNoise, PoseNoise
+from ..noise_estimation.estimate import estimate_noise
+from ..poses.motions import Motions, relative_motions
+from ..poses.pose_pairs import PosePairs
+from ..poses.residuals import Residuals, residuals, rotation_angles, summarise
+from ..poses.timing import left_out_of
+from ..propagation.published_fit import Published, fit_published
+from .request import Job
+from .result import Calibration
+
+# Beyond this angle of X (degrees) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.
+NEAR_HALF_TURN_OF_X = 170.0
+
+
+def by_published(job: Job) -> tuple[Calibration, list[str]]:
+    """A method of METHODS or ROBOT_WORLD_METHODS."""
+    motions, poses = job.motions, job.poses
+    found = fit_published(motions, job.noise, job.method, job.scale, job.everything)
+    angle, distance = residuals(motions.A, motions.B, found.X)
+    require_signal(motions, job.noise, angle)
+    noise, estimate, reference = job.noise, None, Reference()
+    if noise is None:
+        try:
+            estimate = estimate_noise(job.data, job.prior, start=found.X)
+        except (InputError, NotConvergedError) as error:  # X does without
+            return estimate_unweighted(job, found, None, [str(error)])
+        if estimate.noise is None:
+            return estimate_unweighted(job, found, estimate)
+        noise = estimate.noise
+        reference = reference_for(efficient(job.data, noise, found.X), estimate)
+    covariance, covariance_W = found.covariances(noise, job.kind)
+    if job.covariance == "sigma-points":
+        covariance, covariance_W = by_sigma_points(job, noise, None), None
+    elif job.covariance != "model":
+        every_pair = job.everything is not None or job.method in ROBOT_WORLD_METHODS
+        data = poses if poses is not None and every_pair else motions
+        resample = resampled(data, job.method, job.covariance, X=found.X, noise=noise, seed=job.seed)
+        covariance, covariance_W, reference = resample.covariance_X, resample.covariance_W, reference_of(resample)
+    if poses is None:
+        texts = check_motions(motions, None if estimate else noise, covariance, angle, distance, found.X)
+    else:
+        given = noise if isinstance(noise, PoseNoise) and estimate is None else None
+        texts = check_fit(poses, found.X, given, None if given is None else covariance)
+    turn = float(np.degrees(rotation_angles(found.X[:3, :3])))
+    if job.method == "tsai" and turn > NEAR_HALF_TURN_OF_X:
+        texts.append(
+            f"X turns by {turn:.1f} degrees. The Rodrigues vector that Tsai's method solves for grows without bound at "
+            "180 degrees, and so do its errors: use another method."
+        )
+    if poses is not None:
+        texts += left_out_of(f"method {job.method!r}", poses.timing)
+    result = replace(
+        bare_result(job, found.X, found.W, summarise(angle, distance), noise),
+        covariance=covariance,
+        covariance_W=covariance_W,
+        iterations=found.iterations,
+        covariance_kind=job.covariance,
+        reference=reference,
+        noise_estimate=estimate,
+    )
+    return result, texts
+
+
+def estimate_unweighted(
+    job: Job, found: Published, estimate: NoiseEstimate | None, texts: Sequence[str] = ()
+) -> tuple[Calibration, list[str]]:
+    """X without covariance, where the noise cannot be estimated: the data fit exactly, or not at all."""
+    angle, distance = residuals(job.motions.A, job.motions.B, found.X)
+    result = bare_result(job, found.X, found.W, summarise(angle, distance), None)
+    more = [] if job.poses is None else check_fit(job.poses, found.X, None, None)
+    if job.covariance != "model":
+        more.append(f"There is no covariance {job.covariance!r}: without noise there is nothing to make it of.")
+    return replace(result, noise_estimate=estimate, kind=None), [*texts, *more]
+
+
+def bare_result(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise: Noise | None) -> Calibration:
+    """X with what does not depend on the covariance."""
+    poses = job.poses
+    return Calibration(
+        X=X,
+        W=W,
+        covariance=None,
+        method=job.method,
+        scale=job.scale,
+        kind=job.kind or ("pairs" if poses is None or isinstance(noise, PairNoise) else "poses"),
+        setup=None if poses is None else poses.setup,
+        n_poses=None if poses is None else poses.n,
+        n_pairs=job.everything.n_pairs if job.everything else job.motions.N,
+        noise=noise,
+        residuals=of_pairs,
+        data=job.data,
+    )
+
+
+def by_sigma_points(job: Job, noise: Noise, robust: RobustFit | None) -> Array:
+    """The mean square error of X beyond first order, around the data as fitted, without those of no weight."""
+    from ..simulation.sigma_points import sigma_points
+
+    data: PosePairs | Motions = job.motions
+    if job.poses is not None and not isinstance(noise, PairNoise):
+        measured = PosePairs(job.poses.robot, job.poses.camera, job.poses.setup)  # without the truth of a simulation
+        every_pair = job.everything is not None or job.method in (*ESTIMATORS, *ROBOT_WORLD_METHODS)
+        data = measured if every_pair or job.motions.pairs is None else relative_motions(measured, job.motions.pairs)
+    else:
+        data = Motions(job.motions.A, job.motions.B)
+    if robust is not None:
+        kept = np.flatnonzero(robust.weights)
+        data, noise = data.rows(kept), noise.rows(kept)
+    return sigma_points(data, noise=noise, method=job.method, scale=job.scale, seed=job.seed).mean_square
+
+
+def reference_for(fit: Fit, estimate: NoiseEstimate | None) -> Reference:
+    """The distribution that goes with the covariance of the noise; a prior that fixes all of it leaves nothing open."""
+    dof = float("inf") if estimate is None else effective_dof(fit, estimate)
+    return Reference("F", dof) if np.isfinite(dof) else Reference()
+
+
+def reference_of(resample: Resampled) -> Reference:
+    """The distribution that goes with a covariance from residuals."""
+    return Reference() if resample.freedom is None else Reference("Hotelling", resample.freedom)
