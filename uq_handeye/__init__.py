@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from .validation.sweep.result import Sweep
     from .validation.sweep.run import sweep
 
-__version__ = "0.1.0"
+from ._version import __version__ as __version__
 
 __all__ = [
     "METHODS",
@@ -146,14 +146,19 @@ __all__ = [
 # Everything is loaded when it is first asked for: the command starts in a third of the time, and Ctrl-C finds it ready.
 _LATER = {
     "calibration.calibrate": ("calibrate",),
-    "camera.calibrate": ("CameraCalibration", "calibrate_camera"),
-    "camera.board": ("Board", "detect_board"),
-    "camera.files.corner_file": ("read_corners",),
+    "calibration.result": ("Calibration",),
+    "camera.board": (
+        "Board",
+        "detect_board",
+    ),
+    "camera.calibrate": ("calibrate_camera",),
     "camera.corners": ("Corners",),
+    "camera.files.corner_file": ("read_corners",),
     "camera.files.folder": ("read_camera",),
     "camera.files.intrinsics_file": ("read_intrinsics",),
-    "poses.board_symmetry": ("resolve_turns",),
-    "geometry.conventions": ("from_convention", "paper_from_theta", "theta_from_paper", "to_convention"),
+    "camera.result": ("CameraCalibration",),
+    "comparison.compare": ("compare",),
+    "comparison.result": ("Comparison",),
     "errors": (
         "DegenerateMotionError",
         "InputError",
@@ -162,34 +167,80 @@ _LATER = {
         "NotConvergedError",
         "SingularNoiseError",
     ),
-    "estimators": ("METHODS", "ROBOT_WORLD_METHODS", "Method", "solve"),
+    "estimators": (
+        "METHODS",
+        "Method",
+        "ROBOT_WORLD_METHODS",
+        "solve",
+    ),
     "estimators.nguyen": ("nguyen",),
-    "io": ("read_noise_file", "read_poses", "read_stream"),
-    "noise.joint_covariance": ("JointCovariance",),
-    "likelihood.gauss_helmert": ("bound", "efficient", "maximum_likelihood"),
-    "poses.motions": ("Motions", "relative_motions"),
-    "noise.models": ("PairNoise", "PoseNoise"),
-    "noise.estimate": ("NoiseEstimate", "NoisePrior"),
-    "noise_estimation.estimate": ("estimate_noise",),
-    "procrustes.so4_covariances": ("octonion_covariance", "paper_covariances", "so4_covariance"),
-    "poses.pose_pairs": ("PosePairs",),
-    "procrustes.limit": ("orthonormalise", "register", "se3_from_so4", "so4_from_se3"),
-    "propagation.propagate": ("propagate",),
-    "calibration.result": ("Calibration",),
+    "geometry.conventions": (
+        "from_convention",
+        "paper_from_theta",
+        "theta_from_paper",
+        "to_convention",
+    ),
+    "geometry.nearest_rotation": ("orthonormalise",),
+    "io": (
+        "read_noise_file",
+        "read_poses",
+        "read_stream",
+    ),
+    "likelihood.gauss_helmert": (
+        "bound",
+        "efficient",
+        "maximum_likelihood",
+    ),
     "likelihood.rig_bundle": ("Agreement",),
+    "noise.estimate": (
+        "NoiseEstimate",
+        "NoisePrior",
+    ),
+    "noise.joint_covariance": ("JointCovariance",),
+    "noise.models": (
+        "PairNoise",
+        "PoseNoise",
+    ),
     "noise_estimation.beside_camera": ("estimate_robot_noise",),
-    "simulation.rig": ("simulate",),
+    "noise_estimation.estimate": ("estimate_noise",),
+    "planning.plan": ("plan",),
+    "planning.result": ("Plan",),
+    "poses.board_symmetry": ("resolve_turns",),
+    "poses.motions": (
+        "Motions",
+        "relative_motions",
+    ),
+    "poses.pose_pairs": ("PosePairs",),
     "poses.stream": ("Stream",),
-    "comparison.compare": ("Comparison", "compare"),
-    "planning.plan": ("Plan", "plan"),
-    "simulation.sigma_points": ("SigmaPoints", "sigma_points"),
-    "synchronisation.synchronise": ("synchronise",),
+    "procrustes.finite_scale": (
+        "se3_from_so4",
+        "so4_from_se3",
+    ),
+    "procrustes.registration": ("register",),
+    "procrustes.so4_covariances": (
+        "octonion_covariance",
+        "paper_covariances",
+        "so4_covariance",
+    ),
+    "propagation.propagate": ("propagate",),
+    "simulation.rig": ("simulate",),
+    "simulation.sigma_points": (
+        "SigmaPoints",
+        "sigma_points",
+    ),
     "synchronisation.result": ("Synchronised",),
-    "validation.cross_check.run": ("CrossCheck", "cross_check"),
-    "validation.monte_carlo.run": ("MonteCarlo", "monte_carlo"),
-    "validation.posterior.sample": ("Posterior", "sample_posterior"),
+    "synchronisation.synchronise": ("synchronise",),
+    "validation.cross_check.result": ("CrossCheck",),
+    "validation.cross_check.run": ("cross_check",),
+    "validation.monte_carlo.run": (
+        "MonteCarlo",
+        "monte_carlo",
+    ),
     "validation.posterior.density": ("ScalePrior",),
-    "validation.sweep.run": ("Sweep", "sweep"),
+    "validation.posterior.result": ("Posterior",),
+    "validation.posterior.sample": ("sample_posterior",),
+    "validation.sweep.result": ("Sweep",),
+    "validation.sweep.run": ("sweep",),
 }
 
 

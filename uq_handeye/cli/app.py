@@ -73,7 +73,7 @@ def _start(
     version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version.")] = False,
 ) -> None:
     if version:
-        from .. import __version__
+        from .._version import __version__
 
         print(f"uq-handeye {__version__}")
     elif context.invoked_subcommand is None:

@@ -173,7 +173,7 @@ def _logs() -> bool:
 
 
 def _open_log(path: Path) -> None:
-    from .. import __version__
+    from .._version import __version__
 
     try:
         handler = _ToFile(path, "a", encoding="utf-8")

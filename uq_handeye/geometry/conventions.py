@@ -37,6 +37,8 @@ TOOLKIT = (
     "translation; rad and m; in the parent frame"
 )
 CONVENTION = f"xi = {TOOLKIT} of X"
+# The six components of an error xi, for people.
+COMPONENTS = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
 
 CONVENTIONS = ("toolkit", "ros", "se3-left", "se3-right", "gtsam", "manif", "sophus", "paper")
 

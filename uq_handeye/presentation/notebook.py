@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from ..calibration.report.text import NAMES
+from ..geometry.conventions import COMPONENTS
 
 if TYPE_CHECKING:
     from ..geometry.se3 import Array
@@ -63,9 +63,9 @@ def _matrix(T: Array) -> str:
 
 def _heat(values: Array, correlation: Array, form: str) -> str:
     """A table of ``values`` tinted by the correlation: the darker the stronger, of one hue for each sign."""
-    head = "".join(f'<th scope="col" style="{_CELL}">{name}</th>' for name in ("", *NAMES))
+    head = "".join(f'<th scope="col" style="{_CELL}">{name}</th>' for name in ("", *COMPONENTS))
     rows = []
-    for i, name in enumerate(NAMES):
+    for i, name in enumerate(COMPONENTS):
         cells = []
         for value, strength in zip(values[i], correlation[i], strict=True):
             hue = _POSITIVE if strength >= 0 else _NEGATIVE

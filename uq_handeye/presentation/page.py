@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from .. import __version__
+from .._version import __version__
 from .blocks import Drawing, Section
 from .figure_parts import Picture, inline_svg
 

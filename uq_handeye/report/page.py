@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .. import __version__
+from .._version import __version__
 from ..comparison.of_result import Compared, compared
 from ..comparison.result import Comparison
 from ..errors import InputError

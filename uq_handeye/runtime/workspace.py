@@ -6,8 +6,9 @@ import math
 import threading
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..geometry.se3 import Array
+Array = NDArray[np.float64]
 
 # Numbers that are kept per name and thread at most; longer arrays are made anew.
 KEEP = 400_000

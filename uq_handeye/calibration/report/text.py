@@ -12,6 +12,7 @@ from ...diagnostics.residual_patterns import RARE
 from ...diagnostics.sentences import direction_words
 from ...formatting.numbers import digits, rotvec_jacobian, row, std_of
 from ...formatting.paragraphs import wrapped
+from ...geometry.conventions import COMPONENTS
 from ...geometry.se3 import Array, skew
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import PoseNoise
@@ -21,7 +22,6 @@ from .time_offset import offset_lines
 if TYPE_CHECKING:
     from ..result import Calibration
 
-NAMES = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
 _NOT_COVERED = (
     "The standard deviations are 1 sigma, to first order, of {source}. Systematic errors ({errors}) are not "
     "covered{but}."
@@ -246,7 +246,7 @@ def _correlations(result: Calibration, threshold: float) -> list[str]:
     correlation = result.correlation
     assert correlation is not None  # the caller asked for standard deviations first
     strong = [
-        (abs(correlation[i, j]), f"  {NAMES[i]} with {NAMES[j]}: {correlation[i, j]:+.2f}")
+        (abs(correlation[i, j]), f"  {COMPONENTS[i]} with {COMPONENTS[j]}: {correlation[i, j]:+.2f}")
         for i in range(6)
         for j in range(i + 1, 6)
         if abs(correlation[i, j]) >= threshold

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ... import __version__
+from ..._version import __version__
 from ...formatting.numbers import column, fixed
 from ...geometry.conventions import CONVENTION
 from ...presentation.blocks import Block, Cell, Code, Drawing, Paragraph, Points, Section, Table

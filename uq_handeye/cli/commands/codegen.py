@@ -36,7 +36,7 @@ def codegen_command(
     The matrices of the paper and their derivatives are in every language; the
     functions solve_4dpa and covariance_4dpa in c, cpp, octave and python.
     """
-    from ... import __version__
+    from ..._version import __version__
     from ...io import write_files
 
     if list_names:

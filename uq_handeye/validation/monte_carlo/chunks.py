@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ... import __version__
+from ..._version import __version__
 from ...errors import InputError
 from ...geometry.se3 import Array
 from ...simulation.experiment import Experiment

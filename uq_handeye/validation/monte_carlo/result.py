@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ... import __version__
+from ..._version import __version__
 from ...errors import InputError
 from ...files.atomic import json_text, write_atomically
 from ...geometry.conventions import CONVENTION

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ... import __version__
+from ..._version import __version__
 from ...errors import InputError
 from ...files.atomic import json_text
 from ...geometry.conventions import CONVENTION
