@@ -86,7 +86,7 @@ def test_the_guide_from_pictures_runs(tmp_path, monkeypatch, rng):
 
 
 def test_every_guide_is_run():
-    elsewhere = {"index", "camera", "plan", "real_cell", "synchronise", "validation"}  # plan: tests/test_cli_plan.py
+    elsewhere = {"index", "camera", "plan", "real_cell", "synchronise", "validation"}  # plan: tests/cli/test_plan.py
     guides = {page.stem for page in (DOCS / "how-to").glob("*.md")}
     assert guides == elsewhere | {page.rsplit("/")[-1] for page in SHOWN if page.startswith("how-to/")}
 

@@ -1,7 +1,7 @@
 """Do the covariances of all methods tell the truth? Each against its own Monte Carlo, at small noise.
 
-Judged as in `tests/test_statistics.py`; the covariance is the one predicted at the data without noise. It must be
-rejected when it is 10 % off in standard deviation, and so must pairs taken as independent when they share poses.
+Judged as in `tests/propagation/test_statistics.py`; the covariance is the one predicted at the data without noise. It
+must be rejected when it is 10 % off in standard deviation, and so must pairs taken as independent that share poses.
 """
 
 import functools

@@ -1,11 +1,11 @@
 """The study of peers: every program is given what it should get, and the verdicts follow the tables."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from pages import DOCS, ROOT
 
 import uq_handeye as uq
 from studies import peers
@@ -170,9 +170,8 @@ def test_the_figure_is_drawn(tables):
 
 
 def test_the_table_of_the_readme_is_that_of_the_study():
-    root = Path(__file__).resolve().parents[2]
-    lines = (root / "README.md").read_text(encoding="utf-8").splitlines()
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     start = next(k for k, line in enumerate(lines) if line.startswith("| program |"))
     table = "\n".join(lines[start : lines.index("", start)])
-    findings = (root / "docs" / "studies" / "peers" / "findings.md").read_text(encoding="utf-8")
+    findings = (DOCS / "studies" / "peers" / "findings.md").read_text(encoding="utf-8")
     assert table.count("\n") > 5 and findings.split("\n\n")[1] == table

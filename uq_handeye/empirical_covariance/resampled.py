@@ -20,7 +20,7 @@ linearised problem; W is estimated again, being among the unknowns):
 (B. Efron, Ann. Statist. 7 (1979) 1-26; pairs bootstrap.) A draw may hold too few different poses to determine X; such
 draws are counted and the covariance is that of the others.
 
-On 30 simulated poses with the true noise model (tests/test_resampling.py) the sandwich is in the mean the sampling
+On 30 simulated poses with the true noise model (tests/empirical_covariance) the sandwich is in the mean the sampling
 covariance, the variances of the jackknife are 2 to 10 % larger, those of the bootstrap between 8 % smaller and 2 %
 larger, each in the mean over all directions. With fewer poses, of more leverage each, the jackknife's are larger still.
 `studies.real_cell` prints how often the 95 % ellipsoid of each kind holds the truth.

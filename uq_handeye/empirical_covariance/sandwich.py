@@ -31,7 +31,7 @@ a Wishart matrix of nu degrees of freedom, nu from its second moments, so that f
 
 Source: J. E. Pustejovsky and E. Tipton, J. Business & Economic Statistics 36 (2018) 672-683 (their AHT test, which
 carries the degrees of freedom of Bell and McCaffrey from one component to several). A chi-square with 6 degrees of
-freedom would claim too much: with 30 poses fewer sets are inside by more than 10 % of all (tests/test_resampling.py).
+freedom would claim too much: with 30 poses fewer sets are inside by more than 10 % of all (tests/empirical_covariance).
 Coverage of the 95 % ellipsoid, Gaussian errors whose size was estimated (``python -m studies.real_cell --full``): 0.960
 with 30 poses, 0.996 with 15: on the safe side with few poses.
 """
@@ -234,7 +234,7 @@ def hac(fit: Fit, lags: int | None = None) -> Array:
     ``lags`` is the number of neighbours with a weight above 0; None takes `automatic_lags`, 0 is the sandwich. It cures
     a part of the error only: of a video of 200 frames with errors of correlation 0.8 from frame to frame, the sandwich
     shows less than 0.3 of the true variance of X; hac shows at least 0.25 of it more, but not all
-    (tests/test_resampling.py). Every n-th frame is the better cure.
+    (tests/empirical_covariance/test_resampling.py). Every n-th frame is the better cure.
     """
     influence = influence_of(fit)
     return influence.hac(given_lags(influence, lags))

@@ -22,8 +22,8 @@ Degrees of freedom. Where the noise was estimated, ``e^T Sigma_X^-1 e`` is not c
 which is exact where all variances have one unknown factor (nu is then the degrees of freedom of its estimate), and for
 6 = 1 is Satterthwaite's rule (Fai and Cornelius 1996; Kenward and Roger 1997).
 The 95 % ellipsoids by F hold the truth as often as they say with 30 and with 8 poses; with 8, those by chi-square too
-seldom (tests/test_noise_estimation.py, 1,000 sets each, one noise each). Not accounted for, and felt with few poses:
-weights from estimated noise are not the best ones (Kackar and Harville 1984).
+seldom (tests/noise_estimation/test_estimate.py, 1,000 sets each, one noise each). Not accounted for, and felt with
+few poses: weights from estimated noise are not the best ones (Kackar and Harville 1984).
 """
 
 from __future__ import annotations

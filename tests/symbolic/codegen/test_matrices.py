@@ -5,11 +5,11 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import drivers
 import numpy as np
 import pytest
+from pages import ROOT
 from support import random_transforms, rotation_vectors, rotations, transforms
 
 import uq_handeye as uq
@@ -17,8 +17,6 @@ from uq_handeye.symbolic import codegen, language
 from uq_handeye.symbolic.languages import LANGUAGES
 from uq_handeye.symbolic.latex import latex_files
 from uq_handeye.symbolic.matrices import FORMS
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ What is exact and what is not:
   errors it took off. So the density has its maximum at the estimate of `ml`, whose derivatives are not biased by noise.
 - S and D are held at the estimate. Against the posterior with every latent motion integrated by importance sampling,
   the mean is off by less than 0.02 standard deviations for 1 mrad + 0.1 mm and 10 mrad + 0.1 mm, by less than 0.1 for
-  10 mrad + 10 mm, the standard deviations by less than 3 % (12 motions, tests/validation/test_posterior_density.py). To
+  10 mrad + 10 mm, the standard deviations by less than 3 % (12 motions, tests/validation/posterior/test_density.py). To
   let S and D follow X at the measured data would move it by several standard deviations for 10 mrad + 0.1 mm, where
   the noise sits in the lever arms. Where S changes within the posterior, this density is no check.
 - On poses W, with a flat prior, is integrated out: of W about its best value for each X, to first order in what is left

@@ -5,11 +5,11 @@ import io
 import json
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from pages import DOCS
 from support import difference, moved
 
 import uq_handeye as uq
@@ -225,7 +225,7 @@ def test_sigma_keeps_two_digits(everything):
 
 
 def test_the_page_documents_every_field(everything):
-    page = (Path(__file__).parent.parent / "docs" / "reference" / "compare.md").read_text()
+    page = (DOCS / "reference" / "compare.md").read_text()
     sections = {title: page.split(f"\n## {title}\n")[1].split("\n## ")[0] for title in ("JSON", "CSV")}
 
     def documented(title):

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from cli_cases import NOISE, run, run_process
 from matplotlib.figure import Figure
+from pages import ROOT
 
 import uq_handeye as uq
 from uq_handeye.cli import app as cli
 
-REPOSITORY = Path(__file__).parent.parent
 PICTURES = [
     f"{stem}.{kind}" for stem in ("budget", "ellipses", "residuals", "rig", "task_space") for kind in ("png", "svg")
 ]
@@ -426,7 +426,7 @@ def test_the_commands_of_the_readme_run(session, tmp_path, no_figures, monkeypat
     monkeypatch.setattr("uq_handeye.cli.commands.calibrate.write_report", lambda *_: None)
     for file in files_of(session):
         (tmp_path / file.name).write_bytes(file.read_bytes())
-    lines = re.findall(r"^uq-handeye (.*)$", (REPOSITORY / "README.md").read_text(), re.MULTILINE)
+    lines = re.findall(r"^uq-handeye (.*)$", (ROOT / "README.md").read_text(), re.MULTILINE)
     assert len(lines) > 4
     for line in lines:
         few = ["--trials", "100", "--workers", "1"] if line.startswith("validate") else []
@@ -435,7 +435,7 @@ def test_the_commands_of_the_readme_run(session, tmp_path, no_figures, monkeypat
 
 
 def test_demo_data_are_those_of_the_command_in_their_readme(tmp_path):
-    data = REPOSITORY / "uq_handeye" / "data"
+    data = ROOT / "uq_handeye" / "data"
     command = re.search(r"uq-handeye simulate -o \S+ (.*)", (data / "README.md").read_text())
     run("simulate", "-o", tmp_path, *command[1].split())
     for name in ("robot", "camera", "truth"):

@@ -2,15 +2,15 @@
 
 import inspect
 import re
-from pathlib import Path
 
 import pytest
+from pages import DOCS
 
 from uq_handeye import export
 from uq_handeye.formats.detect import read_contents
 from uq_handeye.io import FORMATS, read_poses
 
-PAGE = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
+PAGE = (DOCS / "formats.md").read_text(encoding="utf-8")
 HEADINGS = {"MoveIt calibration": "moveit", "OpenCV FileStorage": "opencv"}
 
 

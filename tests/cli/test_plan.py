@@ -4,10 +4,10 @@ import json
 import subprocess
 import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import DOCS
 
 from uq_handeye import PoseNoise, read_poses, simulate
 from uq_handeye.cli import app as cli
@@ -163,7 +163,7 @@ def test_noise_of_motions_is_refused(run, tmp_path):
 
 def test_page_shows_what_is_printed(tmp_path, monkeypatch, capsys):
     """Every line of the example in docs/how-to/plan.md, "..." aside, is printed by its commands."""
-    page = (Path(__file__).parent.parent / "docs" / "how-to" / "plan.md").read_text()
+    page = (DOCS / "how-to" / "plan.md").read_text()
     commands, shown = (block.strip().splitlines() for block in page.split("```text")[1:3])
     monkeypatch.chdir(tmp_path)
     for command in commands[: commands.index("```")]:
