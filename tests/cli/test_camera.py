@@ -15,7 +15,7 @@ import uq_handeye as uq
 from uq_handeye.camera.board import Board
 from uq_handeye.camera.files.corner_file import corners_text
 from uq_handeye.camera.models import MODELS
-from uq_handeye.cli.commands.camera import COEFFICIENT_NAMES, MODEL_NAMES
+from uq_handeye.cli.pictures import COEFFICIENT_NAMES, MODEL_NAMES
 from uq_handeye.io import write_pose_file
 
 cv2 = pytest.importorskip("cv2")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..noise.models import Noise
     from ..poses.pose_pairs import PosePairs
     from ..synchronisation.result import Synchronised
-    from .commands.camera import Pictures
+    from .pictures import Pictures
 
 # Panels of the help.
 INPUT, NOISE = "Pose files", "Noise"

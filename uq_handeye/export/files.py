@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,21 +14,18 @@ from ..files.atomic import write_atomically
 from ..files.open import StrPath, as_path, shown
 from ..formats.opencv_storage import matrix_lines, yaml_number
 from ..geometry.conventions import TOOLKIT
-from .frames import NOT_DETERMINED, Transform, transforms_of, yaml_fields
+from .frames import NOT_DETERMINED, Exportable, Transform, transforms_of, yaml_fields
 from .snippets import opencv_name, urdf_joint
-
-if TYPE_CHECKING:
-    from ..calibration.result import Calibration
 
 # What a ROS file says of its covariance.
 _ROS = "(x, y, z, rotation about x, y, z), translation first, fixed axes of the parent frame; m and rad; 6x6 row by row"
 
 
-def _json(result: Calibration) -> str:
+def _json(result: Exportable) -> str:
     return result.to_json()
 
 
-def ros_text(result: Calibration) -> str:
+def ros_text(result: Exportable) -> str:
     """YAML with a ``TransformStamped`` and, where the covariance is determined, a ``PoseWithCovarianceStamped``.
 
     The keys below each message are its fields, as ``geometry_msgs`` names them.
@@ -71,7 +68,7 @@ def _transform_stamped(key: str, X: Transform) -> list[str]:
     ]
 
 
-def urdf_text(result: Calibration) -> str:
+def urdf_text(result: Exportable) -> str:
     """A robot of two links and the fixed joint between them, to be included in another model."""
     X, _ = transforms_of(result)
     said = (
@@ -91,7 +88,7 @@ def urdf_text(result: Calibration) -> str:
     )
 
 
-def opencv_text(result: Calibration) -> str:
+def opencv_text(result: Exportable) -> str:
     """FileStorage YAML: 4x4, R and t of X and of its inverse, and the covariances (6x6), with their convention."""
     lines = ["%YAML:1.0", "---"]
     for X in transforms_of(result):
@@ -107,7 +104,7 @@ def opencv_text(result: Calibration) -> str:
     return "\n".join([*lines, 'units: "m"', f'convention: "{said}"', ""])
 
 
-def npz_bytes(result: Calibration) -> bytes:
+def npz_bytes(result: Exportable) -> bytes:
     """Arrays by name; texts are zero-dimensional arrays, so that nothing is pickled."""
     arrays: dict[str, Any] = {
         "X": result.X,
@@ -127,7 +124,7 @@ def npz_bytes(result: Calibration) -> bytes:
     return buffer.getvalue()
 
 
-_WRITERS: dict[str, Callable[[Calibration], str | bytes]] = {
+_WRITERS: dict[str, Callable[[Exportable], str | bytes]] = {
     "json": _json,
     "ros": ros_text,
     "urdf": urdf_text,
@@ -146,7 +143,7 @@ _SUFFIXES = {
 }
 
 
-def write_export(result: Calibration, path: StrPath, format: str | None = None) -> Path:
+def write_export(result: Exportable, path: StrPath, format: str | None = None) -> Path:
     """Write X for another program, whole or not at all.
 
     Parameters

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,13 +12,34 @@ from ..formats.opencv_storage import yaml_number
 from ..geometry.conventions import to_convention
 from ..geometry.se3 import Array
 
-if TYPE_CHECKING:
-    from ..calibration.result import Calibration
-
 # The frames of X for motions that came without poses: those in which A and B are given.
 OF_MOTIONS = ("frame_of_A", "frame_of_B")
 
 NOT_DETERMINED = "The covariance is not determined, so it is left out."
+
+
+class Exportable(Protocol):
+    """What is read of a `Calibration`."""
+
+    @property
+    def setup(self) -> str | None: ...
+    @property
+    def frame(self) -> str: ...
+    @property
+    def frame_W(self) -> str: ...
+    @property
+    def X(self) -> Array: ...
+    @property
+    def covariance(self) -> Array | None: ...
+    @property
+    def inverse(self) -> Array: ...
+    @property
+    def covariance_inverse(self) -> Array | None: ...
+    @property
+    def W(self) -> Array | None: ...
+    @property
+    def covariance_W(self) -> Array | None: ...
+    def to_json(self) -> str: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +74,7 @@ class Transform:
         return None if self.covariance is None else to_convention(self.covariance, self.T, convention) + 0.0
 
 
-def transforms_of(result: Calibration) -> tuple[Transform, Transform]:
+def transforms_of(result: Exportable) -> tuple[Transform, Transform]:
     """X and its inverse."""
     parent, child = OF_MOTIONS if result.setup is None else result.frame.split("_T_")
     return (

@@ -8,21 +8,16 @@ and ``geometry_msgs/msg/PoseWithCovariance.msg`` (ros2/common_interfaces); GTSAM
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..formats.opencv_storage import yaml_number
 from ..formatting.snippets import Snippet, short
 from ..geometry.conventions import TOOLKIT
 from ..geometry.se3 import Array
-from .frames import NOT_DETERMINED, Transform, fixed_axis_angles, transforms_of, yaml_fields
-
-if TYPE_CHECKING:
-    from ..calibration.result import Calibration
+from .frames import NOT_DETERMINED, Exportable, Transform, fixed_axis_angles, transforms_of, yaml_fields
 
 
-def texts(result: Calibration) -> list[Snippet]:
+def texts(result: Exportable) -> list[Snippet]:
     """NumPy, OpenCV, ROS, GTSAM and URDF forms of X, then of its inverse."""
     return [make(transform) for transform in transforms_of(result) for make in _FORMS]
 

@@ -29,7 +29,7 @@ from ..options import (
     option,
     require_writable,
 )
-from .camera import pictures_of
+from ..pictures import pictures_of
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ...noise.models import Noise
     from ...poses.pose_pairs import PosePairs
     from ...validation.cross_check.result import CrossCheck
-    from .camera import Pictures
+    from ..pictures import Pictures
 
 METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
 
