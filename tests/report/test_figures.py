@@ -12,12 +12,13 @@ from support import SEED, moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.analysis import StoredAnalysis
+from uq_handeye.calibration.points_ahead import ahead
 from uq_handeye.calibration.report.budget_figure import budget_figure
 from uq_handeye.calibration.report.residual_figure import residual_figure
 from uq_handeye.calibration.report.rig_figure import rig, rig_figure
-from uq_handeye.calibration.report.task_space_figure import ahead, task_space_figure
+from uq_handeye.calibration.report.task_space_figure import task_space_figure
 from uq_handeye.comparison.methods_figure import methods_figure
-from uq_handeye.comparison.of_result import compared
+from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.diagnostics.pose_table import PoseTable
 from uq_handeye.errors import InputError
 from uq_handeye.presentation.ellipses import render
@@ -264,7 +265,7 @@ def test_inline_svg_is_the_same_again_and_shares_no_id(drawn, both):
 def test_nothing_is_cut_at_the_rim():
     """No ink on the outermost pixels of any picture; names of methods are the longest labels."""
     result = uq.calibrate(uq.simulate(n_poses=8, noise=NOISE, seed=SEED), noise=NOISE)
-    found = figures(result, None, compared(result, True).comparison)
+    found = figures(result, None, compare_beside(result).comparison)
     assert list(found) == [*ALL, "methods"]
     for stem, figure in found.items():
         grey = np.asarray(Image.open(io.BytesIO(render(figure, "png"))).convert("L"))

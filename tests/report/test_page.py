@@ -16,6 +16,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.calibration.provenance import Provenance
+from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.errors import InputError, InputWarning, MissingExtraError
 from uq_handeye.files.source import Source
 from uq_handeye.poses.timing import TimeOffset, Timing
@@ -49,7 +50,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def text(result):
-    return report_html(result, date="some day")
+    return report_html(result, comparison=compare_beside(result), date="some day")
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +87,7 @@ CASES = {
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_every_kind_of_result_has_every_section(case, quick):
     of = CASES[case]()
-    found = Page(report_html(of, comparison=False))
+    found = Page(report_html(of))
     assert [attributes["id"] for attributes in found.all("section")] == ANCHORS
     assert found.broken == [] and found.stack == []
     for anchor in ANCHORS:
@@ -121,7 +122,7 @@ def test_the_answer_comes_first_and_has_its_deviations(result, page):
 
 def test_warnings_stand_out_or_nothing_looked_wrong(small, page):
     assert "Nothing looked wrong." in page.words("warnings")
-    warned = Page(report_html(replace(small, warnings=("The axes are <parallel>.",)), comparison=False))
+    warned = Page(report_html(replace(small, warnings=("The axes are <parallel>.",))))
     assert warned.words("warnings") == "Warnings Warning The axes are <parallel>."
     assert {"class": "marked"} in warned.all("li")
 
@@ -146,13 +147,13 @@ def test_rejected_poses_are_left_out_of_the_comparison(quick):
     camera[4, :3, 3] += 0.1
     with pytest.warns(uq.InputWarning):
         of = uq.calibrate(uq.PosePairs(poses.robot, camera))
-    words = Page(report_html(of)).words("methods")
+    words = Page(report_html(of, comparison=compare_beside(of))).words("methods")
     assert "55 pairs of 11 poses" in words and "Without the pose rejected here." in words
 
 
 def test_a_cross_check_lists_its_relations(result, quick):
     check = uq.cross_check(simulated(), noise=NOISE, trials=200, posterior=False)
-    words = Page(report_html(result, comparison=False, cross_check=check)).words("ellipses")
+    words = Page(report_html(result, cross_check=check)).words("ellipses")
     for relation in check.relations:
         assert relation.statement.replace("`", "") in words
     assert "Cross-check, 200 trials" in words
@@ -163,7 +164,7 @@ def test_everything_to_repeat_the_run(small):
     before = small.provenance
     command = 'uq-handeye calibrate "a b.csv" --robot-noise <x>'
     made = Provenance(before.data_sha256, before.options, before.versions, (source,), command)
-    text = report_html(replace(small, provenance=made), comparison=False)
+    text = report_html(replace(small, provenance=made))
     assert "alert(1)</script>" not in text and "<b>scalar" not in text
     words = Page(text).words("repeat")
     for part in (source.name, "1,234", source.sha256, source.notes[0], command, before.data_sha256):
@@ -171,7 +172,7 @@ def test_everything_to_repeat_the_run(small):
     for name, value in (before.options | before.versions).items():
         assert name in words and ("not given" if value is None else str(value)) in words
     assert "report written on" in words.lower()
-    without = Page(report_html(replace(small, provenance=None), comparison=False)).words("repeat")
+    without = Page(report_html(replace(small, provenance=None))).words("repeat")
     assert "Not known where this result comes from" in without
 
 
@@ -219,8 +220,38 @@ def test_accessible(page):
 
 
 def test_the_same_result_gives_the_same_file(result, text):
-    other = report_html(result, date="another day")
+    other = report_html(result, comparison=compare_beside(result), date="another day")
     assert other.replace("another day", "some day") == text
+
+
+def test_a_page_computes_nothing(quick, tmp_path, monkeypatch):
+    """Neither a calibration nor a test of the data: the result has them, the comparison was handed over."""
+    of = uq.calibrate(simulated(), noise=NOISE)
+    given = compare_beside(of)
+    assert all(row.seconds is None for row in given.comparison.rows)  # no time is shown, none is measured
+    of.summary()  # asks for what the result works out when it is first asked for
+
+    def computes(*_, **__):
+        raise AssertionError("the report computes")
+
+    for name in (
+        "calibration.calibrate.calibrate",
+        "comparison.compare.calibrate",
+        "comparison.compare.compare",
+        "calibration.analysis.diagnose",
+        "calibration.analysis.resampled",
+        "calibration.analysis.split_half",
+        "calibration.analysis.budget",
+    ):
+        monkeypatch.setattr(f"uq_handeye.{name}", computes)
+    of.report(tmp_path / "given.html", comparison=given)
+    of.report(tmp_path / "none.html", comparison=False)
+    assert "Not compared: report(path, comparison=True)" in (tmp_path / "none.html").read_text(encoding="utf-8")
+
+
+def test_true_compares_before_the_page_is_written(small, quick, tmp_path):
+    text = small.report(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "efficient (this result)" in Page(text).words("methods")
 
 
 def test_written_whole_or_not_at_all(small, tmp_path):
@@ -302,7 +333,7 @@ def test_the_noise_that_was_given_can_be_given_again(result):
 def test_the_section_on_the_run_has_noise_and_time_offset(result, page, quick):
     assert "noise of camera" in page.words("repeat") and "time offset" not in page.words("repeat")
     offset = TimeOffset(-0.0168947, 0.00117944, "robot", (0.1,) * 6, 0.3)
-    with_offset = Page(report_html(replace(result, time_offset=offset), comparison=False))
+    with_offset = Page(report_html(replace(result, time_offset=offset)))
     assert "by the noise alone: the time offset" in with_offset.words("observability")
     assert "by the noise alone" not in page.words("observability")
     found = with_offset.words("repeat")

@@ -20,6 +20,7 @@ from ..errors import InputError
 from ..files.atomic import json_text
 from ..geometry import conventions
 from ..geometry.frames import SETUPS, TARGETS
+from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array, inverse, inverse_jacobian
 from ..likelihood.d2_distribution import Reference
 from ..likelihood.goodness_of_fit import GoodnessOfFit
@@ -390,8 +391,8 @@ class Calibration:
         path : str or Path
             Its suffix says which: .html or .pdf.
         comparison : Comparison, Compared or bool
-            The methods side by side: what `compare` or `report.compared` gave; True compares them now, False leaves the
-            section without.
+            The methods side by side: what `compare` or `compare_beside` gave. True compares them first, which is all
+            that is computed for a report; False leaves the section without.
         cross_check : CrossCheck or None
             Where given, its covariances are drawn over the ellipses and its relations listed.
 
@@ -451,10 +452,8 @@ class Calibration:
 
 
 def _weakest(covariance: Array) -> tuple[Array, float]:
-    values, vectors = np.linalg.eigh(covariance)
-    axis = vectors[:, -1]
-    axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
-    return axis, float(np.sqrt(max(values[-1], 0.0)))
+    deviations, axes = principal_axes(covariance)
+    return axes[0], float(deviations[0])
 
 
 def _refuse(constant: str) -> None:

@@ -24,6 +24,22 @@ _NAMES = ("rotation", "translation")
 _FAR = 4.0
 
 
+def methods_picture(comparison: Comparison) -> Picture | None:
+    """Differences of all methods from the reference; None where no other method has any."""
+    base = comparison.base
+    others = [row for row in comparison.rows if row is not base]
+    if base is None or not any(row.xi is not None and row.failure is None for row in others):
+        return None
+    alt = f"Differences of {len(others)} methods from {base.method} in the six components of X, with 1 and 2 sigma."
+    caption = (
+        f"Differences from {base.method}, one row per method; thick and thin bars are 1 and 2 standard deviations "
+        "of the method itself, the grey band is 1 standard deviation of the reference. Orange diamonds: the method "
+        "differs from it beyond its own 95 % ellipsoid. Triangles at the rim: farther away, with the value. Bars "
+        "that do not reach zero in several panels deserve a look."
+    )
+    return Picture(methods_figure([base, *others]), alt, caption)
+
+
 def methods_figure(rows: Sequence[Row]) -> Figure:
     """Of rows whose differences are from the first of them; those without a result are left out."""
     shown = [row for row in rows if row.xi is not None and row.failure is None]
@@ -87,19 +103,3 @@ def _reach(rows: Sequence[Row], group: slice) -> float:
 def _drawn(value: float, reach: float) -> float:
     """A value as fine as it can be seen: the last digits of an iteration may differ from run to run."""
     return round(value / reach, 4) * reach
-
-
-def methods_picture(comparison: Comparison) -> Picture | None:
-    """Differences of all methods from the reference; None where no other method has any."""
-    base = comparison.base
-    others = [row for row in comparison.rows if row is not base]
-    if base is None or not any(row.xi is not None and row.failure is None for row in others):
-        return None
-    alt = f"Differences of {len(others)} methods from {base.method} in the six components of X, with 1 and 2 sigma."
-    caption = (
-        f"Differences from {base.method}, one row per method; thick and thin bars are 1 and 2 standard deviations "
-        "of the method itself, the grey band is 1 standard deviation of the reference. Orange diamonds: the method "
-        "differs from it beyond its own 95 % ellipsoid. Triangles at the rim: farther away, with the value. Bars "
-        "that do not reach zero in several panels deserve a look."
-    )
-    return Picture(methods_figure([base, *others]), alt, caption)

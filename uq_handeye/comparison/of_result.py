@@ -1,7 +1,4 @@
-"""The published methods beside a calibration: compared on its data, and their picture.
-
-This module imports Matplotlib; import it where it is used.
-"""
+"""The published methods beside a calibration, compared on its data."""
 
 from __future__ import annotations
 
@@ -34,25 +31,11 @@ class Compared(NamedTuple):
     note: str  # on the data that were compared
 
 
-def compared(result: Calibration, comparison: Comparison | Compared | bool) -> Compared:
-    """What `Calibration.report` is given as ``comparison``; True compares now, X of the result as the reference."""
-    if isinstance(comparison, Compared):
-        return comparison
-    if isinstance(comparison, Comparison):
-        if comparison.frame != result.frame:
-            raise InputError(
-                f"Expected `comparison` to be of {result.frame}, as the result, got one of {comparison.frame}."
-            )
-        return Compared(comparison, "", "")
-    if not isinstance(comparison, bool):
-        raise InputError(f"Expected `comparison` to be True, False or a Comparison, got {type(comparison).__name__}.")
-    if comparison:
-        return _on_its_data(result)
-    return Compared(None, "Not compared: report(path, comparison=True) puts all published methods here.", "")
+def compare_beside(result: Calibration) -> Compared:
+    """All published methods on the data of the result, without the poses that it rejected; its X is the reference.
 
-
-def _on_its_data(result: Calibration) -> Compared:
-    """All published methods on the data of the result, without the poses that it rejected."""
+    The noise is that of the result, given or estimated there. No time is measured.
+    """
     data, noise, note = result.data, result.noise, ""
     if data is None:
         return Compared(
@@ -76,7 +59,7 @@ def _on_its_data(result: Calibration) -> Compared:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # those that matter are in the table
-            found = compare(data, noise=noise, pairs=pairs)
+            found = compare(data, noise=noise, pairs=pairs, timed=False)
     except (InputError, NotConvergedError) as error:
         return Compared(None, f"Not compared: {error}", "")
     available = data.n * (data.n - 1) // 2 if isinstance(data, PosePairs) else found.n_pairs

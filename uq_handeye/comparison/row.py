@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..geometry.pose_numbers import pose_numbers
+from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array
 from ..poses.residuals import Residuals
 
@@ -21,6 +23,7 @@ FLAT = 1e-13
 ROUNDING = (math.radians(1e-9), 1e-12)
 
 _XYZ = "xyz"
+_TURN, _MOVE = slice(0, 3), slice(3, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +67,14 @@ class Row:
     def std(self) -> Array | None:
         """Standard deviations (6,) of (theta, tau)."""
         return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def weakest(self) -> tuple[float, float] | None:
+        """Largest standard deviations of the rotation (rad) and of the translation (m), over all directions."""
+        if self.covariance is None:
+            return None
+        rotation, translation = (principal_axes(self.covariance[part, part])[0][0] for part in (_TURN, _MOVE))
+        return float(rotation), float(translation)
 
     @property
     def difference_rotation(self) -> float | None:
@@ -121,17 +132,6 @@ def is_rounding(xi: Array) -> bool:
     return all(float(np.linalg.norm(part)) < least for part, least in zip((xi[:3], xi[3:]), ROUNDING, strict=True))
 
 
-def rotation_vector(X: Array, base: Array | None) -> Array:
-    """The rotation vector (3,) of X nearest to that of ``base``: near 180 degrees a vector and its opposite are one."""
-    vector = np.asarray(Rotation.from_matrix(X[:3, :3]).as_rotvec())
-    angle = float(np.linalg.norm(vector))
-    if base is None or angle == 0:
-        return vector
-    target = Rotation.from_matrix(base[:3, :3]).as_rotvec()
-    other = vector * (1 - 2 * np.pi / angle)
-    return other if np.linalg.norm(other - target) < np.linalg.norm(vector - target) else vector
-
-
 def squared_distance(xi: Array, covariance: Array) -> float:
     """``xi^T covariance^-1 xi``; infinite where xi has a part along which the covariance has no variance."""
     std = np.sqrt(np.diag(covariance))
@@ -160,7 +160,7 @@ def flat(row: Row, base: Row | None) -> dict[str, Any]:
     """The row of the data frame, beside the reference ``base``."""
     missing = np.full(6, np.nan)
     X = np.full((4, 4), np.nan) if row.X is None else row.X
-    rotvec = missing[:3] if row.X is None else rotation_vector(row.X, None if base is None else base.X)
+    rotvec = missing[:3] if row.X is None else pose_numbers(row.X, None, None if base is None else base.X)[0][3:]
     std, xi = (missing if value is None else value for value in (row.std, row.xi))
     rms: tuple[float | None, float | None, float | None] = (None, None, None)
     if row.residuals is not None:
@@ -173,7 +173,7 @@ def flat(row: Row, base: Row | None) -> dict[str, Any]:
         "status": row.status,
         "is_reference": base is not None and row.method == base.method,
     }
-    entry |= {f"rotation_vector_{a}_deg": math.degrees(rotvec[k]) for k, a in enumerate(_XYZ)}
+    entry |= {f"rotation_vector_{a}_deg": rotvec[k] for k, a in enumerate(_XYZ)}
     entry |= {f"translation_{a}_mm": 1e3 * X[k, 3] for k, a in enumerate(_XYZ)}
     entry |= {f"std_theta_{a}_deg": math.degrees(std[k]) for k, a in enumerate(_XYZ)}
     entry |= {f"std_tau_{a}_mm": 1e3 * std[3 + k] for k, a in enumerate(_XYZ)}

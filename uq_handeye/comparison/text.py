@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.se3 import Array, left_jacobian
-from .row import rotation_vector, without_numbers
+from ..geometry.pose_numbers import pose_numbers
+from ..geometry.se3 import Array
+from .row import without_numbers
 
 if TYPE_CHECKING:
     from .result import Comparison
@@ -36,8 +37,8 @@ _GROUPS: tuple[tuple[str, tuple[tuple[str, str, int, _Show], ...]], ...] = (
     (
         "1 sigma, weakest",
         (
-            ("rot.", "deg", 9, lambda row: digits(_weakest(row, 0), _DEG)),
-            ("transl.", "mm", 9, lambda row: digits(_weakest(row, 3), _MM)),
+            ("rot.", "deg", 9, lambda row: digits(row.weakest and row.weakest[0], _DEG)),
+            ("transl.", "mm", 9, lambda row: digits(row.weakest and row.weakest[1], _MM)),
         ),
     ),
     (
@@ -241,14 +242,6 @@ def _head(comparison: Comparison) -> list[str]:
     return [f"{'':{_NAME}s}{groups}".rstrip(), f"{'method':{_NAME}s}{names}", f"{'':{_NAME}s}{units}".rstrip()]
 
 
-def _weakest(row: Row, first: int) -> float | None:
-    """Largest standard deviation of the rotation (``first`` 0) or translation (3) over all directions."""
-    if row.covariance is None:
-        return None
-    block = row.covariance[first : first + 3, first : first + 3]
-    return float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
-
-
 def _poses(comparison: Comparison) -> list[str]:
     """X of each method that has one, with standard deviations where they are known."""
     rows = [row for row in comparison.rows if row.X is not None]
@@ -267,17 +260,19 @@ def _poses(comparison: Comparison) -> list[str]:
     longest = 0.0
     for row in rows:
         assert row.X is not None  # chosen so
-        rotvec = rotation_vector(row.X, None if base is None else base.X)
-        longest = max(longest, float(np.linalg.norm(rotvec)))
-        cells = [*_cells(np.degrees(rotvec), _rotvec_std(row, rotvec), 4, value, width)]
-        cells += _cells(_MM * row.X[:3, 3], None if row.std is None else _MM * row.std[3:], 3, value, width)
+        values, std = pose_numbers(row.X, row.covariance, None if base is None else base.X)
+        longest = max(longest, float(np.linalg.norm(values[3:])))
+        cells = [
+            *_cells(values[3:], None if std is None else std[3:], 4, value, width),
+            *_cells(values[:3], None if std is None else std[:3], 3, value, width),
+        ]
         lines.append(f"{row.method + _MARKS.get(row.status, ''):{_NAME}s}{''.join(cells)}")
     statuses = {row.status for row in rows}
     if "unconverged" in statuses:
         lines.append("* not converged: what the iteration reached")
     if "undetermined" in statuses:
         lines.append("? undetermined: what the method makes of the data all the same")
-    if longest > np.pi + 1e-12:
+    if longest > 180 * (1 + 1e-12):
         lines += _wrapped(
             "Rotation vectors longer than 180 degrees: of the two that describe a rotation, the one nearer to that of "
             "the reference is shown."
@@ -304,11 +299,3 @@ def _brief(deviation: float) -> str:
     """Three significant digits, or two where these do not fit into six characters."""
     text = apart(deviation)
     return text if len(text) <= 6 else re.sub(r"e([-+])0*", r"e\1", f"{deviation:.1e}").replace("e+", "e")
-
-
-def _rotvec_std(row: Row, rotvec: Array) -> Array | None:
-    """Standard deviations (3,) of the rotation vector in degrees: ``J_l(rotvec)^-1`` maps theta to its error."""
-    if row.covariance is None:
-        return None
-    J = np.linalg.inv(left_jacobian(rotvec))
-    return np.asarray(np.degrees(np.sqrt(np.clip(np.diag(J @ row.covariance[:3, :3] @ J.T), 0.0, None))))

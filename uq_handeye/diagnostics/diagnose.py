@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
 from ..errors import InputError
+from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array, skew
 from ..likelihood.gauss_helmert import Fit, corrected
 from ..noise.models import Noise, PairNoise, is_joint
@@ -220,20 +221,12 @@ def _spectrum(S: Array, frame: str, distance: float, on_poses: bool) -> Spectrum
         length, of = 1.0, "arbitrary, as the camera does not move"
     units = np.array([length] * 3 + [1.0] * 3)
     (rotation, axes_r), (translation, axes_t), (joint, axes_j) = (
-        _principal(block) for block in (S[:3, :3], S[3:, 3:], S * units[:, None] * units)
+        principal_axes(block) for block in (S[:3, :3], S[3:, 3:], S * units[:, None] * units)
     )
     return Spectrum(
         frame, rotation * _DEG, axes_r, translation * _MM, axes_t, length, of, joint * _MM, axes_j,
         float(joint[0] / joint[-1]),
     )  # fmt: skip
-
-
-def _principal(S: Array) -> tuple[Array, Array]:
-    """Standard deviations, largest first, and their axes as rows, the largest entry positive."""
-    values, vectors = np.linalg.eigh(S)
-    axes = vectors.T[::-1]
-    signs = np.sign(axes[np.arange(len(axes)), np.abs(axes).argmax(axis=1)])
-    return np.sqrt(np.maximum(values[::-1], 0.0)), axes * signs[:, None]
 
 
 def _own_parts(white: Array, factor: Factor, joint: bool) -> tuple[Array, Array]:
@@ -271,7 +264,7 @@ def _diversity(data: PosePairs | Motions, poses: PosePairs | None) -> Diversity:
         q = Rotation.from_matrix(poses.effective_robot[:, :3, :3]).as_quat()
         Q = q.T @ q
         total = np.einsum("apq,bpq->ab", Q @ _TURNS @ Q, _TURNS)
-    values, axes = _principal(total / max(float(np.trace(total)), 1e-300))
+    values, axes = principal_axes(total / max(float(np.trace(total)), 1e-300))
     return Diversity(values**2, axes)
 
 

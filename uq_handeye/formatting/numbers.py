@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..geometry.se3 import Array, left_jacobian
+from ..geometry.se3 import Array
 
 # Smaller p-values are not told apart.
 SMALLEST_P = 1e-15
@@ -115,11 +115,10 @@ def row(label: str, names: str, values: Array | None, std: Array | None, decimal
     return f"{label:{width}s} " + "   ".join(parts)
 
 
-def std_of(covariance: Array | None, J: Array) -> Array | None:
-    """Standard deviations of ``J xi``."""
-    return None if covariance is None else np.sqrt(np.clip(np.diag(J @ covariance @ J.T), 0.0, None))
-
-
-def rotvec_jacobian(rotvec: Array) -> Array:
-    """Degrees of the rotation vector per rad of left rotation: ``J_l(rotvec)^-1``."""
-    return np.asarray(np.degrees(np.linalg.inv(left_jacobian(rotvec))))
+def pose_rows(values: Array, std: Array | None) -> list[str]:
+    """The six numbers (mm, deg) of `geometry.pose_numbers` as two lines, translation and rotation vector."""
+    move, turn = (None, None) if std is None else (std[:3], std[3:])
+    return [
+        row("translation (mm)", "xyz", values[:3], move, 4),
+        row("rotation vector (deg)", "xyz", values[3:], turn, 5),
+    ]

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..calibration.points_ahead import ahead, typical_distance
 from ..calibration.report.analysis import budget_shares
 from ..calibration.report.budget_figure import budget_figure
 from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure
-from ..calibration.report.task_space_figure import ahead, task_space_figure, typical_distance
+from ..calibration.report.task_space_figure import task_space_figure
 from ..calibration.report.text import directions, parent_frame
 from ..comparison.methods_figure import methods_picture
 from ..errors import InputError

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._version import __version__
-from ..comparison.of_result import Compared, compared
+from ..comparison.of_result import Compared, compare_beside
 from ..comparison.result import Comparison
 from ..errors import InputError
 from ..files.atomic import write_atomically
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from ..validation.cross_check.result import CrossCheck
 
 SUFFIXES = (".html", ".pdf")
+NOT_COMPARED = "Not compared: report(path, comparison=True) puts all published methods here."
 
 
 def write_report(
@@ -54,6 +55,8 @@ def write_report(
     cross_check: CrossCheck | None = None,
 ) -> Path:
     """Write the report of ``result``; the arguments are those of `Calibration.report`.
+
+    Only ``comparison=True`` computes anything: the methods, before the page is written.
 
     Returns
     -------
@@ -72,7 +75,11 @@ def write_report(
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"Expected `path` to end in {' or '.join(SUFFIXES)}, got {path.name!r}.")
-    text = report_html(result, comparison=comparison, cross_check=cross_check)
+    if not isinstance(comparison, bool | Comparison | Compared):
+        raise InputError(f"Expected `comparison` to be True, False or a Comparison, got {type(comparison).__name__}.")
+    if comparison is True:
+        comparison = compare_beside(result)
+    text = report_html(result, comparison=comparison or None, cross_check=cross_check)
     write_atomically(path, text if suffix == ".html" else to_pdf(text))
     return path
 
@@ -80,14 +87,21 @@ def write_report(
 def report_html(
     result: Calibration,
     *,
-    comparison: Comparison | Compared | bool = True,
+    comparison: Comparison | Compared | None = None,
     cross_check: CrossCheck | None = None,
     date: str | None = None,
 ) -> str:
-    """The report as HTML text; ``date`` is written into it, None is now (UTC). Raises as `write_report`."""
+    """The report as HTML text, of what it is given; ``date`` is written into it, None is now (UTC).
+
+    Raises `InputError` for a comparison or cross-check of another problem.
+    """
     if cross_check is not None:
         require_same_problem(result, cross_check)
-    found = compared(result, comparison)
+    found = comparison if isinstance(comparison, Compared) else Compared(comparison, NOT_COMPARED, "")
+    if found.comparison is not None and found.comparison.frame != result.frame:
+        raise InputError(
+            f"Expected `comparison` to be of {result.frame}, as the result, got one of {found.comparison.frame}."
+        )
     date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
     drawings = {
         stem: drawing(stem, picture) for stem, picture in pictures(result, cross_check, found.comparison).items()

@@ -119,10 +119,7 @@ def methods_section(comparison: Comparison | None, reason: str, note: str, drawi
                 _optional(row.difference_rotation, _DEG), _optional(row.difference_translation, _MM), _optional(row.d2)
             ]  # fmt: skip
             said = "no covariance" if row.agrees is None else "agrees" if row.agrees else "differs"
-        weakest = ["", ""]
-        if row.covariance is not None:
-            turn, move = (np.sqrt(np.linalg.eigvalsh(row.covariance[part, part])[-1]) for part in (_TURN, _MOVE))
-            weakest = [fixed(_DEG * turn), fixed(_MM * move)]
+        weakest = ["", ""] if row.weakest is None else [fixed(_DEG * row.weakest[0]), fixed(_MM * row.weakest[1])]
         rows.append([*cells, differences[0], differences[1], *weakest, differences[2], said])
     table = Table(
         f"Differences of each method from {comparison.reference or 'a reference'}, its own standard deviations (1 "
@@ -150,9 +147,6 @@ def _gathered(comparison: Comparison) -> list[str]:
         method, _, text = line.partition(": ")  # or methods, which then say the same
         said.setdefault(text.replace(f"method '{method}'", "the method"), []).append(method)
     return [f"{', '.join(methods)}: {text}" for text, methods in said.items()]
-
-
-_TURN, _MOVE = slice(0, 3), slice(3, 6)
 
 
 def _optional(value: float | None, factor: float = 1.0) -> str:

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ..calibration.report.task_space_figure import ahead
+from ..calibration.points_ahead import ahead
 from ..calibration.report.text import answer, directions, ellipsoid_words, of_corners, parent_frame, source_words
-from ..formatting.numbers import concise, fixed, rotvec_jacobian, std_of
+from ..formatting.numbers import concise, fixed
+from ..geometry.pose_numbers import pose_numbers
 from ..geometry.se3 import Array
 from ..presentation.blocks import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ..validation.cross_check.text import state, verdict
@@ -56,13 +56,12 @@ def answer_section(result: Calibration) -> Section:
     if result.covariance is not None and result.std is not None:
         parent = parent_frame(result)
         lines = []
-        for name, unit, factor, part in (
-            ("translation", "mm", 1e3, slice(3, 6)),
-            ("rotation", "deg", 180 / np.pi, slice(0, 3)),
+        for name, factor, std, weakest in (
+            ("translation (mm)", 1e3, result.std[3:], result.weakest_translation),
+            ("rotation (deg)", 180 / np.pi, result.std[:3], result.weakest_rotation),
         ):
-            worst = np.sqrt(np.linalg.eigvalsh(result.covariance[part, part])[-1])
-            numbers = [fixed(factor * x) for x in (*result.std[part], worst)]
-            lines.append([f"{name} ({unit})", *numbers])
+            assert weakest is not None  # it is where there is a covariance
+            lines.append([name, *(fixed(factor * x) for x in (*std, weakest[1]))])
         blocks.append(
             Table(
                 f"Standard deviations of X, along and about the axes of the {parent}",
@@ -83,17 +82,12 @@ def _of(frame: str) -> str:
 
 def _pose_cells(T: Array, covariance: Array | None) -> list[str]:
     """Translation (mm) and rotation vector (deg), each with its deviation."""
-    turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
-    numbers = np.concatenate([1e3 * T[:3, 3], np.degrees(turn)])
-    deviations: list[float | None] = [None] * 6
-    if covariance is None:
+    numbers, deviations = pose_numbers(T, covariance)
+    if deviations is None:
         numbers = numbers.round(9)  # what is exact ends in rounding errors
-    else:
-        move, rotation = std_of(covariance[3:, 3:], 1e3 * np.eye(3)), std_of(covariance[:3, :3], rotvec_jacobian(turn))
-        assert move is not None and rotation is not None  # they are where there is a covariance
-        deviations = [float(x) for x in (*move, *rotation)]
+    known = [None] * 6 if deviations is None else deviations.tolist()
     units = ["mm"] * 3 + ["deg"] * 3
-    return [concise(float(x), sd, unit) for x, sd, unit in zip(numbers, deviations, units, strict=True)]
+    return [concise(x, sd, unit) for x, sd, unit in zip(numbers.tolist(), known, units, strict=True)]
 
 
 def warnings_section(result: Calibration) -> Section:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...diagnostics.budget import SHARED
 from ...diagnostics.sentences import SYSTEMATIC, independent_words, joint_words, spectrum_words
-from ...formatting.numbers import digits, probability, rotvec_jacobian, row, std_of
+from ...formatting.numbers import digits, pose_rows, probability
 from ...formatting.paragraphs import wrapped
+from ...geometry.pose_numbers import pose_numbers
 from ...geometry.se3 import Array
 from ...noise.models import PairNoise, is_joint, marginals
 
@@ -125,14 +125,10 @@ def beside_lines(result: Calibration) -> list[str]:
     lines = [] if result.agreement is None else [*wrapped(result.agreement.sentence, first=""), ""]
     if beside is None or beside.covariance is None or efficiency is None:
         return lines[:-1]
-    sd = np.sqrt(np.diag(beside.covariance))
-    turn = Rotation.from_matrix(beside.X[:3, :3]).as_rotvec()
-    of_turn = std_of(beside.covariance[:3, :3], rotvec_jacobian(turn))
     return [
         *lines,
         "4DPA alone, on the same data:",
-        f"  {row('translation (mm)', 'xyz', 1e3 * beside.X[:3, 3], 1e3 * sd[3:], 4)}",
-        f"  {row('rotation vector (deg)', 'xyz', np.degrees(turn), of_turn, 5)}",
+        *(f"  {line}" for line in pose_rows(*pose_numbers(beside.X, beside.covariance))),
         f"  standard deviations    {efficiency.min():.2f} to {efficiency.max():.2f} times the Cramer-Rao bound, which "
         f"{result.method} attains",
     ]

@@ -5,10 +5,8 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
-from ...formatting.numbers import concise, digits, rotvec_jacobian, std_of
+from ...formatting.numbers import concise, digits
+from ...geometry.pose_numbers import pose_numbers
 from .text import answer, directions
 
 if TYPE_CHECKING:
@@ -29,17 +27,10 @@ class Number(NamedTuple):
 
 def six_numbers(result: Calibration) -> list[Number]:
     """Translation in mm and rotation vector in degrees of X, with standard deviations to first order."""
-    rotvec = Rotation.from_matrix(result.X[:3, :3]).as_rotvec()
-    numbers = []
-    for name, unit, values, part, J in (
-        ("translation", "mm", 1e3 * result.X[:3, 3], slice(3, 6), 1e3 * np.eye(3)),
-        ("rotation vector", "deg", np.degrees(rotvec), slice(0, 3), rotvec_jacobian(rotvec)),
-    ):
-        std = std_of(None if result.covariance is None else result.covariance[part, part], J)
-        for k, axis in enumerate("xyz"):
-            deviation = None if std is None else float(std[k])
-            numbers.append(Number(f"{name} {axis}", float(values[k]), deviation, unit))
-    return numbers
+    values, std = pose_numbers(result.X, result.covariance)
+    names = [f"{name} {axis}" for name in ("translation", "rotation vector") for axis in "xyz"]
+    known = [None] * 6 if std is None else std.tolist()
+    return [Number(*number) for number in zip(names, values.tolist(), known, ["mm"] * 3 + ["deg"] * 3, strict=True)]
 
 
 def calibration_table(result: Calibration) -> pd.DataFrame:

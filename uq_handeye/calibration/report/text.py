@@ -10,10 +10,12 @@ from scipy.spatial.transform import Rotation
 from ...diagnostics.diagnose import UNKNOWN_FRAME
 from ...diagnostics.residual_patterns import RARE
 from ...diagnostics.sentences import direction_words
-from ...formatting.numbers import digits, rotvec_jacobian, row, std_of
+from ...formatting.numbers import digits, pose_rows, row
 from ...formatting.paragraphs import wrapped
 from ...geometry.conventions import COMPONENTS
-from ...geometry.se3 import Array, skew
+from ...geometry.pose_numbers import pose_numbers, quaternion_deviations
+from ...geometry.principal_axes import principal_axes
+from ...geometry.se3 import Array
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import PoseNoise
 from .analysis import beside_lines, budget_lines, covariance_lines, diagnosis_lines, noise_lines, pose_lines
@@ -102,15 +104,8 @@ def source_words(result: Calibration) -> str:
 
 def _numbers(result: Calibration, threshold: float) -> list[str]:
     """X and its deviations, correlations and directions."""
-    rotvec = Rotation.from_matrix(result.X[:3, :3]).as_rotvec()
-    theta, tau = _blocks(result.covariance)
-    lines = [
-        *_matrix(result.X),
-        "",
-        row("translation (mm)", "xyz", 1e3 * result.X[:3, 3], std_of(tau, 1e3 * np.eye(3)), 4),
-        row("rotation vector (deg)", "xyz", np.degrees(rotvec), std_of(theta, rotvec_jacobian(rotvec)), 5),
-    ]
-    if result.std is None or theta is None or tau is None:
+    lines = [*_matrix(result.X), "", *pose_rows(*pose_numbers(result.X, result.covariance))]
+    if result.std is None:
         return lines
     lines.append(row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5))
     for text in directions(result):
@@ -125,16 +120,14 @@ def parent_frame(result: Calibration) -> str:
 
 def directions(result: Calibration) -> list[str]:
     """The least certain directions of translation and of rotation, in words; nothing without a covariance."""
-    theta, tau = _blocks(result.covariance)
-    if theta is None or tau is None:
+    if result.covariance is None:
         return []
+    theta, tau = result.covariance[:3, :3], result.covariance[3:, 3:]
     parent = result.frame.split("_T_")[0] if "_T_" in result.frame else UNKNOWN_FRAME
     sentences = []
     for name, S, factor in (("translation", tau, 1e3), ("rotation", theta, 180 / np.pi)):
-        values, vectors = np.linalg.eigh(S)
-        sd = factor * np.sqrt(np.maximum(values[::-1], 0.0))
-        axis = vectors[:, -1] * np.sign(vectors[np.abs(vectors[:, -1]).argmax(), -1])
-        text = direction_words(name, sd, axis, parent)
+        sd, axes = principal_axes(S)
+        text = direction_words(name, factor * sd, axes[0], parent)
         sentences.append(f"{text[0].upper()}{text[1:]}.")
     return sentences
 
@@ -181,7 +174,8 @@ def _other_forms(result: Calibration) -> list[str]:
     """The inverse of X, its quaternion, and W."""
     frame = result.frame
     inverse_name = "_T_".join(reversed(frame.split("_T_"))) if "_T_" in frame else f"inv({frame})"
-    of_quaternion = std_of(_blocks(result.covariance)[0], _quaternion_jacobian(result.quaternion))
+    S = result.covariance
+    of_quaternion = None if S is None else quaternion_deviations(result.quaternion, S)
     lines = [
         f"{frame} as quaternion",
         row("quaternion", "xyzw", result.quaternion, of_quaternion, 7, width=10),
@@ -191,23 +185,15 @@ def _other_forms(result: Calibration) -> list[str]:
         *_matrix(result.inverse),
     ]
     if result.W is not None:
-        theta, tau = _blocks(result.covariance_W)
-        turn = Rotation.from_matrix(result.W[:3, :3]).as_rotvec()
         lines += [
             "",
             f"{result.frame_W} (the target, as all poses see it)",
             "",
             *_matrix(result.W),
             "",
-            row("translation (mm)", "xyz", 1e3 * result.W[:3, 3], std_of(tau, 1e3 * np.eye(3)), 4),
-            row("rotation vector (deg)", "xyz", np.degrees(turn), std_of(theta, rotvec_jacobian(turn)), 5),
+            *pose_rows(*pose_numbers(result.W, result.covariance_W)),
         ]
     return lines
-
-
-def _blocks(covariance: Array | None) -> tuple[Array | None, Array | None]:
-    """Of theta and of tau."""
-    return (None, None) if covariance is None else (covariance[:3, :3], covariance[3:, 3:])
 
 
 def against_truth(result: Calibration, truth: Array) -> str:
@@ -235,11 +221,6 @@ def _matrix(T: Array) -> list[str]:
 def _residuals(name: str, unit: str, factor: float, *values: float) -> str:
     rms, median, largest = (digits(factor * value) for value in values)
     return f"  {name:12s} RMS {rms} {unit}, median {median}, max {largest}"
-
-
-def _quaternion_jacobian(q: Array) -> Array:
-    """``dq = (theta, 0) q / 2``, quaternions as (x, y, z, w): 4x3."""
-    return 0.5 * np.vstack([q[3] * np.eye(3) - skew(q[:3]), -q[:3]])
 
 
 def _correlations(result: Calibration, threshold: float) -> list[str]:

@@ -215,11 +215,11 @@ def _deliver(
     """Files first: where one cannot be written, nothing is printed as if all were well."""
     result = _with_command(result)
     methods: Compared | bool = comparison
-    if report is not None and output is not None and comparison:  # for both
-        from ...comparison.of_result import compared
+    if report is not None and comparison:
+        from ...comparison.of_result import compare_beside
 
         with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
-            methods = compared(result, True)
+            methods = compare_beside(result)
     if output is not None:
         with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
             _write_result(result, output, check, None if isinstance(methods, bool) else methods.comparison)

@@ -1,0 +1,58 @@
+r"""The uncertainty of points in front of the camera, by their distance and angle.
+
+Model: `task_space`; the point itself is exact, so that only the error of X counts. "Worst" is the standard deviation in
+the worst direction, the root of the largest eigenvalue of the point's covariance.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..geometry.se3 import Array
+
+if TYPE_CHECKING:
+    from .result import Calibration
+
+# Where nothing is known of the distance to the target (m).
+_DEFAULT = 0.5
+_STEPS = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0])  # of the table, in distances to the target
+
+
+class Ahead(NamedTuple):
+    """Points straight ahead of the camera."""
+
+    distance: Array  # (k,) m
+    worst: Array  # (k,) m, standard deviation in the worst direction
+    across: Array  # (k,) m, in the worst direction across the line of sight
+    along: Array  # (k,) m, along it
+    radius_95: Array  # (k,) m
+
+
+def typical_distance(result: Calibration) -> tuple[float, bool]:
+    """RMS distance from camera to target (m); False: it is not known, and a usual one is taken."""
+    if result.analysis is not None:
+        spectrum = result.analysis.diagnostics.spectrum
+        if spectrum.length_of.endswith("camera to target"):
+            return float(spectrum.length_m), True
+    return _DEFAULT, False
+
+
+def ahead(result: Calibration, distances: Array | None = None) -> Ahead:
+    """The uncertainty of points on the optical axis; without ``distances`` (m) those of a small table.
+
+    Raises `InputError` where the covariance of X is not determined.
+    """
+    if distances is None:
+        distances = np.array([float(f"{x:.2g}") for x in typical_distance(result)[0] * _STEPS])
+    found = result.uncertainty_at(np.stack([0 * distances, 0 * distances, distances], axis=-1))
+    R = result.X[:3, :3]
+    in_camera = R.T @ found.covariance @ R
+    root = np.sqrt(np.maximum(np.linalg.eigvalsh(in_camera[..., :2, :2])[..., -1], 0.0))
+    return Ahead(distances, worst_deviation(found.covariance), root, np.sqrt(in_camera[..., 2, 2]), found.radius_95)
+
+
+def worst_deviation(covariance: Array) -> Array:
+    """Standard deviation (...) in the worst direction, of covariances (..., k, k)."""
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[..., -1], 0.0)))

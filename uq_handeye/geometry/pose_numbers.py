@@ -1,0 +1,40 @@
+"""A pose as the six numbers that people read: translation in mm and rotation vector in deg."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .se3 import Array, left_jacobian, skew
+
+
+def pose_numbers(T: Array, covariance: Array | None, near: Array | None = None) -> tuple[Array, Array | None]:
+    """Translation (mm) and rotation vector (deg) of T (4, 4), both (6,): values, and standard deviations.
+
+    ``covariance`` (6, 6) is that of (theta, tau), rad and m; the rotation vector changes by ``J_l(r)^-1 theta``. None
+    gives no deviations. Of the two vectors of a rotation the one nearer to that of ``near`` (4, 4) is taken.
+    """
+    vector = rotation_vector(T, near)
+    values = np.concatenate([1e3 * T[:3, 3], np.degrees(vector)])
+    if covariance is None:
+        return values, None
+    J = np.linalg.inv(left_jacobian(vector))
+    rotation = np.sqrt(np.clip(np.diag(J @ covariance[:3, :3] @ J.T), 0.0, None))
+    return values, np.concatenate([1e3 * np.sqrt(np.diag(covariance)[3:]), np.degrees(rotation)])
+
+
+def rotation_vector(X: Array, base: Array | None) -> Array:
+    """The rotation vector (3,) of X nearest to that of ``base``: near 180 degrees a vector and its opposite are one."""
+    vector = np.asarray(Rotation.from_matrix(X[:3, :3]).as_rotvec())
+    angle = float(np.linalg.norm(vector))
+    if base is None or angle == 0:
+        return vector
+    target = Rotation.from_matrix(base[:3, :3]).as_rotvec()
+    other = vector * (1 - 2 * np.pi / angle)
+    return other if np.linalg.norm(other - target) < np.linalg.norm(vector - target) else vector
+
+
+def quaternion_deviations(quaternion: Array, covariance: Array) -> Array:
+    """Standard deviations (4,) of a unit quaternion (x, y, z, w): ``dq = (theta, 0) q / 2``, theta of the (6, 6)."""
+    J = 0.5 * np.vstack([quaternion[3] * np.eye(3) - skew(quaternion[:3]), -quaternion[:3]])
+    return np.asarray(np.sqrt(np.clip(np.diag(J @ covariance[:3, :3] @ J.T), 0.0, None)))
