@@ -15,17 +15,17 @@ NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0
 PROGRAM = """
 import sys
 import uq_handeye as uq
-from uq_handeye.validation.monte_carlo import run as module
+from uq_handeye.validation.monte_carlo import workers
 
 noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
-module.START_SECONDS = 0.0
+workers.START_SECONDS = 0.0
 
 if __name__ == "__main__":
-    folder, trials, workers = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    folder, trials, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     poses = uq.simulate(12, noise=noise, seed=7)
     print("ready", flush=True)
-    result = module.monte_carlo(
-        poses, noise=noise, trials=trials, workers=workers, directory=folder, resume=True
+    result = uq.monte_carlo(
+        poses, noise=noise, trials=trials, workers=count, directory=folder, resume=True
     )
     print(result.complete, result.reason, result.trials, flush=True)
 """

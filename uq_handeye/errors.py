@@ -31,6 +31,9 @@ class DegenerateMotionError(InputError):
         self.directions = directions
         self.partial = partial
 
+    def __reduce__(self) -> tuple[Any, ...]:  # an exception is pickled by its message alone
+        return type(self), (str(self), self.directions, self.partial)
+
 
 class NotConvergedError(RuntimeError):
     """An iteration did not come to an end; ``partial`` holds what it reached, with a flag."""

@@ -55,7 +55,7 @@ def cross_check_command(
     from ...noise.models import PairNoise
     from ...poses.motions import relative_motions
     from ...validation.cross_check.run import cross_check
-    from ...validation.monte_carlo.run import INTERRUPTED as ended_by_hand
+    from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
     result = warn_as_calibrate(poses, noise, pairs)
     with timed("cross-check"):
@@ -79,6 +79,6 @@ def cross_check_command(
     if report is not None and result is not None and check.complete:
         write_report(result, report, True, check)
     emit(check.to_json() if as_json else check.to_text())
-    if check.complete:
+    if check.ended is None:
         return 0
-    return INTERRUPTED if check.reason == ended_by_hand else NOT_COMPLETE
+    return INTERRUPTED if check.ended.code == ENDED_BY_HAND else NOT_COMPLETE

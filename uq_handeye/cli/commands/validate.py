@@ -1,5 +1,6 @@
 """The command ``uq-handeye validate``: whether the covariance of a method is true."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,6 +24,8 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from ...noise.models import Noise
     from ...poses.pose_pairs import PosePairs
     from ...validation.monte_carlo.run import MonteCarlo
@@ -122,38 +125,43 @@ def validate_command(
         return _sweep(poses, noise, names, _factors(sweep_noise), options, figure, as_json)
 
     from ...io import json_text
-    from ...validation.monte_carlo.run import INTERRUPTED as ended_by_hand
+    from ...runtime.executors import connect_to_dask
     from ...validation.monte_carlo.run import monte_carlo
+    from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
     results: dict[str, MonteCarlo] = {}
-    for name in names:
-        result = monte_carlo(
-            poses,
-            noise=noise,
-            method=name,
-            trials=trials,
-            seed=seed,
-            workers=workers,
-            pairs=pairs,
-            scale=scale,
-            covariance="each" if covariance == "each" else None,
-            digits=digits,
-            directory=output if output is None or len(names) == 1 else output / name,
-            resume=resume,
-            client=scheduler,
-            progress=progress_wanted(),
-        )
-        results[name] = result
-        if not as_json:
-            emit(("\n" if len(results) > 1 else "") + result.summary())
-        if figure is not None:
-            result.figure(_of_method(figure, name, names))
-        if result.ended_early:
-            break
+    with ExitStack() as stack:
+        executor: Executor | None = None
+        if scheduler is not None:
+            executor, workers = stack.enter_context(connect_to_dask(scheduler))
+        for name in names:
+            result = monte_carlo(
+                poses,
+                noise=noise,
+                method=name,
+                trials=trials,
+                seed=seed,
+                workers=workers,
+                pairs=pairs,
+                scale=scale,
+                covariance="each" if covariance == "each" else None,
+                digits=digits,
+                directory=output if output is None or len(names) == 1 else output / name,
+                resume=resume,
+                executor=executor,
+                progress=progress_wanted(),
+            )
+            results[name] = result
+            if not as_json:
+                emit(("\n" if len(results) > 1 else "") + result.summary())
+            if figure is not None:
+                result.figure(_of_method(figure, name, names))
+            if result.ended_early:
+                break
     if as_json:
         parts = [result.to_dict() for result in results.values()]
         emit(json_text(parts[0] if len(names) == 1 else {"methods": parts}))
-    if result.reason == ended_by_hand:
+    if result.ended.code == ENDED_BY_HAND:
         return INTERRUPTED
     if result.ended_early:
         how = "--resume goes on" if output is not None else "with -o DIR, --resume would go on"

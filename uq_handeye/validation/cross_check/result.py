@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..._version import __version__
 from ...errors import InputError
 from ...files.atomic import json_text
+from ...findings import Finding
 from ...geometry.conventions import CONVENTION
 from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
@@ -43,8 +44,17 @@ class CrossCheck:
     trials: int  # asked of every method
     seed: int
     seconds: float
-    complete: bool = True  # whether all trials that were wanted, and the posterior, were done
-    reason: str = ""  # why not, e.g. "interrupted"
+    ended: Finding | None = None  # how, if not all trials that were wanted, or not the posterior, were done
+
+    @property
+    def complete(self) -> bool:
+        """Whether all trials that were wanted, and the posterior, were done."""
+        return self.ended is None
+
+    @property
+    def reason(self) -> str:
+        """Why not, in words; empty if they were."""
+        return "" if self.ended is None else str(self.ended)
 
     @property
     def broken(self) -> tuple[str, ...]:
@@ -110,6 +120,7 @@ class CrossCheck:
             "seconds": self.seconds,
             "complete": self.complete,
             "reason": self.reason,
+            "ended": None if self.ended is None else self.ended.to_dict(),
             "broken": list(self.broken),
             "rows": [row.to_dict() for row in self.rows],
             "relations": [relation.to_dict() for relation in self.relations],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from scipy.special import gammainccinv, gammaincinv
 
 from ...errors import InputError, NotConvergedError
 from ...estimators.nguyen import nguyen
+from ...findings import Finding
 from ...geometry.se3 import Array
 from ...likelihood.gauss_helmert import ESTIMATORS, Fit
 from ...noise.models import Noise, PairNoise, PoseNoise
@@ -25,7 +27,8 @@ from ...poses.pose_pairs import PosePairs
 from ...procrustes.so4_covariances import PAPER_SCALE, literal_covariance
 from ...propagation.noise_transport import noise_of_pairs
 from ...simulation.experiment import Experiment
-from ..monte_carlo.run import INTERRUPTED, MonteCarlo, monte_carlo
+from ..monte_carlo.run import MonteCarlo, monte_carlo
+from ..monte_carlo.sentences import INTERRUPTED
 
 if TYPE_CHECKING:
     from ..posterior.result import Posterior
@@ -193,25 +196,27 @@ def all_sampled(
     trials: int,
     seed: int,
     workers: int,
+    executor: Executor | None,
     progress: bool,
-) -> tuple[list[Row], dict[str, MonteCarlo], str]:
-    """A row of trials of each method, the runs, and why they ended early; empty if they did not.
+) -> tuple[list[Row], dict[str, MonteCarlo], Finding | None]:
+    """A row of trials of each method, the runs, and how they ended if that was early.
 
     Ctrl-C leaves out what comes after it; before the first trial it passes through.
     """
     rows: list[Row] = []
     runs: dict[str, MonteCarlo] = {}
-    ended = ""
+    ended: Finding | None = None
     for method in METHODS:
-        if not ended:
+        if ended is None:
+            of_method = replace(problem, method=method)
             try:
-                rows.append(sampled(data, replace(problem, method=method), trials, seed, workers, progress, runs))
+                rows.append(sampled(data, of_method, trials, seed, workers, executor, progress, runs))
             except KeyboardInterrupt:
                 if not runs:
                     raise
-                ended = INTERRUPTED
+                ended = Finding(INTERRUPTED, "caution")
             else:
-                ended = next((run.reason for run in runs.values() if not run.complete), "")
+                ended = next((run.ended for run in runs.values() if not run.complete), None)
                 continue
         rows.append(Row(*_sampled_names(method), "sampled", method, None, 0.0, note=_not_run(ended)))
     return rows, runs, ended
@@ -222,8 +227,8 @@ def _sampled_names(method: str) -> tuple[str, str]:
     return f"{method}-sampled", f"{NAMES[method]}, Monte Carlo"
 
 
-def _not_run(ended: str) -> str:
-    return f"Not run: the trials ended before ({ended.rstrip('.')})."
+def _not_run(ended: Finding) -> str:
+    return f"Not run: the trials ended before ({ended})."
 
 
 def sampled(
@@ -232,6 +237,7 @@ def sampled(
     trials: int,
     seed: int,
     workers: int,
+    executor: Executor | None,
     progress: bool,
     runs: dict[str, MonteCarlo],
 ) -> Row:
@@ -247,13 +253,20 @@ def sampled(
     started = time.perf_counter()
     try:
         run = monte_carlo(
-            data, noise=problem.noise, method=method, trials=affordable, seed=seed, workers=workers, progress=progress
+            data,
+            noise=problem.noise,
+            method=method,
+            trials=affordable,
+            seed=seed,
+            workers=workers,
+            executor=executor,
+            progress=progress,
         )
     except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
         return Row(key, label, "sampled", method, None, time.perf_counter() - started, note=str(error))
     runs[method] = run
     if not run.complete:
-        note = f"Ended early: {run.reason.rstrip('.')}."
+        note = f"Ended early: {run.reason}."
     elif affordable == trials:
         note = ""
     if run.covariance is None:
@@ -262,10 +275,10 @@ def sampled(
 
 
 def of_posterior(
-    data: PosePairs | Motions, noise: Noise, seed: int, progress: bool, ended: str
-) -> tuple[Row, Posterior | None, str]:
-    """Of the measured data, the chain, and why the whole ended early, if not ``ended`` before."""
-    if ended:
+    data: PosePairs | Motions, noise: Noise, seed: int, progress: bool, ended: Finding | None
+) -> tuple[Row, Posterior | None, Finding | None]:
+    """Of the measured data, the chain, and how the whole ended if that was early; ``ended``: before this."""
+    if ended is not None:
         return Row("posterior", _POSTERIOR, "posterior", "ml", None, 0.0, note=_not_run(ended)), None, ended
     from ..posterior.sample import sample_posterior
 
@@ -279,7 +292,8 @@ def of_posterior(
     except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
         note = str(error)
     except KeyboardInterrupt:
-        ended, note = INTERRUPTED, f"Ended early: {INTERRUPTED}."
+        ended = Finding(INTERRUPTED, "caution")
+        note = f"Ended early: {ended}."
     seconds = time.perf_counter() - started
     return Row("posterior", _POSTERIOR, "posterior", "ml", covariance, seconds, note=note), chain, ended
 

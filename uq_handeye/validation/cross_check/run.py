@@ -20,6 +20,7 @@ rows must relate: `relations`.
 from __future__ import annotations
 
 import time
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,6 +46,7 @@ def cross_check(
     trials: int = 10_000,
     seed: int = 0,
     workers: int = 1,
+    executor: Executor | None = None,
     posterior: bool = True,
     progress: bool = False,
 ) -> CrossCheck:
@@ -62,8 +64,7 @@ def cross_check(
         say so.
     seed : int
         Of trials and posterior.
-    workers : int
-        Processes for the trials.
+    workers, executor : as in `monte_carlo`
     posterior : bool
         Sample the posterior too, which needs the extra ``posterior``.
     progress : bool
@@ -103,7 +104,7 @@ def cross_check(
     noise, poses = problem.noise, data if isinstance(data, PosePairs) else data.poses
     problem.predicted()  # raises where the data do not determine X
     rows = formulas(data, problem)
-    trial_rows, runs, ended = all_sampled(data, problem, int(trials), int(seed), int(workers), progress)
+    trial_rows, runs, ended = all_sampled(data, problem, int(trials), int(seed), int(workers), executor, progress)
     rows += trial_rows
     chain: Posterior | None = None
     if posterior:
@@ -138,6 +139,5 @@ def cross_check(
         trials=int(trials),
         seed=int(seed),
         seconds=time.monotonic() - started,
-        complete=not ended,
-        reason=ended,
+        ended=ended,
     )

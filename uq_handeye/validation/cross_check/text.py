@@ -60,7 +60,7 @@ def to_text(check: CrossCheck) -> str:
 def _cut_short(check: CrossCheck) -> str:
     """That it ended early, and how many trials each method has."""
     done = [f"{row.method} {row.trials or 0:,}" for row in check.rows if row.kind == "sampled"]
-    text = f"NOT COMPLETE ({check.reason.rstrip('.')}). Trials, of {check.trials:,} asked: {', '.join(done)}."
+    text = f"NOT COMPLETE ({check.reason}). Trials, of {check.trials:,} asked: {', '.join(done)}."
     if any(row.kind == "posterior" and row.covariance is None for row in check.rows):
         text += " No posterior."
     return f"{text} What follows is of these."

@@ -11,10 +11,9 @@ from __future__ import annotations
 import pickle
 import platform
 import sys
-import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -99,33 +98,24 @@ def from_bytes(data: bytes) -> Work:
     return work
 
 
-class Failure(NamedTuple):
-    """Why a group of chunks could not be worked out, in a form that passes between processes."""
-
-    text: str
-    of_input: bool
-
-    def error(self) -> Exception:
-        """To be raised where the chunks were asked for."""
-        return InputError(self.text) if self.of_input else RuntimeError(self.text)
+@lru_cache(maxsize=1)
+def _received(message: bytes) -> Work:
+    """The work of the run at hand, read once in each process."""
+    return from_bytes(message)
 
 
-Answer = list[tuple[int, Chunk]] | Failure
+def compute_chunks(message: bytes, indices: Sequence[int]) -> list[tuple[int, Chunk]]:
+    """Some chunks with their numbers: what an executor is given to do.
 
-
-def answer(work: Work, indices: Sequence[int]) -> Answer:
-    """Some chunks with their numbers, in a process that cannot raise to the one that asked."""
+    Raises `InputError` where the versions of the libraries are not those of the process that asked.
+    """
+    work = _received(message)
     if work.versions != versions():
         other = [f"{name} {mine}, not {work.versions[name]}" for name, mine in versions().items()
                  if mine != work.versions[name]]  # fmt: skip
-        return Failure(f"A worker has other versions, and its last digits would differ: {', '.join(other)}.", True)
-    try:
-        one_thread_from_now_on()
-        return [(index, work.compute(index)) for index in indices]
-    except InputError as error:
-        return Failure(str(error), True)
-    except Exception:
-        return Failure(f"A worker failed.\n{traceback.format_exc()}", False)
+        raise InputError(f"A worker has other versions, and its last digits would differ: {', '.join(other)}.")
+    one_thread_from_now_on()
+    return [(index, work.compute(index)) for index in indices]
 
 
 def one_thread() -> Any:

@@ -11,12 +11,14 @@ import numpy as np
 from ..._version import __version__
 from ...errors import InputError
 from ...files.atomic import json_text, write_atomically
+from ...findings import Finding
 from ...geometry.conventions import CONVENTION
 from ...geometry.se3 import Array
 from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
 from ...simulation.experiment import Experiment
 from .consistency import LEVELS, PARTS, Consistency
+from .sentences import ALL
 from .stopping import Summary
 
 if TYPE_CHECKING:
@@ -41,8 +43,7 @@ class MonteCarlo:
     errors: Array  # (kept, 6) of the first trials that gave an estimate
     consistency: Consistency
     stability: Summary | None  # where digits were asked for
-    complete: bool
-    reason: str  # why it ended: "all trials", "stable to 2 digits", "interrupted", ...
+    ended: Finding  # how: all trials done, stable, interrupted, or workers lost (`monte_carlo_sentences`)
     seconds: float  # of this call
     resumed: int = 0  # trials that were there already
     notes: tuple[str, ...] = field(default=())  # what else happened, e.g. chunks that were damaged
@@ -56,6 +57,18 @@ class MonteCarlo:
     def noise(self) -> Noise:
         """What was drawn."""
         return self.experiment.noise
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is all that was asked for: all trials, or as stable as wanted."""
+        return self.ended.code == ALL if self.stability is None else self.stability.stable
+
+    @property
+    def reason(self) -> str:
+        """Why it ended, in words."""
+        if self.ended.code == ALL and not self.complete and self.stability is not None:
+            return f"{self.ended}, but not stable: {self.stability.reason}"
+        return str(self.ended)
 
     @property
     def ended_early(self) -> bool:
@@ -200,6 +213,7 @@ class MonteCarlo:
             "kept": self.kept,
             "complete": self.complete,
             "reason": self.reason,
+            "ended": self.ended.to_dict(),
             "seconds": self.seconds,
             "resumed": self.resumed,
             "notes": list(self.notes),
@@ -225,9 +239,7 @@ class MonteCarlo:
             "eigenvalue_interval": _plain(c.eigenvalue_interval),
             "likelihood_ratio": c.likelihood_ratio,
             "kurtosis": c.kurtosis,
-            "stability": None
-            if self.stability is None
-            else {name: _plain(value) for name, value in self.stability._asdict().items()},
+            "stability": None if self.stability is None else _stability_dict(self.stability),
         }
 
     def to_json(self, path: str | Path | None = None) -> str:
@@ -250,6 +262,12 @@ class MonteCarlo:
             columns |= {"ratio_low": c.std_ratio_interval[:, 0], "ratio_high": c.std_ratio_interval[:, 1]}
         columns |= {"bias": c.bias, "bias_error": c.bias_error}
         return pd.DataFrame(columns)
+
+
+def _stability_dict(stability: Summary) -> dict[str, Any]:
+    plain = {name: _plain(value) for name, value in stability._asdict().items()}
+    missing = plain.pop("missing")
+    return plain | {"reason": stability.reason, "missing": None if missing is None else missing.to_dict()}
 
 
 def _plain(value: Any) -> Any:

@@ -19,6 +19,7 @@ import os
 import time
 import warnings
 from collections.abc import Callable
+from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from typing import Any
 
@@ -26,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError, InputWarning, require_integer
+from ...findings import Finding
 from ...geometry.frames import SETUPS
 from ...geometry.se3 import Array
 from ...noise.models import Noise, checked_covariance
@@ -37,9 +39,10 @@ from ...simulation.experiment import experiment
 from .chunks import Chunk, Work, chunk_size, from_bytes, one_thread, to_bytes
 from .consistency import Consistency, Sums, consistency
 from .result import MonteCarlo
-from .stopping import BLOCK, Stability, in_digits
+from .sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
+from .stopping import BLOCK, Stability
 from .store import RunFolder
-from .workers import Alone, Cluster, Local, WorkersLostError, in_order
+from .workers import Crew, WorkersLostError
 
 __all__ = ["MonteCarlo", "monte_carlo"]
 
@@ -49,8 +52,6 @@ KEPT = 1_000_000
 MOST, MOST_FOR_DIGITS = 10**12, 1_000_000
 # Variances of a covariance that is given, rad^2 or m^2: beyond these, squares of what is weighed by it overflow.
 VARIANCES = (1e-60, 1e60)
-# Workers take about so many seconds to start; what ends sooner is done without.
-START_SECONDS = 1.0
 
 
 def monte_carlo(
@@ -67,7 +68,7 @@ def monte_carlo(
     digits: int | None = None,
     directory: str | os.PathLike[str] | None = None,
     resume: bool = False,
-    client: Any = None,
+    executor: Executor | None = None,
     progress: bool = False,
 ) -> MonteCarlo:
     """The sampling covariance of a method, and whether a covariance predicts it.
@@ -87,7 +88,8 @@ def monte_carlo(
     seed : int
         The same seed gives the same numbers, whatever the workers.
     workers : int
-        Processes at most; a run of about a second is done in this one.
+        Processes at most, this one among them; a run of about a second is done in this one alone. With ``executor``,
+        the number of workers it has, which matters above 32.
     pairs, scale : as in `calibrate`
     covariance : None, "each" or (6, 6)
         What is tested: the first-order covariance of the method at the truth; that which every trial would report of
@@ -97,8 +99,10 @@ def monte_carlo(
     directory : path or None
         Folder for the chunks, from which ``resume=True`` goes on after whatever ended the program (`store`). With
         more ``trials`` than before it extends the run.
-    client : distributed.Client, address or None
-        A Dask cluster to run on in place of local workers. The first chunk is still done here.
+    executor : concurrent.futures.Executor or None
+        Where to run in place of worker processes of its own: any executor, such as that of ``loky``, of
+        ``mpi4py.futures``, or ``distributed.Client(...).get_executor()``. The first chunk is still done here. It is
+        left open, with nothing more to do.
     progress : bool
         Show a bar on stderr if that is a terminal.
 
@@ -112,7 +116,7 @@ def monte_carlo(
     ------
     InputError
         Arguments that do not fit each other; a covariance that is singular, or out of all proportion; a folder that
-        holds something else; a cluster that cannot be reached.
+        holds something else; workers that cannot be started or have other versions.
     DegenerateMotionError
         The data do not determine X.
     NotConvergedError
@@ -129,7 +133,7 @@ def monte_carlo(
     """
     warn_left_out("monte_carlo()", data)
     started = time.monotonic()
-    total, digits = _checked_counts(trials, seed, workers, digits, resume, directory)
+    total, digits = _checked_counts(trials, seed, workers, digits, resume, directory, executor)
     with ExitStack() as stack:
         stack.enter_context(one_thread())
         problem = experiment(data, noise, method, pairs=pairs, scale=scale)
@@ -138,13 +142,13 @@ def monte_carlo(
         work = from_bytes(message)
         folder = None if directory is None else stack.enter_context(closing(RunFolder(directory, work, resume)))
         tally = Tally(work, None if digits is None else Stability(digits))
-        reason = _run(tally, message, folder, int(workers), client, progress)
+        ended = _run(tally, message, folder, int(workers), executor, progress)
         if tally.sums is None:
-            raise InputError(f"No trial was done: {reason}.")
+            raise InputError(f"No trial was done: {ended}.")
         sums = tally.sums
         own_mean = tally.own / sums.count if tested is None and sums.count else None
         judged = consistency(sums, own_mean if tested is None else tested, own=tested is None)
-        result = _result(data, noise, tally, folder, kind, judged, total, reason, started)
+        result = _result(data, noise, tally, folder, kind, judged, total, ended, started)
         if folder is not None:
             folder.write_result(result.to_json())
     for note in result.notes:
@@ -160,7 +164,7 @@ def _result(
     kind: str,
     judged: Consistency,
     total: int,
-    reason: str,
+    ended: Finding,
     started: float,
 ) -> MonteCarlo:
     """Everything that is known in the end."""
@@ -185,16 +189,11 @@ def _result(
         errors=tally.errors,
         consistency=judged,
         stability=stability,
-        complete=reason == ALL or (stability is not None and stability.stable),
-        reason=reason,
+        ended=ended,
         seconds=time.monotonic() - started,
         resumed=0 if folder is None else folder.resumed,
         notes=tuple(notes),
     )
-
-
-# Why a run ended, but for what went wrong.
-ALL, INTERRUPTED = "all trials done", "interrupted"
 
 
 class Tally:
@@ -240,42 +239,35 @@ class Tally:
                     self.stable = self.stability.stable
 
 
-def _run(tally: Tally, message: bytes, folder: RunFolder | None, workers: int, client: Any, progress: bool) -> str:
-    """Chunk after chunk into the tally, until it is enough; says why it ended."""
+def _run(
+    tally: Tally, message: bytes, folder: RunFolder | None, workers: int, executor: Executor | None, progress: bool
+) -> Finding:
+    """Chunk after chunk into the tally, until it is enough; how it ended."""
     work = tally.work
     stored: Callable[[int], Chunk | None] = (lambda index: None) if folder is None else folder.load
     arrived: Callable[[int, Chunk], None] = (lambda index, chunk: None) if folder is None else folder.save
     try:
         with ExitStack() as stack:
-            if client is not None:  # reached before the work begins
-                cluster = stack.enter_context(closing(Cluster(message, client)))
-                team = Alone(work, cluster.of_groups, gain=1.0)
-            elif workers > 1:
-                most = min(workers, work.count)
-                team = Alone(work, lambda group: Local(message, most, group), 1 - 1 / workers, START_SECONDS)
-            else:
-                team = Alone(work)
-            stack.enter_context(closing(team))
+            crew = Crew(work, message, stored, arrived, workers, executor)
+            chunks = stack.enter_context(closing(crew.chunks()))
             advance = stack.enter_context(progress_bar(work.experiment.method, work.trials, "trials", progress))
-            for chunk in in_order(team, work.count, stored, arrived):
+            for chunk in chunks:
                 tally.add(chunk)
                 advance(len(chunk.errors))
                 if tally.stable:
                     assert tally.stability is not None
-                    return f"stable to {in_digits(tally.stability.digits)}"
+                    return Finding(STABLE, "note", {"digits": tally.stability.digits})
     except KeyboardInterrupt:
         if tally.sums is None:
             raise
-        return INTERRUPTED
+        return Finding(INTERRUPTED, "caution")
     except WorkersLostError as error:
-        return str(error)
-    if tally.stability is not None:
-        return f"{ALL}, but not stable: {tally.stability.summary().reason}"
-    return ALL
+        return Finding(WORKERS_LOST, "failure", {"how": str(error)})
+    return Finding(ALL, "note")
 
 
 def _checked_counts(
-    trials: Any, seed: Any, workers: Any, digits: Any, resume: bool, directory: Any
+    trials: Any, seed: Any, workers: Any, digits: Any, resume: bool, directory: Any, executor: Any
 ) -> tuple[int, int | None]:
     """Trials at most, and digits, once all counts are known to be some."""
     if trials is None:
@@ -288,6 +280,11 @@ def _checked_counts(
         require_integer(name, value, least)
         if most is not None and value > most:
             raise InputError(f"Expected `{name}` to be at most {most:,}, got {value:,}.")
+    if not (executor is None or isinstance(executor, Executor)):
+        raise InputError(
+            "Expected `executor` to be a concurrent.futures.Executor, such as ProcessPoolExecutor() or "
+            f"distributed.Client().get_executor(), got {type(executor).__name__}."
+        )
     if resume and directory is None:
         raise InputError("Expected a `directory` with resume=True: the folder of the run to go on with.")
     if digits is not None:

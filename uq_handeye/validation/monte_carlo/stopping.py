@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError
+from ...findings import Finding
 from ...geometry.se3 import Array
 from .sums import COMPONENTS, Sums, lower_factor, squares
 
@@ -58,7 +59,12 @@ class Summary(NamedTuple):
     tolerance: Array | None  # delta
     unstable: tuple[str, ...]  # names of those with 2 s > delta
     blocks_expected: int | None  # at which all would be stable if s falls as 1 / sqrt(h)
-    reason: str  # why it is not stable, in words; empty if it is
+    missing: Finding | None  # why it is not stable; None if it is
+
+    @property
+    def reason(self) -> str:
+        """That in words, empty if it is stable."""
+        return "" if self.missing is None else str(self.missing)
 
 
 class Stability:
@@ -112,11 +118,15 @@ class Stability:
     def summary(self) -> Summary:
         """Values, their spread over the blocks, tolerances, and what is not stable yet."""
         h = len(self._blocks) + self._sparse
+        missing: Finding | None = None
+        if self._sparse:
+            missing = Finding(
+                "monte_carlo.few_estimates", "caution", {"sparse": self._sparse, "blocks": h, "least": LEAST}
+            )
+        elif h < FIRST:
+            missing = Finding("monte_carlo.few_blocks", "caution", {"blocks": h, "needed": FIRST})
         if len(self._blocks) < 2:
-            reason = f"{h} {'block' if h == 1 else 'blocks'} of trials, {FIRST} are needed"
-            if self._sparse:
-                reason = f"{self._sparse} of {h} blocks gave fewer than {LEAST} estimates"
-            return Summary(h, self.digits, False, None, None, None, (), None, reason)
+            return Summary(h, self.digits, False, None, None, None, (), None, missing)
         table = np.array(self._blocks)
         n = len(table)
         spread = 2 * table.std(axis=0, ddof=1) / math.sqrt(n)
@@ -127,21 +137,9 @@ class Stability:
         over = spread > tolerance
         unstable = tuple(name for name, late in zip(NAMES, over, strict=True) if late)
         expected = max(FIRST, math.ceil(n * float(((spread / tolerance) ** 2).max())))
-        if self._sparse:
-            reason = f"{self._sparse} of {h} blocks gave fewer than {LEAST} estimates"
-        elif h < FIRST:
-            reason = f"{h} blocks of trials, {FIRST} are needed"
-        elif unstable:
-            reason = f"not to {in_digits(self.digits)} yet: {unstable[0]}"
-            reason += f" and {len(unstable) - 1} more" if len(unstable) > 1 else ""
-        else:
-            reason = ""
-        return Summary(h, self.digits, not reason, values, spread, tolerance, unstable, expected, reason)
-
-
-def in_digits(digits: int) -> str:
-    """``1 digit``, ``2 digits``."""
-    return f"{digits} digit{'' if digits == 1 else 's'}"
+        if missing is None and unstable:
+            missing = Finding("monte_carlo.not_stable", "caution", {"digits": self.digits, "numbers": list(unstable)})
+        return Summary(h, self.digits, missing is None, values, spread, tolerance, unstable, expected, missing)
 
 
 def numerical_tolerance(value: float, digits: int) -> float:

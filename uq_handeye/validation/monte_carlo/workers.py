@@ -1,446 +1,171 @@
-r"""Who works the chunks out: this process, worker processes beside it, or a Dask cluster; and the order kept.
+r"""Chunks computed in this process and by an executor beside it, and the order kept.
 
-A team takes groups of chunks and hands back what is done, in any order; `in_order` feeds it, a bounded number ahead,
-and passes the chunks on by number. Chunks depend on their number alone (`chunks`): the team changes no digit, and what
-a lost worker had in hand is worked out again by another.
+An executor is any `concurrent.futures.Executor`. It is handed a bounded number of groups of chunks, as bytes and plain
+numbers, and may finish them in any order; the chunks are passed on by number. They depend on their number alone
+(`chunks`): who computes one changes no digit.
 """
 
 from __future__ import annotations
 
-import logging
-import os
-import pickle
-import signal
-import subprocess
 import sys
-import threading
 import time
-import warnings
-from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError
-from contextlib import contextmanager, suppress
-from queue import SimpleQueue
-from typing import Any, Protocol
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import ExitStack
+from itertools import islice
 
-from ...errors import InputError, MissingExtraError
-from ...files.open import reason
-from .chunks import Answer, Chunk, Failure, Work, answer, from_bytes
+from ...errors import InputError
+from ...runtime.executors import LocalProcesses
+from .chunks import Chunk, Work, compute_chunks
 
-Done = list[tuple[int, Chunk]]
-
-# Groups that each worker has at hand: one to work on and one to go on with.
-AHEAD = 2
+# Groups in flight for each worker, one to work on and one to go on with; and of an executor that was given, at least.
+AHEAD, LEAST_AHEAD = 2, 64
+# Bytes of the copies of the work in flight.
+MOST_BYTES = 256_000_000
 # Chunks that may wait for an earlier one, as multiples of those in flight.
 WINDOW = 2
 # A group is to take so many seconds, which is long beside what its transport takes.
-GROUP_SECONDS, MOST_IN_GROUP = 0.08, 64
-# Workers that may be lost before the run stops.
-MOST_LOST = 5
-# Seconds to reach a Dask scheduler.
-CONNECT = 10.0
-# Seconds without any Dask worker after which the run stops.
-PATIENCE = 60.0
+GROUP_SECONDS, MOST_IN_GROUP = 0.08, 16
+# Processes take about so many seconds to start; what ends sooner is done without.
+START_SECONDS = 1.0
+# Seconds after which a wait begins again, so that Ctrl-C gets through on every system.
+PATIENCE = 1.0
 
 
 class WorkersLostError(Exception):
-    """No worker is left; the message says what is known of why."""
+    """An executor does no more work; the message says what is known of why."""
 
 
-class Team(Protocol):
-    """Works out groups of chunks."""
+class Crew:
+    """This process, and an executor: one that is given, or worker processes if they save time.
 
-    @property
-    def capacity(self) -> int:
-        """Groups that it wants to have in flight."""
-        ...
+    The first chunk that is missing is computed in this process, which raises what is wrong with it as it is, and tells
+    how long the others will take. Where the workers are its own this process stays one of them; a given executor is
+    only fed.
 
-    @property
-    def group(self) -> int:
-        """Chunks in a group."""
-        ...
-
-    @property
-    def ready(self) -> bool:
-        """Whether there is somebody to work, or a reason why not; else this process goes on meanwhile."""
-        ...
-
-    def submit(self, group: list[int]) -> None: ...
-
-    def wait(self) -> Done:
-        """At least one group that is done; raises `WorkersLostError` if none will ever be."""
-        ...
-
-    def close(self) -> None:
-        """At once; what is in flight is dropped."""
-        ...
-
-
-def in_order(
-    team: Team, total: int, stored: Callable[[int], Chunk | None], arrived: Callable[[int, Chunk], None]
-) -> Iterator[Chunk]:
-    """Chunks 0 to ``total`` - 1 by number: those that are ``stored``, and the others by the team.
-
-    ``arrived`` is told of each that was worked out, at once and in whatever order.
+    Parameters
+    ----------
+    work, message
+        `from_bytes` of the message, and the message.
+    stored : function
+        A chunk by its number, or None where it is to be computed.
+    arrived : function
+        Told of each that was computed, with its number, at once and in whatever order.
+    workers : int
+        Processes at most, this one among them. Of a given executor: for how many it is to be kept busy, if that is
+        more than half of `LEAST_AHEAD`.
+    executor : Executor or None
     """
-    ready: dict[int, Chunk] = {}
-    group: list[int] = []
-    asked, flying = 0, 0
-    for wanted in range(total):
-        while wanted not in ready:
-            room = team.capacity * team.group
-            if asked < min(total, wanted + WINDOW * room) and flying + len(group) < room:
-                chunk = stored(asked)
-                if chunk is None:
-                    group.append(asked)
-                else:
-                    ready[asked] = chunk
-                asked += 1
-                if len(group) < team.group:
-                    continue
-            if group:
-                team.submit(group)
-                flying += len(group)
-                group = []
-                continue
-            for index, chunk in team.wait():
-                flying -= 1
-                ready[index] = chunk
-                arrived(index, chunk)
-        yield ready.pop(wanted)
-
-
-class Alone:
-    """This process, and ``others`` once what is left would take it ``patience`` seconds longer than them.
-
-    It works out at least one chunk, which tells how long they take, and raises what is wrong with them as it is. The
-    others are started only once that chunk has been handed over, so that it is kept if they do not start; it goes on by
-    itself until they are ready.
-    """
-
-    ready = True
 
     def __init__(
-        self, work: Work, others: Callable[[int], Team] | None = None, gain: float = 0.0, patience: float = 0.0
+        self,
+        work: Work,
+        message: bytes,
+        stored: Callable[[int], Chunk | None],
+        arrived: Callable[[int, Chunk], None],
+        workers: int = 1,
+        executor: Executor | None = None,
     ) -> None:
-        self._work, self._start, self._gain, self._patience = work, others, gain, patience
-        self._groups: list[list[int]] = []
-        self._team: Team | None = None
-        self._due = 0  # chunks in a group of the others, once they are wanted
+        self._work, self._message, self._stored, self._arrived = work, message, stored, arrived
+        self._workers, self._given = workers, executor
+        self._executor: Executor | None = None  # once it is wanted
+        self._stack = ExitStack()
+        self._flying: set[Future[list[tuple[int, Chunk]]]] = set()
+        self._most = self._group = 1  # groups in flight, chunks in a group
+        self._ready: dict[int, Chunk] = {}
+        self._next = 0  # the chunk to be looked at next
 
-    @property
-    def capacity(self) -> int:
-        return 1 if self._team is None or not self._team.ready else self._team.capacity
+    def chunks(self) -> Generator[Chunk, None, None]:
+        """All of them, by number. Raises `WorkersLostError` where the executor breaks, or takes no work."""
+        with self._stack:
+            self._stack.callback(self._cancel)
+            for wanted in range(self._work.count):
+                while wanted not in self._ready:
+                    missing = self._missing(wanted)
+                    self._submit(missing)
+                    self._collect(wanted, missing)
+                yield self._ready.pop(wanted)
 
-    @property
-    def group(self) -> int:
-        return 1 if self._team is None or not self._team.ready else self._team.group
+    def _missing(self, wanted: int) -> Iterator[int]:
+        """Numbers of the next chunks to be computed, not too far ahead of the one that is wanted."""
+        while self._next < min(self._work.count, wanted + WINDOW * self._most * self._group):
+            index, self._next = self._next, self._next + 1
+            chunk = self._stored(index)
+            if chunk is None:
+                yield index
+            else:
+                self._ready[index] = chunk
 
-    def submit(self, group: list[int]) -> None:
-        if self._due and self._start is not None:
-            self._team, self._due = self._start(self._due), 0
-        if self._team is None or not self._team.ready:
-            self._groups.append(group)
-        else:
-            self._team.submit(group)
+    def _submit(self, missing: Iterator[int]) -> None:
+        """Hand out groups while there is room."""
+        while self._executor is not None and len(self._flying) < self._most:
+            group = list(islice(missing, self._group))
+            if not group:
+                return
+            try:
+                self._flying.add(self._executor.submit(compute_chunks, self._message, group))
+            except _failures(RuntimeError) as error:  # it was shut down
+                raise WorkersLostError(self._describe(error)) from error
 
-    def wait(self) -> Done:
-        if self._team is not None and not self._groups:
-            return self._team.wait()
-        group = self._groups.pop(0)
+    def _collect(self, wanted: int, missing: Iterator[int]) -> None:
+        """Take what is done; while nothing is, compute a chunk here, or wait."""
+        done, _ = wait(self._flying, timeout=0, return_when=FIRST_COMPLETED)
+        if not done and (self._executor is None or self._given is None):
+            index = next(missing, None)
+            if index is not None:
+                self._ready[index] = self._compute(index)
+                self._arrived(index, self._ready[index])
+        while not done and wanted not in self._ready:
+            done, _ = wait(self._flying, timeout=PATIENCE, return_when=FIRST_COMPLETED)
+        for future in done:
+            self._flying.remove(future)
+            for index, chunk in self._result(future):
+                self._ready[index] = chunk
+                self._arrived(index, chunk)
+
+    def _compute(self, index: int) -> Chunk:
+        """A chunk in this process. After the first one, an executor is taken if that saves time."""
         started = time.perf_counter()
-        found = [(index, self._work.compute(index)) for index in group]
-        each = (time.perf_counter() - started) / len(group)
-        left = self._work.count - 1 - group[-1]
-        if self._team is None and self._start is not None and left > 0 and each * left * self._gain > self._patience:
-            self._due = max(1, min(MOST_IN_GROUP, int(GROUP_SECONDS / max(each, 1e-9))))
-        return found
+        chunk = self._work.compute(index)
+        each, left = time.perf_counter() - started, self._work.count - 1 - index
+        if self._executor is None and left > 0:
+            if self._given is not None:
+                self._executor = self._given
+                most = min(max(LEAST_AHEAD, AHEAD * self._workers), MOST_BYTES // len(self._message))
+                self._most = max(AHEAD, most)
+            elif each * left * (1 - 1 / self._workers) > START_SECONDS:
+                others = min(self._workers - 1, left)
+                self._executor = self._stack.enter_context(LocalProcesses(others))
+                self._most = AHEAD * others
+            if self._executor is not None:
+                self._group = max(1, min(MOST_IN_GROUP, int(GROUP_SECONDS / max(each, 1e-9))))
+        return chunk
 
-    def close(self) -> None:
-        if self._team is not None:
-            self._team.close()
-
-
-def checked(found: Answer) -> Done:
-    """The chunks of an answer, or its error."""
-    if isinstance(found, Failure):
-        raise found.error()
-    return found
-
-
-class Local:
-    """Worker processes on this machine, which talk through their standard input and output.
-
-    Each is a new Python that imports this module and nothing of the program that asked. The end of either side ends the
-    other, also after kill -9.
-    """
-
-    def __init__(self, work: bytes, workers: int, group: int) -> None:
-        self._work, self.group = work, group
-        self._answers: SimpleQueue[tuple[Worker, Answer | None]] = SimpleQueue()
-        self.workers: list[Worker] = []
-        self._lost = 0
-        self.capacity = AHEAD * workers
+    def _result(self, future: Future[list[tuple[int, Chunk]]]) -> list[tuple[int, Chunk]]:
         try:
-            for _ in range(workers):
-                self._start()
-            for worker in self.workers:  # once all are starting: one takes large data only when it has started
-                worker.send(work)
-        except BaseException:
-            self.close()
-            raise
-
-    @property
-    def ready(self) -> bool:
-        return any(worker.started for worker in self.workers) or not self._answers.empty()
-
-    def _start(self) -> Worker:
-        try:
-            with _interrupts_blocked():
-                self.workers.append(Worker(self._answers))
-        except OSError as error:
-            raise InputError(f"Cannot start a worker process: {reason(error)}; use fewer workers.") from error
-        return self.workers[-1]
-
-    def submit(self, group: list[int]) -> None:
-        worker = min(self.workers, key=lambda one: len(one.groups))
-        worker.groups.append(group)
-        worker.send(group)
-
-    def wait(self) -> Done:
-        while True:
-            worker, found = self._answers.get()
-            if found is not None:
-                worker.groups.pop(0)
-                return checked(found)
-            self._replace(worker)
-
-    def _replace(self, worker: Worker) -> None:
-        """A new worker for one that is lost, with what that had in hand."""
-        self.workers.remove(worker)
-        code = worker.close()
-        if code > 0 and not worker.started:
-            raise InputError(f"A worker process could not start (exit status {code}); use one worker.")
-        self._lost += 1
-        if self._lost > MOST_LOST:
-            how = f"signal {-code}" if code < 0 else f"exit status {code}"
-            raise WorkersLostError(
-                f"{self._lost} worker processes were lost, the last one by {how}; the memory may have run out"
-            )
-        self._start().send(self._work)
-        for group in worker.groups:
-            self.submit(group)
-
-    def close(self) -> None:
-        for worker in self.workers:
-            worker.process.terminate()
-        while self.workers:
-            self.workers.pop().close()
-
-
-class Worker:
-    """One of them, with the groups that it has in hand, in their order."""
-
-    def __init__(self, answers: SimpleQueue[tuple[Worker, Answer | None]]) -> None:
-        self.groups: list[list[int]] = []
-        self.started = False
-        program = f"import sys; sys.path[:] = sys.argv[1:]; from {__name__} import serve; serve()"
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", program, *sys.path],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env={**os.environ, **dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")},
-            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # Windows: no Ctrl-C
-        )
-        self._listener = threading.Thread(target=self._listen, args=(answers,), daemon=True)
-        self._listener.start()
-
-    def _listen(self, answers: SimpleQueue[tuple[Worker, Answer | None]]) -> None:
-        assert self.process.stdout is not None
-        with suppress(EOFError, OSError, ValueError, pickle.UnpicklingError):
-            self.started = pickle.load(self.process.stdout)  # once it knows the work
-            while True:
-                answers.put((self, pickle.load(self.process.stdout)))
-        answers.put((self, None))
-
-    def send(self, message: Any) -> None:
-        assert self.process.stdin is not None
-        with suppress(OSError):  # of one that is lost, which the listener notices
-            pickle.dump(message, self.process.stdin, protocol=5)
-            self.process.stdin.flush()
-
-    def close(self) -> int:
-        """End it, and give its exit status."""
-        assert self.process.stdin is not None and self.process.stdout is not None
-        self.process.terminate()
-        try:
-            code = self.process.wait(2.0)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            code = self.process.wait()
-        self._listener.join()
-        with suppress(OSError):
-            self.process.stdin.close()
-        self.process.stdout.close()
-        return code
-
-
-def serve() -> None:
-    """A worker: answers groups of chunks until the other side is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that was started by hand
-    warnings.simplefilter("ignore")  # that process has run a chunk too, and warned
-    questions, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever prints must not reach the answers
-    with suppress(EOFError, OSError, pickle.UnpicklingError):  # the other side is gone, maybe in mid-sentence
-        work = from_bytes(pickle.load(questions))
-        pickle.dump(True, answers)
-        answers.flush()
-        while True:
-            pickle.dump(answer(work, pickle.load(questions)), answers, protocol=5)
-            answers.flush()
-    os._exit(0)  # nothing to clean up, and nothing to say
-
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Ctrl-C waits; a process that is started meanwhile never sees it, not even while it imports."""
-    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-class Cluster:
-    """The workers of a Dask scheduler, given as a ``distributed.Client`` or as its address.
-
-    The work is the result of a task, which the scheduler can repeat (data that are only scattered are lost with their
-    worker), and so are the chunks: those of a lost worker come from another. Raises `InputError` for a cluster that
-    cannot be reached or has no workers.
-    """
-
-    ready = True
-
-    def __init__(self, work: bytes, client: Any) -> None:
-        distributed = _distributed()
-        self.group = 1
-        self._own, self._closed = isinstance(client, str), False
-        self._groups: dict[Any, list[int]] = {}
-        self._seen = time.monotonic()
-        if self._own:
-            try:
-                client = distributed.Client(client, timeout=CONNECT)
-            except (OSError, ValueError, TypeError) as error:
-                raise InputError(f"Cannot reach the Dask scheduler {client!r}: {error}") from error
-        if not isinstance(client, distributed.Client) or client.asynchronous:
+            return future.result()
+        except ImportError as error:
             raise InputError(
-                f"Expected `client` to be a distributed.Client or an address, got {type(client).__name__}."
-            )
-        if client.status != "running":
-            raise InputError(f"Expected `client` to be connected to a Dask scheduler, but it is {client.status}.")
-        self._client = client
-        try:
-            client.wait_for_workers(1, timeout=PATIENCE / 2)
-            self._cores: int = sum(client.ncores().values())
-            self._work = client.submit(from_bytes, work, pure=False)
-        except TimeoutError as error:
-            self.close()
-            raise InputError("The Dask scheduler has no workers; start some with `dask worker ADDRESS`.") from error
-        except self._failures() as error:
-            self.close()
-            raise InputError(f"The Dask scheduler cannot be used: {_words(error)}.") from error
-        except BaseException:
-            self.close()
-            raise
+                f"A worker cannot import what it needs ({error}): install the same uq-handeye for all of them."
+            ) from error
+        except _failures() as error:
+            raise WorkersLostError(self._describe(error)) from error
 
-    @staticmethod
-    def _failures() -> tuple[type[BaseException], ...]:
-        """What the end of a scheduler or of all workers shows as: tasks that are cancelled, a client that closes."""
-        client = _distributed().client
-        closed: type[BaseException] = getattr(client, "ClosedClientError", OSError)  # of new versions
-        return OSError, CancelledError, _distributed().KilledWorker, closed
+    def _describe(self, error: BaseException) -> str:
+        if isinstance(self._executor, LocalProcesses):
+            self._executor.end()
+            return f"a worker process was lost ({self._executor.describe_loss()}); the memory may have run out"
+        text = " ".join(str(error).split()).rstrip(".")
+        text = text if len(text) <= 200 else f"{text[:200]}..."
+        return f"the executor failed: {type(error).__name__}{f': {text}' if text else ''}"
 
-    def of_groups(self, group: int) -> Cluster:
-        """Itself, with so many chunks in a group."""
-        self.group = group
-        return self
-
-    @property
-    def capacity(self) -> int:
-        return AHEAD * max(1, self._cores)
-
-    def submit(self, group: list[int]) -> None:
-        try:
-            future = self._client.submit(answer, self._work, group, pure=False)
-        except self._failures() as error:
-            raise WorkersLostError(f"the Dask scheduler is gone: {_words(error)}") from error
-        self._groups[future] = group
-
-    def wait(self) -> Done:
-        while True:
-            try:
-                done, _ = _distributed().wait(list(self._groups), timeout=5, return_when="FIRST_COMPLETED")
-                answers = self._client.gather(list(done))
-            except TimeoutError:
-                self._require_workers()
-                continue
-            except self._failures() as error:
-                if self._client.status != "running":
-                    raise WorkersLostError("the connection to the Dask scheduler was lost") from error
-                raise WorkersLostError(f"the Dask cluster failed: {_words(error)}") from error
-            except ImportError as error:
-                raise InputError(
-                    f"A Dask worker cannot import what it needs ({error}): install the same uq-handeye on all of them."
-                ) from error
-            for future in done:
-                del self._groups[future]
-            self._require_workers(every=5.0)
-            return [part for found in answers for part in checked(found)]
-
-    def _require_workers(self, every: float = 0.0) -> None:
-        """Count the cores anew, and give up where there have been none for long."""
-        now = time.monotonic()
-        if now - self._seen < every:
-            return
-        try:
-            self._cores = sum(self._client.ncores().values())
-        except self._failures() as error:
-            raise WorkersLostError(f"the Dask scheduler is gone: {_words(error)}") from error
-        if self._cores:
-            self._seen = now
-        elif now - self._seen > PATIENCE:
-            raise WorkersLostError(f"the Dask scheduler had no worker for {PATIENCE:g} s")
-
-    def close(self) -> None:
-        if self._closed:
-            return
-        self._closed = True
-        with suppress(TimeoutError, *self._failures()):
-            self._client.cancel(list(self._groups))
-        self._groups.clear()
-        self._work = None
-        if self._own:
-            log = logging.getLogger("distributed.client")
-            before = log.level
-            log.setLevel(logging.CRITICAL)  # a scheduler that is gone has been told of, without a traceback
-            with suppress(TimeoutError, *self._failures()):
-                self._client.close()
-            log.setLevel(before)
+    def _cancel(self) -> None:
+        for future in self._flying:
+            future.cancel()
 
 
-def _words(error: BaseException) -> str:
-    """An error of Dask in one line that is not too long."""
-    text = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-    return text if len(text) <= 200 else f"{text[:200]}..."
-
-
-def _distributed() -> Any:
-    try:
-        import distributed
-    except ImportError as error:
-        raise MissingExtraError(
-            "Dask is not installed; a cluster needs the extra `cluster`: pip install 'uq-handeye[cluster]'."
-        ) from error
-    return distributed
+def _failures(*others: type[BaseException]) -> tuple[type[BaseException], ...]:
+    """What an executor raises that can do no more work. A chunk raises none of these."""
+    dask = sys.modules.get("distributed")  # its failures are of no common type
+    of_dask = () if dask is None else (dask.KilledWorker, getattr(dask.client, "ClosedClientError", OSError))
+    return *others, BrokenExecutor, CancelledError, OSError, *of_dask
