@@ -352,11 +352,11 @@ def test_zhao_compares_pairs_that_share_a_pose_alone(rng, monkeypatch):
 def test_zhao_warns_where_data_are_few(rng):
     noise = uq.PairNoise(random_covariance(rng), random_covariance(rng))
     _, A, B = exact_motions(rng, 5)
-    with pytest.warns(uq.InputWarning, match="with 5 pairs it may be far off"):
+    with pytest.warns(uq.InputWarning, match="With 5 pairs it may be wrong"):
         uq.propagate(A, B, noise, method="zhao")
     _, robot, camera = exact_poses(rng, 6)
     motions = uq.relative_motions(uq.PosePairs(robot, camera), "all")
-    with pytest.warns(uq.InputWarning, match="with 6 poses it may be far off"):
+    with pytest.warns(uq.InputWarning, match="With 6 poses it may be wrong"):
         uq.propagate(motions, uq.PoseNoise(camera=random_covariance(rng)), method="zhao")
 
 

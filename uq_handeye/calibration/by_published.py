@@ -47,7 +47,7 @@ def by_published(job: Job) -> tuple[Calibration, list[str]]:
             return estimate_unweighted(job, found, estimate)
         noise = estimate.noise
         reference = reference_for(efficient(job.data, noise, found.X), estimate)
-    covariance, covariance_W = found.covariances(noise, job.kind)
+    covariance, covariance_W, doubts = found.covariances(noise, job.kind)
     if job.covariance == "sigma-points":
         covariance, covariance_W = by_sigma_points(job, noise, None), None
     elif job.covariance != "model":
@@ -60,6 +60,8 @@ def by_published(job: Job) -> tuple[Calibration, list[str]]:
     else:
         given = noise if isinstance(noise, PoseNoise) and estimate is None else None
         texts = check_fit(poses, found.X, given, None if given is None else covariance)
+    if job.covariance == "model":
+        texts += [str(finding) for finding in doubts]
     turn = float(np.degrees(rotation_angles(found.X[:3, :3])))
     if job.method == "tsai" and turn > NEAR_HALF_TURN_OF_X:
         texts.append(

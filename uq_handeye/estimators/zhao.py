@@ -24,20 +24,25 @@ deviations obey in the limit of many pairs
     Sigma_X = H^-1 ( sum_ij x_i x_j^T (2/pi) arcsin(C_ij / (s_i s_j)) ) H^-1
 
 A residual that is better known than X lets through, ``s_i^2 < x_i^T Sigma_X x_i``, has no such density over the spread
-of ``x_i^T xi``; in `lad_covariance`, that spread takes the place of s_i^2 in p_i(0) there.
+of ``x_i^T xi``; in `lad_covariance`, that spread takes the place of s_i^2 in p_i(0) there. Sigma_X is then a fixed
+point, and where a part of the residuals is nearly exact there may be two: one where these residuals hold X (exact
+residuals would make X exact), one where the others outweigh them. `_solve_limited` comes down from above and finds the
+larger, which is what sampled data show. The share of the information that such residuals carry tells how far the
+limit may be trusted: `LimitedCovariance.share`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from ..errors import InputError
+from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array
 from ..noise.models import PairNoise
 from . import lu
@@ -64,8 +69,10 @@ ROWS = 1024
 
 # Variance over the largest, below which it is rounding.
 UNSEEN = 1e-24
-# Iterations that limit the densities of the covariance.
-LIMITING = 500
+# Iterations that limit the densities of the covariance; the change of a variance that ends them, relative; the variance
+# below which it is rounding, and that from which they come down, relative to the largest of a residual.
+LIMITING, SETTLED = 500, 1e-10
+LOWEST, START = 1e-16, 1e2
 
 
 class Residuals:
@@ -133,7 +140,9 @@ class LinearPrograms:
             raise InputError("Method 'zhao' has no derivatives but those of a noise model.")
         return lambda trials: Regression(A[trials], B[trials], X[trials], noise)
 
-    def covariance(self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors) -> Array:
+    def covariance(
+        self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors
+    ) -> LimitedCovariance:
         """`lad_covariance` of one problem: A and B (N, 4, 4), X (4, 4)."""
         return lad_covariance(A, B, X, noise)
 
@@ -155,7 +164,7 @@ class Regression:
             variance = np.einsum("mrk,mrk->mr", rows, rows)
             x = J.reshape(len(A[k]), 8, 6)
             scores = _independent_scores(x, _unit_rows(rows, variance))
-            inverse = _sandwich(J, variance.reshape(-1), scores)[1]
+            inverse = _solve_limited(J, variance.reshape(-1), scores).inverse
             seen = variance > UNSEEN * variance.max()
             weights = np.sqrt(2.0 / np.pi / np.where(seen, variance, np.inf))
             self.residuals.append(residuals)
@@ -230,7 +239,15 @@ def _moved(X: Array, xi: Array) -> Array:
     return moved
 
 
-def lad_covariance(A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors) -> Array:
+class LimitedCovariance(NamedTuple):
+    """Sigma_X with the densities of the residuals limited by itself."""
+
+    value: Array  # (6, 6)
+    inverse: Array  # (6, 6): H^-1
+    share: float  # of the information in H from residuals better known than X, in the direction where it is largest
+
+
+def lad_covariance(A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors) -> LimitedCovariance:
     """The covariance (6, 6) of X (4, 4) by least absolute deviations, as above.
 
     ``noise`` is a `PairNoise`, whose pairs are independent, in time linear in the pairs; or a function that for a slice
@@ -240,6 +257,11 @@ def lad_covariance(A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors
 
     Residuals without variance have no sign to vary, but hold X all the same; where they fix it, its variance is zero
     up to rounding.
+
+    Raises
+    ------
+    NotConvergedError
+        The limit of the densities has no fixed point: too few residuals determine X.
     """
     residuals = Residuals(A, B, *_references(A[None], B[None]))
     _, J = residuals.at(X)
@@ -259,7 +281,7 @@ def lad_covariance(A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors
         rows = np.concatenate([residuals.by_data(X, pairs) @ noise(pairs) for pairs in blocks])
         variance = np.einsum("mrk,mrk->mr", rows, rows)
         scores = _shared_scores(J, _unit_rows(rows, variance).reshape(len(J), -1))
-    return _sandwich(J, variance.reshape(-1), scores)[0]
+    return _solve_limited(J, variance.reshape(-1), scores)
 
 
 def _independent_rows(residuals: Residuals, X: Array, noise: PairNoise) -> Array:
@@ -310,21 +332,32 @@ def _shared_scores(x: Array, rows: Array) -> Array:
     return np.asarray(2.0 / np.pi * scores)
 
 
-def _sandwich(x: Array, variance: Array, scores: Array) -> tuple[Array, Array]:
-    """``H^-1 S H^-1`` and H^-1, the densities in H limited by the result: a fixed point, found by iteration."""
-    if variance.max() == 0.0:
-        return np.zeros((6, 6)), np.zeros((6, 6))
+def _solve_limited(x: Array, variance: Array, scores: Array) -> LimitedCovariance:
+    """``H^-1 S H^-1``, the densities in H limited by the result: the largest fixed point, by iteration from above."""
+    largest = float(variance.max())
+    if largest == 0.0:
+        return LimitedCovariance(np.zeros((6, 6)), np.zeros((6, 6)), 0.0)
     size = np.sqrt(np.mean(x**2, axis=0))
     x, scores = x / size, scores / np.outer(size, size)
-    spread = np.zeros(len(x))
+    limited = np.full(len(x), START * largest)
     for _ in range(LIMITING):
-        limited = np.maximum(np.maximum(variance, spread), 1e-16 * variance.max())
-        inverse = np.linalg.inv(2.0 * (x.T / np.sqrt(2.0 * np.pi * limited)) @ x)
+        weights = 2.0 / np.sqrt(2.0 * np.pi * limited)
+        inverse = np.linalg.inv((x.T * weights) @ x)
         covariance = inverse @ scores @ inverse
-        previous, spread = spread, np.einsum("ni,ij,nj->n", x, covariance, x)
-        if np.abs(np.maximum(spread, variance) - np.maximum(previous, variance)).max() <= 1e-12 * spread.max():
+        spread = np.einsum("ni,ij,nj->n", x, covariance, x)
+        previous, limited = limited, np.maximum(np.maximum(variance, spread), LOWEST * largest)
+        if (np.abs(limited - previous) <= SETTLED * limited).all():
             break
-    return covariance / np.outer(size, size), inverse / np.outer(size, size)
+    else:
+        raise NotConvergedError(
+            f"The covariance of method 'zhao' did not converge within {LIMITING} iterations: too few residuals "
+            "determine X. Add motions, or use another method."
+        )
+    # what is exact up to rounding does hold X
+    better = (spread > variance) & (spread > LOWEST * largest)
+    held = (x[better].T * weights[better]) @ x[better]
+    share = float(eigh(held, (x.T * weights) @ x, eigvals_only=True)[-1])
+    return LimitedCovariance(covariance / np.outer(size, size), inverse / np.outer(size, size), share)
 
 
 METHOD = Method(

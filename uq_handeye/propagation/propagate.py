@@ -35,6 +35,7 @@ from ..estimators.common.method import (
     require_converged,
 )
 from ..estimators.registry import find
+from ..findings import Finding
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
 from ..noise.models import Noise, PairNoise, PoseNoise
@@ -43,14 +44,13 @@ from ..procrustes.finite_scale import solve_scaled
 from ..procrustes.limit import Suspicious, as_pairs, pair_blocks, require_transforms, solve_limit, trial_blocks
 from ..procrustes.sensitivity import LimitDerivatives, ScaledDerivatives, linearised
 from ..procrustes.so4_covariances import PAPER_SCALE, literal_covariance
+from .first_order import find_curved, find_few, find_precise_residuals
 from .noise_transport import DataSide, Shared, Start, data_side, made_from_poses, noise_of_pairs
 
 # Pairs whose derivatives are held at once, about 2 kB each: larger blocks cost more in fresh pages than they save.
 BLOCK = 1024
 # Pairs times error components of their poses, beyond which not every two pairs are compared.
 MOST_SHARED = 5_000_000
-# Independent pairs or poses below which the covariance of a method that is not smooth is not to be trusted.
-FEW = 10
 
 Result = TypeVar("Result")
 
@@ -92,6 +92,14 @@ def propagate(
         Shapes that do not fit, a noise model that does not fit the motions.
     DegenerateMotionError
         The motions do not determine X: its variance is infinite along the directions named.
+    NotConvergedError
+        ``zhao``: too few residuals determine X.
+
+    Warns
+    -----
+    InputWarning
+        The covariance may be off by factors: of ``zhao`` with few data, or where residuals that are known better than X
+        determine it; of ``nguyen`` where X is so uncertain that its error is curved (`first_order`).
 
     Examples
     --------
@@ -102,15 +110,35 @@ def propagate(
     >>> np.round(np.sqrt(np.diag(covariance)) * 1e3, 2)  # mrad, mm
     array([0.45, 0.4 , 0.58, 0.51, 0.48, 0.58])
     """
+    covariance, findings = propagate_and_check(A, B, noise, X=X, method=method, scale=scale, kind=kind)
+    for finding in findings:
+        warnings.warn(str(finding), InputWarning, stacklevel=2)
+    return covariance
+
+
+def propagate_and_check(
+    A: Any,
+    B: Any = None,
+    noise: Noise | None = None,
+    *,
+    X: Any = None,
+    method: str = "4dpa",
+    scale: float | None = None,
+    kind: str | None = None,
+) -> tuple[Array, list[Finding]]:
+    """The covariance of `propagate`, and what speaks against it."""
     problem = _problem(A, B, noise, X, method, scale, kind)
+    findings: list[Finding] = []
     if kind == "literal":
         assert isinstance(problem.noise, PairNoise)  # data_side has seen to it
         S = literal_covariance(problem.A, problem.B, problem.noise, problem.X, PAPER_SCALE if scale is None else scale)
     elif not find(method).smooth:
-        S = _beyond_derivatives(problem, find(method), kind)
+        S, findings = _beyond_derivatives(problem, find(method), kind)
     else:
         S = np.concatenate(problem.each(lambda side, Q: np.asarray(Q @ side.covariance() @ Q.mT)))
-    return (0.5 * (S + S.mT)).reshape(*problem.batch, 6, 6)
+        if problem.X is not None:
+            findings = find_curved(find(method), problem.A, problem.B, problem.X, S)
+    return (0.5 * (S + S.mT)).reshape(*problem.batch, 6, 6), findings
 
 
 def pose_sensitivities(
@@ -209,23 +237,16 @@ def _problem(
     return _Problem(batch, flat_A, flat_B, X, method, noise, weights, start, derivatives, again)
 
 
-def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> Array:
-    """The covariances (T, 6, 6) of an X that is no smooth function of the data."""
+def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> tuple[Array, list[Finding]]:
+    """The covariances (T, 6, 6) of an X that is no smooth function of the data, and what speaks against them."""
     solver = cast(SolverWithCovariance, method.solver)
     assert problem.X is not None and problem.weights is not None
     pairs_share = isinstance(problem.noise, PoseNoise) and kind != "pairs"
-    sources = problem.A.shape[1]
+    count, item = problem.A.shape[1], "pairs"
     if pairs_share:
         side = problem.start(slice(0, 1))
         assert isinstance(side, Shared)
-        sources = side.sums[0].shape[1]
-    if sources < FEW:
-        warnings.warn(
-            f"The covariance of method {method.name!r} holds for many data; with {sources} "
-            f"{'poses' if pairs_share else 'pairs'} it may be far off either way. Trust it from {FEW} up.",
-            InputWarning,
-            stacklevel=4,
-        )
+        count, item = side.sums[0].shape[1], "poses"
     found = []
     for t, (A, B, X) in enumerate(zip(problem.A, problem.B, problem.X, strict=True)):
         noise: PairNoise | ErrorFactors | PoseFactors = problem.weights
@@ -243,4 +264,5 @@ def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> 
                 noise = PoseFactors(side.pairs, side.pose_factors)
         with explained(method.name):
             found.append(solver.covariance(A, B, X, noise))
-    return np.stack(found)
+    findings = find_few(method, count, item) + find_precise_residuals(method, max(each.share for each in found))
+    return np.stack([each.value for each in found]), findings

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,13 +12,23 @@ from ..errors import InputError
 from ..estimators import solve
 from ..estimators.common.method import require_converged
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
+from ..findings import Finding
 from ..geometry.se3 import Array
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..poses.motions import Motions
 from .all_pairs import AllPairs
+from .first_order import find_curved
 from .noise_transport import covariance_of_poses, noise_of_pairs
-from .propagate import pose_sensitivities, propagate
+from .propagate import pose_sensitivities, propagate_and_check
 from .target_pose import mean_target, target_by_X, target_sensitivities
+
+
+class Covariances(NamedTuple):
+    """First-order covariances, and what speaks against them."""
+
+    of_X: Array  # (6, 6)
+    of_W: Array | None  # (6, 6)
+    findings: list[Finding]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +43,17 @@ class Published:
     iterations: int
     everything: AllPairs | None  # 4DPA of all pairs, without forming them
 
-    def covariances(self, noise: Noise, kind: str | None = None) -> tuple[Array, Array | None]:
-        """Of X and, for noise on poses, of W (6, 6), to first order; ``kind`` as in `propagate`."""
+    def covariances(self, noise: Noise, kind: str | None = None) -> Covariances:
+        """The covariances of X and, for noise on poses, of W (6, 6), to first order; ``kind`` as in `propagate`."""
         motions, method, poses = self.motions, self.method, self.motions.poses
         if method in ROBOT_WORLD_METHODS and not (isinstance(noise, PoseNoise) and kind in (None, "poses")):
             raise InputError(f"Method {method!r} works on poses: its covariance needs PoseNoise and kind 'poses'.")
         if poses is None or not isinstance(noise, PoseNoise) or kind not in (None, "poses"):
-            return propagate(motions, noise=noise, X=self.X, method=method, scale=self.scale, kind=kind), None
+            S, findings = propagate_and_check(
+                motions, noise=noise, X=self.X, method=method, scale=self.scale, kind=kind
+            )
+            return Covariances(S, None, findings)
+        findings = []
         by_error: Sequence[Array | None]
         by_error_W: Sequence[Array | None]
         if method in ROBOT_WORLD_METHODS:
@@ -52,11 +67,14 @@ class Published:
         covariance, covariance_W = (covariance_of_poses(D, noise) for D in (by_error, by_error_W))
         if method in METHODS and not METHODS[method].smooth:
             # what is uncorrelated with the errors of the poses reaches W through X alone
-            rest = propagate(motions, noise, X=self.X, method=method) - covariance
+            whole, findings = propagate_and_check(motions, noise, X=self.X, method=method)
+            rest = whole - covariance
             J = target_by_X(poses, self.X)
             added = J @ rest @ J.T
             covariance, covariance_W = covariance + rest, covariance_W + 0.5 * (added + added.T)
-        return covariance, covariance_W
+        elif method in METHODS:
+            findings = find_curved(METHODS[method], motions.A[None], motions.B[None], self.X[None], covariance[None])
+        return Covariances(covariance, covariance_W, findings)
 
 
 def fit_published(

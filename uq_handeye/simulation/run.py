@@ -23,7 +23,7 @@ from ..poses.pose_pairs import PosePairs
 from ..procrustes.finite_scale import solve_4dpa
 from ..propagation.all_pairs import solve_all_pairs
 from ..propagation.noise_transport import covariance_of_poses
-from ..propagation.propagate import propagate
+from ..propagation.propagate import propagate_and_check
 from .efficient_pairs import efficient_on_drawn
 from .experiment import Experiment
 from .fourdpa_pairs import fourdpa_on_drawn
@@ -161,7 +161,7 @@ def _estimates(experiment: Experiment, first: Array, second: Array, each: bool) 
         X, ok = estimate.X, np.asarray(estimate.converged)
     covariances = None
     if each:
-        covariances = propagate(motions, noise=noise, X=X, method=method, scale=experiment.scale)
+        covariances, _ = propagate_and_check(motions, noise=noise, X=X, method=method, scale=experiment.scale)
     return Estimates(X, ok, covariances)
 
 

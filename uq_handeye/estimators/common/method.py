@@ -101,10 +101,22 @@ class PoseFactors(NamedTuple):
     of: Callable[[slice], Array]  # d (xi_A, xi_B) / dz (2, m, 12, 12) of some pairs, z of the one and of the other pose
 
 
+class CovarianceOfMany(Protocol):
+    """A covariance that holds in the limit of many data."""
+
+    @property
+    def value(self) -> Array: ...  # (6, 6)
+
+    @property
+    def share(self) -> float: ...  # of the information about X, in some direction, to which that limit does not apply
+
+
 class SolverWithCovariance(Solver, Protocol):
     """A method whose X is no smooth function of the data, so that derivatives alone do not give its covariance."""
 
-    def covariance(self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors) -> Array: ...
+    def covariance(
+        self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors
+    ) -> CovarianceOfMany: ...
 
 
 @dataclass(frozen=True)
