@@ -62,7 +62,13 @@ def test_html_has_the_answer_the_numbers_and_the_matrices(result):
     for value in result.covariance.ravel():
         assert f"{value:.3e}" in html.texts
     assert html.open == [] and {"details", "summary", "table"} <= html.seen
-    assert "weakest" in text or "less certain" in text or "equally certain" in text
+    translation, rotation = (np.sqrt(np.linalg.eigvalsh(result.covariance[k, k])) for k in (slice(3, 6), slice(3)))
+    least, largest = 1e3 * translation[[0, -1]]
+    assert f"Translation is about equally certain in all directions ({least:.2f} to {largest:.2f} mm)." in text
+    assert np.abs(np.linalg.eigh(result.covariance[:3, :3])[1][:, -1]).argmax() == 2
+    ratio, (least, largest) = rotation[-1] / rotation[0], np.degrees(rotation[[0, -1]])
+    assert f"Rotation about gripper z is {ratio:.1f} times less certain than about its best direction (" in text
+    assert f"({largest:.2g} against {least:.2g} deg)." in text
 
 
 def test_html_needs_nothing_else_and_sets_no_colours_of_the_page(result):

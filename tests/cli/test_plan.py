@@ -72,16 +72,22 @@ def test_candidates_of_ones_own(run, session):
 
 
 def test_criteria(run):
-    for extra, criterion in (
-        (("--criterion", "point", "--point", "0mm,0mm,300mm"), "point"),
-        (("--criterion", "logdet"), "logdet"),
-        (("--length", "300mm"), "trace"),
+    for extra, criterion, head, note in (
+        (("--criterion", "point", "--point", "0mm,0mm,300mm"), "point", "error", "of the point (0, 0, 300) mm"),
+        (("--criterion", "logdet"), "logdet", "log", "log det: of the covariance of X (rad, m)"),
+        (("--length", "300mm"), "trace", "error", "of points 300 mm from the camera"),
     ):
         data = json.loads(run(*NOISE, "--json", *extra)[1])
         assert data["criterion"] == criterion
         assert data["length"] == (0.3 if criterion == "trace" else None)
         assert data["point"] == ([0.0, 0.0, 0.3] if criterion == "point" else None)
-        assert "error" in run(*NOISE, *extra)[1] or criterion == "logdet"
+        text = run(*NOISE, *extra)[1]
+        lines = text.splitlines()
+        assert next(line for line in lines if line.startswith("  step")).split()[-1] == head
+        before = data["before"]["criterion"]
+        shown = f"{before:.2f}" if criterion == "logdet" else f"{1e3 * np.sqrt(before):.2f}"
+        assert next(line for line in lines if line.startswith("so far")).split()[-1] == shown
+        assert note in " ".join(lines)
 
 
 def test_units(run, session, tmp_path):

@@ -16,6 +16,7 @@ from uq_handeye.diagnostics import diagnose as module
 from uq_handeye.diagnostics import residual_patterns
 from uq_handeye.diagnostics import sentences as diagnosis_words
 from uq_handeye.diagnostics.diagnose import Diagnostics, diagnose
+from uq_handeye.diagnostics.scale_errors import scale_errors, shared_lengths
 from uq_handeye.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
 from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.likelihood.robust import robust_fit
@@ -392,7 +393,30 @@ def test_scale_errors_are_estimated_as_by_one_more_unknown(rng, setup):
     solution = np.linalg.lstsq(design, r)[0]
     assert probe.estimate == pytest.approx(solution[-1], rel=1e-6)
     expected = max(1.0, found.sigma_0) * np.sqrt(linalg.inv(design.T @ design)[-1, -1])
-    assert probe.sd == pytest.approx(expected, rel=1e-6) or found.autocorrelation.p_value < 1e-3
+    assert probe.sd == pytest.approx(expected * inflation(found.autocorrelation), rel=1e-6)
+
+
+def inflation(autocorrelation):
+    """Residuals that follow each other widen a deviation by the root of their factor, from 1 in 1,000 on."""
+    return np.sqrt(autocorrelation.factor) if autocorrelation.p_value < 1e-3 else 1.0
+
+
+def test_residuals_that_follow_each_other_widen_the_deviation_of_a_scale_error(rng):
+    poses = uq.simulate(60, seed=rng)
+    drift = np.cumsum(1e-3 * rng.normal(size=(2, 60, 6)), axis=1)
+    poses = uq.PosePairs(moved(poses.robot, drift[0]), moved(poses.camera, drift[1]), poses.setup)
+    fit = efficient(poses, NOISE)
+    found = diagnose(fit, poses, NOISE)
+    assert found.autocorrelation.p_value < 1e-3 and found.autocorrelation.factor > 2
+    sides = corrected(fit, NOISE, poses.robot, poses.camera)
+    lengths = shared_lengths(*sides, poses, poses, True)
+    factor = cholesky_of(fit.S)
+    white = whiten(factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
+    plain = scale_errors(fit, factor, white, lengths, max(1.0, found.sigma_0))
+    widened = inflation(found.autocorrelation)
+    for probe, other in zip(found.probes, plain, strict=True):
+        assert probe.estimate == pytest.approx(other.estimate) and probe.sd == pytest.approx(widened * other.sd)
+        assert probe.visible and abs(probe.z) < abs(other.z)
 
 
 def test_scale_errors_are_found_with_their_sign_and_size():

@@ -136,9 +136,9 @@ def test_silent_where_no_shift_helps():
     assert find_shift(uq.PosePairs(poses.robot, camera, poses.setup)) is None
     robot = np.tile(poses.robot[:1], (40, 1, 1))
     assert find_shift(uq.PosePairs(robot, np.tile(poses.camera[:1], (40, 1, 1)))) is None
-    slow = video(100, rng, every=400)
-    found = find_shift(without(slow, robot=[0]))
-    assert found is None or found.stretches[0][2] in (0, 1, 2)  # what one frame of it moves is within the noise
+    for trial in range(5):  # what one frame of it moves is within the noise
+        slow = video(100, np.random.default_rng([SEED, trial]), every=400)
+        assert find_shift(without(slow, robot=[0])) is None
     with pytest.raises(uq.InputError, match="without leading axes"):
         find_shift(uq.simulate(20, noise=NOISE, trials=2))
 

@@ -16,6 +16,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.calibration.provenance import Provenance
+from uq_handeye.calibration.report.text import directions
 from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.errors import InputError, InputWarning, MissingExtraError
 from uq_handeye.files.source import Source
@@ -117,7 +118,9 @@ def test_the_answer_comes_first_and_has_its_deviations(result, page):
         assert float(shown) == pytest.approx(value, abs=0.51 * last)
         inside = float(found[2]) if "." in found[2] else float(found[2]) * last
         assert inside == pytest.approx(sd, rel=0.05)
-    assert "in all directions" in words or "less certain" in words
+    translation, rotation = directions(result)
+    assert translation.startswith("Translation ") and rotation.startswith("Rotation ")
+    assert translation in words and rotation in words
 
 
 def test_warnings_stand_out_or_nothing_looked_wrong(small, page):

@@ -93,13 +93,32 @@ def test_the_user_is_told_whether_the_noise_is_inside(found):
     text = " ".join(found.summary().split())
     limit = found["4dpa"].limit("first order")
     assert f"4dpa: first order holds up to {np.sqrt(limit.holds):.2g} times your standard deviations (" in text
-    assert "your own noise is inside" in text or "your own noise is well inside" in text
+    assert limit.holds > 4 and "; your own noise is well inside." in text  # twice the deviations and more
     assert "Beyond, it fails:" in text and "Sigma points hold" in text
     motions, noise = star(0.5)
     outside = sweep(motions, noise=noise, methods=["4dpa"], factors=[0.001], trials=400, seed=SEED)
     text = " ".join(outside.summary().split())
     assert "4dpa: your noise is outside of first order." in text
-    assert "Use covariance='sigma-points'" in text or "Sigma points do not hold at your noise" in text
+    own = outside["4dpa"].own
+    assert own.sigma_points.holds and not own.first_order.holds
+    assert "Use covariance='sigma-points', which holds at all levels tried, up to your noise." in text
+    assert "Sigma points do not hold" not in text
+
+
+def test_the_margin_of_the_noise_is_said():
+    """Well inside from twice the deviations on, near the end below; without an end only inside."""
+    rng = np.random.default_rng([SEED, 41])
+    errors, ok = rng.normal(size=(4000, 6)), np.ones(4000, dtype=bool)
+    good, bad = (judged("first order", errors, ok, covariance, 0.1) for covariance in (np.eye(6), np.eye(6) / 9))
+    sigma = judged("sigma points", errors, ok, np.eye(6), 0.1)
+    assert good.holds and not bad.holds and sigma.holds
+    for factors, said in (
+        ((1.0, 3.0, 3.1), "your own noise is inside, but near the end."),
+        ((1.0, 5.0, 5.2), "your own noise is well inside."),
+        ((1.0, 3.0), "your own noise is inside."),
+    ):
+        levels = [Level(f, bad if f > 3 and f != 5 else good, sigma) for f in factors]
+        assert f"; {said}" in verdict(MethodSweep("m", tuple(levels)))
 
 
 def test_a_wrong_covariance_would_be_noticed(found):
