@@ -3,10 +3,13 @@
 import json
 import pickle
 
+import numpy as np
 import pytest
 
-from uq_handeye import InputError
-from uq_handeye.findings import Finding, sentence
+from uq_handeye import InputError, InputWarning
+from uq_handeye.findings import Finding, sentence, texts, warn
+
+SEVERITIES = ("note", "caution", "failure")
 
 
 @sentence("tests.too_few")
@@ -27,11 +30,38 @@ def test_it_survives_json_and_pickling():
 
 
 @pytest.mark.parametrize(
-    "change", [{"code": "tests.unknown"}, {"code": []}, {"severity": "bad"}, {"values": 3}, {"more": 1}]
+    "change", [{"code": []}, {"severity": "bad"}, {"values": 3}, {"values": {"x": float("nan")}}, {"more": 1}]
 )
 def test_what_is_no_finding_is_refused(change):
-    with pytest.raises(InputError, match="Expected a"):
+    with pytest.raises(InputError, match="Expected "):
         Finding.from_dict(FOUND.to_dict() | change)
+
+
+@pytest.mark.parametrize("change", [{"code": "tests.of_tomorrow"}, {"values": {"there": 2}}, {"values": {"new": 1}}])
+def test_a_finding_of_another_version_is_read_and_says_what_it_has(change):
+    found = Finding.from_dict(FOUND.to_dict() | change)
+    assert found.to_dict() == FOUND.to_dict() | change
+    assert found.code in str(found) and all(f"{name} = {value}" in str(found) for name, value in found.values.items())
+
+
+def test_values_are_plain():
+    found = Finding("tests.too_few", "note", {"there": np.float64(2), "wanted": (np.arange(2), {"x": None})})
+    assert found.values == {"there": 2.0, "wanted": [[0, 1], {"x": None}]}
+    assert type(found.values["there"]) is float
+    for bad in (object(), b"x", {1, 2}):
+        with pytest.raises(TypeError, match="no plain value"):
+            Finding("tests.too_few", "note", {"there": bad})
+    with pytest.raises(ValueError, match="not finite"):
+        Finding("tests.too_few", "note", {"there": np.array([1.0, np.inf])})
+
+
+def test_warnings_are_given_for_more_than_a_note():
+    notes = [Finding("tests.too_few", severity, {"there": k, "wanted": 9}) for k, severity in enumerate(SEVERITIES)]
+    assert texts(notes) == ("there are 1, 9 are needed", "there are 2, 9 are needed")
+    with pytest.warns(InputWarning) as caught:
+        warn(notes, stacklevel=1)
+    assert [str(item.message) for item in caught] == list(texts(notes))
+    assert {item.filename for item in caught} == {__file__}
 
 
 def test_a_code_is_worded_once():

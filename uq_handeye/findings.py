@@ -1,23 +1,28 @@
 """What a test, a fit or a run found: a code, how serious it is, and its values; the words come last.
 
-Whoever finds something makes a `Finding`; whoever decides looks at its code, severity and values. Each topic words its
-own codes in one module, by functions that take the values by name:
+Whoever finds something makes a `Finding`; whoever decides looks at its code, severity and values. A package words the
+codes that begin with its name in its module ``sentences``, by functions that take the values by name:
 
-    @sentence("monte_carlo.stable")
-    def _(digits: int) -> str:
-        return f"stable to {digits} digits"
+    @sentence("input_checks.repeated_rows")
+    def _(file: str, count: int, n: int) -> str:
+        return f"{count} of {n} {file} poses repeat the row before exactly: they add no information."
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar, get_args
 
-from .errors import InputError
+from .errors import InputError, InputWarning
 
 Severity = Literal["note", "caution", "failure"]
 Words = TypeVar("Words", bound=Callable[..., str])
+
+# Residuals that are so many times as large as the noise explains make a failure of a caution.
+GROSS = 5.0
 
 _SENTENCES: dict[str, Callable[..., str]] = {}
 
@@ -29,32 +34,55 @@ class Finding:
     Parameters
     ----------
     code : str
-        ``topic.what``; its sentence is registered by `sentence`.
+        ``package.what``; its sentence is registered by `sentence`.
     severity : "note", "caution" or "failure"
         Worth knowing; to be looked into; the numbers cannot be used as they are.
     values : mapping
-        What the sentence says, as plain JSON values: numbers, text, lists, None.
+        What the sentence says: text, finite numbers, None, and lists and mappings of these. Arrays and tuples become
+        lists, so that what is read from JSON equals what was written.
     """
 
     code: str
     severity: Severity
     values: Mapping[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", _plain(self.values))
+
     def __str__(self) -> str:
-        return _SENTENCES[self.code](**self.values)
+        """The sentence; where this version has none for the code with these values, both as they are."""
+        try:
+            return _SENTENCES[self.code](**self.values)
+        except (
+            LookupError,
+            TypeError,
+            ValueError,
+            AttributeError,
+            ArithmeticError,
+        ):  # read from a file of another version
+            values = ", ".join(f"{name} = {value!r}" for name, value in self.values.items())
+            return f"{self.code}{': ' if values else ''}{values} (this version has no sentence for it)."
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, which `from_dict` reads."""
         return {"code": self.code, "severity": self.severity, "values": dict(self.values)}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Finding:
-        """A stored finding. Raises `InputError` for a code or severity that is not known, or other fields."""
-        if set(data) != {"code", "severity", "values"} or not isinstance(data["values"], Mapping):
-            raise InputError(f"Expected a finding with code, severity and values, got {sorted(map(str, data))}.")
-        if str(data["code"]) not in _SENTENCES or data["severity"] not in get_args(Severity):
-            raise InputError(f"Expected a known finding, got {data['code']!r} of severity {data['severity']!r}.")
-        return cls(str(data["code"]), data["severity"], dict(data["values"]))
+    def from_dict(cls, data: Any) -> Finding:
+        """A stored finding, also one whose code this version does not know; raises `InputError` on anything else."""
+        if not isinstance(data, Mapping) or set(data) != {"code", "severity", "values"}:
+            raise InputError(f"Expected a finding with code, severity and values, got {data!r:.80}.")
+        if not isinstance(data["code"], str) or data["severity"] not in get_args(Severity):
+            raise InputError(
+                f"Expected a finding of severity {', '.join(get_args(Severity))}, got {data['code']!r:.40} of severity "
+                f"{data['severity']!r:.40}."
+            )
+        if not isinstance(data["values"], Mapping):
+            raise InputError(f"Expected the values of finding {data['code']!r} by name, got {data['values']!r:.40}.")
+        try:
+            return cls(data["code"], data["severity"], data["values"])
+        except (TypeError, ValueError) as error:
+            raise InputError(f"Expected plain finite values in finding {data['code']!r}: {error}.") from error
 
 
 def sentence(code: str) -> Callable[[Words], Words]:
@@ -67,3 +95,35 @@ def sentence(code: str) -> Callable[[Words], Words]:
         return words
 
     return register
+
+
+@sentence("stored.text")
+def _(text: str) -> str:
+    """Of files from before there were findings."""
+    return text
+
+
+def texts(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """The sentences of those that are more than a note."""
+    return tuple(str(finding) for finding in findings if finding.severity != "note")
+
+
+def warn(findings: Iterable[Finding], stacklevel: int = 2) -> None:
+    """Give an `InputWarning` for each that is more than a note; ``stacklevel`` as seen from the caller."""
+    for text in texts(findings):
+        warnings.warn(text, InputWarning, stacklevel=stacklevel + 1)
+
+
+def _plain(value: Any) -> Any:
+    """Lists, dictionaries and plain numbers; raises TypeError or ValueError on what JSON cannot hold."""
+    if isinstance(value, Mapping):
+        return {str(name): _plain(part) for name, part in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(part) for part in value]
+    if hasattr(value, "tolist"):  # of NumPy
+        return _plain(value.tolist())
+    if value is not None and not isinstance(value, bool | int | float | str):
+        raise TypeError(f"{value!r:.40} is no plain value")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{value!r} is not finite")
+    return value

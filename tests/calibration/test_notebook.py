@@ -11,11 +11,16 @@ from support import SEED, moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.notebook import calibration_html, six_numbers
+from uq_handeye.findings import Finding
 from uq_handeye.formatting.numbers import concise
 from uq_handeye.presentation.notebook import text_html
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 VOID = {"br", "hr", "img", "meta", "link", "input"}
+
+
+def caution(text):
+    return (Finding("stored.text", "caution", {"text": text}),)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +89,7 @@ def test_html_needs_nothing_else_and_sets_no_colours_of_the_page(result):
 
 def test_html_escapes(result):
     nasty = "<script>alert('x')</script> & \"more\""
-    html = calibration_html(replace(result, warnings=(nasty,), method=nasty))
+    html = calibration_html(replace(result, findings=caution(nasty), method=nasty))
     assert "<script" not in html and "&lt;script&gt;" in html
     assert nasty in " ".join(Balanced(html).texts)
     text = text_html(nasty, nasty, nasty, (nasty,))
@@ -93,7 +98,7 @@ def test_html_escapes(result):
 
 
 def test_warnings_stand_before_the_numbers(result):
-    html = calibration_html(replace(result, warnings=("Something is wrong.",)))
+    html = calibration_html(replace(result, findings=caution("Something is wrong.")))
     assert html.index("Caution:") < html.index("Something is wrong.") < html.index("<table")
 
 

@@ -157,7 +157,6 @@ def test_analysis_works_with_it(result):
     words = " ".join(result.diagnostics.sentences())
     assert "0.1 % in the focal length" not in words and "0.1 % in the target size" in words
     assert result.diagnostics.to_dict()["focal_covered"]
-    assert "focal_covered" not in replace(result.diagnostics, focal_covered=False).to_dict()  # files from before
     assert result.split_half.possible and 1e-4 < result.split_half.p_value <= 1
     assert result.covariances["model"] is not None and result.covariances["sandwich"] is None
     np.testing.assert_allclose(result.budget.covariances.sum(axis=0)[:6, :6], result.covariance, rtol=1e-6, atol=1e-18)

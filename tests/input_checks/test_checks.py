@@ -371,6 +371,6 @@ def test_the_unit_that_is_named_is_the_right_one(good, factor, unit):
     robot, camera = good.robot.copy(), good.camera.copy()
     robot[:, :3, 3] *= factor / np.abs(robot[:, :3, 3]).max()  # reaching one metre
     camera[:, :3, 3] *= 0.6 * factor / np.abs(camera[:, :3, 3]).max()
-    texts = check_poses(uq.PosePairs(robot, camera))
+    texts = [str(found) for found in check_poses(uq.PosePairs(robot, camera))]
     assert any(f"--robot-units {unit}" in text for text in texts)
     assert any(f"--camera-units {unit}" in text for text in texts)

@@ -103,8 +103,8 @@ def test_a_camera_file_with_the_scalar_first_where_the_translations_fit_all_the_
     G, C = poses.robot, scalar_first(poses.camera)
     turn, shift = np.sqrt(np.mean(np.square(pose_residuals(G, C, poses.truth.X)), axis=1))
     assert shift < 2e-3 < 0.1 < turn
-    text = other_readings(uq.PosePairs(G, C), float(turn), float(shift))
-    assert "--camera-quaternion wxyz" in text
+    (reading, *_) = other_readings(uq.PosePairs(G, C), float(turn), float(shift))
+    assert (reading["kind"], reading["file"], reading["order"]) == ("quaternion", "camera", "wxyz")
 
 
 def test_swapped_files_and_both_inverse(good):
@@ -122,9 +122,8 @@ def test_every_option_named_exists():
     """Against typing errors in the texts: the arguments of read_poses."""
     import inspect
 
-    from uq_handeye.input_checks import checks as plausibility
-    from uq_handeye.input_checks import misread_files as readings
+    from uq_handeye.input_checks import sentences
 
-    source = inspect.getsource(readings) + inspect.getsource(plausibility)
-    named = set(re.findall(r'(\w+)="', source)) - {"units", "quaternion"}
+    named = set(re.findall(r'(\w+)="', inspect.getsource(sentences)))
+    assert {"setup", "robot_frame", "camera_frame", "quaternion"} <= named
     assert named <= set(inspect.signature(uq.read_poses).parameters)

@@ -65,8 +65,8 @@ def test_whole_file(make, k):
         paired = found.apply(shifted)
         assert paired.n == shifted.n - abs(k) == len(found.robot_rows)
         np.testing.assert_array_equal(found.camera_rows - found.robot_rows, k)
-        assert f"belongs to camera row i {'+' if k > 0 else '-'} {abs(k)}" in found.statement
-        assert ("camera" if k > 0 else "robot") in found.statement.split("begins")[0]
+        assert f"belongs to camera row i {'+' if k > 0 else '-'} {abs(k)}" in str(found.finding)
+        assert ("camera" if k > 0 else "robot") in str(found.finding).split("begins")[0]
         if given is poses:  # X of the rows paired anew is that of the rig
             truth = uq.simulate(4, setup=poses.setup).truth.X
             np.testing.assert_allclose(efficient(paired, NOISE).X, truth, atol=0.01)
@@ -80,14 +80,14 @@ def test_rows_lost_in_the_middle(n):
     found = find_shift(without(poses, camera=[m]))
     assert found.stretches == ((0, m, 0), (m, n - 1, -1))
     assert m not in found.robot_rows
-    assert f"nothing for robot row {m} (no detection?)" in found.statement
-    assert f"from robot row {m + 1} on, robot row i belongs to camera row i - 1" in found.statement
-    assert f"leave out robot row {m} and camera row {n - 2}" in found.statement
+    assert f"nothing for robot row {m} (no detection?)" in str(found.finding)
+    assert f"from robot row {m + 1} on, robot row i belongs to camera row i - 1" in str(found.finding)
+    assert f"leave out robot row {m} and camera row {n - 2}" in str(found.finding)
 
     found = find_shift(without(poses, robot=[m]))
     assert found.stretches == ((0, m, 0), (m, n - 1, 1))
-    assert f"robot file has nothing for camera row {m}" in found.statement
-    assert f"leave out robot row {n - 2} and camera row {m}" in found.statement
+    assert f"robot file has nothing for camera row {m}" in str(found.finding)
+    assert f"leave out robot row {n - 2} and camera row {m}" in str(found.finding)
     np.testing.assert_allclose(found.apply(without(poses, robot=[m])).camera, np.delete(poses.camera, m, 0)[: n - 2])
 
 
@@ -96,8 +96,8 @@ def test_several_rows_lost():
     poses = still_poses(80, rng)
     found = find_shift(without(poses, camera=[20, 21, 50]))
     assert found.stretches == ((0, 20, 0), (20, 50, -2), (50, 77, -3))
-    assert "robot rows 20 to 21" in found.statement and "robot row 50" in found.statement
-    assert "leave out robot rows 20 to 21, 50 and camera rows 74 to 76" in found.statement
+    assert "robot rows 20 to 21" in str(found.finding) and "robot row 50" in str(found.finding)
+    assert "leave out robot rows 20 to 21, 50 and camera rows 74 to 76" in str(found.finding)
     np.testing.assert_array_equal(found.robot_rows, np.setdiff1d(np.arange(77), [20, 21, 50]))
     # one lost in each file: the rows after both belong together again
     found = find_shift(without(poses, camera=[20], robot=[60]))

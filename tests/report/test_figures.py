@@ -147,7 +147,7 @@ def test_rejected_poses_do_not_set_the_scale(both):
 
 def test_residuals_show_every_pose_and_name_the_worst():
     flags = ["kept"] * 2000
-    flags[7], flags[1500] = "rejected", "downweighted (0.40)"
+    flags[7], flags[1500] = "rejected", "downweighted"
     many = table(2000, flags)
     many.distance2[7], many.distance2[1500] = 900.0, 40.0
     figure = residual_figure(many)

@@ -20,6 +20,7 @@ from uq_handeye.calibration.report.text import directions
 from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.errors import InputError, InputWarning, MissingExtraError
 from uq_handeye.files.source import Source
+from uq_handeye.findings import Finding
 from uq_handeye.poses.timing import TimeOffset, Timing
 from uq_handeye.presentation import pdf
 from uq_handeye.presentation.figure_parts import canvas
@@ -32,6 +33,10 @@ ANCHORS = [
     "answer", "warnings", "ellipses", "rig", "residuals", "budget", "task-space", "methods", "observability", "noise",
     "covariances", "forms", "repeat", "scope",
 ]  # fmt: skip
+
+
+def caution(text):
+    return (Finding("stored.text", "caution", {"text": text}),)
 
 
 def simulated(**options):
@@ -125,7 +130,7 @@ def test_the_answer_comes_first_and_has_its_deviations(result, page):
 
 def test_warnings_stand_out_or_nothing_looked_wrong(small, page):
     assert "Nothing looked wrong." in page.words("warnings")
-    warned = Page(report_html(replace(small, warnings=("The axes are <parallel>.",))))
+    warned = Page(report_html(replace(small, findings=caution("The axes are <parallel>."))))
     assert warned.words("warnings") == "Warnings Warning The axes are <parallel>."
     assert {"class": "marked"} in warned.all("li")
 

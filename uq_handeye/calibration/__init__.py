@@ -1,1 +1,3 @@
 """`calibrate`, `Calibration` and its file."""
+
+from . import sentences as sentences

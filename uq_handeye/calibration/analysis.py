@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 
 from ..diagnostics.budget import Budget, budget
-from ..diagnostics.diagnose import Diagnostics, diagnose
+from ..diagnostics.diagnose import diagnose
+from ..diagnostics.result import Diagnostics
 from ..diagnostics.split_half import SplitHalf, split_half
 from ..empirical_covariance.resampled import KINDS, resampled
 from ..errors import DegenerateMotionError, InputError
+from ..files.validate import array_of, unequal
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit, offset_sensitivity
 from ..noise.estimate import NoiseEstimate
@@ -125,14 +127,23 @@ class StoredAnalysis:
             name: None if S is None else checked_covariance(S, name, joint=False)
             for name, S in data["covariances"].items()
         }
-        parts = np.asarray(data["budget"]["covariances"], dtype=float)
+        if unknown := {name for name, S in covariances.items() if S is None} - set(data["reasons"]):
+            raise InputError(f"Expected the covariance {unknown.pop()!r}, or the reason why there is none.")
+        sources = tuple(data["budget"]["sources"])
+        size = len(data["budget"]["covariances"][0])
+        parts = array_of(data["budget"]["covariances"], (len(sources), size, size), "analysis.budget.covariances")
+        budget = Budget(sources, parts, np.zeros((0, size, size)), X)
+        if size not in (6, 12):
+            raise InputError(f"Expected the budget of X, or of X and W, got one of {size} numbers.")
+        if (where := unequal(_budget_to_dict(budget), data["budget"], "analysis.budget")) is not None:
+            raise InputError(f"{where} does not fit the rest")
         return cls(
             Diagnostics.from_dict(data["diagnostics"]),
             covariances,
             dict(data["reasons"]),
             SplitHalf.from_dict(data["split_half"]),
             SplitHalf.from_dict(data["split_in_time"]),
-            Budget(tuple(data["budget"]["sources"]), parts, np.zeros((0, *parts.shape[1:])), X),
+            budget,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -141,12 +152,16 @@ class StoredAnalysis:
 
 
 def _to_dict(of: Analysis | StoredAnalysis) -> dict[str, Any]:
-    shares = of.budget.to_dict()
     return {
         "diagnostics": of.diagnostics.to_dict(),
         "covariances": {name: None if S is None else S.tolist() for name, S in of.covariances.items()},
         "reasons": of.reasons,
         "split_half": of.split_half.to_dict(),
         "split_in_time": of.split_in_time.to_dict(),
-        "budget": {name: shares[name] for name in ("sources", "components", "covariances", "group_shares")},
+        "budget": _budget_to_dict(of.budget),
     }
+
+
+def _budget_to_dict(of: Budget) -> dict[str, Any]:
+    parts = of.to_dict()
+    return {name: parts[name] for name in ("sources", "components", "covariances", "group_shares")}

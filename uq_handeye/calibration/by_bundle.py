@@ -5,6 +5,9 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+import numpy as np
+
+from ..findings import Finding
 from ..likelihood.gauss_helmert import efficient
 from ..likelihood.rig_bundle import Agreement, adjust_rig
 from ..noise.models import PoseNoise
@@ -18,9 +21,9 @@ from .result import Calibration
 APART = 1.5
 
 
-def by_bundle(job: Job) -> tuple[Calibration, list[str]]:
+def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
     """`efficient`, which finds noise and wrong poses, and the bundle adjustment from there."""
-    result, texts = by_likelihood(replace(job, method="efficient"))
+    result, findings = by_likelihood(replace(job, method="efficient"))
     analysis, poses = result.analysis, job.poses
     assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None
     assert result.covariance is not None
@@ -45,8 +48,11 @@ def by_bundle(job: Job) -> tuple[Calibration, list[str]]:
         agreement=agreement,
     )
     if agreement.distance > APART or not 1 / APART < agreement.eigenvalues[0] <= agreement.eigenvalues[-1] < APART:
-        texts.append(
-            f"{agreement.sentence} They should agree to first order: errors are too large for that, or wrong poses or "
-            "corners spoil one of them."
-        )
-    return result, texts
+        values = {
+            "distance": agreement.distance,
+            "largest": np.abs(agreement.by_component).max(),
+            "variance_low": agreement.eigenvalues[0],
+            "variance_high": agreement.eigenvalues[-1],
+        }
+        findings.append(Finding("calibration.bundle_differs", "caution", values))
+    return result, findings

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..diagnostics.pose_table import pose_table
 from ..empirical_covariance.resampled import resampled
+from ..findings import Finding
 from ..geometry.se3 import Array
 from ..input_checks.checks import check_fit, check_motions, require_signal
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit, offset_sensitivity
@@ -32,11 +33,7 @@ from .result_file import FourDPA
 EXACT = 1e-10
 
 
-# Probability below which two halves of the data contradict each other.
-CONTRADICTION = 1e-3
-
-
-def by_likelihood(job: Job) -> tuple[Calibration, list[str]]:
+def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     """`efficient` or `ml`, with 4DPA beside it."""
     start = fit_published(job.motions, job.noise, "4dpa", None, job.everything)
     angle, distance = residuals(job.motions.A, job.motions.B, start.X)
@@ -61,9 +58,9 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[str]]:
         assert estimate is not None
         if robust is not None:  # once wrong ones are left out
             kept = replace(start, X=robust.fit.X, W=robust.fit.W)
-            result, texts = estimate_unweighted(job, kept, estimate)
+            result, findings = estimate_unweighted(job, kept, estimate)
             table = pose_table(robust.fit, robust)
-            return replace(result, table=table), [*table.statements, *texts]
+            return replace(result, table=table), [*table.findings, *findings]
         return estimate_unweighted(job, start, estimate)
     fit = ESTIMATORS[job.method](data, noise, start.X) if robust is None else robust.fit
     return _assembled(job, noise, fit, start, estimate, robust)
@@ -77,7 +74,7 @@ def _longest(motions: Motions) -> float:
 
 def _assembled(
     job: Job, noise: Noise, fit: Fit, start: Published, estimate: NoiseEstimate | None, robust: RobustFit | None
-) -> tuple[Calibration, list[str]]:
+) -> tuple[Calibration, list[Finding]]:
     data, motions, poses = job.data, job.motions, job.poses
     reference = of_model = reference_for(fit, estimate)
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
@@ -111,28 +108,26 @@ def _assembled(
         time_offset=time_offset,
         analysis=analysis,
     )
-    texts = table.statements if robust else wrong_poses(job, noise, table)
+    findings = table.findings if robust else wrong_poses(job, noise, table)
     if poses is None or isinstance(noise, PairNoise):
-        texts += check_motions(motions, None if estimate else noise, fit.covariance_X, angle, distance, fit.X)
+        findings += check_motions(motions, None if estimate else noise, fit.covariance_X, angle, distance, fit.X)
     else:
         assert isinstance(noise, PoseNoise)
         kept = table.weight > 0
         whole = bool(kept.all())
         rest, rest_noise = (poses, noise) if whole else (poses.rows(kept), noise.rows(kept))
         # noise that was estimated explains any residuals
-        texts += check_fit(rest, fit.X, None if estimate else rest_noise, None if estimate else fit.covariance_X)
-    texts += analysis.diagnostics.warnings()
-    for test in (analysis.split_half, analysis.split_in_time):
-        if test.p_value is not None and test.p_value < CONTRADICTION:
-            texts.append(test.sentence)
+        known = None if estimate else rest_noise
+        findings += check_fit(rest, fit.X, known, None if known is None else fit.covariance_X)
+    halves = (analysis.split_half.finding, analysis.split_in_time.finding)
+    findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     if estimate is not None:
-        texts += against_data_sheet(result) + against_corners(estimate) + analysis.diagnostics.shared_errors()
+        findings += against_data_sheet(result) + against_corners(estimate)
+        findings += analysis.diagnostics.shared_errors
         if len(data) < FEWEST_FOR_ROBUST:
-            texts.append(
-                f"With {len(data)} {table.item}s a wrong one cannot be told from the others: take at least "
-                f"{FEWEST_FOR_ROBUST}."
-            )
-    return result, texts
+            values = {"item": table.item, "count": len(data), "needed": FEWEST_FOR_ROBUST}
+            findings.append(Finding("calibration.few_for_outliers", "caution", values))
+    return result, findings
 
 
 def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:

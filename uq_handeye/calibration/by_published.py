@@ -10,6 +10,7 @@ import numpy as np
 from ..empirical_covariance.resampled import Resampled, resampled
 from ..errors import InputError, NotConvergedError
 from ..estimators.registry import ROBOT_WORLD_METHODS
+from ..findings import Finding
 from ..geometry.se3 import Array
 from ..input_checks.checks import check_fit, check_motions, require_signal
 from ..likelihood.d2_distribution import Reference
@@ -27,11 +28,11 @@ from ..propagation.published_fit import Published, fit_published
 from .request import Job
 from .result import Calibration
 
-# Beyond this angle of X (degrees) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.
-NEAR_HALF_TURN_OF_X = 170.0
+# Beyond this angle of X (rad) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.
+NEAR_HALF_TURN_OF_X = np.radians(170.0)
 
 
-def by_published(job: Job) -> tuple[Calibration, list[str]]:
+def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
     """A method of METHODS or ROBOT_WORLD_METHODS."""
     motions, poses = job.motions, job.poses
     found = fit_published(motions, job.noise, job.method, job.scale, job.everything)
@@ -42,7 +43,8 @@ def by_published(job: Job) -> tuple[Calibration, list[str]]:
         try:
             estimate = estimate_noise(job.data, job.prior, start=found.X)
         except (InputError, NotConvergedError) as error:  # X does without
-            return estimate_unweighted(job, found, None, [str(error)])
+            unknown = Finding("calibration.noise_not_estimated", "caution", {"error": str(error)})
+            return estimate_unweighted(job, found, None, [unknown])
         if estimate.noise is None:
             return estimate_unweighted(job, found, estimate)
         noise = estimate.noise
@@ -56,20 +58,17 @@ def by_published(job: Job) -> tuple[Calibration, list[str]]:
         resample = resampled(data, job.method, job.covariance, X=found.X, noise=noise, seed=job.seed)
         covariance, covariance_W, reference = resample.covariance_X, resample.covariance_W, reference_of(resample)
     if poses is None:
-        texts = check_motions(motions, None if estimate else noise, covariance, angle, distance, found.X)
+        findings = check_motions(motions, None if estimate else noise, covariance, angle, distance, found.X)
     else:
         given = noise if isinstance(noise, PoseNoise) and estimate is None else None
-        texts = check_fit(poses, found.X, given, None if given is None else covariance)
+        findings = check_fit(poses, found.X, given, None if given is None else covariance)
     if job.covariance == "model":
-        texts += [str(finding) for finding in doubts]
-    turn = float(np.degrees(rotation_angles(found.X[:3, :3])))
-    if job.method == "tsai" and turn > NEAR_HALF_TURN_OF_X:
-        texts.append(
-            f"X turns by {turn:.1f} degrees. The Rodrigues vector that Tsai's method solves for grows without bound at "
-            "180 degrees, and so do its errors: use another method."
-        )
+        findings += doubts
+    angle_of_X = float(rotation_angles(found.X[:3, :3]))
+    if job.method == "tsai" and angle_of_X > NEAR_HALF_TURN_OF_X:
+        findings.append(Finding("calibration.near_half_turn", "caution", {"angle": angle_of_X}))
     if poses is not None:
-        texts += left_out_of(f"method {job.method!r}", poses.timing)
+        findings += left_out_of(f"method {job.method!r}", poses.timing)
     result = replace(
         bare_result(job, found.X, found.W, summarise(angle, distance), noise),
         covariance=covariance,
@@ -79,19 +78,19 @@ def by_published(job: Job) -> tuple[Calibration, list[str]]:
         reference=reference,
         noise_estimate=estimate,
     )
-    return result, texts
+    return result, findings
 
 
 def estimate_unweighted(
-    job: Job, found: Published, estimate: NoiseEstimate | None, texts: Sequence[str] = ()
-) -> tuple[Calibration, list[str]]:
+    job: Job, found: Published, estimate: NoiseEstimate | None, findings: Sequence[Finding] = ()
+) -> tuple[Calibration, list[Finding]]:
     """X without covariance, where the noise cannot be estimated: the data fit exactly, or not at all."""
     angle, distance = residuals(job.motions.A, job.motions.B, found.X)
     result = bare_result(job, found.X, found.W, summarise(angle, distance), None)
     more = [] if job.poses is None else check_fit(job.poses, found.X, None, None)
     if job.covariance != "model":
-        more.append(f"There is no covariance {job.covariance!r}: without noise there is nothing to make it of.")
-    return replace(result, noise_estimate=estimate, kind=None), [*texts, *more]
+        more.append(Finding("calibration.no_covariance", "caution", {"covariance": job.covariance}))
+    return replace(result, noise_estimate=estimate, kind=None), [*findings, *more]
 
 
 def bare_result(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise: Noise | None) -> Calibration:

@@ -7,12 +7,12 @@ errors weighted down (`robust`). What looks wrong is said (`plausibility`, `pair
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import asdict, replace
 
 from numpy.typing import ArrayLike
 
-from ..errors import DegenerateMotionError, InputError, InputWarning, NotConvergedError, SingularNoiseError
+from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
+from ..findings import Finding, warn
 from ..input_checks.checks import check_poses, check_rotations
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.estimate import NoisePrior
@@ -93,7 +93,7 @@ def calibrate(
     Warns
     -----
     InputWarning
-        Input that looks wrong; the texts are also in ``warnings`` of the result.
+        Input that looks wrong; each is also among the ``findings`` of the result.
 
     Examples
     --------
@@ -104,9 +104,9 @@ def calibrate(
     array([0.34, 0.34, 0.28])
     """
     job = request(data, noise, method, pairs, scale, kind, covariance, robust, prior, seed)
-    texts = [] if job.poses is None else check_poses(job.poses)
+    findings = [] if job.poses is None else check_poses(job.poses)
     if job.motions.N >= 2:
-        texts += check_rotations(job.motions, noise, job.method)
+        findings += check_rotations(job.motions, noise, job.method)
     try:
         try:
             result, more = _run(job)
@@ -119,11 +119,10 @@ def calibrate(
                 raise
             result, more = _without_robust(job, error)
     except (InputError, NotConvergedError):
-        for text in texts + reasons(job):  # what looks wrong may well be the reason
-            warnings.warn(text, InputWarning, stacklevel=2)
+        warn(findings + reasons(job))  # what looks wrong may well be the reason
         raise
-    texts += more
-    texts += shifted(job, result)
+    findings += more
+    findings += shifted(job, result)
     options = {
         "method": result.method,
         "pairs": pairs if isinstance(pairs, str) else f"{len(job.motions)} given",
@@ -134,29 +133,24 @@ def calibrate(
         "prior": None if prior is None else asdict(prior),
         "seed": job.seed,
     }
-    result = replace(result, warnings=tuple(texts), provenance=provenance(data, options))
-    for text in texts:
-        warnings.warn(text, InputWarning, stacklevel=2)
+    result = replace(result, findings=tuple(findings), provenance=provenance(data, options))
+    warn(findings)
     require_determined(result, job.motions)
     return result
 
 
-def _run(job: Job) -> tuple[Calibration, list[str]]:
+def _run(job: Job) -> tuple[Calibration, list[Finding]]:
     if job.method == BUNDLE:
         return by_bundle(job)
     return by_likelihood(job) if job.method in ESTIMATORS else by_published(job)
 
 
-def _without_robust(job: Job, error: DegenerateMotionError) -> tuple[Calibration, list[str]]:
+def _without_robust(job: Job, error: DegenerateMotionError) -> tuple[Calibration, list[Finding]]:
     """The plain fit where the robust one, which was not asked for, does not determine X; else its error."""
     try:
-        result, texts = _run(replace(job, robust=False))
+        result, findings = _run(replace(job, robust=False))
     except (InputError, NotConvergedError):
         raise error from None
     if result.table is None or (result.table.distance2 > result.table.limit_of_all).any():
         raise error  # it is the wrong poses that seem to determine X
-    said = (
-        "Wrong poses were not looked for, and any of them spoil X: the poses that agree with each other do not "
-        "determine X by themselves, all together do. Add poses that turn about other axes."
-    )
-    return result, [said, *texts]
+    return result, [Finding("calibration.robust_skipped", "caution"), *findings]

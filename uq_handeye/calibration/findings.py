@@ -9,6 +9,7 @@ import numpy as np
 
 from ..diagnostics.pose_table import PoseTable, pose_table
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
+from ..findings import GROSS, Finding, Severity
 from ..input_checks.checks import check_fit
 from ..input_checks.shifted_rows import find_shift, shifted_run
 from ..likelihood.constraint import Unknowns
@@ -59,33 +60,27 @@ RARE = 1e-4
 SUSPICIOUS = np.radians(1.0)
 
 
-def against_data_sheet(result: Calibration) -> list[str]:
+def against_data_sheet(result: Calibration) -> list[Finding]:
     """Whether the residuals contradict what was taken as known of the noise."""
     estimate, fit = result.noise_estimate, result.fit
     if estimate is None or fit is None or not estimate.has_prior or fit.p_value > RARE:
         return []
-    how = {
-        what: f"{ratio:.2g} times larger" if ratio > 1 else f"{1 / ratio:.2g} times smaller"
-        for what, ratio in (("rotation", fit.rotation_sigma0), ("translation", fit.translation_sigma0))
-    }
-    return [
-        f"The rotation residuals are {how['rotation']}, the translation residuals {how['translation']} than the noise "
-        f"taken from the data sheet explains (chi-square test, p = {fit.p_value:.1g}): it is not that of these data, "
-        "and the standard deviations of X are wrong by up to that."
-    ]
+    rotation, translation = fit.rotation_sigma0, fit.translation_sigma0
+    severity: Severity = "failure" if max(rotation, translation) > GROSS else "caution"
+    values = {"rotation": rotation, "translation": translation, "p_value": fit.p_value}
+    return [Finding("calibration.data_sheet_contradicted", severity, values)]
 
 
-def against_corners(estimate: NoiseEstimate) -> list[str]:
+def against_corners(estimate: NoiseEstimate) -> list[Finding]:
     """Whether the residuals contradict the covariance of camera poses from corners."""
     factor = estimate.camera_factor
     if factor is None or factor.p_value > RARE:
         return []
-    from ..noise_estimation.statements import camera_factor_words
+    values = {"factor": factor.value, "p_value": factor.p_value, "dof": factor.dof}
+    return [Finding("noise_estimation.camera_factor", "caution", values)]
 
-    return [camera_factor_words(factor)]
 
-
-def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[str]:
+def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:
     """Which poses a plain fit should leave out: robust estimation tells, as gross errors spoil all residuals."""
     if not (table.distance2 > table.limit_of_all).any():
         return []
@@ -93,12 +88,12 @@ def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[str]:
         found = robust_fit(job.data, noise, method="efficient", seed=job.seed)
         table = pose_table(found.fit, found)
         table = replace(table, flag=tuple("kept" if flag == "kept" else "outlier" for flag in table.flag))
-    return table.statements
+    return table.findings
 
 
-def reasons(job: Job) -> list[str]:
+def reasons(job: Job) -> list[Finding]:
     """What may be wrong with data that gave no result."""
-    found: list[str] = []
+    found: list[Finding] = []
     with suppress(InputError, NotConvergedError):
         X = fit_published(job.motions, None, "4dpa", None, job.everything).X
         if job.poses is not None:
@@ -106,7 +101,7 @@ def reasons(job: Job) -> list[str]:
     return found + shifted(job, None)
 
 
-def shifted(job: Job, result: Calibration | None) -> list[str]:
+def shifted(job: Job, result: Calibration | None) -> list[Finding]:
     """Whether rows of one file are missing, where the fit gives reason to ask (or there is none)."""
     if job.poses is None or job.poses.n < FEWEST_FOR_ROBUST:
         return []
@@ -115,7 +110,7 @@ def shifted(job: Job, result: Calibration | None) -> list[str]:
         if bad < max(2, 0.05 * job.poses.n) and result.residuals.rotation_rms < SUSPICIOUS:
             return []
     if (shift := find_shift(job.poses)) is not None:
-        return [shift.statement]
+        return [shift.finding]
     if result is None or result.table is None or result.W is None or result.table.item == "motion":
         return []
     run = shifted_run(job.poses, Unknowns(result.X, result.W), result.table.weight == 0)

@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ..diagnostics.budget import Budget
-from ..diagnostics.diagnose import Diagnostics
 from ..diagnostics.pose_table import PoseTable
+from ..diagnostics.result import Diagnostics
 from ..diagnostics.split_half import SplitHalf
 from ..diagnostics.task_space import PointUncertainty, through_robot, through_target, through_X
 from ..errors import InputError
 from ..files.atomic import json_text
+from ..findings import Finding, texts
 from ..geometry import conventions
 from ..geometry.frames import SETUPS, TARGETS
 from ..geometry.principal_axes import principal_axes
@@ -78,8 +79,11 @@ class Calibration:
         The noise that the covariance is of, given or estimated.
     residuals : Residuals
         How well X explains the pairs: RMS, median, maximum. It is not how accurate X is.
+    findings : tuple of Finding
+        What was found about data and fit: code, severity ("note", "caution" or "failure") and values;
+        ``str(finding)`` is its sentence. A failure says that X or its covariance cannot be used as it is.
     warnings : tuple of str
-        What looked wrong, one sentence or more each. Read them before X is used.
+        The sentences of the findings that are more than a note. Read them before X is used.
     W : (4, 4) or None
         The pose of the target, `frame_W`: ``base_T_target``, or ``gripper_T_target`` for eye-to-hand; m.
     covariance_W : (6, 6) or None
@@ -123,7 +127,7 @@ class Calibration:
     n_pairs: int
     noise: Noise | None
     residuals: Residuals
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     W: Array | None = None  # (4, 4), the mean of G X C: base_T_target (gripper_T_target for eye-to-hand)
     covariance_W: Array | None = None  # (6, 6), as `covariance`, in the parent frame of W; needs noise on the poses
     iterations: int = 0  # 0: closed form
@@ -141,6 +145,11 @@ class Calibration:
     analysis: Analysis | StoredAnalysis | None = field(
         default=None, repr=False
     )  # diagnostics, other covariances, split halves, budget
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What looked wrong, one sentence or more each: the findings that are more than a note."""
+        return texts(self.findings)
 
     @property
     def frame(self) -> str:

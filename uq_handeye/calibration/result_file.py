@@ -1,4 +1,8 @@
-"""A `Calibration` as the plain numbers, lists and text of its file, and back; `stored` checks what comes out."""
+"""A `Calibration` as the plain numbers, lists and text of its file, and back.
+
+Reading checks types, shapes, that all is finite, and that numbers which others follow from agree with them. Sentences
+(``warnings``) are written for other programs and not read: the findings are.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from ..diagnostics.pose_table import PoseTable
 from ..errors import InputError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..files.validate import misfit, not_finite, unequal
+from ..findings import Finding
 from ..geometry.checks import as_transforms
 from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS
@@ -26,6 +31,7 @@ from ..noise.to_dict import noise_from_dict, noise_to_dict
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
 from .analysis import StoredAnalysis
+from .format_3 import FORMAT_3, converted
 from .provenance import Provenance
 from .request import BUNDLE, COVARIANCES
 
@@ -35,7 +41,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 C = TypeVar("C", bound="Calibration")
 
-_FORMAT = "uq-handeye calibration 3"
+_FORMAT = "uq-handeye calibration 4"
 
 # Parts that are taken as they are, covariances (6, 6), and what some parts may be.
 _PLAIN = ("iterations", "covariance_kind", "method", "scale", "kind", "setup", "n_poses", "n_pairs")
@@ -57,7 +63,6 @@ class FourDPA(NamedTuple):
 
 def to_dict(result: Calibration) -> dict[str, Any]:
     """Everything as plain numbers, lists and text, with units and convention."""
-    std, correlation, J = result.std, result.correlation, result.covariance_inverse
     return {
         "format": _FORMAT,
         "convention": CONVENTION,
@@ -66,27 +71,19 @@ def to_dict(result: Calibration) -> dict[str, Any]:
         "scale": result.scale,
         "kind": result.kind,
         "setup": result.setup,
-        "frame": result.frame,
         "X": result.X.tolist(),
         "covariance": _plain(result.covariance),
-        "std": _plain(std),
-        "correlation": _plain(correlation),
-        "quaternion_xyzw": result.quaternion.tolist(),
-        "inverse": result.inverse.tolist(),
-        "covariance_inverse": _plain(J),
+        **_derived(result),
         "n_poses": result.n_poses,
         "n_pairs": result.n_pairs,
         "noise": noise_to_dict(result.noise),
-        "frame_W": result.frame_W,
         "W": _plain(result.W),
         "covariance_W": _plain(result.covariance_W),
-        "std_W": _plain(result.std_W),
         "iterations": result.iterations,
         "covariance_kind": result.covariance_kind,
         "reference": {"kind": result.reference.kind, "dof": result.reference.dof},
         "noise_estimate": None if result.noise_estimate is None else result.noise_estimate.to_dict(),
         "bound": _plain(result.bound),
-        "efficiency": _plain(result.efficiency),
         "4dpa": None
         if result.fourdpa is None
         else {"X": result.fourdpa.X.tolist(), "covariance": _plain(result.fourdpa.covariance)},
@@ -97,33 +94,67 @@ def to_dict(result: Calibration) -> dict[str, Any]:
         "time_offset": None if result.time_offset is None else result.time_offset.to_dict(),
         **({} if result.agreement is None else {"agreement": result.agreement.to_dict()}),
         "residuals": result.residuals._asdict(),
+        "findings": [finding.to_dict() for finding in result.findings],
         "warnings": list(result.warnings),
+    }
+
+
+def _derived(result: Calibration) -> dict[str, Any]:
+    """What follows from other parts of the file."""
+    return {
+        "frame": result.frame,
+        "std": _plain(result.std),
+        "correlation": _plain(result.correlation),
+        "quaternion_xyzw": result.quaternion.tolist(),
+        "inverse": result.inverse.tolist(),
+        "covariance_inverse": _plain(result.covariance_inverse),
+        "frame_W": result.frame_W,
+        "std_W": _plain(result.std_W),
+        "efficiency": _plain(result.efficiency),
     }
 
 
 def from_dict(kind: type[C], data: dict[str, Any]) -> C:
     """The inverse of `to_dict`; raises `InputError` on anything else.
 
-    Parts that are missing, of another type, not finite, or that do not belong to each other.
+    Parts that are missing, of another type, not finite, or that do not belong to each other. Files of format 3 are
+    read; older ones are refused.
     """
-    if not isinstance(data, dict) or data.get("format") != _FORMAT:
-        raise InputError(f"Expected a calibration written by to_json() (format {_FORMAT!r}).")
+    if not isinstance(data, dict) or data.get("format") not in (_FORMAT, FORMAT_3):
+        found = data.get("format") if isinstance(data, dict) else data
+        raise InputError(
+            f"Expected a calibration written by to_json() (format {_FORMAT!r} or {FORMAT_3!r}), got {found!r:.60}. "
+            "Calibrate again to have one of an older format in this one."
+        )
     try:
         if (where := not_finite(data, "calibration")) is not None:
             raise ValueError(f"{where} is not finite")
+        if data["format"] == FORMAT_3:
+            data = converted(data)
         result = kind(**_parts_of(data))
         if (where := misfit(result, kind, "calibration")) is not None:
             raise TypeError(f"{where} is of the wrong type")
+        _require_whole(result)
         with np.errstate(divide="raise", over="raise", invalid="raise"):
-            again = result.to_dict()
-            if (where := not_finite(again, "calibration") or unequal(again, data, "calibration")) is not None:
+            if (where := unequal(_derived(result), data, "calibration")) is not None:
                 raise ValueError(f"{where} does not fit the rest")
-            result.summary()
     except KeyError as error:
         raise InputError(f"The calibration is damaged: {error} is missing.") from error
     except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
         raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
     return result
+
+
+def _require_whole(result: Calibration) -> None:
+    """Raise where the parts are not of one data set and one fit."""
+    if (fit := result.fit) is not None and not (fit.dof > 0 and np.isclose(fit.sigma0**2, fit.chi2 / fit.dof)):
+        raise ValueError(f"sigma0 {fit.sigma0!r} is not that of {fit.chi2!r} with {fit.dof!r} degrees of freedom")
+    if result.table is None:
+        return
+    count = result.n_pairs if result.table.item == "motion" else result.n_poses
+    sizes = {len(result.table)} if result.analysis is None else {len(result.table), result.analysis.diagnostics.n}
+    if sizes != {count}:
+        raise ValueError(f"{count} {result.table.item}s, and parts that are of {sorted(sizes)}")
 
 
 def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
@@ -148,7 +179,7 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "agreement": None if data.get("agreement") is None else Agreement.from_dict(data["agreement"]),
         "noise": _read(data, "noise", noise_from_dict),
         "residuals": Residuals(**data["residuals"]),
-        "warnings": tuple(data["warnings"]),
+        "findings": tuple(map(Finding.from_dict, data["findings"])),
     }
 
 

@@ -1,1 +1,3 @@
-"""What residuals and geometry say about a fit."""
+"""What residuals and geometry say about a calibration."""
+
+from . import sentences as sentences

@@ -12,14 +12,11 @@ information that row i brings to X alone is ``tr(C_XX^-1 C_X B_i^T B_i C_X^T) / 
 
 A shift d of X is stated "in standard deviations" as its length ``sqrt(d^T C_XX^-1 d)`` over all six directions.
 
-The tests of the residuals are in `residual_patterns`, errors that all rows share in `scale_errors`, the sentences in
-`report.diagnosis_words`.
+The tests of the residuals are in `residual_patterns`, errors that all rows share in `scale_errors`, what all of it
+comes to in `result`.
 """
 
 from __future__ import annotations
-
-from dataclasses import asdict, dataclass, fields
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,116 +30,11 @@ from ..noise.models import Noise, PairNoise, is_joint
 from ..noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
-from .residual_patterns import Autocorrelation, Normality, Regression, residual_tests
-from .scale_errors import ScaleError, inflation, scale_errors, shared_lengths
+from .residual_patterns import residual_tests
+from .result import UNKNOWN_FRAME, Diagnostics, Diversity, Influence, Spectrum
+from .scale_errors import inflation, scale_errors, shared_lengths
 
 _MM, _DEG = 1e3, 180.0 / np.pi
-# Of motions that come without poses.
-UNKNOWN_FRAME = "parent frame of X"
-
-
-@dataclass(frozen=True, eq=False)
-class Spectrum:
-    """Principal axes of the covariance of X, least certain first; ``axes`` hold one unit vector per row."""
-
-    frame: str
-    sd_rotation_deg: Array  # (3,)
-    axes_rotation: Array  # (3, 3)
-    sd_translation_mm: Array  # (3,)
-    axes_translation: Array  # (3, 3)
-    length_m: float  # rotations are multiplied by it in the joint spectrum
-    length_of: str
-    sd_joint_mm: Array  # (6,)
-    axes_joint: Array  # (6, 6) of (length theta, tau)
-    condition: float  # largest by smallest of sd_joint_mm
-
-
-@dataclass(frozen=True, eq=False)
-class Influence:
-    """Of each pose (or motion): its share of the information about X, and what X does when it is left out."""
-
-    share: Array  # (n,), sums to 1
-    effective_number: float  # 1 / sum share^2
-    shift: Array  # (n, 6) of X, rad and m; infinite where X is not determined without the row
-    shift_sd: Array  # (n,) sqrt(shift^T C_XX^-1 shift): in standard deviations of X
-    cook: Array  # (n,) shift^T C_XX^-1 shift / 6
-    p_value: Array  # (n,) of the row's residual given all others, chi-square(6) if the noise is right
-
-
-@dataclass(frozen=True, eq=False)
-class Diversity:
-    """Eigenvalues and axes (rows) of ``sum u u^T`` scaled to trace 1, ``u = sin(angle/2) axis`` of robot motions."""
-
-    share: Array  # (3,) largest first
-    axes: Array  # (3, 3)
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnostics:
-    """All of `diagnose`; ``sentences()`` says it in words, ``warnings()`` what deserves one."""
-
-    n: int
-    item: str  # "pose" or "motion"
-    independent_camera: bool  # the camera has noise, taken as independent from row to row
-    sigma_0: float  # root of chi-square of the fit by its degrees of freedom
-    spectrum: Spectrum
-    influence: Influence
-    diversity: Diversity
-    autocorrelation: Autocorrelation
-    normality: Normality
-    regression: Regression
-    probes: tuple[ScaleError, ...]
-    focal_covered: bool = False  # the noise contains the error of a focal length estimated with the camera poses
-
-    def sentences(self) -> list[str]:
-        """Everything in words."""
-        return [text for _, text in self._findings()]
-
-    def warnings(self) -> list[str]:
-        """Those of the sentences that a user should act upon."""
-        return [text for warn, text in self._findings() if warn]
-
-    def shared_errors(self) -> list[str]:
-        """What noise that was estimated from the poses of one camera cannot contain, in words."""
-        from .sentences import shared_errors
-
-        return shared_errors(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text; None stands for an infinite number."""
-        values = {name: _plain(value) for name, value in asdict(self).items()}
-        if not self.focal_covered:  # only where it is so, that files from before are read
-            del values["focal_covered"]
-        return values
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Diagnostics:
-        """The inverse of `to_dict`."""
-        values = dict(data)
-        for name, kind in _SECTIONS.items():
-            values[name] = _section(kind, values[name])
-        values["probes"] = tuple(_section(ScaleError, probe) for probe in values["probes"])
-        return cls(**values)
-
-    def _findings(self) -> list[tuple[bool, str]]:
-        from .sentences import findings
-
-        return findings(self)
-
-    @property
-    def frame(self) -> str:
-        """The parent frame of X."""
-        return self.spectrum.frame
-
-
-_SECTIONS: dict[str, Any] = {
-    "spectrum": Spectrum,
-    "influence": Influence,
-    "diversity": Diversity,
-    "autocorrelation": Autocorrelation,
-    "normality": Normality,
-    "regression": Regression,
-}
 
 
 def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
@@ -278,26 +170,3 @@ def _turns() -> Array:
 
 
 _TURNS = _turns()
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _plain(entry) for name, entry in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def _section(kind: type[Any], data: dict[str, Any]) -> Any:
-    """One section from plain data; lists become arrays, None in them infinity."""
-
-    def back(value: Any) -> Any:
-        if value is None:
-            return np.inf
-        return [back(entry) for entry in value] if isinstance(value, list) else value
-
-    values = {field.name: back(data[field.name]) for field in fields(kind)}
-    return kind(**{name: np.array(value, dtype=float) if isinstance(value, list) else value
-                   for name, value in values.items()})  # fmt: skip

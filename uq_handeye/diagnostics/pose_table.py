@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..errors import InputError
-from ..formatting.numbers import digits
+from ..files.validate import array_of
+from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.robust import FULL, RobustFit, pose_distances
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-# Poses that a sentence names.
+FLAGS = ("kept", "outlier", "downweighted", "rejected")
+# Poses that a finding names.
 MOST_NAMED = 5
 
 
@@ -29,7 +31,7 @@ class PoseTable:
     The residual is that of ``G X C = W`` (of ``A X = X B`` for motions) after the fit. ``distance2`` is the squared
     Mahalanobis distance of the pose from where the other poses predict it: chi-square with 6 degrees of freedom for a
     good pose and true noise. ``flag`` is "kept", "outlier" (``distance2`` beyond its 99.9 % quantile, 22.5; no robust
-    estimation was asked for), "downweighted (w)" or "rejected".
+    estimation was asked for), "downweighted" (``weight`` says how far) or "rejected".
     """
 
     item: str  # "pose" or "motion"
@@ -50,41 +52,39 @@ class PoseTable:
         """Numbers, from 0, of those that are not simply kept."""
         return [k for k, flag in enumerate(self.flag) if flag != "kept"]
 
+    def status(self, row: int) -> str:
+        """The flag, with the weight of what is weighted down: "downweighted (0.40)"."""
+        flag = self.flag[row]
+        return f"{flag} ({min(self.weight[row], 0.99):.2f})" if flag == "downweighted" else flag
+
     @property
     def rejected(self) -> list[int]:
         """Numbers, from 0, of those that take no part in the estimate."""
         return [int(k) for k in np.flatnonzero(self.weight == 0)]
 
     @property
-    def statements(self) -> list[str]:
-        """Which stand out, and what was done about it, in words; nothing if none does (one in 1000 does by chance)."""
-        said = []
-        for word, what in (
-            ("rejected", "not fit the others and took no part in the estimate"),
-            ("downweighted", "not fit the others well and counted less"),
-            ("outlier", "not fit the others; the estimate has them in, a robust one (robust=True, --robust) would not"),
-        ):
-            rows = [k for k in np.argsort(-self.distance2).tolist() if self.flag[k].startswith(word)]
-            if not rows or (word == "outlier" and self.distance2[rows[0]] < self.limit_of_all):
+    def findings(self) -> list[Finding]:
+        """Which stand out, and what was done about it; nothing if none does (one in 1000 does by chance)."""
+        found = []
+        for flag in ("rejected", "downweighted", "outlier"):
+            rows = [k for k in np.argsort(-self.distance2).tolist() if self.flag[k] == flag]
+            if not rows or (flag == "outlier" and self.distance2[rows[0]] < self.limit_of_all):
                 continue
-            named = ", ".join(
-                f"{self.item} {k} ({digits(np.degrees(self.rotation[k]), 2)} degrees, "
-                f"{digits(1e3 * self.translation[k])} mm, d^2 = {digits(self.distance2[k])})"
+            worst = [
+                {
+                    "row": k,
+                    "rotation": self.rotation[k],
+                    "translation": self.translation[k],
+                    "distance2": self.distance2[k],
+                }
                 for k in rows[:MOST_NAMED]
-            )
-            more = f" and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
-            said.append(
-                f"{len(rows)} of {len(self)} {self.item}s do {what}: {named}{more}, counted from 0. A good {self.item} "
-                f"stays below d^2 = {self.limit:.3g} in 999 of 1000 cases. Look for a wrong detection or a row that "
-                "belongs to another moment."
-            )
+            ]
+            values = {"item": self.item, "flag": flag, "n": len(self), "count": len(rows), "limit": self.limit}
+            found.append(Finding("diagnostics.flagged", "caution", values | {"worst": worst}))
         if self.scale > 1:
-            said.append(
-                f"The noise given is too small: most residuals are {self.scale:.2g} times as large as it allows. They "
-                f"were judged by {self.scale:.2g} times the noise; the standard deviations of X are too small by "
-                "about that factor."
-            )
-        return said
+            severity: Severity = "failure" if self.scale > GROSS else "caution"
+            found.append(Finding("diagnostics.noise_too_small", severity, {"scale": self.scale}))
+        return found
 
     @property
     def limit_of_all(self) -> float:
@@ -117,11 +117,11 @@ class PoseTable:
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> PoseTable:
         """The inverse of `to_dict`."""
-        columns = {name: np.asarray(data[name], dtype=float) for name in _COLUMNS}
-        flag = tuple(str(text) for text in data["flag"])
-        if any(values.shape != (len(flag),) or not np.isfinite(values).all() for values in columns.values()):
-            raise InputError("The table of poses is damaged: its columns differ in length or hold NaN.")
-        return cls(item=str(data["item"]), flag=flag, limit=float(data["limit"]), scale=float(data["scale"]), **columns)
+        flag = tuple(data["flag"])
+        if not set(flag) <= set(FLAGS):
+            raise InputError(f"Expected the flags of poses to be {', '.join(FLAGS)}, got {set(flag)!r:.60}.")
+        columns = {name: array_of(data[name], (len(flag),), f"poses.{name}") for name in _COLUMNS}
+        return cls(item=data["item"], flag=flag, limit=data["limit"], scale=data["scale"], **columns)
 
 
 _COLUMNS = ("rotation", "translation", "distance2", "leverage", "weight")

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc, fdtrc, ndtr
 
+from ..findings import Finding
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit, inverse_information
 from ..noise.square_roots import gram, whiten
@@ -37,7 +38,7 @@ LAGS, CORRECTIONS = 5, 4
 class Autocorrelation:
     """Of whitened residuals in the order of the rows (of the timestamps), pooled over the six components."""
 
-    reason: str  # why there is no test, or ""
+    reason: Finding | None  # why there is no test
     correlation: Array  # (lags,) of lag 1, 2, ..., less its expectation for independent rows
     standard_error: Array  # (lags,) for independent rows
     p_value: float
@@ -50,7 +51,7 @@ class Autocorrelation:
 class Normality:
     """Skewness and kurtosis of whitened residuals."""
 
-    reason: str
+    reason: Finding | None
     skewness: Array  # (6,)
     excess_kurtosis: float  # mean of the six components
     p_skewness: float
@@ -62,7 +63,7 @@ class Normality:
 class Regression:
     """Whitened residuals as a linear function of camera translation and rotation vector."""
 
-    reason: str
+    reason: Finding | None
     r_squared: float
     chance: float  # its expectation without any pattern
     p_value: float
@@ -79,24 +80,33 @@ def residual_tests(
     rows = np.arange(n) if fit.weights is None else np.flatnonzero(fit.weights > 0.5)
     if poses is not None and poses.timestamps is not None:
         rows = rows[np.argsort(poses.timestamps[rows], kind="stable")]
-    reason = ""
+
+    def untested(test: str, why: str) -> Finding:
+        item = "motion" if fit.W is None else "pose"
+        values = {"test": test, "item": item, "why": why, "rows": len(rows), "needed": FEWEST}
+        return Finding("diagnostics.not_tested", "note", values)
+
+    why = None
     if len(rows) < FEWEST:
-        reason = f"{len(rows)} rows are too few: {FEWEST} are needed"
+        why = "too few"
     elif np.sqrt(np.mean(white[rows] ** 2)) < 1e-6:
-        reason = "the residuals are zero next to the noise"
-    of_order = reason or ("rows of a joint covariance have no order once they are whitened" if joint else "")
-    if reason:
-        none = np.zeros(0)
-        normality = Normality(reason, none, 0.0, 1.0, 1.0, 1.0)
-        regression = Regression(reason, 0.0, 0.0, 1.0)
+        why = "exact"
+    if why is not None:
+        normality = Normality(untested("normality", why), np.zeros(0), 0.0, 1.0, 1.0, 1.0)
+        regression = Regression(untested("pattern", why), 0.0, 0.0, 1.0)
     else:
         r, U = standardised(white[rows], J[rows])
         skewness, kurtosis, p = normality_of(r)
-        normality = Normality("", skewness, float(kurtosis), *(float(value) for value in p))
-        pose = second[rows]
-        regression = _regression_of(fit, r, U, pose, joint)
-    if of_order:
-        autocorrelation = Autocorrelation(of_order, np.zeros(0), np.zeros(0), 1.0, 1.0, float(n), 1.0)
+        normality = Normality(None, skewness, float(kurtosis), *(float(value) for value in p))
+        # rows of a joint covariance belong to no single pose once they are whitened
+        found = None if joint else regression_of(r, U, _regressors(second[rows]))
+        if found is None:
+            regression = Regression(untested("pattern", "no rows" if joint else "coefficients"), 0.0, 0.0, 1.0)
+        else:
+            regression = Regression(None, *(float(value) for value in found))
+    if why is not None or joint:
+        reason = untested("autocorrelation", why or "no order")
+        autocorrelation = Autocorrelation(reason, np.zeros(0), np.zeros(0), 1.0, 1.0, float(n), 1.0)
     else:
         autocorrelation = _autocorrelation(r, U, J[rows])
     return autocorrelation, normality, regression
@@ -129,7 +139,7 @@ def _autocorrelation(r: Array, U: Array, J: Array) -> Autocorrelation:
     C = inverse_information(gram(J))
     A = J @ C[:, :6] @ np.linalg.inv(np.linalg.cholesky(C[:6, :6])).T  # (n, 6, 6)
     growth = _integrated((A.mT @ r[..., None])[..., 0], A.mT @ U, 6.0, p)
-    return Autocorrelation("", rho, se, float(p), factor, n / factor, float(np.sqrt(growth)))
+    return Autocorrelation(None, rho, se, float(p), factor, n / factor, float(np.sqrt(growth)))
 
 
 def _integrated(x: Array, V: Array, total: float, p: Array) -> float:
@@ -209,15 +219,6 @@ def normality_of(r: Array) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     chi = np.sum(z_skewness**2, axis=-1)
     p = (chdtrc(6, chi), 2 * ndtr(-np.abs(z)), chdtrc(7, chi + z**2))
     return skewness, (kurtosis - mean).mean(axis=-1), p
-
-
-def _regression_of(fit: Fit, r: Array, U: Array, pose: Array, joint: bool) -> Regression:
-    if joint:
-        return Regression("rows of a joint covariance belong to no single pose once they are whitened", 0.0, 0.0, 1.0)
-    found = regression_of(r, U, _regressors(pose))
-    if found is None:
-        return Regression(f"{len(r)} rows are too few for so many coefficients", 0.0, 0.0, 1.0)
-    return Regression("", *(float(value) for value in found))
 
 
 def _regressors(pose: Array) -> Array:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..findings import Finding
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
 from ..noise.square_roots import Factor, whiten
@@ -36,7 +37,7 @@ class ScaleError:
     """A relative error that all rows share: what 0.1 % of it does to X, and what the residuals say about it."""
 
     name: str
-    reason: str
+    reason: Finding | None  # why its effect is not known
     shift: Array  # (6,) of X for 0.1 %, rad and m
     shift_sd: float  # sqrt(shift^T C_XX^-1 shift): in standard deviations of X
     visible: bool  # whether residuals can show it at all
@@ -51,8 +52,8 @@ def inflation(found: Autocorrelation) -> float:
 
 def shared_lengths(
     first: Array, second: Array, data: PosePairs | Motions, poses: PosePairs | None, on_poses: bool
-) -> dict[str, tuple[int, Array] | str]:
-    """Side and change of its translations (n, 3) for a relative error 1, or the reason why it is not known.
+) -> dict[str, tuple[int, Array] | None]:
+    """Side and change of its translations (n, 3) for a relative error 1; None where it is not known.
 
     ``first`` and ``second`` are the poses (motions) of robot and camera, corrected by the fit.
     """
@@ -64,17 +65,17 @@ def shared_lengths(
         i, j = data.pairs.T
         depth = along[j] - (second[:, :3, :3] @ along[i, :, None])[..., 0]
     return {
-        FOCAL: "the distances from camera to target are not known" if depth is None else (1, depth),
+        FOCAL: None if depth is None else (1, depth),  # the distances from camera to target
         TARGET: (1, second[:, :3, 3]),
         ROBOT: (0, first[:, :3, 3]),
     }
 
 
 def scale_errors(
-    fit: Fit, factor: Factor, white: Array, lengths: dict[str, tuple[int, Array] | str], inflation: float
+    fit: Fit, factor: Factor, white: Array, lengths: dict[str, tuple[int, Array] | None], inflation: float
 ) -> tuple[ScaleError, ...]:
     C, J, r = fit.covariance, white[..., :-1], white[..., -1]
-    known = {name: value for name, value in lengths.items() if not isinstance(value, str)}
+    known = {name: value for name, value in lengths.items() if value is not None}
     changes = [(fit.linear.sides[side][..., 3:] @ change[..., None]) for side, change in known.values()]
     k = whiten(factor, np.concatenate(changes, axis=-1))  # (n, 6, probes)
     response = -C @ (J.reshape(-1, len(C)).T @ k.reshape(J.shape[0] * 6, -1))
@@ -83,15 +84,16 @@ def scale_errors(
     to_unit = np.linalg.inv(np.linalg.cholesky(C[:6, :6]))
     found: list[ScaleError] = []
     for name, value in lengths.items():
-        if isinstance(value, str):
-            found.append(ScaleError(name, value, np.zeros(6), 0.0, False, 0.0, 0.0, 0.0))
+        if value is None:
+            reason = Finding("diagnostics.scale_unknown", "note", {"name": name})
+            found.append(ScaleError(name, reason, np.zeros(6), 0.0, False, 0.0, 0.0, 0.0))
             continue
         m = list(known).index(name)
         shift = SCALE * response[:6, m]
         size = float(np.linalg.norm(to_unit @ shift))
         if not after[m] > max(1e-9 * before[m], SIGNAL * 3 * len(r)):
-            found.append(ScaleError(name, "", shift, size, False, 0.0, 0.0, 0.0))
+            found.append(ScaleError(name, None, shift, size, False, 0.0, 0.0, 0.0))
             continue
         estimate, sd = float(np.sum(rest[..., m] * r) / after[m]), inflation / float(np.sqrt(after[m]))
-        found.append(ScaleError(name, "", shift, size, True, estimate, sd, estimate / sd))
+        found.append(ScaleError(name, None, shift, size, True, estimate, sd, estimate / sd))
     return tuple(found)

@@ -1,220 +1,315 @@
-"""Diagnostics in words: sentences for people, each with whether it deserves a warning."""
+"""What the diagnostics find, in words.
+
+Values are in rad, m and standard deviations of X; those of directions in mm and deg, as their names say.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..findings import sentence
 from ..formatting.numbers import digits, probability
-from ..geometry.se3 import Array
-from .residual_patterns import RARE, RARE_PATTERN
-from .scale_errors import FOCAL, ROBOT, SCALE, SCORE, TARGET
 
-if TYPE_CHECKING:
-    from .diagnose import Diagnostics, Influence, Spectrum
-
-_MM, _DEG = 1e3, 180.0 / np.pi
+_MM, _DEG = 1e3, 180.0 / math.pi
 # An axis within 25 degrees of a direction gives it its name.
-_NEAR = float(np.cos(np.radians(25.0)))
-# Below this ratio of the largest to the smallest deviation no direction is worth a name.
+_NEAR = math.cos(math.radians(25.0))
+# Below this ratio of the largest to the smallest standard deviation no direction is worth a name.
 _EVEN = 1.5
-# Poses that move X by more, in standard deviations, are named.
-_STRONG = 1.5
-SYSTEMATIC = (
-    "Systematic errors (wrong camera intrinsics, wrong robot kinematics, a wrong target) are not covered by the "
-    "covariance."
-)
+# Share of the rotation about one axis from which on others are asked for.
+_ONE_AXIS = 0.9
 
 
-def findings(d: Diagnostics) -> list[tuple[bool, str]]:
-    """Everything that `Diagnostics` says."""
-    axis, share = d.diversity.axes[0], d.diversity.share
-    text = f"The robot turns about three axes: shares {', '.join(f'{x:.2g}' for x in share.round(2))} of the turning"
-    if share[0] > 0.9:
-        text += f", nearly all of it about {along(axis, d.frame)}: add motions that turn about other axes"
-    turning = [(False, f"{text}.")]
+# ------------------------------------------------------------------------------------------- what X is known to
+
+
+@sentence("diagnostics.direction")
+def _(what: str, largest: float, smallest: float, axis: Sequence[float], frame: str) -> str:
+    return f"X's {direction_words(what, largest, smallest, axis, frame)}."
+
+
+def direction_words(what: str, largest: float, smallest: float, axis: Sequence[float], frame: str) -> str:
+    """The least certain direction of "translation" (mm) or "rotation" (deg), from its standard deviations."""
+    way, unit = ("along", "mm") if what == "translation" else ("about", "deg")
+    least, most = digits(smallest, 2), digits(largest, 2)
+    if largest < _EVEN * smallest:
+        sizes = f"about {most}" if least == most else f"{least} to {most}"
+        return f"{what} is about equally certain in all directions ({sizes} {unit})"
+    ratio = f"{digits(largest / smallest, 2)} times" if smallest > 0 else "infinitely"
     return (
-        spectrum_words(d.spectrum)
-        + influence_words(d.influence, d.n, d.item)
-        + turning
-        + residual_words(d)
-        + systematic_words(d)
+        f"{what} {way} {_along(axis, frame)} is {ratio} less certain than {way} its best direction ({most} against "
+        f"{least} {unit})"
     )
 
 
-def shared_errors(d: Diagnostics) -> list[str]:
-    """What noise that was estimated from one camera's poses cannot contain; nothing where it would hardly matter."""
-    focal = d.probes[0]
-    if not d.independent_camera or focal.reason or focal.shift_sd < 1:
-        return []
-    move = np.linalg.norm(focal.shift[3:]) * _MM
-    return [
-        "The standard deviations are a lower limit. Noise that is estimated from the poses does not contain what all "
-        "of them share: the error of the camera's intrinsics, of the robot's kinematics. 0.1 % of focal length would "
-        f"move X by {digits(move, 2)} mm, {digits(focal.shift_sd, 2)} of its standard deviations. The joint covariance "
-        "of the camera poses would cover it."
-    ]
+@sentence("diagnostics.joint_spectrum")
+def _(length_m: float, length_of: str, largest: float, smallest: float) -> str:
+    condition = digits(largest / smallest, 2) if smallest > 0 else "infinite"
+    return (
+        f"Over all six directions of X, with rotations times {length_m:.3g} m ({length_of}), standard deviations run "
+        f"from {digits(smallest, 2)} to {digits(largest, 2)} mm: condition {condition}."
+    )
 
 
-def along(axis: Array, frame: str) -> str:
-    k, name = int(np.abs(axis).argmax()), frame if "frame" in frame else f"{frame} frame"
+@sentence("diagnostics.turning")
+def _(share: Sequence[float], axis: Sequence[float], frame: str) -> str:
+    text = f"The robot turns about three axes: shares {', '.join(f'{round(x, 2):.2g}' for x in share)} of the turning"
+    if share[0] > _ONE_AXIS:
+        text += f", nearly all of it about {_along(axis, frame)}: add motions that turn about other axes"
+    return f"{text}."
+
+
+def _along(axis: Sequence[float], frame: str) -> str:
+    k, name = max(range(3), key=lambda k: abs(axis[k])), frame if "frame" in frame else f"{frame} frame"
     if abs(axis[k]) > _NEAR:
         return f"{'xyz'[k]} of the {name}" if name == frame else f"{frame} {'xyz'[k]}"
     return f"({', '.join(f'{x:.2f}' for x in axis)}) of the {name}"
 
 
-def spectrum_words(s: Spectrum) -> list[tuple[bool, str]]:
-    directions = (
-        direction_words("translation", s.sd_translation_mm, s.axes_translation[0], s.frame),
-        direction_words("rotation", s.sd_rotation_deg, s.axes_rotation[0], s.frame),
-    )
-    return [*((False, f"X's {text}.") for text in directions), (False, joint_words(s))]
+# --------------------------------------------------------------------------------------------------- influence
 
 
-def direction_words(name: str, sd: Array, axis: Array, frame: str) -> str:
-    """The least certain direction of "translation" (mm) or "rotation" (deg), from deviations (3,), largest first."""
-    way, unit = ("along", "mm") if name == "translation" else ("about", "deg")
-    least, most = digits(sd[-1], 2), digits(sd[0], 2)
-    if sd[0] < _EVEN * sd[-1]:
-        sizes = f"about {most}" if least == most else f"{least} to {most}"
-        return f"{name} is about equally certain in all directions ({sizes} {unit})"
-    ratio = f"{digits(sd[0] / sd[-1], 2)} times" if sd[-1] > 0 else "infinitely"
+@sentence("diagnostics.information")
+def _(item: str, n: int, effective: float, row: int, share: float) -> str:
     return (
-        f"{name} {way} {along(axis, frame)} is {ratio} less certain than {way} its best direction ({most} against "
-        f"{least} {unit})"
+        f"The information about X is spread like that of {effective:.1f} equal {item}s of {n}; {item} {row} brings "
+        f"{digits(100 * share, 2)} % of it."
     )
 
 
-def joint_words(s: Spectrum) -> str:
-    """Rotation and translation at one scale."""
-    return (
-        f"Over all six directions of X, with rotations times {s.length_m:.3g} m ({s.length_of}), standard deviations "
-        f"run from {digits(s.sd_joint_mm[-1], 2)} to {digits(s.sd_joint_mm[0], 2)} mm: condition "
-        f"{digits(s.condition, 2)}."
-    )
-
-
-def influence_words(s: Influence, n: int, item: str) -> list[tuple[bool, str]]:
-    found: list[tuple[bool, str]] = [
-        (False, f"The information about X is spread like that of {s.effective_number:.1f} equal {item}s of {n}; "
-         f"{item} {int(s.share.argmax())} brings {digits(100 * s.share.max(), 2)} % of it.")
-    ]  # fmt: skip
-    needed = np.flatnonzero(np.isinf(s.shift_sd))
-    if needed.size:
-        found.append((True, f"Without {_list(needed, item)} the data do not determine X."))
-    strong = np.flatnonzero(np.isfinite(s.shift_sd) & (s.shift_sd > _STRONG))
-    strong = strong[np.argsort(-s.shift_sd[strong])][:3]
-    for k in strong:
-        turn, move = np.linalg.norm(s.shift[k, :3]) * _DEG, np.linalg.norm(s.shift[k, 3:]) * _MM
-        wrong = bool(s.p_value[k] < RARE / n)
-        verdict = (
-            f"more than its noise explains ({probability(s.p_value[k])})" if wrong else "as its noise and weight allow"
-        )
-        found.append(
-            (wrong, f"Without {item} {k} X moves by {digits(s.shift_sd[k], 2)} of its standard deviations "
-             f"({digits(turn, 2)} deg, {digits(move, 2)} mm), {verdict}.")
-        )  # fmt: skip
-    return found
-
-
-def _list(rows: NDArray[np.intp], item: str) -> str:
+@sentence("diagnostics.needed_rows")
+def _(item: str, rows: Sequence[int]) -> str:
     shown = ", ".join(str(k) for k in rows[:5])
-    return f"any one of the {item}s {shown}{', ...' if len(rows) > 5 else ''}" if len(rows) > 1 else f"{item} {shown}"
+    which = f"any one of the {item}s {shown}{', ...' if len(rows) > 5 else ''}" if len(rows) > 1 else f"{item} {shown}"
+    return f"Without {which} the data do not determine X."
 
 
-def residual_words(d: Diagnostics) -> list[tuple[bool, str]]:
-    a, m, g = d.autocorrelation, d.normality, d.regression
-    found = []
-    correlated = not a.reason and a.p_value < RARE
-    if a.reason:
-        found.append((False, f"Autocorrelation of the residuals was not tested: {a.reason}."))
-    elif correlated:
-        start = f"Neighbouring residuals are correlated (lag 1: {a.correlation[0]:.2f}, {probability(a.p_value)})"
-        if a.growth < 1.05:
-            found.append((True, f"{start}; that hardly changes the standard deviations of X."))
-        else:
-            found.append(
-                (True, f"{start}: for X {d.n} {d.item}s count as {d.n / a.growth**2:.0f} independent ones, and its "
-                 f"standard deviations are about {a.growth:.2g} times too small. covariance='hac' shows a part of it; "
-                 f"thin the {d.item}s for the rest.")
-            )  # fmt: skip
-    else:
-        lag_1 = f"lag 1: {a.correlation[0]:.2f} +- {a.standard_error[0]:.2f}"
-        found.append((False, f"Neighbouring residuals show no significant correlation ({lag_1})."))
-    if m.reason:
-        found.append((False, f"Normality of the residuals was not tested: {m.reason}."))
-    elif m.p_value < RARE:
-        says = []
-        if m.p_kurtosis < max(m.p_skewness, RARE):
-            says.append("heavier" if m.excess_kurtosis > 0 else "lighter")
-            says[-1] += f" tails than Gaussian (excess kurtosis {m.excess_kurtosis:.2g})"
-        if m.p_skewness < max(m.p_kurtosis, RARE):
-            says.append(f"skewed (skewness up to {np.abs(m.skewness).max():.2g})")
-        found.append((True, f"The residuals are not Gaussian ({probability(m.p_value)}): {', '.join(says)}. Outliers "
-                            "or noise that differs from pose to pose can be the cause."))  # fmt: skip
-    else:
-        found.append((False, f"The residuals do not differ significantly from Gaussian ones (p = {m.p_value:.2g})."))
-    if g.reason:
-        found.append((False, f"The residuals were not regressed on the {d.item}s: {g.reason}."))
-    elif g.p_value < RARE_PATTERN:
-        by_chance = f"{100 * g.chance:.0f}" if g.chance >= 0.01 else "below 1"
-        cause = " or by the correlation of neighbours" if correlated else ""
-        found.append((True, f"The residuals follow the {d.item}s: a linear function of the camera's translation and "
-                            f"rotation explains {100 * g.r_squared:.0f} % of them ({by_chance} % by chance, "
-                            f"{probability(g.p_value)}). Noise does not do that: intrinsics, robot kinematics or the "
-                            f"target are wrong{', or it is made' + cause[3:] if cause else ''}."))  # fmt: skip
-    else:
-        found.append((False, f"The residuals show no linear pattern over the {d.item}s."))
-    return found
+@sentence("diagnostics.wrong_row")
+def _(item: str, row: int, shift_sd: float, rotation: float, translation: float, p_value: float) -> str:
+    verdict = f"more than its noise explains ({probability(p_value)})"
+    return f"{_moves(item, row, shift_sd, rotation, translation)}, {verdict}."
 
 
-def independent_words(d: Diagnostics) -> str:
-    """What the camera noise leaves out where it is taken as independent."""
+@sentence("diagnostics.strong_row")
+def _(item: str, row: int, shift_sd: float, rotation: float, translation: float, p_value: float) -> str:
+    return f"{_moves(item, row, shift_sd, rotation, translation)}, as its noise and weight allow."
+
+
+def _moves(item: str, row: int, shift_sd: float, rotation: float, translation: float) -> str:
     return (
-        f"The camera noise is taken as independent from {d.item} to {d.item}, but all poses of one camera share the "
-        "error of its intrinsics: a focal length error moves all of them along the optical axis. It averages out "
-        "nowhere and hides from the residuals, so the covariance is too optimistic, typically by factors of several. "
-        "Use the joint covariance of the camera poses."
+        f"Without {item} {row} X moves by {digits(shift_sd, 2)} of its standard deviations "
+        f"({digits(_DEG * rotation, 2)} deg, {digits(_MM * translation, 2)} mm)"
     )
 
 
-def systematic_words(d: Diagnostics) -> list[tuple[bool, str]]:
-    found, focal = [(False, SYSTEMATIC)], d.probes[0]
-    if d.independent_camera:
-        found.append((False, independent_words(d)))
-    for probe in d.probes:
-        if probe.name == FOCAL and d.focal_covered:
-            found.append((False, "What an error of the focal length does to X is in its covariance."))
-            continue
-        if probe.reason:
-            found.append((False, f"The effect of the {probe.name} is not known: {probe.reason}."))
-            continue
-        move = np.linalg.norm(probe.shift[3:]) * _MM
-        turn = np.linalg.norm(probe.shift[:3]) * _DEG
-        text = (
-            f"An error of 0.1 % in the {probe.name} moves X by {digits(move, 2)} mm and {digits(turn, 2)} deg, "
-            f"{digits(probe.shift_sd, 2)} of its standard deviations"
-        )
-        if probe.shift_sd > 1e-6:
-            text += f"; an error of {digits(100 * SCALE / probe.shift_sd, 2)} % moves it by one"
-        found.append((False, text + "."))
-    if d.independent_camera and focal.visible:
-        span = focal.sd / SCALE
-        found.append(
-            (False, f"The residuals tell the focal length only to +- {digits(100 * focal.sd, 2)} %. Over "
-             f"that range X moves by {digits(span * float(np.linalg.norm(focal.shift[3:])) * _MM, 2)} mm, "
-             f"{digits(span * focal.shift_sd, 2)} of its standard deviations, which do not include it.")
-        )  # fmt: skip
-    for probe in d.probes:
-        if probe.visible and abs(probe.z) > SCORE:
-            # Lengths that came out too long by s: focal length, target or robot steps are really shorter by s.
-            way = "shorter" if probe.estimate > 0 else "longer"
-            what = {FOCAL: "a focal length", TARGET: "a target", ROBOT: "robot motions"}[probe.name]
-            found.append((True, f"The residuals ask for {what} {digits(100 * abs(probe.estimate), 2)} % {way} "
-                                f"(+- {digits(100 * probe.sd, 2)} %, z = {probe.z:.1f})."))  # fmt: skip
-    if all(abs(probe.z) > SCORE for probe in d.probes if probe.name in (TARGET, ROBOT)):
-        found.append((False, "Target size and robot scale act on the residuals alike: which of the two is wrong "
-                             "the data cannot tell."))  # fmt: skip
-    return found
+# ----------------------------------------------------------------------------------------- tests of the residuals
+
+
+@sentence("diagnostics.not_tested")
+def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
+    reason = {
+        "too few": f"{rows} rows are too few: {needed} are needed",
+        "exact": "the residuals are zero next to the noise",
+        "no order": "rows of a joint covariance have no order once they are whitened",
+        "no rows": "rows of a joint covariance belong to no single pose once they are whitened",
+        "coefficients": f"{rows} rows are too few for so many coefficients",
+    }[why]
+    if test == "pattern":
+        return f"The residuals were not regressed on the {item}s: {reason}."
+    return f"{test.capitalize()} of the residuals was not tested: {reason}."
+
+
+@sentence("diagnostics.correlated")
+def _(item: str, n: int, lag_1: float, p_value: float, growth: float) -> str:
+    start = f"Neighbouring residuals are correlated (lag 1: {lag_1:.2f}, {probability(p_value)})"
+    if growth < 1.05:
+        return f"{start}; that hardly changes the standard deviations of X."
+    return (
+        f"{start}: for X {n} {item}s count as {n / growth**2:.0f} independent ones, and its standard deviations are "
+        f"about {growth:.2g} times too small. covariance='hac' shows a part of it; thin the {item}s for the rest."
+    )
+
+
+@sentence("diagnostics.uncorrelated")
+def _(lag_1: float, standard_error: float) -> str:
+    return f"Neighbouring residuals show no significant correlation (lag 1: {lag_1:.2f} +- {standard_error:.2f})."
+
+
+@sentence("diagnostics.not_gaussian")
+def _(p_value: float, excess_kurtosis: float | None, skewness: float | None) -> str:
+    says = []
+    if excess_kurtosis is not None:
+        kind = "heavier" if excess_kurtosis > 0 else "lighter"
+        says.append(f"{kind} tails than Gaussian (excess kurtosis {excess_kurtosis:.2g})")
+    if skewness is not None:
+        says.append(f"skewed (skewness up to {skewness:.2g})")
+    return (
+        f"The residuals are not Gaussian ({probability(p_value)}): {', '.join(says)}. Outliers or noise that differs "
+        "from pose to pose can be the cause."
+    )
+
+
+@sentence("diagnostics.gaussian")
+def _(p_value: float) -> str:
+    return f"The residuals do not differ significantly from Gaussian ones (p = {p_value:.2g})."
+
+
+@sentence("diagnostics.pattern")
+def _(item: str, r_squared: float, chance: float, p_value: float, correlated: bool) -> str:
+    by_chance = f"{100 * chance:.0f}" if chance >= 0.01 else "below 1"
+    also = ", or it is made by the correlation of neighbours" if correlated else ""
+    return (
+        f"The residuals follow the {item}s: a linear function of the camera's translation and rotation explains "
+        f"{100 * r_squared:.0f} % of them ({by_chance} % by chance, {probability(p_value)}). Noise does not do that: "
+        f"intrinsics, robot kinematics or the target are wrong{also}."
+    )
+
+
+@sentence("diagnostics.no_pattern")
+def _(item: str) -> str:
+    return f"The residuals show no linear pattern over the {item}s."
+
+
+# -------------------------------------------------------------------------------------- errors that all rows share
+
+
+@sentence("diagnostics.systematic")
+def _() -> str:
+    return (
+        "Systematic errors (wrong camera intrinsics, wrong robot kinematics, a wrong target) are not covered by the "
+        "covariance."
+    )
+
+
+@sentence("diagnostics.independent_camera")
+def _(item: str) -> str:
+    return (
+        f"The camera noise is taken as independent from {item} to {item}, but all poses of one camera share the error "
+        "of its intrinsics: a focal length error moves all of them along the optical axis. It averages out nowhere and "
+        "hides from the residuals, so the covariance is too optimistic, typically by factors of several. Use the joint "
+        "covariance of the camera poses."
+    )
+
+
+@sentence("diagnostics.lower_bound")
+def _(translation: float, shift_sd: float) -> str:
+    return (
+        "The standard deviations are a lower limit. Noise that is estimated from the poses does not contain what all "
+        "of them share: the error of the camera's intrinsics, of the robot's kinematics. 0.1 % of focal length would "
+        f"move X by {digits(_MM * translation, 2)} mm, {digits(shift_sd, 2)} of its standard deviations. The joint "
+        "covariance of the camera poses would cover it."
+    )
+
+
+@sentence("diagnostics.focal_covered")
+def _() -> str:
+    return "What an error of the focal length does to X is in its covariance."
+
+
+@sentence("diagnostics.scale_unknown")
+def _(name: str) -> str:
+    return f"The effect of the {name} is not known: the distances from camera to target are not known."
+
+
+@sentence("diagnostics.scale_error")
+def _(name: str, rotation: float, translation: float, shift_sd: float) -> str:
+    text = (
+        f"An error of 0.1 % in the {name} moves X by {digits(_MM * translation, 2)} mm and "
+        f"{digits(_DEG * rotation, 2)} deg, {digits(shift_sd, 2)} of its standard deviations"
+    )
+    return f"{text}; an error of {digits(0.1 / shift_sd, 2)} % moves it by one." if shift_sd > 1e-6 else f"{text}."
+
+
+@sentence("diagnostics.focal_range")
+def _(sd: float, translation: float, shift_sd: float) -> str:
+    return (
+        f"The residuals tell the focal length only to +- {digits(100 * sd, 2)} %. Over that range X moves by "
+        f"{digits(_MM * translation, 2)} mm, {digits(shift_sd, 2)} of its standard deviations, which do not include it."
+    )
+
+
+@sentence("diagnostics.scale_shows")
+def _(name: str, estimate: float, sd: float, z: float) -> str:
+    # Lengths that came out too long by s: focal length, target or robot steps are really shorter by s.
+    way = "shorter" if estimate > 0 else "longer"
+    what = {"focal length": "a focal length", "target size": "a target", "robot scale": "robot motions"}[name]
+    return (
+        f"The residuals ask for {what} {digits(100 * abs(estimate), 2)} % {way} (+- {digits(100 * sd, 2)} %, "
+        f"z = {z:.1f})."
+    )
+
+
+@sentence("diagnostics.scales_alike")
+def _() -> str:
+    return "Target size and robot scale act on the residuals alike: which of the two is wrong the data cannot tell."
+
+
+# --------------------------------------------------------------------------------------------------- split halves
+
+
+@sentence("diagnostics.halves_too_small")
+def _(split: str, item: str, rows: int, needed: int) -> str:
+    return f"{_impossible(split)}: a half has {rows} {item}s, {needed} are needed."
+
+
+@sentence("diagnostics.halves_without_freedom")
+def _(split: str, dof: float) -> str:
+    return f"{_impossible(split)}: the noise was estimated with {dof:.2g} degrees of freedom only."
+
+
+@sentence("diagnostics.half_fails")
+def _(split: str, error: str) -> str:
+    return f"{_impossible(split)}: a half of the data alone fails. {error}"
+
+
+def _impossible(split: str) -> str:
+    return f"The split-half test ({split}) is not possible"
+
+
+@sentence("diagnostics.halves")
+def _(
+    split: str, sizes: Sequence[int], rotation: float, translation: float, d2: float, p_value: float, agree: bool
+) -> str:
+    verdict = "agree" if agree else "do not agree"
+    advice = "" if agree else ": the covariance is too small, or the two halves have different systematic errors"
+    return (
+        f"X of two halves of the data ({split}, {sizes[0]} and {sizes[1]}) differs by {_DEG * rotation:.2g} deg and "
+        f"{_MM * translation:.2g} mm; they {verdict} within their covariances (d^2 = {d2:.1f} where 6 is expected, "
+        f"p = {p_value:.2g}){advice}."
+    )
+
+
+@sentence("diagnostics.many_halves")
+def _(split: str, passed: int, tests: int) -> str:
+    return f"{passed} of {tests} split-half tests ({split}) are passed."
+
+
+# ---------------------------------------------------------------------------------------------------- pose table
+
+
+@sentence("diagnostics.flagged")
+def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Mapping[str, Any]]) -> str:
+    what = {
+        "rejected": "not fit the others and took no part in the estimate",
+        "downweighted": "not fit the others well and counted less",
+        "outlier": "not fit the others; the estimate has them in, a robust one (robust=True, --robust) would not",
+    }[flag]
+    named = ", ".join(
+        f"{item} {row['row']} ({digits(_DEG * row['rotation'], 2)} degrees, {digits(_MM * row['translation'])} mm, "
+        f"d^2 = {digits(row['distance2'])})"
+        for row in worst
+    )
+    more = f" and {count - len(worst)} more" if count > len(worst) else ""
+    return (
+        f"{count} of {n} {item}s do {what}: {named}{more}, counted from 0. A good {item} stays below "
+        f"d^2 = {limit:.3g} in 999 of 1000 cases. Look for a wrong detection or a row that belongs to another moment."
+    )
+
+
+@sentence("diagnostics.noise_too_small")
+def _(scale: float) -> str:
+    return (
+        f"The noise given is too small: most residuals are {scale:.2g} times as large as it allows. They were judged "
+        f"by {scale:.2g} times the noise; the standard deviations of X are too small by about that factor."
+    )

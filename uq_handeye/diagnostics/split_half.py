@@ -27,6 +27,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc, fdtrc
 
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
+from ..files.validate import array_of
+from ..findings import Finding
 from ..geometry.se3 import Array
 from ..likelihood.constraint import constraint_of, residual_covariance
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit
@@ -37,6 +39,8 @@ from ..poses.pose_pairs import PosePairs
 
 SPLITS = ("interleaved", "contiguous", "random", "angles")
 LEVEL = 0.95
+# Probability below which two halves contradict each other, which deserves a caution.
+CONTRADICTION = 1e-3
 FEWEST = 3
 # The numbers of one test.
 _SHAPES = {"X1": (4, 4), "X2": (4, 4), "difference": (6,), "covariance": (6, 6), "d2": (), "p_value": ()}
@@ -44,15 +48,14 @@ _SHAPES = {"X1": (4, 4), "X2": (4, 4), "difference": (6,), "covariance": (6, 6),
 
 @dataclass(frozen=True, eq=False)
 class SplitHalf:
-    """The two estimates and the test, or the reason why there is none (``possible`` is False, numbers are None).
+    """The two estimates and the test, or the `reason` why there is none (numbers are then None).
 
     Leading axes of the data are independent problems and appear in every array.
     """
 
     split: str
     halves: tuple[NDArray[np.intp], NDArray[np.intp]]  # numbers of the poses (or motions) in each
-    possible: bool
-    reason: str
+    reason: Finding | None  # why there is no test
     X1: Array | None = None  # (..., 4, 4)
     X2: Array | None = None
     difference: Array | None = None  # (..., 6): X1 from X2, left rotation in rad, additive translation in m
@@ -67,24 +70,35 @@ class SplitHalf:
         return None if self.p_value is None else np.asarray(self.p_value > 1 - LEVEL)
 
     @property
+    def possible(self) -> bool:
+        """Whether there is a test."""
+        return self.reason is None
+
+    @property
+    def finding(self) -> Finding:
+        """The result: a caution where the halves contradict each other beyond any chance."""
+        if self.reason is not None:
+            return self.reason
+        assert self.passed is not None and self.difference is not None
+        assert self.d2 is not None and self.p_value is not None
+        if self.passed.ndim:
+            values = {"split": self.split, "passed": self.passed.sum(), "tests": self.passed.size}
+            return Finding("diagnostics.many_halves", "note", values)
+        values = {
+            "split": self.split,
+            "sizes": [len(half) for half in self.halves],
+            "rotation": np.linalg.norm(self.difference[:3]),
+            "translation": np.linalg.norm(self.difference[3:]),
+            "d2": self.d2,
+            "p_value": self.p_value,
+            "agree": self.passed,
+        }
+        return Finding("diagnostics.halves", "caution" if self.p_value < CONTRADICTION else "note", values)
+
+    @property
     def sentence(self) -> str:
         """The result in words."""
-        if not self.possible:
-            return f"The split-half test ({self.split}) is not possible: {self.reason}"
-        assert self.passed is not None and self.difference is not None and self.d2 is not None
-        if self.passed.ndim:
-            return f"{int(self.passed.sum())} of {self.passed.size} split-half tests ({self.split}) are passed."
-        turn = np.degrees(np.linalg.norm(self.difference[:3]))
-        move = 1e3 * np.linalg.norm(self.difference[3:])
-        verdict = "agree" if self.passed else "do not agree"
-        advice = (
-            "" if self.passed else ": the covariance is too small, or the two halves have different systematic errors"
-        )
-        return (
-            f"X of two halves of the data ({self.split}, {len(self.halves[0])} and {len(self.halves[1])}) differs by "
-            f"{turn:.2g} deg and {move:.2g} mm; they {verdict} within their covariances (d^2 = {float(self.d2):.1f} "
-            f"where 6 is expected, p = {float(self.p_value):.2g}){advice}."  # type: ignore[arg-type]
-        )
+        return str(self.finding)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text."""
@@ -92,28 +106,28 @@ class SplitHalf:
         def plain(value: Array | None) -> Any:
             return None if value is None else np.asarray(value).tolist()
 
-        names = ("X1", "X2", "difference", "covariance", "d2", "p_value", "passed")
         return {
             "split": self.split,
             "halves": [half.tolist() for half in self.halves],
-            "possible": self.possible,
-            "reason": self.reason,
+            "reason": None if self.reason is None else self.reason.to_dict(),
             "dof": self.dof,
-            **{name: plain(getattr(self, name)) for name in names},
-            "sentence": self.sentence,
+            **{name: plain(getattr(self, name)) for name in (*_SHAPES, "passed")},
         }
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SplitHalf:
         """The inverse of `to_dict`, of one problem."""
-        numbers = {name: None if data[name] is None else np.asarray(data[name], dtype=float) for name in _SHAPES}
-        for name, value in numbers.items():
-            if (value is None) if data["possible"] else (value is not None):
-                raise InputError(f"The split-half test is damaged: {name} and `possible` contradict each other.")
-            if value is not None and value.shape != _SHAPES[name]:
-                raise InputError(f"The split-half test is damaged: {name} has the shape {value.shape}.")
+        reason = None if data["reason"] is None else Finding.from_dict(data["reason"])
+        if reason is None:
+            numbers = {name: array_of(data[name], shape, f"split_half.{name}") for name, shape in _SHAPES.items()}
+        elif all(data[name] is None for name in _SHAPES):
+            numbers = {}
+        else:
+            raise InputError("The split-half test is damaged: it has numbers, and a reason why it has none.")
         first, second = (np.asarray(half, dtype=np.intp) for half in data["halves"])
-        return cls(data["split"], (first, second), data["possible"], data["reason"], dof=data["dof"], **numbers)
+        if first.ndim != 1 or second.ndim != 1:
+            raise InputError("Expected the halves of the split-half test to be lists of row numbers.")
+        return cls(data["split"], (first, second), reason, dof=data["dof"], **numbers)
 
 
 def split_half(
@@ -166,16 +180,20 @@ def split_half(
     constraint_of(data, noise)  # raises where noise and data do not fit
     data = _rows_of(data, noise)
     halves = _halves(data, split, seed)
+
+    def without(why: str, **values: object) -> SplitHalf:
+        return SplitHalf(split, halves, Finding(f"diagnostics.{why}", "note", {"split": split, **values}))
+
     fewest = min(len(half) for half in halves)
     if fewest < FEWEST:
-        what = "poses" if isinstance(data, PosePairs) else "motions"
-        return SplitHalf(split, halves, False, f"a half has {fewest} {what}, {FEWEST} are needed.")
+        item = "pose" if isinstance(data, PosePairs) else "motion"
+        return without("halves_too_small", item=item, rows=fewest, needed=FEWEST)
     if dof is not None and dof <= 6:
-        return SplitHalf(split, halves, False, f"the noise was estimated with {dof:.2g} degrees of freedom only.")
+        return without("halves_without_freedom", dof=dof)
     try:
         fits = [ESTIMATORS[method](data.rows(half), noise.rows(half), start) for half in halves]
     except (DegenerateMotionError, NotConvergedError) as error:
-        return SplitHalf(split, halves, False, f"a half of the data alone fails. {error}")
+        return without("half_fails", error=str(error))
     X1, X2 = fits[0].X, fits[1].X
     turn = Rotation.from_matrix((X1[..., :3, :3] @ X2[..., :3, :3].mT).reshape(-1, 3, 3)).as_rotvec()
     d = np.concatenate([turn.reshape(*X1.shape[:-2], 3), X1[..., :3, 3] - X2[..., :3, 3]], axis=-1)
@@ -187,7 +205,7 @@ def split_half(
     scaled = V * unit[..., :, None] * unit[..., None, :]
     d2 = np.sum(d * unit * np.linalg.solve(scaled, (d * unit)[..., None])[..., 0], axis=-1)
     p = chdtrc(6, d2) if dof is None else _p_value_of_estimated(d2, dof)
-    return SplitHalf(split, halves, True, "", X1, X2, d, V, np.asarray(d2), dof, np.asarray(p))
+    return SplitHalf(split, halves, None, X1, X2, d, V, np.asarray(d2), dof, np.asarray(p))
 
 
 def _p_value_of_estimated(d2: Array, dof: float) -> Array:

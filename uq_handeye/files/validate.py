@@ -5,15 +5,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
 from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..findings import Finding
+
+T = TypeVar("T")
 
 # Numbers that are worked out from others again may differ from those in the file by this, relative to the largest of
 # their row: files come from other machines.
 ROUNDING = 1e-5
+_LARGEST = int(np.finfo(float).max)
 
 
 def misfit(value: Any, hint: Any, path: str) -> str | None:
@@ -27,6 +35,10 @@ def misfit(value: Any, hint: Any, path: str) -> str | None:
     if origin in (Union, UnionType):
         found = [misfit(value, arg, path) for arg in args]
         return None if None in found else max((text for text in found if text), key=len)
+    if origin is Literal:
+        return None if value in args else path
+    if hint is Finding:
+        return None if isinstance(value, Finding) else path  # it looks after itself
     if origin is np.ndarray:
         return None if isinstance(value, np.ndarray) and value.dtype.kind in "fi" else path
     if origin is tuple and isinstance(value, tuple):
@@ -78,11 +90,74 @@ def unequal(again: Any, data: Any, path: str) -> str | None:
     return None if type(again) is type(data) and again == data else path
 
 
+def array_of(data: Any, shape: tuple[int, ...], path: str, infinite: bool = False) -> NDArray[np.float64]:
+    """Numbers of that shape from lists of a file; raises `InputError` on anything else.
+
+    ``infinite``: None stands for an infinite number, which JSON has not.
+    """
+    try:
+        array = np.array(_infinite(data) if infinite else data, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"Expected {path} to be numbers of shape {shape}, got {data!r:.40}.") from error
+    if array.shape != shape:
+        raise InputError(f"Expected {path} to be numbers of shape {shape}, got shape {array.shape}.")
+    if not (infinite or np.isfinite(array).all()):
+        raise InputError(f"Expected {path} to be finite numbers of shape {shape}.")
+    return array
+
+
+def _infinite(data: Any) -> Any:
+    if isinstance(data, list):
+        return [_infinite(part) for part in data]
+    return np.inf if data is None else data
+
+
+def section(
+    kind: type[T],
+    data: Mapping[str, Any],
+    shapes: Mapping[str, tuple[int, ...]],
+    path: str = "",
+    infinite: Collection[str] = (),
+) -> T:
+    """A dataclass from what `plain` made of it: arrays of the ``shapes``, findings, and other fields as they are.
+
+    In fields named in ``infinite`` None stands for infinity. Types of other fields are for `misfit`.
+    """
+    path = path or kind.__name__
+    values: dict[str, Any] = {}
+    for part in fields(kind):  # type: ignore[arg-type]
+        name, value = part.name, data[part.name]
+        if name in shapes:
+            value = array_of(value, shapes[name], f"{path}.{name}", name in infinite)
+        elif isinstance(value, dict):
+            value = Finding.from_dict(value)
+        values[name] = float("inf") if value is None and name in infinite else value
+    return kind(**values)
+
+
+def plain(value: Any) -> Any:
+    """Arrays and tuples as lists, dictionaries part by part; None stands for an infinite number."""
+    if isinstance(value, dict):
+        return {name: plain(entry) for name, entry in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain(entry) for entry in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
 def not_finite(data: Any, path: str) -> str | None:
-    """Where the data hold NaN or infinity, as a path; None if nowhere."""
-    if isinstance(data, dict | list | tuple):
-        items = data.items() if isinstance(data, dict) else enumerate(data)
-        return next((found for name, part in items if (found := not_finite(part, f"{path}.{name}"))), None)
+    """Where the data hold NaN, infinity, an integer beyond any float, or a truth value in a list; None if nowhere."""
+    if isinstance(data, dict):
+        return next((found for name, part in data.items() if (found := not_finite(part, f"{path}.{name}"))), None)
+    if isinstance(data, list | tuple):
+        for k, part in enumerate(data):
+            found = f"{path}.{k}" if isinstance(part, bool) else not_finite(part, f"{path}.{k}")
+            if found is not None:
+                return found
+        return None
+    if isinstance(data, int):
+        return path if abs(data) > _LARGEST else None
     return path if isinstance(data, float) and not np.isfinite(data) else None
 
 

@@ -1,1 +1,3 @@
 """Plausible misreadings of the input."""
+
+from . import sentences as sentences

@@ -1,7 +1,7 @@
 """Does the input look like a hand-eye data set? Warnings that say why not and what to try.
 
-Nothing here changes a result. Each ``check_`` returns sentences for a person, which `calibrate` raises as
-`InputWarning` and keeps in the result; `require_signal` refuses data whose X would be an accident of the noise.
+Nothing here changes a result. Each ``check_`` returns findings, which `calibrate` gives as `InputWarning` and keeps in
+the result; `require_signal` refuses data whose X would be an accident of the noise.
 
 The residuals of poses are those of ``W_k = G_k X C_k``, which is the same for every k without noise (robot-world
 constancy; G inverted for eye-to-hand): a rotation and a translation per pose, so that a bad row has a name.
@@ -12,13 +12,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import DegenerateMotionError
+from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array, block, inverse_jacobian, skew
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import median, pose_residuals, rotation_angles
 from ..procrustes.limit import DEGENERATE, infinite_directions
-from .misread_files import EXACT, LARGE_ROTATION, in_both, other_readings, scaled_reading
+from .misread_files import EXACT, LARGE_ROTATION, other_readings, scaled_reading
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
 # unless the noise explains it.
@@ -49,41 +50,37 @@ OUTLIER = 6.0
 # ------------------------------------------------------------------------------------ what the columns look like
 
 
-def check_poses(poses: PosePairs) -> list[str]:
+def check_poses(poses: PosePairs) -> list[Finding]:
     """Units, constant and equal columns and repeated rows of the pose lists; the same list given twice."""
-    found = []
+    found: list[Finding] = []
+
+    def note(what: str, **values: object) -> None:
+        found.append(Finding(f"input_checks.{what}", "caution", values))
+
     for name, T in (("robot", poses.robot), ("camera", poses.camera)):
         t = T[:, :3, 3]
         far = float(np.abs(t).max())
         if far > FAR:
-            unit, looks = ("mm", "millimetres") if far > IN_MILLIMETRES else ("cm", "centimetres, or inches (in)")
-            small = "" if unit == "mm" else "; or mm, if the rig is smaller than a hand"
-            give = f"Give {in_both(name, 'units', unit, 'm')}{small}"
-            if name == "camera" and poses.camera_calibration is not None:  # it is the board that gives their size
-                give = f"Calibrate the camera again with the board in its unit (--units {unit}, or --square with one)"
-            found.append(f"The {name} translations reach {far:.4g} m: they look like {looks}. {give}.")
+            from_corners = name == "camera" and poses.camera_calibration is not None
+            note("far", file=name, reach=far, unit="mm" if far > IN_MILLIMETRES else "cm", from_corners=from_corners)
         span = np.ptp(t, axis=0)
         for axis in range(3):
             if len(t) > 1 and span[axis] <= 1e-9 * max(far, 1e-3):
-                found.append(f"Column {'xyz'[axis]} of the {name} poses is constant ({t[0, axis] + 0.0:.6g}).")
+                note("constant_column", file=name, column="xyz"[axis], value=t[0, axis] + 0.0)
         for a, b in ((0, 1), (0, 2), (1, 2)):
             if len(t) > 2 and span[a] > 1e-9 * max(far, 1e-3) and np.array_equal(t[:, a], t[:, b]):
-                found.append(
-                    f"Columns {'xyz'[a]} and {'xyz'[b]} of the {name} poses are identical in all {len(t)} rows: one of "
-                    "them was lost when the file was written."
-                )
-        same = int((T[1:] == T[:-1]).all(axis=(1, 2)).sum())
-        if same:
-            found.append(f"{same} of {len(T)} {name} poses repeat the row before exactly: they add no information.")
+                note("identical_columns", file=name, columns=["xyz"[a], "xyz"[b]], n=len(t))
+        if same := int((T[1:] == T[:-1]).all(axis=(1, 2)).sum()):
+            note("repeated_rows", file=name, count=same, n=len(T))
     if np.array_equal(poses.robot, poses.camera):
-        found.append("Robot and camera poses are the same numbers: the same file was given twice.")
+        found.append(Finding("input_checks.same_file", "failure"))
     return found
 
 
 # --------------------------------------------------------------------------------- what the rotations look like
 
 
-def check_rotations(motions: Motions, noise: Noise | None, method: str) -> list[str]:
+def check_rotations(motions: Motions, noise: Noise | None, method: str) -> list[Finding]:
     """Angles of robot against camera, half turns, small angles, spread of the rotation axes."""
     found = []
     R_A, R_B = motions.A[..., :3, :3], motions.B[..., :3, :3]
@@ -94,36 +91,19 @@ def check_rotations(motions: Motions, noise: Noise | None, method: str) -> list[
     explained = 0.0 if noise is None else np.sqrt(_rotation_variance(motions, noise) / 3.0)
     if rms > max(ANGLE_DISAGREEMENT, 2.0 * explained):
         worst = int(np.argmax(difference))
-        found.append(
-            f"Robot and camera disagree on how far they turned: rotation angles differ by {np.degrees(rms):.1f} "
-            f"degrees RMS, {np.degrees(difference[worst]):.1f} at most ({_pair(motions, worst)}). "
-            + (
-                "Few pairs differ: look for wrong detections."
-                if median(difference) < 0.25 * ANGLE_DISAGREEMENT
-                else "The rows of the two files do not belong together (wrong pairing, a shift, a time offset); if "
-                'both have timestamps, try pair="time" (--pair time) or --pair async.'
-            )
-        )
+        few = median(difference) < 0.25 * ANGLE_DISAGREEMENT
+        values = {"rms": rms, "largest": difference[worst], "where": _pair(motions, worst), "few": few}
+        found.append(Finding("input_checks.angles_disagree", "caution" if few else "failure", values))
     half = float(np.mean(angle > NEAR_HALF_TURN))
     if half > 0.25 and method == "4dpa":
-        found.append(
-            f"{100 * half:.0f} % of the motions turn by more than 150 degrees. 4DPA weights a motion by "
-            "sin^2(angle), so they count almost nothing; choose pairs that turn by 30 to 150 degrees."
-        )
+        found.append(Finding("input_checks.half_turns", "caution", {"share": half}))
     largest = float(angle.max(initial=0.0))
     if largest < SMALL_ANGLE:
-        found.append(
-            f"The robot turns by {np.degrees(largest):.2g} degrees at most: noise is amplified. Turn it by 30 degrees "
-            "and more, about different axes."
-        )
+        found.append(Finding("input_checks.small_rotations", "caution", {"largest": largest}))
     spread, axis = _axis_spread(R_A)
     if spread[2] > 0 and spread[0] + spread[1] < np.sin(AXIS_SPREAD) ** 2 * spread[2]:
-        within = np.degrees(np.sqrt(max(spread[0] + spread[1], 0.0) / spread[2]))
-        found.append(
-            f"The rotation axes of the robot are nearly parallel to ({', '.join(f'{x:.2f}' for x in axis)}) (within "
-            f"{max(within, 0.01):.2g} degrees): rotation about this axis and translation along it are hardly "
-            "determined. Add motions that turn about another axis."
-        )
+        within = np.sqrt(max(spread[0] + spread[1], 0.0) / spread[2])
+        found.append(Finding("input_checks.parallel_axes", "caution", {"axis": axis, "within": within}))
     return found
 
 
@@ -196,14 +176,14 @@ def _rotation_variance(motions: Motions, noise: Noise) -> float:
 # ------------------------------------------------------------------------------------------ how well X fits them
 
 
-def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: Array | None) -> list[str]:
+def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: Array | None) -> list[Finding]:
     """Residuals of the poses against their noise and each other; if they are large, which other reading would fit."""
     G, C = poses.effective_robot, poses.camera
     angle, distance = pose_residuals(G, C, X)
     travel = float(np.sqrt(np.mean(np.sum((G[:, :3, 3] - G[:, :3, 3].mean(axis=0)) ** 2, axis=1))))
     reach = float(np.sqrt(np.mean(np.sum(C[:, :3, 3] ** 2, axis=1))))
     turn, shift = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2)))
-    found: list[str] = []
+    found: list[Finding] = []
     most = None
     if noise is not None and covariance is not None:
         least, most = _explained(poses, X, noise, covariance)
@@ -220,11 +200,11 @@ def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: A
     if most_fit and (outliers := _outliers("pose", angle, distance, travel + reach, most)):
         return found + outliers
     if misfit:
-        start = f"the target seems to move by {np.degrees(turn):.2g} degrees and {1e3 * shift:.3g} mm RMS"
-        return [*found, f"X does not explain the poses: {start}. {other_readings(poses, turn, shift)}"]
+        values = {"rotation": turn, "translation": shift, "readings": other_readings(poses, turn, shift)}
+        return [*found, Finding("input_checks.poses_unexplained", "failure", values)]
     shows = max(SCALE_SHOWS * travel, 0.005 * reach, 3.0 * _rms(most, 1), 1e-9)
     if shift > shows and (scaled := scaled_reading(G, C, shift)):
-        found.append(f"The translations of robot and camera do not go together: it would fit if {scaled}.")
+        found.append(Finding("input_checks.wrong_scale", "failure", {"reading": scaled}))
     return found + _check_lengths(poses, X)
 
 
@@ -239,7 +219,7 @@ def _turns(T: Array) -> Array:
 
 def _against_noise(
     what: str, n: int, rows: tuple[Array, Array], least: tuple[Array, Array] | None, most: tuple[Array, Array]
-) -> list[str]:
+) -> list[Finding]:
     """RMS rotation and translation residuals of n things against the mean squares that the noise explains.
 
     ``most`` counts what the error of X adds in full, though the residuals share part of it; ``least`` leaves it
@@ -247,20 +227,15 @@ def _against_noise(
     """
     low, high = _chance(3 * n - 3)
     found = []
-    for k, (name, unit, factor) in enumerate((("rotation", "degrees", 180 / np.pi), ("translation", "mm", 1e3))):
+    for k, part in enumerate(("rotation", "translation")):
         rms, expected = float(np.sqrt(np.mean(rows[k] ** 2))), float(np.sqrt(np.mean(most[k])))
-        start = f"The {name} residuals of the {what} ({factor * rms:.3g} {unit} RMS) are "
         if rms > 1.3 * high * expected and rms > EXACT:
-            ratio = f"{rms / expected:.3g} times what" if expected > 0 else "more than"
-            found.append(
-                f"{start}{ratio} the noise given explains ({factor * expected:.3g} {unit}). Either the noise is larger "
-                "than given or the data are wrong; the standard deviations of X are too small."
-            )
+            values = {"what": what, "part": part, "rms": rms, "expected": expected}
+            severity: Severity = "failure" if rms > GROSS * expected else "caution"
+            found.append(Finding("input_checks.noise_too_small", severity, values))
         elif least is not None and EXACT < rms < min(low, 1 / 3) * (floor := float(np.sqrt(np.mean(least[k])))):
-            found.append(
-                f"{start}{floor / rms:.3g} times smaller than the noise given explains ({factor * floor:.3g} {unit}): "
-                "the noise seems overstated, and with it the standard deviations of X. Check the units."
-            )
+            values = {"what": what, "part": part, "rms": rms, "expected": floor}
+            found.append(Finding("input_checks.noise_too_large", "caution", values))
     return found
 
 
@@ -298,7 +273,7 @@ def _chance(degrees_of_freedom: int) -> tuple[float, float]:
 
 def _outliers(
     what: str, angle: Array, distance: Array, size: float, explained: tuple[Array, Array] | None
-) -> list[str]:
+) -> list[Finding]:
     """Poses or motions whose residual, in units of what its noise explains, stands out of the others."""
     n = len(angle)
     if n < 6:
@@ -314,16 +289,18 @@ def _outliers(
     if not rows.size:
         return []
     rows = rows[np.argsort(-far[rows])]
-    named = ", ".join(f"{what} {k} ({np.degrees(angle[k]):.2g} degrees, {1e3 * distance[k]:.3g} mm)" for k in rows[:5])
-    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
-    return [
-        f"{len(rows)} of {n} {what}s fit much worse than the others (median {np.degrees(median(angle)):.2g} degrees, "
-        f"{1e3 * median(distance):.3g} mm): {named}{more}, counted from 0. Look for a wrong detection or a row that "
-        "belongs to another moment, and leave it out of both files."
-    ]
+    values = {
+        "what": what,
+        "count": rows.size,
+        "n": n,
+        "rotation": median(angle),
+        "translation": median(distance),
+        "worst": [{"row": int(k), "rotation": angle[k], "translation": distance[k]} for k in rows[:5]],
+    }
+    return [Finding("input_checks.outliers", "caution", values)]
 
 
-def _check_lengths(poses: PosePairs, X: Array) -> list[str]:
+def _check_lengths(poses: PosePairs, X: Array) -> list[Finding]:
     """Is the sensor bracket longer than the arm? Swapped files fit AX = XB exactly and give inv(W) for X."""
     W = poses.effective_robot @ X @ poses.camera
     long_X = float(np.linalg.norm(X[:3, 3]))
@@ -332,19 +309,14 @@ def _check_lengths(poses: PosePairs, X: Array) -> list[str]:
     if on_gripper < LONG_BRACKET or on_gripper < 2.0 * fixed:
         return []
     what = "camera" if poses.setup == "eye-in-hand" else "target"
-    return [
-        f"The {what} would sit {on_gripper:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m "
-        "from the base. If that is not so, the two files are swapped or both hold inverse poses: such data fit equally "
-        'well, with another X. Give the robot\'s file first; or robot_frame="gripper_T_base", '
-        'camera_frame="target_T_camera" (--robot-frame gripper_T_base --camera-frame target_T_camera).'
-    ]
+    return [Finding("input_checks.long_bracket", "caution", {"what": what, "length": on_gripper, "fixed": fixed})]
 
 
 def check_motions(
     motions: Motions, noise: Noise | None, covariance: Array | None, angle: Array, distance: Array, X: Array
-) -> list[str]:
+) -> list[Finding]:
     """Residuals (N,) of motions that come without poses: against the noise, their size and each other."""
-    found = []
+    found: list[Finding] = []
     A, B = motions.A, motions.B
     most = None
     if isinstance(noise, PairNoise) and covariance is not None:
@@ -361,10 +333,8 @@ def check_motions(
     travel = float(np.sqrt(3.0 * np.mean(A[:, :3, 3] ** 2)))
     turn, shift = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2)))
     if turn > max(LARGE_ROTATION, 3.0 * _rms(most, 0)) or shift > max(LARGE_TRANSLATION * travel, 3.0 * _rms(most, 1)):
-        found.append(
-            f"X does not explain the motions: residuals {np.degrees(turn):.2g} degrees and {1e3 * shift:.3g} mm RMS. "
-            "Check the directions and units of `A` and `B` and that they belong together."
-        )
+        values = {"rotation": turn, "translation": shift}
+        found.append(Finding("input_checks.motions_unexplained", "failure", values))
     return found + _outliers("motion", angle, distance, travel, most)
 
 

@@ -1,9 +1,13 @@
 """Which other reading of the two files would fit (setup, direction, quaternion order, unit), and how to ask for it.
 
-`plausibility` asks where X does not explain the poses. Every answer names the argument of `read_poses` and the option.
+`checks` asks where X does not explain the poses. A reading is a dictionary of plain values: its ``kind`` ("inverse
+robot", "inverse camera", "quaternion", "scale") and what belongs to it; `sentences` names the argument of `read_poses`
+and the option.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,41 +31,27 @@ FITS = 0.2
 SEARCH_PAIRS = 2000
 
 
-def other_readings(poses: PosePairs, turn: float, shift: float) -> str:
-    """Which inversion, quaternion order or unit would make W constant in rotation *and* translation.
+def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str, Any]]:
+    """The inversions, quaternion orders or units that would make W constant in rotation *and* translation; two at most.
 
     If ``G X C = W`` is constant, so is ``inv(G) W inv(C) = X``: inverting one of the two lists breaks the fit,
     inverting the other as well restores it with the roles of X and W exchanged. So inversions come in twos.
     """
     G, C = poses.effective_robot, poses.camera
     other = "eye-to-hand" if poses.setup == "eye-in-hand" else "eye-in-hand"
-    candidates = [
-        (
-            f"the setup is {other}, or the robot file holds inverse poses",
-            f'setup="{other}" (--setup {other}), or robot_frame="gripper_T_base" (--robot-frame gripper_T_base)',
-            inverse(G),
-            C,
-        ),
-        (
-            "the camera file holds inverse poses, target_T_camera",
-            'camera_frame="target_T_camera" (--camera-frame target_T_camera)',
-            G,
-            inverse(C),
-        ),
+    candidates: list[tuple[dict[str, Any], Array, Array]] = [
+        ({"kind": "inverse robot", "setup": other}, inverse(G), C),
+        ({"kind": "inverse camera"}, G, inverse(C)),
     ]
-    for shift_by, where, order in ((-1, "first", "wxyz"), (1, "last", "xyzw")):
+    for shift_by, order in ((-1, "wxyz"), (1, "xyzw")):
         robot, camera = _reordered_robot(poses, shift_by), _reordered(C, shift_by)
         candidates += [
-            (f"{file} the scalar of the quaternion {where}", option, *pair)
-            for file, option, pair in (
-                ("the robot file has", in_both("robot", "quaternion", order), (robot, C)),
-                ("the camera file has", in_both("camera", "quaternion", order), (G, camera)),
-                ("both files have", f'quaternion="{order}" (--quaternion {order})', (robot, camera)),
-            )
+            ({"kind": "quaternion", "file": file, "order": order}, *pair)
+            for file, pair in (("robot", (robot, C)), ("camera", (G, camera)), (None, (robot, camera)))
         ]
-    fitting = []
+    fitting: list[tuple[float, dict[str, Any]]] = []
     largest = FITS * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))
-    for text, option, robot, camera in candidates:
+    for reading, robot, camera in candidates:
         fit = _fit(robot, camera)
         if fit is not None and fit[1] > largest:
             continue
@@ -70,29 +60,24 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> str:
         # The camera's rotation is not in the translation of W, which may fit already.
         only_turns = fit is not None and fit[0] < 0.1 * turn and fit[1] < 1.5 * shift
         if fit is not None and ((turns and fit[1] < 0.4 * shift) or only_turns):
-            fitting.append((fit[1], f"{text} (X would be {fit[2]:.3g} m long): {option}"))
-    fitting = [(left, text) for left, text in fitting if left < ALIKE * min(fitting)[0] + EXACT]
+            fitting.append((fit[1], reading | {"length": fit[2]}))
+    best = min((left for left, _ in fitting), default=0.0)
+    fitting = [(left, reading) for left, reading in fitting if left < ALIKE * best + EXACT]
     if scaled := scaled_reading(G, C, shift):
         fitting.append((0.0, scaled))
-    if not fitting:
-        return (
-            "No inversion, quaternion order or unit that was tried fits: either the rows do not belong together, or "
-            "the poses carry errors of this size."
-        )
-    texts = [text for _, text in sorted(fitting)[:2]]
-    return f"It would fit if {'; or if '.join(texts)}."
+    return [reading for _, reading in sorted(fitting, key=lambda found: found[0])[:2]]
 
 
-def scaled_reading(G: Array, C: Array, shift: float) -> str:
-    """What to say if a factor on the camera's translations makes them fit; empty if none does."""
+def scaled_reading(G: Array, C: Array, shift: float) -> dict[str, Any] | None:
+    """The factor on the camera's translations that makes them fit, with the unit it may come from, if one does."""
     scale = _scaled_camera(G, C) if len(G) >= 6 else None  # four numbers fitted to fewer poses fit anything
     if scale is None or abs(scale - 1.0) <= 0.02:
-        return ""
+        return None
     camera = C.copy()
     camera[:, :3, 3] *= scale
     fit = _fit(G, camera)
     if fit is None or fit[1] >= 0.4 * shift:
-        return ""
+        return None
     file, unit = next(
         (
             (file, unit)
@@ -100,21 +85,9 @@ def scaled_reading(G: Array, C: Array, shift: float) -> str:
             for file, factor in (("camera", LENGTH_UNITS[unit]), ("robot", 1.0 / LENGTH_UNITS[unit]))
             if abs(scale / factor - 1.0) < 0.03
         ),
-        ("", ""),
+        (None, None),
     )
-    cause = (
-        f"the {file} file is in {unit}, {in_both(file, 'units', unit, 'm')}"
-        if unit
-        else "one file is in another unit (--robot-units, --camera-units)"
-    )
-    return f"the camera translations are multiplied by {scale:.4g}: {cause}, or the size of the target is wrong"
-
-
-def in_both(file: str, argument: str, value: str, other: str | None = None) -> str:
-    """How to say it for one file, in Python and on the command line: ``units=("m", "mm") (--camera-units mm)``."""
-    second = "None" if other is None else f'"{other}"'
-    pair = f'"{value}", {second}' if file == "robot" else f'{second}, "{value}"'
-    return f"{argument}=({pair}) (--{file}-{argument} {value})"
+    return {"kind": "scale", "factor": scale, "file": file, "unit": unit}
 
 
 def _fit(G: Array, C: Array) -> tuple[float, float, float] | None:

@@ -22,13 +22,14 @@ robust fit to the rows as given, and must be like those of the rows that did not
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DegenerateMotionError, InputError
+from ..findings import Finding
 from ..geometry.se3 import Array
 from ..likelihood.consensus import consensus, misfit
 from ..likelihood.constraint import OnPoses, Unknowns
@@ -64,7 +65,21 @@ class Shift:
     camera_rows: NDArray[np.intp]  # (m,) the partners
     stretches: tuple[tuple[int, int, int], ...]  # (first robot row, first one after it, k): row i belongs to i + k
     ratio: tuple[float, float]  # median residual (rotation, translation) of the rows that moved, new : as given
-    statement: str
+    n: int  # rows as given
+
+    @property
+    def finding(self) -> Finding:
+        """Which rows belong together, which to leave out, and what it changes."""
+        robot, camera = (np.setdiff1d(np.arange(self.n), rows) for rows in (self.robot_rows, self.camera_rows))
+        rotation, translation = self.ratio
+        values = {
+            "stretches": self.stretches,
+            "robot_left_out": robot,
+            "camera_left_out": camera,
+            "rotation": rotation,
+            "translation": translation,
+        }
+        return Finding("input_checks.shifted_rows", "failure", values)
 
     def apply(self, poses: PosePairs) -> PosePairs:
         """The poses paired anew; timestamps are those of the robot rows."""
@@ -131,12 +146,11 @@ def find_shift(poses: PosePairs, *, seed: int | np.random.Generator = 0) -> Shif
     unlike = len(others) >= FEWEST and bool((fits > ALIKE * np.median(others, axis=0) + EXACT).any())
     if unlike or not (ratio < CONFIRMED).all():
         return None
-    shift = Shift(robot_rows, camera_rows, tuple(stretches), (float(ratio[0]), float(ratio[1])), "")
-    return replace(shift, statement=_statement(shift, n))
+    return Shift(robot_rows, camera_rows, tuple(stretches), (float(ratio[0]), float(ratio[1])), n)
 
 
-def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_]) -> str | None:
-    """Whether wrong rows in a run, too few for `find_shift`, fit their neighbours in the run: in words, or None.
+def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_]) -> Finding | None:
+    """Whether wrong rows in a run, too few for `find_shift`, fit their neighbours in the run.
 
     ``at`` is what the other poses agree on. Where a row is lost near an end of the file, all rows from there to the end
     are wrong, and fit once they are moved by one.
@@ -151,12 +165,14 @@ def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_]) -> str
                 continue
             moved = misfit(OnPoses(poses.robot[rows], poses.camera[rows + shift], inverted), at)
             if (moved < NEIGHBOURLY**2 * typical + EXACT**2).all():
-                own, others = f"{rows[0]} to {rows[-1]}", f"{rows[0] + shift} to {rows[-1] + shift}"
-                return (
-                    f"Robot rows {own} fit the camera rows {others}, not their own: the "
-                    f"{'camera' if shift < 0 else 'robot'} file lacks a row near row {first}. Pair them anew (rows "
-                    "counted from 0)."
-                )
+                values = {
+                    "first": int(rows[0]),
+                    "last": int(rows[-1]),
+                    "shift": shift,
+                    "lacks": "camera" if shift < 0 else "robot",
+                    "near": first,
+                }
+                return Finding("input_checks.shifted_run", "caution", values)
     return None
 
 
@@ -298,57 +314,3 @@ def _refined(
         edge = first + int(begins[np.argmin(total)])
         found[s], found[s + 1] = (first, edge, old), (edge, after, new)
     return found
-
-
-# ------------------------------------------------------------------------------------------------------ in words
-
-
-def _statement(shift: Shift, n: int) -> str:
-    """Which file begins early, where a file lacks a row, which rows to leave out, and what it changes."""
-    parts = []
-    k = shift.stretches[0][2]
-    if k:
-        early, late = ("camera", "robot") if k > 0 else ("robot", "camera")
-        rows = f"{abs(k)} row" + ("" if abs(k) == 1 else "s")
-        until = "" if len(shift.stretches) == 1 else f", up to robot row {shift.stretches[0][1] - 1}"
-        parts.append(
-            f"The {early} file begins {rows} before the {late} file: robot row i belongs to camera row "
-            f"{_plus(k)}{until}."
-        )
-    for (_, edge, old), (_, _, new) in pairwise(shift.stretches):
-        missing = old - new
-        if missing > 0:
-            parts.append(
-                f"The camera file has nothing for {_span(edge, missing, 'robot row')} (no detection?): "
-                f"from robot row {edge + missing} on, robot row i belongs to camera row {_plus(new)}."
-            )
-        else:
-            parts.append(
-                f"The robot file has nothing for {_span(edge + old, -missing, 'camera row')}: from robot row {edge} "
-                f"on, robot row i belongs to camera row {_plus(new)}."
-            )
-    left = [np.setdiff1d(np.arange(n), rows) for rows in (shift.robot_rows, shift.camera_rows)]
-    leave = " and ".join(
-        f"{name} {_listed(rows)}" for name, rows in zip(("robot", "camera"), left, strict=True) if len(rows)
-    )
-    rotation, translation = shift.ratio
-    parts.append(
-        f"To pair them, leave out {leave} (rows counted from 0). With that, the residuals of the rows that move fall "
-        f"to {100 * rotation:.2g} % (rotation) and {100 * translation:.2g} % (translation) of what they are as given."
-    )
-    return " ".join(parts)
-
-
-def _plus(k: int) -> str:
-    return f"i {'+' if k > 0 else '-'} {abs(k)}" if k else "i"
-
-
-def _span(first: int, count: int, what: str) -> str:
-    return f"{what} {first}" if count == 1 else f"{what}s {first} to {first + count - 1}"
-
-
-def _listed(rows: NDArray[np.intp]) -> str:
-    """rows 3, 7 to 9"""
-    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    texts = [f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
-    return ("row " if len(rows) == 1 else "rows ") + ", ".join(texts)

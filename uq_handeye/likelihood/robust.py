@@ -65,7 +65,7 @@ class RobustFit:
     weights: Array  # (n,) in [0, 1]
     distances: Array  # (n,) d^2, chi-square(6) for good poses and true noise
     leverage: Array  # (n,) share of each pose in the estimate; the sum is 1
-    flags: tuple[str, ...]  # "kept", "downweighted (0.40)" or "rejected"
+    flags: tuple[str, ...]  # "kept", "downweighted" or "rejected"
     scale: float  # the noise of most poses is so many times the one given; 1 unless it is surely larger
     limit: float  # poses with d^2 above it are flagged
     subsets: int  # that were tried for the start
@@ -179,7 +179,7 @@ def robust_fit(
             "moved and the clocks differ, synchronise the streams (--pair async)."
         )
     flags = tuple(
-        "kept" if d <= limit else "rejected" if w == 0 else f"downweighted ({min(w, 0.99):.2f})"
+        "kept" if d <= limit else "rejected" if w == 0 else "downweighted"
         for d, w in zip(distances.tolist(), weights.tolist(), strict=True)
     )
     return RobustFit(found, noise, weights, distances, leverage, flags, scale, limit, start.subsets)

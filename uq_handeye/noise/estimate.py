@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..files.validate import array_of
 from ..formatting.units import parse_angle, parse_length
 from ..geometry.se3 import Array
 from .joint_covariance import JointCovariance
@@ -175,13 +176,13 @@ class NoiseEstimate:
             if given is not None:
                 kind = PairNoise if "A" in given else PoseNoise
                 noise = kind(**{name: _side_from_dict(side) for name, side in given.items()})
-            factor = values.get("camera_factor")
+            factor, size = values.get("camera_factor"), len(values["variances"])
             return cls(
                 noise,
                 tuple(Component(**component) for component in values["components"]),
                 tuple(values["statement"]),
-                np.array(values["variances"], dtype=float),
-                np.array(values["covariance"], dtype=float),
+                array_of(values["variances"], (size,), "noise_estimate.variances"),
+                array_of(values["covariance"], (size, size), "noise_estimate.covariance"),
                 float(values["dof"]),
                 None if factor is None else CameraFactor(**factor),
             )

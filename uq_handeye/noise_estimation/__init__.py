@@ -1,1 +1,3 @@
 """Restricted maximum likelihood of the noise, and what can be said of it."""
+
+from . import statements as statements

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..findings import sentence
 from ..formatting.numbers import digits, probability
 from ..noise.estimate import CameraFactor, Component, together
 
@@ -101,12 +102,18 @@ def camera_factor_words(factor: CameraFactor | None) -> str:
     """Whether the residuals contradict the camera's covariance."""
     if factor is None or factor.dof < TELLING:
         return "Whether that covariance is true the residuals cannot say: the robot's noise hides the camera's."
-    times = float(np.sqrt(factor.value))
+    return contradiction_words(factor.value, factor.p_value, factor.dof)
+
+
+@sentence("noise_estimation.camera_factor")
+def contradiction_words(factor: float, p_value: float, dof: float) -> str:
+    """How far the residuals would scale the camera's covariance, with what probability."""
+    times = float(np.sqrt(factor))
     start = (
         f"Left free, the residuals would make the camera's standard deviations {digits(times, 2)} times as large "
-        f"({probability(factor.p_value)}, {factor.dof:.0f} degrees of freedom)"
+        f"({probability(p_value)}, {dof:.0f} degrees of freedom)"
     )
-    if factor.p_value > CONTRADICTION:
+    if p_value > CONTRADICTION:
         return f"{start}: they do not contradict that covariance."
     return f"{start}: they contradict that covariance. " + (
         "The camera model is wrong, the board is not flat or not as long as given, or corners are wrong: look at "

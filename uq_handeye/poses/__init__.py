@@ -1,1 +1,3 @@
 """The data: pose pairs, motions, streams, their timing; residuals."""
+
+from . import sentences as sentences

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, InputWarning
+from ..errors import InputError
+from ..findings import Finding, warn
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array
 
@@ -86,15 +86,11 @@ class TimeOffset:
 
 def warn_left_out(function: str, data: Any) -> None:
     """Warn where ``data`` (PosePairs or Motions) have an offset that ``function`` takes as exact."""
-    for text in left_out_of(function, getattr(getattr(data, "poses", data), "timing", None)):
-        warnings.warn(text, InputWarning, stacklevel=3)
+    warn(left_out_of(function, getattr(getattr(data, "poses", data), "timing", None)), stacklevel=3)
 
 
-def left_out_of(function: str, timing: Timing | None) -> list[str]:
-    """What a function that takes the offset as exact has to say, if the offset matters."""
+def left_out_of(function: str, timing: Timing | None) -> list[Finding]:
+    """What a function that takes the offset as exact leaves out, if the offset matters."""
     if timing is None or not timing.matters:
         return []
-    return [
-        f"The time offset of these poses is known to {1e3 * timing.std:.2g} ms; {function} takes it as exact. "
-        "calibrate() with method 'efficient' or 'ml' takes its uncertainty in."
-    ]
+    return [Finding("poses.offset_taken_as_exact", "caution", {"function": function, "std": timing.std})]

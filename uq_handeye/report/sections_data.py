@@ -9,6 +9,7 @@ import numpy as np
 
 from ..calibration.report.analysis import budget_shares, covariance_names, fit_sentences, noise_sizes
 from ..calibration.report.time_offset import offset_lines
+from ..findings import texts
 from ..formatting.numbers import column, fixed
 from ..presentation.blocks import Block, Cell, Drawing, Paragraph, Points, Section, Table
 
@@ -69,7 +70,7 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
             column(table.distance2[shown]),
             column(100 * table.leverage[shown], 2),
             [f"{table.weight[k]:.3f}" for k in shown],
-            [table.flag[k] for k in shown],
+            [table.status(k) for k in shown],
         )
         rows = list(zip(*columns, strict=True))
         head = [table.item, "rotation (deg)", "translation (mm)", "d²", "leverage (%)", "weight", "flag"]
@@ -259,6 +260,6 @@ def covariances_section(result: Calibration) -> Section:
         "Standard deviations of X by every covariance (* that of the result). All but the first are made of the "
         "residuals and need no model of the noise: where they are much larger, the noise is not as the model says."
     )
-    halves = [analysis.split_half.sentence, analysis.split_in_time.sentence]
-    warned = frozenset(text for text in halves if text in result.warnings)
-    return Section("covariances", title, [Table(caption, head, rows), Points(halves, warned)])
+    halves = (analysis.split_half.finding, analysis.split_in_time.finding)
+    points = Points([str(finding) for finding in halves], frozenset(texts(halves)))
+    return Section("covariances", title, [Table(caption, head, rows), points])

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...diagnostics.budget import SHARED
-from ...diagnostics.sentences import SYSTEMATIC, independent_words, joint_words, spectrum_words
 from ...formatting.numbers import digits, pose_rows, probability
 from ...formatting.paragraphs import wrapped
 from ...geometry.pose_numbers import pose_numbers
@@ -183,7 +182,7 @@ def pose_lines(result: Calibration) -> list[str]:
     for k in order[:MOST_LISTED]:
         turn, move = np.degrees(table.rotation[k]), 1e3 * table.translation[k]
         away = f"{digits(turn)} deg, {digits(move)} mm, d^2 = {digits(table.distance2[k], 4)}"
-        lines.append(f"  {table.item} {k}: {away}, {table.flag[k]}")
+        lines.append(f"  {table.item} {k}: {away}, {table.status(k)}")
     if len(order) > MOST_LISTED:
         lines.append(f"  and {len(order) - MOST_LISTED} more; see the table of the result")
     return lines
@@ -224,19 +223,20 @@ def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:
     return f"{side} coupling" in sources or (S is not None and is_joint(S) and not split)
 
 
+# The directions stand among the numbers of the summary, what is not covered at its end.
+_SAID_ELSEWHERE = {"diagnostics.direction", "diagnostics.systematic"}
+
+
 def diagnosis_lines(result: Calibration) -> list[str]:
     """Diagnostics and split halves in words."""
     analysis = result.analysis
     if analysis is None:
         return []
-    found = analysis.diagnostics
-    # Said elsewhere in the summary: what warns above, the directions among the numbers, what is not covered at the end.
-    said = {*result.warnings, SYSTEMATIC, *(text for _, text in spectrum_words(found.spectrum))}
-    if said.intersection(found.shared_errors()):
-        said.add(independent_words(found))
-    texts = [joint_words(found.spectrum), *(text for text in found.sentences() if text not in said)]
-    halves = [analysis.split_half.sentence, analysis.split_in_time.sentence]
-    texts += [text for text in halves if text not in said]
-    above = " (see the cautions above)" if {*found.warnings(), *halves}.intersection(result.warnings) else ""
-    title = f"Diagnostics{above}:"
-    return [title, *(line for text in texts for line in wrapped(f"- {text}", indent="    ", first="  "))]
+    lower_bound = any(finding.code == "diagnostics.lower_bound" for finding in result.findings)
+    elsewhere = _SAID_ELSEWHERE | ({"diagnostics.independent_camera"} if lower_bound else set())
+    found = [f for f in analysis.diagnostics.findings if f.code not in elsewhere]
+    found.sort(key=lambda f: f.code != "diagnostics.joint_spectrum")  # that one first
+    found += [analysis.split_half.finding, analysis.split_in_time.finding]
+    below = [f for f in found if f not in result.findings]
+    title = f"Diagnostics{' (see the cautions above)' if len(below) < len(found) else ''}:"
+    return [title, *(line for f in below for line in wrapped(f"- {f}", indent="    ", first="  "))]

@@ -41,7 +41,7 @@ def residual_figure(table: PoseTable) -> Figure:
     axes: Any = figure.subplots(3, 1, sharex=True, height_ratios=[1, 1, 1.15])
     values = (np.degrees(table.rotation), 1e3 * table.translation, np.maximum(table.distance2, 1e-3))
     names = ("rotation (deg)", "translation (mm)", "$d^2$")
-    groups = {word: np.array([flag.startswith(word) for flag in table.flag], dtype=bool) for word in MARKS}
+    groups = {word: np.array([flag == word for flag in table.flag], dtype=bool) for word in MARKS}
     named = sorted(table.flagged, key=lambda k: -table.distance2[k])[:MOST_NAMED]
     for axis, value, name in zip(axes, values, names, strict=True):
         plain(axis)

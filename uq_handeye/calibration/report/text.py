@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...diagnostics.diagnose import UNKNOWN_FRAME
-from ...diagnostics.residual_patterns import RARE
+from ...diagnostics.result import UNKNOWN_FRAME
 from ...diagnostics.sentences import direction_words
 from ...formatting.numbers import digits, pose_rows, row
 from ...formatting.paragraphs import wrapped
@@ -81,16 +80,15 @@ def answer(result: Calibration) -> str:
     text = f"{digits(move, 2)} mm and {digits(turn, 2)} deg (1 sigma, worst axis)"
     order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
     source = f"{order} of {source_words(result)}"
-    shared = [] if result.analysis is None else result.analysis.diagnostics.shared_errors()
-    if shared and set(shared) <= set(result.warnings):
+    if any(finding.code == "diagnostics.lower_bound" for finding in result.findings):
         text = f"{result.frame} is known at best to {text}, {source}: that does not contain the errors that all poses "
         text += "share, such as those of the camera's intrinsics."
     else:
         text = f"{result.frame} is known to {text}, {source}."
     if result.analysis is not None and result.covariance_kind != "hac":
-        found = result.analysis.diagnostics.autocorrelation
-        if not found.reason and found.p_value < RARE and found.growth > 1.1:
-            times = digits(found.growth, 2)
+        found = result.analysis.diagnostics
+        if found.correlated and found.autocorrelation.growth > 1.1:
+            times = digits(found.autocorrelation.growth, 2)
             text += f" Neighbouring poses are not independent: about {times} times as much is nearer the truth."
     return text
 
@@ -127,7 +125,7 @@ def directions(result: Calibration) -> list[str]:
     sentences = []
     for name, S, factor in (("translation", tau, 1e3), ("rotation", theta, 180 / np.pi)):
         sd, axes = principal_axes(S)
-        text = direction_words(name, factor * sd, axes[0], parent)
+        text = direction_words(name, factor * sd[0], factor * sd[-1], axes[0], parent)
         sentences.append(f"{text[0].upper()}{text[1:]}.")
     return sentences
 

@@ -1,0 +1,261 @@
+"""Diagnostics of a fit: observability, influence, residual tests, systematic errors; and what each of them comes to.
+
+All numbers are those of `diagnose`, which has the model. ``findings`` judge them; their words are in `sentences`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..files.validate import plain, section
+from ..findings import Finding, texts
+from ..geometry.se3 import Array
+from .residual_patterns import RARE, RARE_PATTERN, Autocorrelation, Normality, Regression
+from .scale_errors import FOCAL, ROBOT, SCALE, SCORE, TARGET, ScaleError
+
+_MM, _DEG = 1e3, 180.0 / np.pi
+# Of motions that come without poses.
+UNKNOWN_FRAME = "parent frame of X"
+# Poses that move X by more, in standard deviations, are named.
+STRONG = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Principal axes of the covariance of X, least certain first; ``axes`` hold one unit vector per row."""
+
+    frame: str
+    sd_rotation_deg: Array  # (3,)
+    axes_rotation: Array  # (3, 3)
+    sd_translation_mm: Array  # (3,)
+    axes_translation: Array  # (3, 3)
+    length_m: float  # rotations are multiplied by it in the joint spectrum
+    length_of: str
+    sd_joint_mm: Array  # (6,)
+    axes_joint: Array  # (6, 6) of (length theta, tau)
+    condition: float  # largest by smallest of sd_joint_mm
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The least certain directions, and rotation and translation at one scale."""
+        directions = (
+            _note(
+                "direction", what=what, largest=sd[0], smallest=sd[-1], axis=axes[0], frame=self.frame
+            )
+            for what, sd, axes in (
+                ("translation", self.sd_translation_mm, self.axes_translation),
+                ("rotation", self.sd_rotation_deg, self.axes_rotation),
+            )
+        )  # fmt: skip
+        joint = _note(
+            "joint_spectrum",
+            length_m=self.length_m,
+            length_of=self.length_of,
+            largest=self.sd_joint_mm[0],
+            smallest=self.sd_joint_mm[-1],
+        )
+        return (*directions, joint)
+
+
+@dataclass(frozen=True, eq=False)
+class Influence:
+    """Of each pose (or motion): its share of the information about X, and what X does when it is left out."""
+
+    share: Array  # (n,), sums to 1
+    effective_number: float  # 1 / sum share^2
+    shift: Array  # (n, 6) of X, rad and m; infinite where X is not determined without the row
+    shift_sd: Array  # (n,) sqrt(shift^T C_XX^-1 shift): in standard deviations of X
+    cook: Array  # (n,) shift^T C_XX^-1 shift / 6
+    p_value: Array  # (n,) of the row's residual given all others, chi-square(6) if the noise is right
+
+    def findings(self, n: int, item: str) -> tuple[Finding, ...]:
+        """How the information is spread over n rows, those that are needed, and those that move X most."""
+        most = int(self.share.argmax())
+        found = [
+            _note(
+                "information", item=item, n=n, effective=self.effective_number, row=most, share=self.share[most]
+            )
+        ]  # fmt: skip
+        needed = np.flatnonzero(np.isinf(self.shift_sd))
+        if needed.size:
+            found.append(_caution("needed_rows", item=item, rows=needed))
+        strong = np.flatnonzero(np.isfinite(self.shift_sd) & (self.shift_sd > STRONG))
+        for k in strong[np.argsort(-self.shift_sd[strong])][:3].tolist():
+            values = {
+                "item": item,
+                "row": k,
+                "shift_sd": self.shift_sd[k],
+                "rotation": np.linalg.norm(self.shift[k, :3]),
+                "translation": np.linalg.norm(self.shift[k, 3:]),
+                "p_value": self.p_value[k],
+            }
+            found.append(
+                _caution("wrong_row", **values) if self.p_value[k] < RARE / n else _note("strong_row", **values)
+            )
+        return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Diversity:
+    """Eigenvalues and axes (rows) of ``sum u u^T`` scaled to trace 1, ``u = sin(angle/2) axis`` of robot motions."""
+
+    share: Array  # (3,) largest first
+    axes: Array  # (3, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnostics:
+    """All of `diagnose`, and in ``findings`` what it comes to; ``sentences()`` says it in words."""
+
+    n: int
+    item: str  # "pose" or "motion"
+    independent_camera: bool  # the camera has noise, taken as independent from row to row
+    sigma_0: float  # root of chi-square of the fit by its degrees of freedom
+    spectrum: Spectrum
+    influence: Influence
+    diversity: Diversity
+    autocorrelation: Autocorrelation
+    normality: Normality
+    regression: Regression
+    probes: tuple[ScaleError, ...]
+    focal_covered: bool = False  # the noise contains the error of a focal length estimated with the camera poses
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Everything that was found; what a user should act upon is more than a note."""
+        turning = _note("turning", share=self.diversity.share, axis=self.diversity.axes[0], frame=self.frame)
+        return (
+            *self.spectrum.findings,
+            *self.influence.findings(self.n, self.item),
+            turning,
+            *self._of_residuals(),
+            *self._of_shared_errors(),
+        )
+
+    @property
+    def shared_errors(self) -> tuple[Finding, ...]:
+        """What noise that is estimated from one camera's poses cannot contain; nothing where it would hardly matter."""
+        focal = self.probes[0]
+        if not self.independent_camera or focal.reason is not None or focal.shift_sd < 1:
+            return ()
+        move = np.linalg.norm(focal.shift[3:])
+        return (_caution("lower_bound", translation=move, shift_sd=focal.shift_sd),)
+
+    @property
+    def correlated(self) -> bool:
+        """Whether neighbouring residuals are correlated beyond chance."""
+        return self.autocorrelation.reason is None and self.autocorrelation.p_value < RARE
+
+    def sentences(self) -> list[str]:
+        """All findings in words."""
+        return [str(finding) for finding in self.findings]
+
+    def warnings(self) -> list[str]:
+        """Those of the sentences that a user should act upon."""
+        return list(texts(self.findings))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text; None stands for an infinite number."""
+        return dict(plain(asdict(self)))
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Diagnostics:
+        """The inverse of `to_dict`."""
+        n = data["n"]
+        lags = len(data["autocorrelation"]["correlation"])
+        sizes: dict[str, tuple[type[Any], dict[str, tuple[int, ...]]]] = {
+            "spectrum": (Spectrum, _SPECTRUM),
+            "influence": (Influence, {"share": (n,), "shift": (n, 6), "shift_sd": (n,), "cook": (n,), "p_value": (n,)}),
+            "diversity": (Diversity, {"share": (3,), "axes": (3, 3)}),
+            "autocorrelation": (Autocorrelation, {"correlation": (lags,), "standard_error": (lags,)}),
+            "normality": (Normality, {"skewness": (0 if data["normality"]["reason"] else 6,)}),
+            "regression": (Regression, {}),
+        }
+        parts = {name: section(kind, data[name], shapes, name, _INFINITE) for name, (kind, shapes) in sizes.items()}
+        values = data | parts
+        values["probes"] = tuple(section(ScaleError, probe, {"shift": (6,)}) for probe in data["probes"])
+        if tuple(probe.name for probe in values["probes"]) != (FOCAL, TARGET, ROBOT):
+            raise InputError(f"Expected the errors of {FOCAL}, {TARGET} and {ROBOT} among the diagnostics.")
+        if lags == 0 and values["autocorrelation"].reason is None:
+            raise InputError("Expected autocorrelations among the diagnostics, or the reason why there are none.")
+        return cls(**values)
+
+    @property
+    def frame(self) -> str:
+        """The parent frame of X."""
+        return self.spectrum.frame
+
+    def _of_residuals(self) -> list[Finding]:
+        a, m, g = self.autocorrelation, self.normality, self.regression
+        found = []
+        if a.reason is not None:
+            found.append(a.reason)
+        elif self.correlated:
+            values = {"lag_1": a.correlation[0], "p_value": a.p_value, "growth": a.growth, "n": self.n}
+            found.append(_caution("correlated", item=self.item, **values))
+        else:
+            found.append(_note("uncorrelated", lag_1=a.correlation[0], standard_error=a.standard_error[0]))
+        if m.reason is not None:
+            found.append(m.reason)
+        elif m.p_value < RARE:
+            tails = m.excess_kurtosis if m.p_kurtosis < max(m.p_skewness, RARE) else None
+            skewed = np.abs(m.skewness).max() if m.p_skewness < max(m.p_kurtosis, RARE) else None
+            found.append(_caution("not_gaussian", p_value=m.p_value, excess_kurtosis=tails, skewness=skewed))
+        else:
+            found.append(_note("gaussian", p_value=m.p_value))
+        if g.reason is not None:
+            found.append(g.reason)
+        elif g.p_value < RARE_PATTERN:
+            values = {"r_squared": g.r_squared, "chance": g.chance, "p_value": g.p_value}
+            found.append(_caution("pattern", item=self.item, correlated=self.correlated, **values))
+        else:
+            found.append(_note("no_pattern", item=self.item))
+        return found
+
+    def _of_shared_errors(self) -> list[Finding]:
+        found, focal = [_note("systematic")], self.probes[0]
+        if self.independent_camera:
+            found.append(_note("independent_camera", item=self.item))
+        for probe in self.probes:
+            if probe.name == FOCAL and self.focal_covered:
+                found.append(_note("focal_covered"))
+            elif probe.reason is not None:
+                found.append(probe.reason)
+            else:
+                turn, move = np.linalg.norm(probe.shift[:3]), np.linalg.norm(probe.shift[3:])
+                values = {"rotation": turn, "translation": move, "shift_sd": probe.shift_sd}
+                found.append(_note("scale_error", name=probe.name, **values))
+        if self.independent_camera and focal.visible:
+            span = focal.sd / SCALE
+            move = span * np.linalg.norm(focal.shift[3:])
+            found.append(_note("focal_range", sd=focal.sd, translation=move, shift_sd=span * focal.shift_sd))
+        wrong = [probe for probe in self.probes if probe.visible and abs(probe.z) > SCORE]
+        for probe in wrong:
+            found.append(_caution("scale_shows", name=probe.name, estimate=probe.estimate, sd=probe.sd, z=probe.z))
+        if {TARGET, ROBOT} <= {probe.name for probe in wrong}:
+            found.append(_note("scales_alike"))
+        return found
+
+
+_INFINITE = ("shift", "shift_sd", "cook", "condition")
+_SPECTRUM = {
+    "sd_rotation_deg": (3,),
+    "axes_rotation": (3, 3),
+    "sd_translation_mm": (3,),
+    "axes_translation": (3, 3),
+    "sd_joint_mm": (6,),
+    "axes_joint": (6, 6),
+}
+
+
+def _note(what: str, /, **values: Any) -> Finding:
+    return Finding(f"diagnostics.{what}", "note", values)
+
+
+def _caution(what: str, /, **values: Any) -> Finding:
+    return Finding(f"diagnostics.{what}", "caution", values)

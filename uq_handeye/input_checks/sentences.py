@@ -1,0 +1,278 @@
+"""What the input checks find, in words: which thing looks wrong, and which argument or option to try.
+
+Values are in rad and m; rows count from 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+from ..findings import sentence
+
+_DEG, _MM = 180.0 / math.pi, 1e3
+
+
+# ------------------------------------------------------------------------------------ what the columns look like
+
+
+@sentence("input_checks.far")
+def _(file: str, reach: float, unit: str, from_corners: bool) -> str:
+    looks = "millimetres" if unit == "mm" else "centimetres, or inches (in)"
+    small = "" if unit == "mm" else "; or mm, if the rig is smaller than a hand"
+    give = f"Give {_option(file, 'units', unit, 'm')}{small}"
+    if from_corners:  # it is the board that gives their size
+        give = f"Calibrate the camera again with the board in its unit (--units {unit}, or --square with one)"
+    return f"The {file} translations reach {reach:.4g} m: they look like {looks}. {give}."
+
+
+@sentence("input_checks.constant_column")
+def _(file: str, column: str, value: float) -> str:
+    return f"Column {column} of the {file} poses is constant ({value:.6g})."
+
+
+@sentence("input_checks.identical_columns")
+def _(file: str, columns: Sequence[str], n: int) -> str:
+    return (
+        f"Columns {columns[0]} and {columns[1]} of the {file} poses are identical in all {n} rows: one of them was "
+        "lost when the file was written."
+    )
+
+
+@sentence("input_checks.repeated_rows")
+def _(file: str, count: int, n: int) -> str:
+    return f"{count} of {n} {file} poses repeat the row before exactly: they add no information."
+
+
+@sentence("input_checks.same_file")
+def _() -> str:
+    return "Robot and camera poses are the same numbers: the same file was given twice."
+
+
+# --------------------------------------------------------------------------------- what the rotations look like
+
+
+@sentence("input_checks.angles_disagree")
+def _(rms: float, largest: float, where: str, few: bool) -> str:
+    return (
+        f"Robot and camera disagree on how far they turned: rotation angles differ by {_DEG * rms:.1f} degrees RMS, "
+        f"{_DEG * largest:.1f} at most ({where}). "
+        + (
+            "Few pairs differ: look for wrong detections."
+            if few
+            else "The rows of the two files do not belong together (wrong pairing, a shift, a time offset); if both "
+            'have timestamps, try pair="time" (--pair time) or --pair async.'
+        )
+    )
+
+
+@sentence("input_checks.half_turns")
+def _(share: float) -> str:
+    return (
+        f"{100 * share:.0f} % of the motions turn by more than 150 degrees. 4DPA weights a motion by sin^2(angle), so "
+        "they count almost nothing; choose pairs that turn by 30 to 150 degrees."
+    )
+
+
+@sentence("input_checks.small_rotations")
+def _(largest: float) -> str:
+    return (
+        f"The robot turns by {_DEG * largest:.2g} degrees at most: noise is amplified. Turn it by 30 degrees and more, "
+        "about different axes."
+    )
+
+
+@sentence("input_checks.parallel_axes")
+def _(axis: Sequence[float], within: float) -> str:
+    return (
+        f"The rotation axes of the robot are nearly parallel to ({', '.join(f'{x:.2f}' for x in axis)}) (within "
+        f"{max(_DEG * within, 0.01):.2g} degrees): rotation about this axis and translation along it are hardly "
+        "determined. Add motions that turn about another axis."
+    )
+
+
+# ------------------------------------------------------------------------------------------ how well X fits them
+
+
+@sentence("input_checks.noise_too_small")
+def _(what: str, part: str, rms: float, expected: float) -> str:
+    ratio = f"{rms / expected:.3g} times what" if expected > 0 else "more than"
+    return (
+        f"The {part} residuals of the {what} ({_size(part, rms)} RMS) are {ratio} the noise given explains "
+        f"({_size(part, expected)}). Either the noise is larger than given or the data are wrong; the standard "
+        "deviations of X are too small."
+    )
+
+
+@sentence("input_checks.noise_too_large")
+def _(what: str, part: str, rms: float, expected: float) -> str:
+    return (
+        f"The {part} residuals of the {what} ({_size(part, rms)} RMS) are {expected / rms:.3g} times smaller than the "
+        f"noise given explains ({_size(part, expected)}): the noise seems overstated, and with it the standard "
+        "deviations of X. Check the units."
+    )
+
+
+@sentence("input_checks.outliers")
+def _(what: str, count: int, n: int, rotation: float, translation: float, worst: Sequence[Mapping[str, Any]]) -> str:
+    named = ", ".join(
+        f"{what} {row['row']} ({_DEG * row['rotation']:.2g} degrees, {_MM * row['translation']:.3g} mm)"
+        for row in worst
+    )
+    more = f" and {count - len(worst)} more" if count > len(worst) else ""
+    return (
+        f"{count} of {n} {what}s fit much worse than the others (median {_DEG * rotation:.2g} degrees, "
+        f"{_MM * translation:.3g} mm): {named}{more}, counted from 0. Look for a wrong detection or a row that belongs "
+        "to another moment, and leave it out of both files."
+    )
+
+
+@sentence("input_checks.poses_unexplained")
+def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]) -> str:
+    start = (
+        f"X does not explain the poses: the target seems to move by {_DEG * rotation:.2g} degrees and "
+        f"{_MM * translation:.3g} mm RMS."
+    )
+    if not readings:
+        return (
+            f"{start} No inversion, quaternion order or unit that was tried fits: either the rows do not belong "
+            "together, or the poses carry errors of this size."
+        )
+    return f"{start} It would fit if {'; or if '.join(_reading(**reading) for reading in readings)}."
+
+
+@sentence("input_checks.motions_unexplained")
+def _(rotation: float, translation: float) -> str:
+    return (
+        f"X does not explain the motions: residuals {_DEG * rotation:.2g} degrees and {_MM * translation:.3g} mm RMS. "
+        "Check the directions and units of `A` and `B` and that they belong together."
+    )
+
+
+@sentence("input_checks.wrong_scale")
+def _(reading: Mapping[str, Any]) -> str:
+    return f"The translations of robot and camera do not go together: it would fit if {_reading(**reading)}."
+
+
+@sentence("input_checks.long_bracket")
+def _(what: str, length: float, fixed: float) -> str:
+    return (
+        f"The {what} would sit {length:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m from "
+        "the base. If that is not so, the two files are swapped or both hold inverse poses: such data fit equally "
+        'well, with another X. Give the robot\'s file first; or robot_frame="gripper_T_base", '
+        'camera_frame="target_T_camera" (--robot-frame gripper_T_base --camera-frame target_T_camera).'
+    )
+
+
+def _size(part: str, value: float) -> str:
+    return f"{_DEG * value:.3g} degrees" if part == "rotation" else f"{_MM * value:.3g} mm"
+
+
+def _reading(
+    kind: str,
+    setup: str | None = None,
+    file: str | None = None,
+    order: str | None = None,
+    length: float | None = None,
+    factor: float | None = None,
+    unit: str | None = None,
+) -> str:
+    """One of `misread_files.other_readings`, and how to ask for it."""
+    if kind == "scale":
+        cause = (
+            f"the {file} file is in {unit}, {_option(file, 'units', unit, 'm')}"
+            if file is not None and unit is not None
+            else "one file is in another unit (--robot-units, --camera-units)"
+        )
+        return f"the camera translations are multiplied by {factor:.4g}: {cause}, or the size of the target is wrong"
+    if kind == "inverse robot":
+        text = f"the setup is {setup}, or the robot file holds inverse poses"
+        option = f'setup="{setup}" (--setup {setup}), or robot_frame="gripper_T_base" (--robot-frame gripper_T_base)'
+    elif kind == "inverse camera":
+        text = "the camera file holds inverse poses, target_T_camera"
+        option = 'camera_frame="target_T_camera" (--camera-frame target_T_camera)'
+    else:  # quaternion
+        where = "first" if order == "wxyz" else "last"
+        who = "both files have" if file is None else f"the {file} file has"
+        text = f"{who} the scalar of the quaternion {where}"
+        option = (
+            f'quaternion="{order}" (--quaternion {order})' if file is None else _option(file, "quaternion", str(order))
+        )
+    return f"{text} (X would be {length:.3g} m long): {option}"
+
+
+def _option(file: str, argument: str, value: str, other: str | None = None) -> str:
+    """How to say it for one file, in Python and on the command line: ``units=("m", "mm") (--camera-units mm)``."""
+    second = "None" if other is None else f'"{other}"'
+    pair = f'"{value}", {second}' if file == "robot" else f'{second}, "{value}"'
+    return f"{argument}=({pair}) (--{file}-{argument} {value})"
+
+
+# ------------------------------------------------------------------------------------------------- shifted rows
+
+
+@sentence("input_checks.shifted_rows")
+def _(
+    stretches: Sequence[Sequence[int]],
+    robot_left_out: Sequence[int],
+    camera_left_out: Sequence[int],
+    rotation: float,
+    translation: float,
+) -> str:
+    """Which file begins early, where a file lacks a row, which rows to leave out, and what it changes."""
+    parts = []
+    k = stretches[0][2]
+    if k:
+        early, late = ("camera", "robot") if k > 0 else ("robot", "camera")
+        rows = f"{abs(k)} row" + ("" if abs(k) == 1 else "s")
+        until = "" if len(stretches) == 1 else f", up to robot row {stretches[0][1] - 1}"
+        parts.append(
+            f"The {early} file begins {rows} before the {late} file: robot row i belongs to camera row "
+            f"{_plus(k)}{until}."
+        )
+    for (_, edge, old), (_, _, new) in pairwise(stretches):
+        missing = old - new
+        if missing > 0:
+            parts.append(
+                f"The camera file has nothing for {_span(edge, missing, 'robot row')} (no detection?): "
+                f"from robot row {edge + missing} on, robot row i belongs to camera row {_plus(new)}."
+            )
+        else:
+            parts.append(
+                f"The robot file has nothing for {_span(edge + old, -missing, 'camera row')}: from robot row {edge} "
+                f"on, robot row i belongs to camera row {_plus(new)}."
+            )
+    leave = " and ".join(
+        f"{name} {_rows(rows)}" for name, rows in (("robot", robot_left_out), ("camera", camera_left_out)) if rows
+    )
+    parts.append(
+        f"To pair them, leave out {leave} (rows counted from 0). With that, the residuals of the rows that move fall "
+        f"to {100 * rotation:.2g} % (rotation) and {100 * translation:.2g} % (translation) of what they are as given."
+    )
+    return " ".join(parts)
+
+
+@sentence("input_checks.shifted_run")
+def _(first: int, last: int, shift: int, lacks: str, near: int) -> str:
+    return (
+        f"Robot rows {first} to {last} fit the camera rows {first + shift} to {last + shift}, not their own: the "
+        f"{lacks} file lacks a row near row {near}. Pair them again (rows counted from 0)."
+    )
+
+
+def _plus(k: int) -> str:
+    return f"i {'+' if k > 0 else '-'} {abs(k)}" if k else "i"
+
+
+def _span(first: int, count: int, what: str) -> str:
+    return f"{what} {first}" if count == 1 else f"{what}s {first} to {first + count - 1}"
+
+
+def _rows(rows: Sequence[int]) -> str:
+    """rows 3, 7 to 9"""
+    edges = [0, *(k for k in range(1, len(rows)) if rows[k] != rows[k - 1] + 1), len(rows)]
+    runs = [(rows[first], rows[after - 1]) for first, after in pairwise(edges)]
+    texts = [f"{first}" if first == last else f"{first} to {last}" for first, last in runs]
+    return ("row " if len(rows) == 1 else "rows ") + ", ".join(texts)
