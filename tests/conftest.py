@@ -1,15 +1,28 @@
-"""`support` made importable (pytest runs with --import-mode=importlib), and one seeded generator per test."""
+"""One BLAS thread per process, `support` made importable (--import-mode=importlib), one seeded generator per test."""
 
+import os
 import sys
 import zlib
 from pathlib import Path
 
-import numpy as np
-import pytest
-
+for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):  # before NumPy is loaded
+    os.environ.setdefault(variable, "1")
 sys.path.insert(0, str(Path(__file__).parent))
 
+import numpy as np
+import pytest
 from support import SEED
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """The whole suite runs in a process per processor, unless ``-n`` says otherwise; a part of it in one.
+
+    Each process takes neighbouring tests (``worksteal``), which share the fixtures of their module.
+    """
+    option = config.option
+    if config.args_source is pytest.Config.ArgsSource.TESTPATHS and getattr(option, "numprocesses", 0) is None:
+        option.numprocesses, option.maxprocesses, option.dist = "logical", 8, "worksteal"
 
 
 @pytest.fixture
