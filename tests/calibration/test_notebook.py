@@ -13,7 +13,8 @@ import uq_handeye as uq
 from uq_handeye.calibration.report.notebook import calibration_html, six_numbers
 from uq_handeye.findings import Finding
 from uq_handeye.formatting.numbers import concise
-from uq_handeye.presentation.notebook import text_html
+from uq_handeye.presentation.document import Caution, Code, Heading, Paragraph, Points, Table
+from uq_handeye.presentation.notebook import to_html
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 VOID = {"br", "hr", "img", "meta", "link", "input"}
@@ -92,9 +93,11 @@ def test_html_escapes(result):
     html = calibration_html(replace(result, findings=caution(nasty), method=nasty))
     assert "<script" not in html and "&lt;script&gt;" in html
     assert nasty in " ".join(Balanced(html).texts)
-    text = text_html(nasty, nasty, nasty, (nasty,))
+    table = Table(nasty, [nasty], [[nasty], [(nasty, 1)]], units=[""], groups=[(nasty, 1)])
+    blocks = [Heading(nasty), Paragraph(nasty), Caution(nasty), Points([nasty]), table, Code("", nasty, "")]
+    text = to_html(nasty, blocks, beside=nasty)
     assert "<script" not in text
-    assert [part.strip() for part in Balanced(text).texts].count(nasty) == 4
+    assert [part.strip() for part in Balanced(text).texts].count(nasty) == 12
 
 
 def test_warnings_stand_before_the_numbers(result):
@@ -160,5 +163,5 @@ def test_every_other_result_has_a_form_for_notebooks():
     }
     for title, found in results.items():
         html = found._repr_html_()
-        assert title in html and "<pre" in html
+        assert title in html and "<table" in html
         Balanced(html)

@@ -24,7 +24,7 @@ from uq_handeye.camera.report.view_figures import certainty, outline
 from uq_handeye.camera.residual_pattern import CELLS
 from uq_handeye.errors import InputError
 from uq_handeye.formatting.numbers import concise, fixed
-from uq_handeye.presentation.blocks import Paragraph
+from uq_handeye.presentation.document import Paragraph
 from uq_handeye.presentation.figure_parts import WIDTH
 from uq_handeye.report.sections_camera import camera_sections, shares_words
 
@@ -260,7 +260,7 @@ def test_the_summary_says_why_this_model(right, pages):
     )
     text = replace(right, candidates=candidates).summary()
     assert "Model chosen of 3" in text
-    assert [line.split() for line in text.splitlines() if line.startswith("  pinhole")] == [
+    assert [line.split() for line in text.splitlines() if line.startswith("pinhole")] == [
         ["pinhole", "112.5", "0.5000"]
     ]
     (chosen,) = (line for line in text.splitlines() if line.endswith("*"))

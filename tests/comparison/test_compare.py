@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 import warnings
 
 import numpy as np
@@ -158,7 +159,7 @@ def test_a_failing_method_says_why_in_its_row(poses, monkeypatch, error, text):
     row = result["park"]
     assert (row.failure, row.X, row.xi, row.d2, row.agrees, row.seconds) == (text, None, None, None, None, None)
     assert result["tsai"].agrees
-    assert f"park        failed: {text}" in result.to_text()
+    assert f"park failed: {text}" in " ".join(result.to_text().split())
     assert "1 failed: park" in result.verdict
     assert text in result.to_csv()
     assert json.loads(result.to_json())["methods"][1]["failure"] == text
@@ -384,7 +385,7 @@ def test_an_undetermined_method_keeps_its_x(poses, monkeypatch):
     assert result.verdict == "2 of 2 methods agree with 4dpa at 95 %; 1 undetermined: park."
     text = result.to_text()
     assert "UNDETERMINED" in text and "\npark ?  " in text
-    assert "\n              With this noise the motions do not determine X.\n" in text
+    assert re.search(r"^ +With this noise the motions do not determine X\.$", text, re.MULTILINE)
     assert compare(poses, noise=NOISE, methods=("park", "tsai", "gwak", "4dpa")).most_central[0] != "park"
     assert json.loads(result.to_json())["methods"][1]["status"] == "undetermined"
     # it is no reference, and alone it is no result

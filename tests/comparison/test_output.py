@@ -15,7 +15,7 @@ from support import difference, moved
 import uq_handeye as uq
 from uq_handeye.comparison import compare as module
 from uq_handeye.comparison.compare import Row, against, compare
-from uq_handeye.comparison.text import apart, digits
+from uq_handeye.comparison.verdict import apart, digits
 from uq_handeye.errors import InputError
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -153,7 +153,7 @@ def printed(text):
     poses = {}
     for line in second.splitlines():
         if line.count("+-") == 6:
-            name, *cells = re.split(r" \+-| +", line)
+            name, *cells = re.split(r" +(?:\+-)?", line)
             poses[name] = np.array(cells, dtype=float).reshape(6, 2)
     return numbers, poses
 

@@ -15,9 +15,12 @@ from ..errors import InputError
 from ..files.open import StrPath
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
+from ..presentation.document import to_text
+from ..presentation.notebook import to_html
 from .bundle import Bundle
 from .corners import Corners, without_pictures
 from .model_choice import Candidate
+from .report.text import camera_document
 from .residual_pattern import Pattern
 
 # A focal length less certain than this share of it is warned of.
@@ -83,16 +86,11 @@ class CameraCalibration:
 
     def summary(self) -> str:
         """Model, intrinsics with their deviations, pixel noise, corners that were left out, warnings: as text."""
-        from .report.text import camera_text  # the report comes last
-
-        return camera_text(self)
+        return to_text(camera_document(self))
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        from ..presentation.notebook import text_html
-        from .report.text import answer, title
-
-        return text_html(title(self), answer(self), self.summary(), self.warnings)
+        return to_html("Camera calibration", camera_document(self))
 
     def figure(self, path: StrPath, name: str = "pattern") -> Path:
         """Write a figure as ``.png`` or ``.svg``; names: pattern, residuals, pictures, certainty, boards."""

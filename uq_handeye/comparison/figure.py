@@ -31,7 +31,8 @@ from ..presentation.label_placement import HALO, Named, label_points
 from .compare import CHI2_95
 from .result import Comparison
 from .row import without_numbers
-from .text import apart, digits, notes
+from .text import notes
+from .verdict import apart, digits
 
 MINUS = "\N{MINUS SIGN}"
 # Colours of Okabe and Ito for the methods that differ; line styles and markers of other periods keep all of them apart.

@@ -13,8 +13,10 @@ from ..files.atomic import json_text, write_atomically
 from ..geometry.conventions import CONVENTION
 from ..noise.models import Noise
 from ..noise.to_dict import noise_to_dict
+from ..presentation.document import document_of, to_text
+from ..presentation.notebook import to_html
 from .row import CHI2_95, Row, against, flat, without_numbers
-from .text import table, verdict
+from .verdict import verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,9 +63,7 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        from ..presentation.notebook import text_html
-
-        return text_html("Comparison of methods", self.verdict, self.to_text(), self.warnings)
+        return to_html("Comparison of methods", document_of(self))
 
     @property
     def base(self) -> Row | None:
@@ -101,11 +101,11 @@ class Comparison:
     @property
     def verdict(self) -> str:
         """In words: who agrees, who differs, who failed."""
-        return verdict(self)
+        return verdict(self.rows, self.reference, self.noise is not None)
 
     def to_text(self) -> str:
         """The table as plain text."""
-        return table(self)
+        return to_text(document_of(self))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention."""

@@ -15,6 +15,8 @@ from ..geometry.se3 import Array
 from ..io import json_text, pose_text, write_atomically
 from ..noise.models import PoseNoise
 from ..noise.to_dict import noise_to_dict
+from ..presentation.document import document_of, to_text
+from ..presentation.notebook import to_html
 from .weak_prior import PRIOR
 
 
@@ -70,15 +72,11 @@ class Plan:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        from ..presentation.notebook import text_html
-
-        return text_html("Plan", repr(self), self.to_text())
+        return to_html("Plan", document_of(self))
 
     def to_text(self) -> str:
         """A sentence, a table with a row per pose, and what the numbers mean."""
-        from .text import text
-
-        return text(self)
+        return to_text(document_of(self))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text."""

@@ -1,28 +1,20 @@
-"""A plan as plain text: what the next poses would bring, where they are, units on every number."""
+"""A plan in words: what the next poses would bring, where they are, units on every number."""
 
 from __future__ import annotations
-
-import textwrap
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..geometry.se3 import Array
+from ..presentation.document import Document, Paragraph, Table, document_of
+from .result import Plan
 from .weak_prior import PRIOR
 
-if TYPE_CHECKING:
-    from .result import Plan
 
-WIDTH = 120
-
-
-def text(plan: Plan) -> str:
+@document_of.register(Plan)
+def plan_document(plan: Plan) -> Document:
     """A sentence, a table, and what the numbers mean."""
-    lines = [*_wrapped(headline(plan)), "", *_table(plan), ""]
-    for note in _notes(plan):
-        lines += _wrapped(note)
-    return "\n".join(lines) + "\n"
+    return [Paragraph(headline(plan)), _table(plan), [Paragraph(note) for note in _notes(plan)]]
 
 
 def headline(plan: Plan) -> str:
@@ -43,21 +35,18 @@ def headline(plan: Plan) -> str:
     )
 
 
-def _table(plan: Plan) -> list[str]:
+def _table(plan: Plan) -> Table:
     name, unit = {"logdet": ("log", "det")}.get(plan.criterion, ("error", "mm"))
-    rows = [
-        ["step", "candidate", "x", "y", "z", "qx", "qy", "qz", "qw", "rotation", "translation", name],
-        ["", "", "mm", "mm", "mm", "", "", "", "", "sd, deg", "sd, mm", unit],
-        ["so far", *[""] * 8, *_numbers(plan, plan.worst[0], plan.criterion_before)],
-    ]
+    head = ["step", "candidate", "x", "y", "z", "qx", "qy", "qz", "qw", "rotation", "translation", name]
+    units = ["", "", "mm", "mm", "mm", "", "", "", "", "sd, deg", "sd, mm", unit]
+    rows = [["so far", *[""] * 8, *_numbers(plan, plan.worst[0], plan.criterion_before)]]
     quaternions = Rotation.from_matrix(plan.robot[:, :3, :3]).as_quat(canonical=True)
     for step, (row, G, q, worst, value) in enumerate(
         zip(plan.chosen, plan.robot, quaternions, plan.worst[1:], plan.criterion_values, strict=True), start=1
     ):
         place = [f"{1e3 * x:.1f}" for x in G[:3, 3]] + [f"{x:.4f}" for x in q]
         rows.append([str(step), str(row), *place, *_numbers(plan, worst, float(value))])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return Table("", head, rows, units=units, named=False)
 
 
 def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
@@ -102,10 +91,6 @@ def _direction(a: Array) -> str:
     part = part / max(turn, shift)
     part = part if part[np.argmax(np.abs(part))] > 0 else -part
     return f"{what} ({', '.join(f'{x + 0.0:+.2f}' for x in part)})"
-
-
-def _wrapped(line: str) -> list[str]:
-    return textwrap.wrap(line, WIDTH, break_on_hyphens=False)
 
 
 def _mm(metres: float) -> str:

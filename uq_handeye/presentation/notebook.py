@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
 from ..geometry.conventions import COMPONENTS
+from .document import (
+    Block,
+    Caution,
+    Cell,
+    Code,
+    Document,
+    Heading,
+    Paragraph,
+    Points,
+    Table,
+    groups_of,
+)
 
 if TYPE_CHECKING:
     from ..geometry.se3 import Array
@@ -13,26 +26,46 @@ if TYPE_CHECKING:
 # Neither text nor page colours are set, so that those of the notebook hold; tints are half transparent over any page.
 _FRAME = "font-family:system-ui,sans-serif;line-height:1.45;max-width:60em"
 _TABLE = "border-collapse:collapse;font-variant-numeric:tabular-nums;margin:0.4em 0"
-_CELL = "border:1px solid rgba(128,128,128,0.4);padding:0.15em 0.7em;text-align:right"
+_CELL = "border:1px solid rgba(128,128,128,0.4);padding:0.15em 0.7em"
+_NUMBER = f"{_CELL};text-align:right"
 _WARNING = "border-left:4px solid #d55e00;background:rgba(213,94,0,0.12);padding:0.3em 0.7em;margin:0.4em 0"
 _PRE = "font-family:ui-monospace,monospace;font-size:0.9em;line-height:1.3;overflow-x:auto;margin:0.4em 0"
 # Red and blue of equal lightness that colour-blind readers can tell apart; the sign is printed, too.
 _POSITIVE, _NEGATIVE = "213,94,0", "0,114,178"
 
 
-def text_html(title: str, verdict: str, text: str, warnings: tuple[str, ...] = ()) -> str:
-    """A result that is best read as text: its name and its verdict, and the text folded away."""
-    cautions = [f'<p style="{_WARNING}"><b>Caution:</b> {escape(caution)}</p>' for caution in warnings]
-    details = f'<pre style="{_PRE}">{escape(text)}</pre>'
-    return _whole([_heading(title, ""), _paragraph(verdict), *cautions, _folded("All of it", details)])
+def to_html(
+    title: str, document: Document, *, beside: str = "", seen: int = 1, folded: Sequence[tuple[str, str]] = ()
+) -> str:
+    """The document below its title: the first groups, ``seen`` of them, and what looks wrong; the others folded away.
+
+    ``folded`` are titles with the markup, trusted, that is folded away below them.
+    """
+    groups = list(groups_of(document))
+    while seen < len(groups) and all(isinstance(block, Caution) for block in groups[seen]):
+        seen += 1
+    first, rest = ("".join(_block(b) for group in part for b in group) for part in (groups[:seen], groups[seen:]))
+    folds = [_folded(*fold) for fold in ([("All of it", rest)] if rest else []) + [*folded]]
+    heading = f'<p style="margin:0.2em 0"><b style="font-size:1.15em">{escape(title)}</b> {escape(beside)}</p>'
+    return f'<div style="{_FRAME}">{heading}{first}{"".join(folds)}</div>'
 
 
-def _whole(parts: list[str]) -> str:
-    return f'<div style="{_FRAME}">{"".join(parts)}</div>'
-
-
-def _heading(title: str, beside: str) -> str:
-    return f'<p style="margin:0.2em 0"><b style="font-size:1.15em">{escape(title)}</b> {escape(beside)}</p>'
+def _block(block: Block) -> str:
+    match block:
+        case Heading():
+            return f'<p style="margin:0.3em 0"><b>{escape(block.text)}</b></p>'
+        case Paragraph():
+            return _paragraph(block.text)
+        case Caution():
+            return f'<p style="{_WARNING}"><b>Caution:</b> {escape(block.text)}</p>'
+        case Points():
+            return f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in block.items)}</ul>"
+        case Table():
+            return _table(block)
+        case Code():
+            return f'<pre style="{_PRE}">{escape(block.text)}</pre>'
+        case _:
+            raise TypeError(f"Expected a block that a notebook shows, got a {block.kind}.")
 
 
 def _paragraph(text: str) -> str:
@@ -43,25 +76,36 @@ def _folded(title: str, content: str) -> str:
     return f'<details><summary style="cursor:pointer">{escape(title)}</summary>{content}</details>'
 
 
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    top = "".join(f'<th scope="col" style="{_CELL}">{escape(cell)}</th>' for cell in head)
-    body = "".join(
-        f'<tr><th scope="row" style="{_CELL};text-align:left;font-weight:normal">{escape(first)}</th>'
-        + "".join(f'<td style="{_CELL}">{escape(cell)}</td>' for cell in rest)
-        + "</tr>"
-        for first, *rest in rows
-    )
-    return f'<table style="{_TABLE}"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
+def _table(table: Table) -> str:
+    groups = "".join(f'<th colspan="{count}" style="{_CELL}">{escape(title)}</th>' for title, count in table.groups)
+    head = "".join(f'<th scope="col" style="{_CELL}">{escape(name)}</th>' for name in table.columns)
+    body = "".join(f"<tr>{_cells(row, table)}</tr>" for row in table.rows if row)
+    top = "".join(f"<tr>{line}</tr>" for line in (groups, head if any(table.columns) else "") if line)
+    caption = _paragraph(table.caption) if table.caption else ""
+    return f'{caption}<table style="{_TABLE}"><thead>{top}</thead><tbody>{body}</tbody></table>'
 
 
-def _matrix(T: Array) -> str:
+def _cells(row: Sequence[Cell], table: Table) -> str:
+    cells = []
+    for k, cell in enumerate(row):
+        text, span = (cell, "") if isinstance(cell, str) else (cell[0], f' colspan="{cell[1]}"')
+        left = span or k in table.text_columns or (k == 0 and table.named)
+        style = f"{_CELL};text-align:left" if left else _NUMBER
+        if k == 0:
+            cells.append(f'<th scope="row"{span} style="{style};font-weight:normal">{escape(text)}</th>')
+        else:
+            cells.append(f'<td{span} style="{style}">{escape(text)}</td>')
+    return "".join(cells)
+
+
+def matrix_html(T: Array) -> str:
     rows = "".join(
-        "<tr>" + "".join(f'<td style="{_CELL}">{x + 0.0:.9f}</td>' for x in row) + "</tr>" for row in T.round(9)
+        "<tr>" + "".join(f'<td style="{_NUMBER}">{x + 0.0:.9f}</td>' for x in row) + "</tr>" for row in T.round(9)
     )
     return f'<table style="{_TABLE}">{rows}</table>'
 
 
-def _heat(values: Array, correlation: Array, form: str) -> str:
+def heat_html(values: Array, correlation: Array, form: str) -> str:
     """A table of ``values`` tinted by the correlation: the darker the stronger, of one hue for each sign."""
     head = "".join(f'<th scope="col" style="{_CELL}">{name}</th>' for name in ("", *COMPONENTS))
     rows = []
@@ -70,6 +114,6 @@ def _heat(values: Array, correlation: Array, form: str) -> str:
         for value, strength in zip(values[i], correlation[i], strict=True):
             hue = _POSITIVE if strength >= 0 else _NEGATIVE
             tint = f"background:rgba({hue},{0.6 * min(abs(float(strength)), 1.0):.2f})"
-            cells.append(f'<td style="{_CELL};{tint}">{form.format(value)}</td>')
+            cells.append(f'<td style="{_NUMBER};{tint}">{form.format(value)}</td>')
         rows.append(f'<tr><th scope="row" style="{_CELL};text-align:left">{name}</th>{"".join(cells)}</tr>')
     return f'<table style="{_TABLE}"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from .._version import __version__
-from .blocks import Drawing, Section
+from .document import Drawing, Section
 from .figure_parts import Picture, inline_svg
 
 if TYPE_CHECKING:

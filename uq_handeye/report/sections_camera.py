@@ -8,7 +8,7 @@ from ..calibration.report.analysis import KINDS
 from ..camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
 from ..diagnostics.budget import EACH, SHARED
 from ..formatting.numbers import fixed
-from ..presentation.blocks import Block, Paragraph, Points, Section, Table
+from ..presentation.document import Block, Paragraph, Points, Section, Table
 from .figures import poses_of
 
 if TYPE_CHECKING:

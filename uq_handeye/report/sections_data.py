@@ -11,7 +11,7 @@ from ..calibration.report.analysis import budget_shares, covariance_names, fit_s
 from ..calibration.report.time_offset import offset_lines
 from ..findings import texts
 from ..formatting.numbers import column, fixed
-from ..presentation.blocks import Block, Cell, Drawing, Paragraph, Points, Section, Table
+from ..presentation.document import Block, Cell, Drawing, Paragraph, Points, Section, Table
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration

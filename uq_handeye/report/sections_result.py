@@ -12,7 +12,7 @@ from ..calibration.report.text import answer, directions, ellipsoid_words, of_co
 from ..formatting.numbers import concise, fixed
 from ..geometry.pose_numbers import pose_numbers
 from ..geometry.se3 import Array
-from ..presentation.blocks import Block, Code, Drawing, Paragraph, Points, Section, Table
+from ..presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ..validation.cross_check.text import state, verdict
 from .sections_data import needs
 

@@ -13,6 +13,8 @@ from ..files.atomic import json_text
 from ..geometry.se3 import Array
 from ..noise.models import PoseNoise
 from ..poses.pose_pairs import PosePairs
+from ..presentation.document import document_of, to_text
+from ..presentation.notebook import to_html
 from .correlation import Correlation
 from .refinement import Pairing, Refined, residual_scale
 from .stream_checks import LeftOut
@@ -66,15 +68,11 @@ class Synchronised:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        from ..presentation.notebook import text_html
-
-        return text_html("Synchronised streams", repr(self), self.summary(), self.warnings)
+        return to_html("Synchronised streams", document_of(self))
 
     def summary(self) -> str:
         """The result as text."""
-        from .text import text
-
-        return text(self)
+        return to_text(document_of(self))
 
     def figure(self) -> Figure:
         """Angular speeds, their correlation, residuals against the offset, as a Matplotlib figure."""

@@ -1,34 +1,30 @@
-"""Two synchronised streams as plain text, and what the summary of a calibration says of their time offset."""
+"""Two synchronised streams in words, and what the summary of a calibration says of their time offset."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..formatting.numbers import concise, digits
-from ..formatting.paragraphs import wrapped
-
-if TYPE_CHECKING:
-    from .result import Synchronised
+from ..presentation.document import Block, Caution, Document, Heading, Paragraph, document_of
+from .result import Synchronised
 
 # Groups of poses left out that a text lists.
 MOST_LISTED = 12
 NAMES = {"so4": "on SO(4), (37)-(38)", "geodesic": "along the geodesic of SE(3)"}
 
 
-def text(sync: Synchronised) -> str:
+@document_of.register(Synchronised)
+def synchronised_document(sync: Synchronised) -> Document:
     """The offset first, then what the poses were made of, what was left out and what to know."""
-    blocks = [
-        wrapped(headline(sync), first=""),
-        *(wrapped(f"CAUTION: {warning}", first="") for warning in sync.warnings),
-        [line for sentence in offset_sentences(sync) for line in wrapped(sentence, first="")],
-        _made_of(sync),
+    return [
+        Paragraph(headline(sync)),
+        *map(Caution, sync.warnings),
+        [Paragraph(sentence) for sentence in offset_sentences(sync)],
+        [Paragraph(sentence) for sentence in _made_of(sync)],
         _left_out(sync),
-        *(wrapped(note, first="") for note in sync.notes),
-        wrapped(_scope(sync), first=""),
+        *map(Paragraph, sync.notes),
+        Paragraph(_scope(sync)),
     ]
-    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
 def headline(sync: Synchronised) -> str:
@@ -72,24 +68,21 @@ def _made_of(sync: Synchronised) -> list[str]:
     if sync.stops is None:
         other = "camera" if sync.side == "robot" else "robot"
         turn, move = np.degrees(sync.interpolation_error[0]), 1e3 * sync.interpolation_error[1]
-        lines += wrapped(
+        lines.append(
             f"The {sync.side} was interpolated at the times of the {other} {NAMES[sync.interpolation]}, never over "
             f"more than {sync.max_gap:.3g} s; that misses the motion by about {digits(turn, 2)} deg and "
-            f"{digits(move, 2)} mm (root mean square).",
-            first="",
+            f"{digits(move, 2)} mm (root mean square)."
         )
     return lines
 
 
-def _left_out(sync: Synchronised) -> list[str]:
+def _left_out(sync: Synchronised) -> list[Block]:
     if not sync.left_out:
-        return [] if sync.stops is not None else ["No pose was left out."]
-    lines = ["Left out:"]
-    for part in sync.left_out[:MOST_LISTED]:
-        lines += wrapped(str(part), indent="    ", first="  ")
-    if len(sync.left_out) > MOST_LISTED:
-        lines.append(f"  and {len(sync.left_out) - MOST_LISTED} more groups; see left_out")
-    return lines
+        return [] if sync.stops is not None else [Paragraph("No pose was left out.")]
+    listed = [Paragraph(str(part), indent="  ", hang="    ") for part in sync.left_out[:MOST_LISTED]]
+    more = len(sync.left_out) - MOST_LISTED
+    rest = [Paragraph(f"and {more} more groups; see left_out", indent="  ")] if more > 0 else []
+    return [Heading("Left out:"), *listed, *rest]
 
 
 def _scope(sync: Synchronised) -> str:

@@ -19,9 +19,10 @@ from support import (
 )
 
 import uq_handeye as uq
+from uq_handeye.presentation.document import WIDTH
 from uq_handeye.validation.cross_check import rows as cross_check_rows
 from uq_handeye.validation.cross_check.run import cross_check
-from uq_handeye.validation.cross_check.text import WIDTH, _figures, _sentence
+from uq_handeye.validation.cross_check.text import _figures, _sentence
 from uq_handeye.validation.posterior import sample as posterior
 
 NOISE_70 = uq.PairNoise(*EQUATION_70)

@@ -8,11 +8,12 @@ from matplotlib.text import Text
 from scipy import stats
 from support import SEED, draw
 
+from uq_handeye.presentation.document import to_text
 from uq_handeye.presentation.ellipses import render
 from uq_handeye.validation.monte_carlo.consistency import LEVELS, Sums, consistency
 from uq_handeye.validation.monte_carlo.figure import band, validation_figure
 from uq_handeye.validation.monte_carlo.sums import BELOW, COMPONENTS
-from uq_handeye.validation.monte_carlo.text import summary
+from uq_handeye.validation.monte_carlo.text import monte_carlo_document, verdict
 
 P = np.diag([1e-3, 2e-3, 3e-3, 1e-4, 2e-4, 3e-4]) ** 2
 
@@ -56,10 +57,10 @@ def cases(rng):
 
 def test_the_text_says_the_verdict_first_and_every_number_with_its_unit(rng):
     result = run(rng, truth=1.21 * P)
-    text, c = summary(result), result.consistency
+    text, c = to_text(monte_carlo_document(result)), result.consistency
     lines = text.splitlines()
     assert lines[0] == "Monte Carlo of gripper_T_camera by 4dpa: 10,000 trials, seed 7"
-    assert " ".join(text.split()).startswith(" ".join(f"{lines[0]} {c.verdict}".split()))
+    assert " ".join(text.split()).startswith(" ".join(f"{lines[0]} {verdict(c)}".split()))
     for k, name in enumerate(COMPONENTS):
         row = next(line.split() for line in lines if line.startswith(name))[3:]
         factor, unit = (180 / np.pi, "deg") if k < 3 else (1e3, "mm")
@@ -86,11 +87,11 @@ def test_the_text_says_the_verdict_first_and_every_number_with_its_unit(rng):
 
 def test_every_run_has_a_text_without_nan(rng):
     for name, result in cases(rng).items():
-        text = summary(result)
+        text = to_text(monte_carlo_document(result))
         assert "nan" not in text.lower().replace("nan-", "") and "inf" not in text.lower(), name
         assert max(map(len, text.splitlines())) <= 120
-    assert "NOT COMPLETE: interrupted" in summary(run(rng, complete=False, reason="interrupted"))
-    assert "120 of 10,000 trials (1.2 %) gave no estimate" in summary(run(rng, failures=120))
+    assert "NOT COMPLETE: interrupted" in to_text(monte_carlo_document(run(rng, complete=False, reason="interrupted")))
+    assert "120 of 10,000 trials (1.2 %) gave no estimate" in to_text(monte_carlo_document(run(rng, failures=120)))
 
 
 # ----------------------------------------------------------------------------------------------------- figure

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...formatting.numbers import concise, digits
 from ...geometry.pose_numbers import pose_numbers
+from ...presentation.document import Caution, Paragraph, Table
+from ...presentation.notebook import heat_html, matrix_html, to_html
 from .text import answer, directions
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from ..result import Calibration
-from ...presentation.notebook import _WARNING, _folded, _heading, _heat, _matrix, _paragraph, _table, _whole
 
 
 class Number(NamedTuple):
@@ -58,17 +58,18 @@ def calibration_html(result: Calibration) -> str:
         [number.name, concise(number.value, number.std), "?" if number.std is None else digits(number.std), number.unit]
         for number in six_numbers(result)
     ]
-    parts = [
-        _heading(f"{result.frame} by {result.method}", f"{origin}{setup}"),
-        _paragraph(answer(result)),
-        *(f'<p style="{_WARNING}"><b>Caution:</b> {escape(text)}</p>' for text in result.warnings),
-        _table(["", "value(deviation)", "1 sigma", "unit"], rows),
-        *(_paragraph(text) for text in directions(result)),
-        _folded("Matrix X (translation in m)", _matrix(result.X)),
-    ]
+    table = Table("", ["", "value(deviation)", "1 sigma", "unit"], rows)
+    folded = [("Matrix X (translation in m)", matrix_html(result.X))]
     if result.covariance is not None and result.correlation is not None:
-        parts += [
-            _folded("Covariance of (theta, tau), rad and m", _heat(result.covariance, result.correlation, "{:.3e}")),
-            _folded("Correlation", _heat(result.correlation.round(2) + 0.0, result.correlation, "{:+.2f}")),
+        S, correlation = result.covariance, result.correlation
+        folded += [
+            ("Covariance of (theta, tau), rad and m", heat_html(S, correlation, "{:.3e}")),
+            ("Correlation", heat_html(correlation.round(2) + 0.0, correlation, "{:+.2f}")),
         ]
-    return _whole(parts)
+    return to_html(
+        f"{result.frame} by {result.method}",
+        [Paragraph(answer(result)), *map(Caution, result.warnings), [table, *map(Paragraph, directions(result))]],
+        beside=f"{origin}{setup}",
+        seen=len(result.warnings) + 2,
+        folded=folded,
+    )

@@ -12,7 +12,7 @@ import numpy as np
 from ..._version import __version__
 from ...formatting.numbers import column, fixed
 from ...geometry.conventions import CONVENTION
-from ...presentation.blocks import Block, Cell, Code, Drawing, Paragraph, Points, Section, Table
+from ...presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ...presentation.ellipses import render
 from ...presentation.figure_parts import Picture
 from ...presentation.page import drawing, rendered
@@ -23,7 +23,7 @@ from .residual_figures import picture_rms
 from .text import (
     NOT_COVERED,
     answer,
-    candidate_rows,
+    candidate_table,
     choice_words,
     coverage_words,
     distances,
@@ -143,15 +143,8 @@ def _choice(cam: CameraCalibration) -> Section:
     if not cam.candidates:
         text = f"None: the model {model_name(cam)} was given. Model 'auto' compares several."
         return Section("models", title, [Paragraph(text, empty=True)])
-    found = candidate_rows(cam)
-    rows: list[list[Cell]] = [[name, beyond, rms, "chosen" if best else ""] for name, beyond, rms, best in found]
-    table = Table(
-        "BIC beyond the smallest: 10 and more speaks clearly against a model. All on the same corners.",
-        ["model", "BIC beyond", "RMS (pixels)", ""],
-        rows,
-        frozenset({3}),
-        frozenset(k for k, row in enumerate(found) if row[3]),
-    )
+    caption = "BIC beyond the smallest: 10 and more speaks clearly against a model. All on the same corners."
+    table = candidate_table(cam, caption, "chosen")
     return Section("models", title, [Paragraph(choice_words(cam)), table])
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...formatting.numbers import concise, fixed, probability
-from ...formatting.paragraphs import wrapped
 from ...geometry.se3 import Array
+from ...presentation.document import Block, Caution, Document, Heading, Paragraph, Table
 from ..model_choice import best
 from ..models import LINEAR
 from ..residual_pattern import CELLS, RARE
@@ -26,22 +26,18 @@ UNITS = dict.fromkeys(LINEAR, "pixels")
 NOTATION = "12.345(67) means 12.345 with a standard deviation of 0.067"
 
 
-def camera_text(cam: CameraCalibration) -> str:
+def camera_document(cam: CameraCalibration) -> Document:
     """The summary: what is known first, then what is wrong, then the numbers."""
-    lines = [title(cam), *wrapped(answer(cam), first="")]
-    for text in cam.warnings:
-        lines += ["", *wrapped(f"CAUTION: {text}", first="")]
-    rows = parameter_rows(cam)
-    width = max(len(name) for name, *_ in rows)
-    lines += ["", f"Intrinsics ({NOTATION}):"]
-    lines += [f"  {name:<{width}s}  {value}{f' {unit}' if unit else ''}{said}" for name, value, unit, said in rows]
-    lines += ["", *wrapped(noise_words(cam), first=""), *_outlier_lines(cam)]
-    for text in (pattern_words(cam), coverage_words(cam), boards_words(cam)):
-        lines += ["", *wrapped(text, first="")]
-    if cam.candidates:
-        lines += ["", *wrapped(choice_words(cam), first=""), *_candidate_lines(cam)]
-    lines += ["", *wrapped(NOT_COVERED, first="")]
-    return "\n".join(lines) + "\n"
+    rows = [[name, value + (f" {unit}" if unit else "") + said] for name, value, unit, said in parameter_rows(cam)]
+    return [
+        [Heading(title(cam)), Paragraph(answer(cam))],
+        *map(Caution, cam.warnings),
+        Table(f"Intrinsics ({NOTATION}):", ["", ""], rows, frozenset({1})),
+        [Paragraph(noise_words(cam)), *_outlier_lines(cam)],
+        *(Paragraph(text) for text in (pattern_words(cam), coverage_words(cam), boards_words(cam))),
+        *([[Paragraph(choice_words(cam)), candidate_table(cam, "")]] if cam.candidates else []),
+        Paragraph(NOT_COVERED),
+    ]
 
 
 NOT_COVERED = (
@@ -119,11 +115,11 @@ def outlier_names(cam: CameraCalibration, most: int | None = None) -> list[tuple
     return [(int(j), f"{corners.names[corners.picture[j]]}, corner {corners.place[j]}") for j in out]
 
 
-def _outlier_lines(cam: CameraCalibration) -> list[str]:
+def _outlier_lines(cam: CameraCalibration) -> list[Block]:
     distance = np.linalg.norm(cam.bundle.residuals, axis=1)
-    lines = [f"  {name}: {fixed(distance[j])} pixels" for j, name in outlier_names(cam, MOST_LISTED)]
+    lines = [f"{name}: {fixed(distance[j])} pixels" for j, name in outlier_names(cam, MOST_LISTED)]
     more = int((~cam.bundle.used).sum()) - len(lines)
-    return lines + ([f"  and {more:,} more that are nearer"] if more > 0 else [])
+    return [Paragraph(text, indent="  ") for text in (*lines, *([f"and {more:,} more that are nearer"] * (more > 0)))]
 
 
 def pattern_words(cam: CameraCalibration, short: bool = False) -> str:
@@ -195,22 +191,17 @@ def choice_words(cam: CameraCalibration) -> str:
     )
 
 
-def candidate_rows(cam: CameraCalibration) -> list[tuple[str, str, str, bool]]:
-    """Model, BIC less the smallest, RMS in pixels, whether it was chosen; failed ones say so."""
-    least, chosen = min((c.bic for c in cam.candidates), default=0.0), best(cam.candidates)
-    rows = []
-    for c in cam.candidates:
-        failed = not np.isfinite(c.bic)
-        beyond = "no fit" if failed else f"{c.bic - least:,.1f}"
-        rms = "" if not np.isfinite(c.rms) else f"{c.rms:.4f}"
-        rows.append((c.label, beyond, rms, c == chosen))
-    return rows
-
-
-def _candidate_lines(cam: CameraCalibration) -> list[str]:
-    rows = candidate_rows(cam)
-    width = max(len(row[0]) for row in rows)
-    lines = [f"  {'model':<{width}s}  {'BIC beyond':>12s}  RMS (pixels)"]
-    return lines + [
-        f"  {name:<{width}s}  {b:>12s}  {rms:>12s}{'  *' if chosen else ''}" for name, b, rms, chosen in rows
+def candidate_table(cam: CameraCalibration, caption: str, chosen: str = "*") -> Table:
+    """Model, BIC beyond the smallest, RMS in pixels, ``chosen`` beside the best; failed ones say so."""
+    least, winner = min((c.bic for c in cam.candidates), default=0.0), best(cam.candidates)
+    rows = [
+        [
+            c.label,
+            f"{c.bic - least:,.1f}" if np.isfinite(c.bic) else "no fit",
+            f"{c.rms:.4f}" if np.isfinite(c.rms) else "",
+            chosen if c == winner else "",
+        ]
+        for c in cam.candidates
     ]
+    head = ["model", "BIC beyond", "RMS (pixels)", ""]
+    return Table(caption, head, rows, frozenset({3}), frozenset(k for k, row in enumerate(rows) if row[3]))

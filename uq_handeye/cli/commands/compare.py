@@ -62,15 +62,16 @@ def compare_command(
     names = None if methods is None else methods_of(methods, "--methods", COMPARED)
     (base,) = methods_of(reference, "--reference", COMPARED, most=1)
     poses, noise = files.read(noise)
-    from ...comparison import text as comparison_text
     from ...comparison.compare import compare
+    from ...comparison.text import comparison_document
+    from ...presentation.document import to_text
 
     with timed("comparing"):
         result = compare(poses, noise=noise, methods=names, pairs=pairs, reference=base, progress=progress_wanted())
     if as_json or as_csv:
         emit(result.to_json() if as_json else result.to_csv())
     else:  # on a terminal the warnings stand above already
-        emit(comparison_text.table(result, warnings=not sys.stdout.isatty()))
+        emit(to_text(comparison_document(result, warnings=not sys.stdout.isatty())))
     if output is not None:  # after the table, which is not to be lost if this fails
         _write_comparison(result, output)
     if result.reference is None:

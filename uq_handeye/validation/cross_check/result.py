@@ -13,6 +13,8 @@ from ...findings import Finding
 from ...geometry.conventions import CONVENTION
 from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
+from ...presentation.document import document_of, to_text
+from ...presentation.notebook import to_html
 from ..monte_carlo.run import MonteCarlo
 from .relations import Relation
 from .rows import Row
@@ -83,15 +85,11 @@ class CrossCheck:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        from ...presentation.notebook import text_html
-
-        return text_html("Cross-check", repr(self), self.to_text())
+        return to_html("Cross-check", document_of(self))
 
     def to_text(self) -> str:
         """Which relations hold, the table, and what is behind it."""
-        from .text import to_text
-
-        return to_text(self)
+        return to_text(document_of(self))
 
     summary = to_text
 

@@ -1,15 +1,17 @@
-"""A cross-check as plain text: whether all relations hold, the table of covariances, the relations with numbers."""
+"""A cross-check in words: whether all relations hold, the table of covariances, the relations with numbers."""
 
 from __future__ import annotations
 
-import textwrap
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...formatting.numbers import digits
 from ...noise.models import PoseNoise
+from ...presentation.document import Block, Cell, Document, Heading, Paragraph, Table, document_of
 from .ratios import TOLERANCE
+from .result import CrossCheck
 from .rows import METHODS
 
 if TYPE_CHECKING:
@@ -17,44 +19,48 @@ if TYPE_CHECKING:
     from .result import CrossCheck
     from .rows import Row
 
-WIDTH = 118
 _DEG, _MM = 180 / np.pi, 1e3
 _UNITS = np.array([_DEG] * 3 + [_MM] * 3)
 
 
-def to_text(check: CrossCheck) -> str:
+@document_of.register(CrossCheck)
+def cross_check_document(check: CrossCheck) -> Document:
     """The verdict, one line per covariance, every relation, and what the columns mean."""
-    lines = [] if check.complete else _wrapped(_cut_short(check))
-    lines += _wrapped(verdict(check))
-    for relation in check.relations:
-        if relation.name in check.broken:
-            text = f"- {relation.statement}: NOT SO. {_sentence(relation.text)} {relation.advice}"
-            lines += textwrap.wrap(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
     noise = "estimated from the data" if check.noise_estimated else "as given"
     of = f"{check.n:,} motions"
     if isinstance(check.noise, PoseNoise):
         of = f"{check.n:,} poses, {check.pairs:,} pairs"
-    lines += [
-        "",
-        *_wrapped(
-            f"{check.frame}: {of}; noise {noise}, drawn around the {check.origin}; {_trials(check)}, "
-            f"seed {check.seed}; {digits(check.seconds)} s in all"
-        ),
-    ]
-    lines += ["", *_table(check.rows), ""]
     notes: dict[str, list[str]] = {}
     for row in check.rows:
         if row.note:
             notes.setdefault(row.note, []).append(row.label)
-    for note, labels in notes.items():
-        lines += _wrapped(f"{'; '.join(labels)}: {note}", "  ")
-    lines += [*_wrapped(_legend(check.rows)), "", "Relations"]
+    relations: list[Block] = [Heading("Relations")]
     for relation in check.relations:
-        lines += _wrapped(f"[{state(relation)}] {relation.statement}.")
-        lines += textwrap.wrap(_sentence(relation.text), WIDTH, initial_indent="    ", subsequent_indent="    ")
+        relations.append(Paragraph(f"[{state(relation)}] {relation.statement}."))
+        relations.append(Paragraph(_sentence(relation.text), indent="    "))
         if relation.advice and relation.name not in check.broken:
-            lines += textwrap.wrap(relation.advice, WIDTH, initial_indent="    -> ", subsequent_indent="       ")
-    return "\n".join(line.rstrip() for line in lines) + "\n"
+            relations.append(Paragraph(f"-> {relation.advice}", indent="    ", hang="       "))
+    return [
+        [
+            *([] if check.complete else [Paragraph(_cut_short(check))]),
+            Paragraph(verdict(check)),
+            *(
+                Paragraph(f"- {r.statement}: NOT SO. {_sentence(r.text)} {r.advice}", hang="  ")
+                for r in check.relations
+                if r.name in check.broken
+            ),
+        ],
+        Paragraph(
+            f"{check.frame}: {of}; noise {noise}, drawn around the {check.origin}; {_trials(check)}, "
+            f"seed {check.seed}; {digits(check.seconds)} s in all"
+        ),
+        _table(check.rows),
+        [
+            *(Paragraph(f"{'; '.join(labels)}: {note}", indent="  ", hang="    ") for note, labels in notes.items()),
+            Paragraph(_legend(check.rows)),
+        ],
+        relations,
+    ]
 
 
 def _cut_short(check: CrossCheck) -> str:
@@ -93,33 +99,24 @@ def verdict(check: CrossCheck) -> str:
     return text
 
 
-def _table(rows: tuple[Row, ...]) -> list[str]:
-    width = max(len(row.label) for row in rows)
-    head = (
-        f"{'':{width}s}{'1 sigma, rotation (deg)':>24s}{'1 sigma, transl. (mm)':>24s} "
-        f"{'trace R':>8s} {'trace t':>8s} {'ln':>6s} {'mean':>8s}  {'time':>6s}"
-    )
-    axes = "".join(f"{axis:>8s}" for axis in "xyz")
-    names = f"{'':{width}s}{axes}{axes} {'deg^2':>8s} {'mm^2':>8s} {'det':>6s} {'NEES':>8s}  {'s':>6s}"
-    lines, kind = [head, names], ""
-    for row in rows:
-        if row.kind != kind:
-            kind = row.kind
-            lines.append("-" * len(names))
-        lines.append(f"{row.label:{width}s}{_cells(row)}")
-    return lines
+def _table(rows: tuple[Row, ...]) -> Table:
+    groups = [("", 1), ("1 sigma, rotation (deg)", 3), ("1 sigma, translation (mm)", 3)]
+    head = ["", *"xyz", *"xyz", "trace R", "trace t", "ln", "mean", "time"]
+    units = [*[""] * 7, "deg^2", "mm^2", "det", "NEES", "s"]
+    lines: list[list[Cell]] = []
+    for _, same in groupby(rows, lambda row: row.kind):
+        lines += [[], *([row.label, *_cells(row)] for row in same)]
+    return Table("", head, lines, units=units, groups=groups)
 
 
-def _cells(row: Row) -> str:
+def _cells(row: Row) -> list[Cell]:
     seconds = f"{row.seconds:.2f}" if row.seconds >= 0.01 else "< 0.01"
     if row.std is None or row.trace_rotation is None or row.trace_translation is None:
-        return f"{'none, see below':>24s}{seconds:>66s}"
-    deviations = "".join(f"{_figures(value):>8s}" for value in row.std * _UNITS)
+        return [(f"none, see below ({seconds} s)", 11)]
     determinant = "-" if row.log_determinant is None else f"{row.log_determinant:.1f}"
     nees = "-" if row.nees is None else f"{row.nees:.2f}" if row.nees < 1e4 else f"{row.nees:.1e}"
     squares = row.trace_rotation * _DEG**2, row.trace_translation * _MM**2
-    traces = "".join(f" {_figures(value):>8s}" for value in squares)
-    return f"{deviations}{traces} {determinant:>6s} {nees:>8s}{_mark(row)} {seconds:>6s}"
+    return [*map(_figures, (*row.std * _UNITS, *squares)), determinant, nees + _mark(row), seconds]
 
 
 def _mark(row: Row) -> str:
@@ -167,7 +164,3 @@ def _sentence(text: str) -> str:
     named = any(text.startswith((f"{name} ", f"{name},")) for name in METHODS)
     start = text[:1] if named else text[:1].upper()
     return f"{start}{text[1:]}{'' if text.endswith('.') else '.'}"
-
-
-def _wrapped(text: str, indent: str = "") -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=2 * indent, break_on_hyphens=False)

@@ -187,13 +187,6 @@ class Consistency:
             return False
         return abs(self.size) + 2 * self.size_error < HARMLESS and np.abs(self.coverage - LEVELS).max() < 0.01
 
-    @property
-    def verdict(self) -> str:
-        """In words: whether the covariance is true, too small or too large, by how much, and which tests say so."""
-        from .text import verdict
-
-        return verdict(self)
-
 
 def consistency(sums: Sums, predicted: ArrayLike | None, confidence: float = 0.99, *, own: bool = False) -> Consistency:
     """Judge a covariance by the errors of trials.

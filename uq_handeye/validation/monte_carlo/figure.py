@@ -30,7 +30,7 @@ from ...formatting.numbers import digits
 from ...geometry.se3 import Array
 from .consistency import HARMLESS, Consistency
 from .sums import ABOVE, BELOW, COMPONENTS, LEVELS, PARTS, SIZES, edges
-from .text import Run, heading, nees_number
+from .text import Run, heading, nees_number, verdict
 
 DRAWS = 1_000  # of histograms: the local level to about a third of itself, the band to some 3 %
 COLOURS = ("black", "#D55E00", "#0072B2")  # of the parts, after Okabe and Ito
@@ -46,7 +46,7 @@ def validation_figure(result: Run) -> Figure:
     """Quantiles of the NEES, standard deviations and coverage of a run, as a Matplotlib figure."""
     c = result.consistency
     # Per cent signs stay with their numbers.
-    words = textwrap.wrap(c.verdict.replace(" %", "\N{NO-BREAK SPACE}%"), 195, break_on_hyphens=False)
+    words = textwrap.wrap(verdict(c).replace(" %", "\N{NO-BREAK SPACE}%"), 195, break_on_hyphens=False)
     top = 0.8 + 0.145 * len(words)  # inches above the panels
     height = 6.2 if c.sums.count else 0.4
     figure = Figure(figsize=(_WIDTH, height + top))

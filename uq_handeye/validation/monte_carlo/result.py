@@ -16,10 +16,13 @@ from ...geometry.conventions import CONVENTION
 from ...geometry.se3 import Array
 from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
+from ...presentation.document import to_text
+from ...presentation.notebook import to_html
 from ...simulation.experiment import Experiment
 from .consistency import LEVELS, PARTS, Consistency
 from .sentences import ALL
 from .stopping import Summary
+from .text import monte_carlo_document, verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -156,7 +159,7 @@ class MonteCarlo:
     def verdict(self) -> str:
         """In words: whether the covariance is true, and if not, by how much it is wrong."""
         with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
-            return self.consistency.verdict
+            return verdict(self.consistency)
 
     def __repr__(self) -> str:
         what = {True: "consistent", False: "not consistent", None: "undecided"}[self.consistent]
@@ -164,16 +167,13 @@ class MonteCarlo:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        from ...presentation.notebook import text_html
-
-        return text_html("Monte Carlo", self.verdict, self.summary())
+        with np.errstate(over="ignore"):  # as above
+            return to_html("Monte Carlo", monte_carlo_document(self))
 
     def summary(self) -> str:
         """The result as text."""
-        from .text import summary
-
         with np.errstate(over="ignore"):  # as above
-            return summary(self)
+            return to_text(monte_carlo_document(self))
 
     def figure(self, path: str | Path) -> None:
         """Write a figure, .png or .svg: quantiles of the NEES, standard deviations, coverage.

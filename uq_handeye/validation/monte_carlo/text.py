@@ -1,21 +1,20 @@
-"""A Monte Carlo run as plain text: whether the covariance is true first, then the numbers with units."""
+"""A Monte Carlo run in words: whether the covariance is true first, then the numbers with units."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from ...formatting.numbers import digits, probability
+from ...presentation.document import Block, Document, Heading, Paragraph, Table
 from .consistency import HARMLESS, LIKELIHOOD_RATIO
 from .sums import COMPONENTS, LEVELS, PARTS, SIZES, in_words
 
 if TYPE_CHECKING:
     from .consistency import Consistency
 
-WIDTH = 118
 FEW = 100  # estimates below which the verdict says first what they cannot tell
 _DEG, _MM = 180 / np.pi, 1e3
 _UNITS = np.array([_DEG] * 3 + [_MM] * 3)
@@ -48,23 +47,21 @@ class Run(Protocol):
     def reason(self) -> str: ...
 
 
-def summary(result: Run) -> str:
+def monte_carlo_document(result: Run) -> Document:
     """The verdict, then deviations and bias per axis, NEES, coverage, directions, and how the run went."""
     c = result.consistency
-    lines = [heading(result)]
+    start: list[Block] = [Heading(heading(result))]
     if not result.complete:
-        lines += _wrapped(f"NOT COMPLETE: {result.reason}".rstrip(" :") + ". The numbers hold for the trials so far.")
-    lines += _wrapped(verdict(c))
-    for section in (_axes, _nees, _coverage, _directions, _tests):
-        if text := section(c):
-            lines += ["", *text]
+        reason = f"NOT COMPLETE: {result.reason}".rstrip(" :")
+        start.append(Paragraph(f"{reason}. The numbers hold for the trials so far."))
     ended = f" Ended: {result.reason}." if result.complete and result.reason else ""
     how = f"Noise was drawn around the {result.origin}. {failures(c)} {digits(result.seconds)} s"
     rate = f", {result.rate:,.0f} trials/s." if result.rate else "."
-    lines += ["", *_wrapped(f"{how}{rate}{ended}")]
-    for note in result.notes:
-        lines += _wrapped(f"Note: {note}")
-    return "\n".join(line.rstrip() for line in lines) + "\n"
+    return [
+        [*start, Paragraph(verdict(c))],
+        *(section(c) for section in (_axes, _nees, _coverage, _directions, _tests)),
+        [Paragraph(f"{how}{rate}{ended}"), *(Paragraph(f"Note: {note}") for note in result.notes)],
+    ]
 
 
 def heading(result: Run) -> str:
@@ -227,16 +224,15 @@ def _holds(c: Consistency) -> str:
     return f"; the {_percent(LEVELS[level])} ellipsoid{of} holds {share} % of the errors ({low} to {high})"
 
 
-def _axes(c: Consistency) -> list[str]:
+def _axes(c: Consistency) -> list[Block]:
     """Deviations and bias per axis."""
     if c.std is None or c.bias is None or c.bias_error is None:
         return []
     predicted, ratios = c.predicted_std, c.std_ratio_interval
     name = "mean own" if c.own else "predicted"
-    rows = [
-        ["", "", name, "sampled", "ratio", f"{_percent(c.confidence)} interval", "bias", "in sd"],
-        ["1 sigma", "unit", "sd", "sd", "", "of the ratio", "+- 1 sigma", ""],
-    ]
+    head = ["", "", name, "sampled", "ratio", f"{_percent(c.confidence)} interval", "bias", "in sd"]
+    units = ["1 sigma", "unit", "sd", "sd", "", "of the ratio", "+- 1 sigma", ""]
+    rows = []
     for k, axis in enumerate(COMPONENTS):
         cells = ["-", digits(c.std[k] * _UNITS[k]), "-", "-"]
         if predicted is not None and ratios is not None:
@@ -249,36 +245,35 @@ def _axes(c: Consistency) -> list[str]:
     text = "The axes are those of the frame of X: errors are (log(R R_true^T), t - t_true)."
     if c.bias_p_value is not None:
         text += f" That there is no bias has {probability(c.bias_p_value)} (Hotelling); it is of second order."
-    return [*_aligned(rows, left=2), *_wrapped(text)]
+    return [Table("", head, rows, frozenset({1}), units=units), Paragraph(text)]
 
 
-def _nees(c: Consistency) -> list[str]:
+def _nees(c: Consistency) -> list[Block]:
     """Mean NEES with the interval of a true covariance."""
     if c.mean_nees is None or c.nees_interval is None:
         return []
-    rows = [["NEES", "expected", "mean", f"{_percent(c.confidence)} interval if true", "p"]]
+    head = ["NEES", "expected", "mean", f"{_percent(c.confidence)} interval if true", "p"]
+    rows = []
     for part, size, mean, (low, high) in zip(PARTS, SIZES, c.mean_nees, c.nees_interval, strict=True):
         p = f"{c.p_values[f'mean NEES, {part}']:.1g}"
         mean, low, high = (nees_number(x, c) for x in (mean, low, high))
         rows.append([part, str(size), mean, f"{low} to {high}", p])
-    return _aligned(rows)
+    return [Table("", head, rows)]
 
 
-def _coverage(c: Consistency) -> list[str]:
+def _coverage(c: Consistency) -> list[Block]:
     """Shares in the ellipsoids with binomial intervals."""
     if c.coverage is None or c.coverage_interval is None:
         return []
-    rows = [["Ellipsoid", *(f"{_percent(level)}" for level in LEVELS)]]
+    rows = []
     for part, shares, limits in zip(PARTS, c.coverage, c.coverage_interval, strict=True):
         rows.append([f"{part} holds %", *(_share(x, c) for x in shares)])
         rows.append(["", *(f"{_share(low, c)}-{_share(high, c)}" for low, high in limits)])
-    return [
-        *_aligned(rows),
-        f"Second lines: {_percent(c.confidence)} intervals of Clopper and Pearson (exact binomial).",
-    ]
+    note = f"Second lines: {_percent(c.confidence)} intervals of Clopper and Pearson (exact binomial)."
+    return [Table("", ["Ellipsoid", *map(_percent, LEVELS)], rows), Paragraph(note)]
 
 
-def _directions(c: Consistency) -> list[str]:
+def _directions(c: Consistency) -> list[Block]:
     """Generalised eigenvalues, as ratios of standard deviations."""
     if c.eigenvalues is None or c.directions is None or c.eigenvalue_interval is None:
         return []
@@ -289,19 +284,20 @@ def _directions(c: Consistency) -> list[str]:
         f"A true covariance shows {low:.3f} to {high:.3f}. Smallest in {in_words(c.directions[0])}; largest in "
         f"{in_words(c.directions[5])}."
     )
-    return _wrapped(text)
+    return [Paragraph(text)]
 
 
-def _tests(c: Consistency) -> list[str]:
+def _tests(c: Consistency) -> list[Block]:
     """Likelihood ratio and tails, which no table shows."""
     if c.likelihood_ratio is None or c.kurtosis is None or c.kurtosis_error is None:
         return []
     p = probability(c.p_values[LIKELIHOOD_RATIO])
-    return _wrapped(
+    text = (
         f"Likelihood ratio of sampled against predicted covariance: {c.likelihood_ratio:.1f}, chi-square with 21 "
         f"degrees of freedom, {p}. Fourth moment of d over that of Gaussian errors: {1 + c.kurtosis:.3f} +- "
         f"{digits(c.kurtosis_error, 1)}."
     )
+    return [Paragraph(text)]
 
 
 def _change(x: float, than: str | None = None) -> str:
@@ -350,17 +346,3 @@ def _listed(names: Iterable[str]) -> str:
 
 def _joined(texts: list[str]) -> str:
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
-
-
-def _aligned(rows: list[list[str]], left: int = 1) -> list[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            cell.ljust(w) if k < left else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in rows
-    ]
-
-
-def _wrapped(text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, break_on_hyphens=False)

@@ -1,1 +1,3 @@
 """Is the covariance consistent: by the posterior."""
+
+from . import text as text  # registers the words of a posterior

@@ -17,6 +17,8 @@ from ...geometry.conventions import CONVENTION
 from ...geometry.se3 import Array
 from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
+from ...presentation.document import document_of, to_text
+from ...presentation.notebook import to_html
 from ..monte_carlo.sums import LEVELS
 from .convergence import PosteriorDiagnostics, inference_data
 from .density import ScalePrior
@@ -164,15 +166,11 @@ class Posterior:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        from ...presentation.notebook import text_html
-
-        return text_html("Posterior", repr(self), self.summary())
+        return to_html("Posterior", document_of(self))
 
     def summary(self) -> str:
         """The result as text, with units on every number."""
-        from . import text as posterior_text
-
-        return posterior_text.text(self)
+        return to_text(document_of(self))
 
     def figure(self, path: str | os.PathLike[str] | None = None) -> Any:
         """The corner plot as a Matplotlib figure; written to ``path`` (.png or .svg) if given."""

@@ -1,42 +1,35 @@
-"""A posterior as plain text: standard deviations beside the bound, whether it is Gaussian, how far to trust it."""
+"""A posterior in words: standard deviations beside the bound, whether it is Gaussian, how far to trust it."""
 
 from __future__ import annotations
-
-import textwrap
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...formatting.numbers import digits
 from ...geometry.se3 import Array
+from ...presentation.document import Block, Document, Paragraph, Table, document_of
+from .result import Posterior
 
-if TYPE_CHECKING:
-    from .result import Posterior
-
-WIDTH = 120
 SHAPE_LEVELS = (0.5, 0.68, 0.9, 0.95, 0.99)
 # Per axis: shown in degrees and mm, as all text of the package.
 UNITS = np.array([180 / np.pi] * 3 + [1e3] * 3)
 
 
-def text(posterior: Posterior) -> str:
+@document_of.register(Posterior)
+def posterior_document(posterior: Posterior) -> Document:
     """A headline, a table of the six axes, the shape, the scales and the diagnostics; or what is missing."""
-    name = posterior.frame or "X"
-    lines = [*_wrapped(f"Posterior of {name}, {_model(posterior)}.")]
+    start: list[Block | list[Block]] = [Paragraph(f"Posterior of {posterior.frame or 'X'}, {_model(posterior)}.")]
+    diagnostics = Paragraph(_diagnostics(posterior))
     if not posterior.converged:
         faults = "; ".join(posterior.diagnostics.faults)
-        lines += ["", *_wrapped(f"NOT CONVERGED, so that there are no numbers to report: {faults}.")]
-        return "\n".join([*lines, "", *_diagnostics(posterior)]) + "\n"
+        return [*start, Paragraph(f"NOT CONVERGED, so that there are no numbers to report: {faults}."), diagnostics]
     if posterior.maxima > 1:
-        lines += ["", *_wrapped(_maxima(posterior))]
-    lines += ["", *_table(posterior), "", *_wrapped(_shape(posterior))]
+        start.append(Paragraph(_maxima(posterior)))
+    shape: list[Block] = [Paragraph(_shape(posterior))]
     for side, s in posterior.scale_samples.items():
         low, middle, high = np.quantile(s, [0.025, 0.5, 0.975])
-        lines += _wrapped(
-            f"Noise of {side}: {digits(middle)} times the standard deviations given "
-            f"({digits(low)} to {digits(high)} with 95 %)."
-        )
-    return "\n".join([*lines, "", *_diagnostics(posterior), *_wrapped(_not_covered(posterior))]) + "\n"
+        text = f"Noise of {side}: {digits(middle)} times the standard deviations given "
+        shape.append(Paragraph(f"{text}({digits(low)} to {digits(high)} with 95 %)."))
+    return [*start, _table(posterior), shape, [diagnostics, Paragraph(_not_covered(posterior))]]
 
 
 def _maxima(posterior: Posterior) -> str:
@@ -57,12 +50,11 @@ def _model(posterior: Posterior) -> str:
     return f"{likelihood} likelihood, flat prior on X, {noise}{scales}"
 
 
-def _table(posterior: Posterior) -> list[str]:
+def _table(posterior: Posterior) -> Table:
     intervals = posterior.hpd(0.95).intervals
     bound = np.sqrt(np.diag(posterior.bound))
-    rows = [
-        ["", "unit", "mean - ml", "sd", "sd of ml", "ratio", "95 % from", "to", "R-hat", "ESS bulk", "ESS tail"],
-    ]
+    head = ["", "unit", "mean - ml", "sd", "sd of ml", "ratio", "95 % from", "to", "R-hat", "ESS bulk", "ESS tail"]
+    rows = []
     found = posterior.diagnostics
     for k, axis in enumerate(posterior.names[:6]):
         values: Array = np.array([posterior.mean[k], posterior.std[k], bound[k]]) * UNITS[k]
@@ -82,8 +74,7 @@ def _table(posterior: Posterior) -> list[str]:
                 f"{found.ess_tail[k]:.0f}",
             ]
         )
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return Table("", head, rows)
 
 
 def _shape(posterior: Posterior) -> str:
@@ -98,11 +89,11 @@ def _shape(posterior: Posterior) -> str:
     return f"The {levels} ellipsoids of the samples' mean and covariance hold {contents} of the samples, {verdict}."
 
 
-def _diagnostics(posterior: Posterior) -> list[str]:
+def _diagnostics(posterior: Posterior) -> str:
     found = posterior.diagnostics
     tau = found.autocorrelation_time
     longest = "unknown" if np.isnan(tau).any() else f"{tau.max():.1f} steps"
-    return _wrapped(
+    return (
         f"{found.walkers} walkers, {found.steps} steps each after {found.burn_in} of burn-in; longest autocorrelation "
         f"time {longest}; {100 * found.acceptance:.0f} % of the proposals accepted; seed {posterior.seed}; "
         f"{posterior.seconds:.1f} s."
@@ -115,7 +106,3 @@ def _not_covered(posterior: Posterior) -> str:
         "theta: left rotation, tau: translation, in the parent frame of X. Errors that poses share and the noise does "
         f"not say (wrong intrinsics, wrong robot kinematics) are not covered.{student}"
     )
-
-
-def _wrapped(line: str) -> list[str]:
-    return textwrap.wrap(line, WIDTH, break_on_hyphens=False)

@@ -12,6 +12,8 @@ from ...files.atomic import json_text
 from ...geometry.conventions import CONVENTION
 from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
+from ...presentation.document import document_of, to_text
+from ...presentation.notebook import to_html
 from ..monte_carlo.consistency import PARTS
 from .level import CONFIDENCE, KINDS, level_dict
 from .limits import MethodSweep, _ends
@@ -52,15 +54,11 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        from ...presentation.notebook import text_html
-
-        return text_html("Sweep of the noise", repr(self), self.summary())
+        return to_html("Sweep of the noise", document_of(self))
 
     def summary(self) -> str:
         """What holds up to which noise, in words and as a table."""
-        from .text import summary
-
-        return summary(self)
+        return to_text(document_of(self))
 
     def figure(self, path: str | Path) -> Path:
         """Write the mean NEES against the noise as ``.png`` or ``.svg``."""

@@ -1,39 +1,34 @@
-"""A sweep over the noise as plain text: per method whether the noise is inside, how far it may grow, and a table."""
+"""A sweep over the noise in words: per method whether the noise is inside, how far it may grow, and a table."""
 
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from ...formatting.numbers import digits
+from ...presentation.document import Document, Paragraph, Table, document_of
 from .level import KINDS, Level, Verdict
 from .limits import Limit, MethodSweep
+from .result import Sweep
 
-if TYPE_CHECKING:
-    from .result import Sweep
-
-WIDTH = 118
 # Deviations of the noise may grow by so much before a covariance fails: then the noise is well inside.
 WELL = 2.0
 # Mean errors from here on, in standard deviations, are worth a word.
 BIASED = 0.5
 
 
-def summary(result: Sweep) -> str:
+@document_of.register(Sweep)
+def sweep_document(result: Sweep) -> Document:
     """Sentences per method, then its levels."""
     whose = "estimated from the data" if result.noise_estimated else "given"
-    lines = _wrapped(
-        f"Where first order ends: the noise {whose}, its covariances times a factor, drawn {result.trials:,} times on "
-        f"{result.count} {result.item} around the {result.around}, seed {result.seed}."
-    )
-    for found in result.methods:
-        lines += ["", *_wrapped(verdict(found)), *_table(found)]
     percent = f"{100 * result.tolerance:g} %"
-    lines += [
-        "",
-        *_wrapped(
+    return [
+        Paragraph(
+            f"Where first order ends: the noise {whose}, its covariances times a factor, drawn {result.trials:,} times "
+            f"on {result.count} {result.item} around the {result.around}, seed {result.seed}."
+        ),
+        *([Paragraph(verdict(found)), _table(found)] for found in result.methods),
+        Paragraph(
             "cov x, sd x: the noise, its covariances and its standard deviations as multiples of yours; all levels "
             "share their draws. bias: of the worst component, in standard deviations. NEES: mean, 6 if the covariance "
             "is true; of rotation (rot.) and translation (tr.) 3. errors: root mean square error over predicted "
@@ -44,7 +39,6 @@ def summary(result: Sweep) -> str:
             "one data set scatters about them."
         ),
     ]
-    return "\n".join(line.rstrip() for line in lines) + "\n"
 
 
 def verdict(found: MethodSweep) -> str:
@@ -134,17 +128,15 @@ def _lower(text: str | None) -> str:
     return "" if not text else text[0].lower() + text[1:]
 
 
-def _table(found: MethodSweep) -> list[str]:
+def _table(found: MethodSweep) -> Table:
     names = ["NEES", "rot.", "tr.", "errors", "in 95 %", ""]
-    rows = [["cov x", "sd x", "bias", "no X", *names, *names]]
+    rows = []
     for level in found.levels:
         bias = "" if level.bias is None else f"{level.bias:.2f}"
         start = [digits(level.factor), digits(level.deviations), bias, f"{100 * level.failed:.2g} %"]
         rows.append([*start, *_cells(level.first_order), *_cells(level.sigma_points)])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    first, second = (sum(widths[:k]) + 2 * k for k in (4, 10))
-    above = ("noise times".ljust(first) + "first order").ljust(second) + "sigma points"
-    return [above, *("  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows)]
+    groups = [("noise times", 4), ("first order", 6), ("sigma points", 6)]
+    return Table("", ["cov x", "sd x", "bias", "no X", *names, *names], rows, groups=groups, named=False)
 
 
 def _cells(tested: Verdict) -> list[str]:
@@ -164,7 +156,3 @@ def _number(value: float) -> str:
     if value >= 1e4:
         return f"{value:.1e}".replace("e+0", "e")
     return f"{value:.2f}" if value < 100 else f"{value:.0f}"
-
-
-def _wrapped(line: str) -> list[str]:
-    return textwrap.wrap(line, WIDTH, break_on_hyphens=False)

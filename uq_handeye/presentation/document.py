@@ -1,0 +1,199 @@
+"""The one document model: what a result or a page says, as blocks. Text is made here, HTML by `notebook` and `page`.
+
+A document is a sequence of blocks, or of lists of blocks that stand together. Everything is plain text; who renders it
+escapes it and decides how it looks.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import singledispatch
+from typing import Any, ClassVar
+
+# Characters on a line of text.
+WIDTH = 118
+
+# A cell that holds the text of several.
+Cell = str | tuple[str, int]
+
+
+class Block:
+    """What a document is made of."""
+
+    kind: ClassVar[str]
+
+
+@dataclass(frozen=True)
+class Heading(Block):
+    """A line above what it names."""
+
+    text: str
+    kind: ClassVar[str] = "heading"
+
+
+@dataclass(frozen=True)
+class Paragraph(Block):
+    """A paragraph; ``empty`` says that something is missing, and why."""
+
+    text: str
+    empty: bool = False
+    indent: str = ""  # of the first line of text
+    hang: str | None = None  # of the others; None: as the first
+    kind: ClassVar[str] = "paragraph"
+
+
+@dataclass(frozen=True)
+class Caution(Block):
+    """What looks wrong, said before the numbers."""
+
+    text: str
+    kind: ClassVar[str] = "caution"
+
+
+@dataclass(frozen=True)
+class Points(Block):
+    """A list; those in ``marked`` stand out."""
+
+    items: Sequence[str]
+    marked: frozenset[str] = frozenset()
+    kind: ClassVar[str] = "points"
+
+
+@dataclass(frozen=True)
+class Table(Block):
+    """A table with a caption; the first cell of a row is its heading. A cell ``(text, k)`` goes over k columns."""
+
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[Cell]]  # one without cells is a rule
+    text_columns: frozenset[int] = frozenset()  # all others hold numbers and are set to the right
+    marked: frozenset[int] = frozenset()  # rows that stand out
+    verbatim: bool = False  # names and values as they are: no typographic signs
+    units: Sequence[str] = ()  # of the columns
+    groups: Sequence[tuple[str, int]] = ()  # headings over so many columns each
+    named: bool = True  # whether the first column holds names, which are set to the left
+    kind: ClassVar[str] = "table"
+
+    @property
+    def worded(self) -> bool:
+        """Whether a heading of a row is longer than a short word or number, and needs room on a narrow screen."""
+        return any(len(row[0]) > 12 for row in self.rows if isinstance(row[0], str))
+
+    @property
+    def columns(self) -> list[str]:
+        """The heads with their units."""
+        units = self.units or [""] * len(self.head)
+        return [f"{name} ({unit})" if unit else name for name, unit in zip(self.head, units, strict=True)]
+
+
+@dataclass(frozen=True)
+class Drawing(Block):
+    """A figure as SVG markup, trusted, with alt text and caption; text leaves it out."""
+
+    stem: str
+    svg: str
+    alt: str
+    caption: str
+    kind: ClassVar[str] = "drawing"
+
+
+@dataclass(frozen=True)
+class Code(Block):
+    """Text to copy, with what it is and its units and convention."""
+
+    title: str
+    text: str
+    note: str
+    kind: ClassVar[str] = "code"
+
+
+Document = Sequence[Block | Sequence[Block]]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with its anchor and what stands below it."""
+
+    anchor: str
+    title: str
+    blocks: Sequence[Block]
+
+
+def groups_of(document: Document) -> Iterable[Sequence[Block]]:
+    """The blocks that stand together; a block by itself is a group."""
+    return ([part] if isinstance(part, Block) else part for part in document)
+
+
+@singledispatch
+def document_of(result: Any, **options: Any) -> Document:
+    """What a result says. Each topic registers the function that makes the document of its own result."""
+    raise TypeError(f"Expected a result with a document, got {type(result).__name__}.")
+
+
+def to_text(document: Document) -> str:
+    """The document as plain text, with an empty line between groups."""
+    texts = ["\n".join(line.rstrip() for block in group for line in _lines(block)) for group in groups_of(document)]
+    return "\n\n".join(text for text in texts if text) + "\n"
+
+
+def _lines(block: Block) -> list[str]:
+    match block:
+        case Heading():
+            return [block.text]
+        case Paragraph():
+            return _wrapped(block.text, block.indent, block.hang)
+        case Caution():
+            return _wrapped(f"CAUTION: {block.text}")
+        case Points():
+            return [line for item in block.items for line in _wrapped(f"- {item}", "", "  ")]
+        case Table():
+            return _table_lines(block)
+        case Code():
+            return block.text.splitlines()
+        case _:  # a drawing
+            return []
+
+
+def _wrapped(text: str, indent: str = "", hang: str | None = None) -> list[str]:
+    hang = indent if hang is None else hang
+    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=hang, break_on_hyphens=False)
+
+
+def _table_lines(table: Table) -> list[str]:
+    """Columns as wide as their widest cell, two spaces apart, one where the line would be too long.
+
+    Those below a caption are indented. The last cell of a row goes over several columns as a wrapped paragraph.
+    """
+    heads = [list(line) for line in (table.head, table.units) if any(line)]
+    plain = [[str(cell) for cell in row] for row in (*heads, *table.rows) if row and isinstance(row[-1], str)]
+    widths = [max(map(len, column)) for column in zip(*plain, strict=True)]
+    widths = widths or [max((len(row[0]) for row in table.rows), default=0)]
+    indent = "  " if table.caption else ""
+    gap = "  " if len(indent) + sum(widths) + 2 * (len(widths) - 1) <= WIDTH else " "
+    left = table.text_columns | ({0} if table.named else set())
+
+    def joined(cells: Sequence[Cell]) -> str:
+        placed = (
+            str(c).ljust(w) if k in left else str(c).rjust(w)
+            for k, (c, w) in enumerate(zip(cells, widths, strict=False))
+        )
+        return gap.join(placed)
+
+    lines = _wrapped(table.caption)
+    if table.groups:
+        line, at = "", 0
+        for title, count in table.groups:
+            line = f"{line} "[: len(line) + bool(line)].ljust(sum(widths[:at]) + len(gap) * at) + title
+            at += count
+        lines.append(indent + line)
+    for row in (*heads, *table.rows):
+        if not row:
+            lines.append(indent + "-" * len(joined([""] * len(widths))))
+        elif isinstance(row[-1], tuple):
+            start = f"{indent}{joined(row[:-1])}{gap}"
+            lines += _wrapped(start + row[-1][0], "", " " * len(start))
+        else:
+            lines.append(indent + joined(row))
+    return lines
