@@ -25,6 +25,11 @@ def digits(value: float | np.floating[Any], significant: int = 3) -> str:
     return f"{value:.{significant - 1}e}"
 
 
+def rough(value: float) -> str:
+    """Two digits of a number that chance moves."""
+    return digits(float(f"{value:.1e}"), 2)
+
+
 def fixed(value: float | np.floating[Any], significant: int = 3) -> str:
     """As `digits`, with the zeros at the end that it cuts: for columns of a table.
 

@@ -10,7 +10,7 @@ This module imports Matplotlib; import it where it is used.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,16 +18,36 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..formatting.numbers import concise, digits
+from ..geometry.se3 import Array
+from ..poses.pose_pairs import PosePairs
+from .correlation import Correlation
 
-if TYPE_CHECKING:
-    from .result import Synchronised
+
+class Drawn(Protocol):
+    """What the figure needs of synchronised streams."""
+
+    @property
+    def offset(self) -> float: ...
+    @property
+    def offset_std(self) -> float: ...
+    @property
+    def shift(self) -> float: ...
+    @property
+    def origin(self) -> str: ...
+    @property
+    def correlation(self) -> Correlation | None: ...
+    @property
+    def poses(self) -> PosePairs: ...
+    @property
+    def residual_curve(self) -> tuple[Array, Array, Array] | None: ...
+
 
 ROBOT, CAMERA, OFFSET = "#0072B2", "#D55E00", "black"
 # Points of a curve beyond which only their extremes can be seen.
 MOST_POINTS = 4000
 
 
-def sync_figure(sync: Synchronised) -> Figure:
+def sync_figure(sync: Drawn) -> Figure:
     """The three panels; a panel of what is not known says so."""
     figure = Figure(figsize=(9.5, 6.6), layout="constrained")
     FigureCanvasAgg(figure)
@@ -45,7 +65,7 @@ def sync_figure(sync: Synchronised) -> Figure:
     return figure
 
 
-def alt_text(sync: Synchronised) -> str:
+def alt_text(sync: Drawn) -> str:
     """What the figure shows, in words."""
     high = "" if sync.correlation is None or not sync.correlation.heights else f" of {sync.correlation.heights[0]:.2f}"
     return (
@@ -56,7 +76,7 @@ def alt_text(sync: Synchronised) -> str:
     )
 
 
-def _speeds(axis: Axes, sync: Synchronised) -> None:
+def _speeds(axis: Axes, sync: Drawn) -> None:
     found = sync.correlation
     if found is None or not len(found.robot.speed) or sync.poses.timestamps is None:
         _nothing(axis, "no angular speeds")
@@ -78,7 +98,7 @@ def _speeds(axis: Axes, sync: Synchronised) -> None:
     axis.legend(loc="upper right", ncols=2, frameon=False, fontsize=9)
 
 
-def _correlation(axis: Axes, sync: Synchronised) -> None:
+def _correlation(axis: Axes, sync: Drawn) -> None:
     found = sync.correlation
     if found is None or not len(found.lags):
         _nothing(axis, "the speeds were not correlated")
@@ -94,7 +114,7 @@ def _correlation(axis: Axes, sync: Synchronised) -> None:
     axis.set_ylabel("correlation of angular speeds")
 
 
-def _residuals(axis: Axes, sync: Synchronised) -> None:
+def _residuals(axis: Axes, sync: Drawn) -> None:
     curve = sync.residual_curve
     if curve is None:
         _nothing(axis, "residuals are not known")

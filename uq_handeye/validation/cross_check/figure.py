@@ -15,8 +15,9 @@ line style and lightness, not in colour alone. This module imports Matplotlib; i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,9 +28,20 @@ from matplotlib.lines import Line2D
 from ...files.atomic import write_atomically
 from ...geometry.se3 import Array
 from ...presentation.ellipses import SYMBOLS, display_unit, limited, render
+from ..monte_carlo.result import MonteCarlo
+from .rows import Row
 
-if TYPE_CHECKING:
-    from .result import CrossCheck
+
+class Drawn(Protocol):
+    """What the figure needs of a cross-check."""
+
+    @property
+    def rows(self) -> tuple[Row, ...]: ...
+    @property
+    def runs(self) -> Mapping[str, MonteCarlo]: ...
+    @property
+    def frame(self) -> str: ...
+
 
 LEVEL = 2
 POINTS = 2000
@@ -57,7 +69,7 @@ _CURVES = (
 )
 
 
-def cross_check_figure(check: CrossCheck) -> Figure:
+def cross_check_figure(check: Drawn) -> Figure:
     """Ellipses of 2 standard deviations in 3 x 5 panels, with up to 2,000 errors of the trials of 4DPA."""
     known = {row.key: row.covariance for row in check.rows if row.covariance is not None}
     drawn = []
@@ -90,7 +102,7 @@ def cross_check_figure(check: CrossCheck) -> Figure:
     return figure
 
 
-def save(check: CrossCheck, path: str | Path) -> None:
+def save(check: Drawn, path: str | Path) -> None:
     """Write the figure, whole or not at all; .png or .svg. Raises `InputError` for other endings."""
     kind = Path(path).suffix.lstrip(".").lower()
     write_atomically(path, render(cross_check_figure(check), kind))
@@ -127,7 +139,7 @@ def ellipse(S: Array, i: int, j: int) -> Array:
     return LEVEL * np.stack([s[0] * np.cos(angle), s[1] * (rho * np.cos(angle) + np.sqrt(1 - rho**2) * np.sin(angle))])
 
 
-def _legend(figure: Figure, check: CrossCheck, curves: list[_Curve], points: int) -> None:
+def _legend(figure: Figure, check: Drawn, curves: list[_Curve], points: int) -> None:
     handles = [
         Line2D([], [], color=curve.colour, linestyle=curve.line, linewidth=curve.width, label=curve.label)
         for curve in curves

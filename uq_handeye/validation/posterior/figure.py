@@ -11,7 +11,7 @@ This module imports Matplotlib; import it where it is used.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,9 +24,25 @@ from scipy.ndimage import gaussian_filter
 
 from ...geometry.se3 import Array
 from ...presentation.ellipses import LEVELS, SYMBOLS, display_unit
+from .convergence import PosteriorDiagnostics
 
-if TYPE_CHECKING:
-    from .result import Posterior
+
+class Drawn(Protocol):
+    """What the figure needs of a posterior."""
+
+    @property
+    def frame(self) -> str | None: ...
+    @property
+    def samples(self) -> Array: ...
+    @property
+    def mean(self) -> Array: ...
+    @property
+    def std(self) -> Array: ...
+    @property
+    def bound(self) -> Array: ...
+    @property
+    def diagnostics(self) -> PosteriorDiagnostics: ...
+
 
 BINS = 60
 REACH = 4.0  # standard deviations to either side
@@ -34,7 +50,7 @@ SMOOTHING = 0.2  # standard deviations
 COLOUR, OVERLAY = "#0072B2", "#D55E00"
 
 
-def corner(posterior: Posterior) -> Figure:
+def corner(posterior: Drawn) -> Figure:
     """The six coordinates of X; raises `NotConvergedError` for a chain that has not converged."""
     x = posterior.samples
     reach = REACH * np.maximum(posterior.std, np.sqrt(np.diag(posterior.bound)))
@@ -110,7 +126,7 @@ def _frame(axis: Axes, label: str | None, diagonal: bool) -> None:
         axis.set_xlabel(label, fontsize=9)
 
 
-def _legend(figure: Figure, posterior: Posterior) -> None:
+def _legend(figure: Figure, posterior: Drawn) -> None:
     contents = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.1f} %" for k in LEVELS)
     handles = [
         Patch(facecolor=COLOUR, alpha=0.4, edgecolor=COLOUR, label=f"samples; contours hold {contents}"),

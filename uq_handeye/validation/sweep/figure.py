@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,15 +24,29 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from ...errors import InputError
 from ...files.atomic import write_files
 from ...files.open import StrPath, as_path
-from ...formatting.numbers import digits
+from ...formatting.numbers import digits, rough
 from ...presentation.ellipses import render
 from ...presentation.label_placement import HALO
 from .level import KINDS
 from .limits import Limit, MethodSweep
-from .text import rough
 
-if TYPE_CHECKING:
-    from .result import Sweep
+
+class Drawn(Protocol):
+    """What the figure needs of a sweep."""
+
+    @property
+    def methods(self) -> tuple[MethodSweep, ...]: ...
+    @property
+    def frame(self) -> str: ...
+    @property
+    def count(self) -> int: ...
+    @property
+    def item(self) -> str: ...
+    @property
+    def trials(self) -> int: ...
+    @property
+    def tolerance(self) -> float: ...
+
 
 # Colours of Okabe and Ito, lines and markers apart in greyscale too.
 STYLES: dict[str, tuple[str, Any, str]] = {KINDS[0]: ("#D55E00", "-", "o"), KINDS[1]: ("#0072B2", (0, (4, 1.5)), "s")}
@@ -40,7 +54,7 @@ COLUMNS = 3
 _WIDTH, _HEIGHT = 3.6, 3.0  # inches of a panel
 
 
-def figure(result: Sweep, path: StrPath) -> Path:
+def figure(result: Drawn, path: StrPath) -> Path:
     """Write the figure as ``.png`` or ``.svg``, by the name, whole or not at all; returns the path.
 
     Raises `InputError` for another ending, and if the file cannot be written.
@@ -53,7 +67,7 @@ def figure(result: Sweep, path: StrPath) -> Path:
     return path
 
 
-def sweep_figure(result: Sweep) -> Figure:
+def sweep_figure(result: Drawn) -> Figure:
     """The figure, as Matplotlib has it."""
     columns = min(COLUMNS, len(result.methods))
     rows = -(-len(result.methods) // columns)
@@ -115,7 +129,7 @@ def sweep_figure(result: Sweep) -> Figure:
     return drawn
 
 
-def _footer(result: Sweep) -> str:
+def _footer(result: Drawn) -> str:
     """What the marks mean that there are."""
     limits = [found.limit(kind) for found in result.methods for kind in KINDS]
     text = f"{result.trials:,} trials per level; all levels share their draws."
@@ -129,7 +143,7 @@ def _footer(result: Sweep) -> str:
     return text
 
 
-def _range(result: Sweep) -> tuple[float, float]:
+def _range(result: Drawn) -> tuple[float, float]:
     """Limits of the NEES: all values, and never less than the band of the tolerance with some room."""
     edge = 6 * (1 + result.tolerance) ** 2
     values = [edge * 1.3, 36 / edge / 1.3]
@@ -141,7 +155,7 @@ def _range(result: Sweep) -> tuple[float, float]:
     return low / room, high * room
 
 
-def _panel(axis: Axes, result: Sweep, found: MethodSweep, nees: tuple[float, float]) -> None:
+def _panel(axis: Axes, result: Drawn, found: MethodSweep, nees: tuple[float, float]) -> None:
     axis.set_xscale("log")
     axis.set_yscale("log")
     matters = (1 + result.tolerance) ** 2
@@ -220,5 +234,5 @@ def _mark(axis: Axes, limit: Limit, colour: str, height: float) -> None:
     )
 
 
-def _tolerance(result: Sweep) -> str:
+def _tolerance(result: Drawn) -> str:
     return f"errors as predicted within {100 * result.tolerance:g} %"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from ...formatting.numbers import digits
+from ...formatting.numbers import digits, rough
 from ...presentation.document import Document, Paragraph, Table, document_of
 from .level import KINDS, Level, Verdict
 from .limits import Limit, MethodSweep
@@ -98,11 +98,6 @@ def _times(factor: float, number: Callable[[float], str] | None = None) -> str:
         else (number(math.sqrt(factor)), number(factor))
     )
     return f"{deviations} times your standard deviations ({covariances} times your covariances)"
-
-
-def rough(value: float) -> str:
-    """Two digits of a number that chance moves."""
-    return digits(float(f"{value:.1e}"), 2)
 
 
 def _margin(limit: Limit) -> str:
