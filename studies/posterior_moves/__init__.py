@@ -45,7 +45,7 @@ from uq_handeye.validation.posterior import moves as posterior_moves
 from uq_handeye.validation.posterior.convergence import autocorrelation_time, by_arviz
 from uq_handeye.validation.posterior.density import Density, ScalePrior, density_of
 from uq_handeye.validation.posterior.moves import Proposal, moves_of
-from uq_handeye.validation.posterior.run import begun
+from uq_handeye.validation.posterior.run import ROUND, burn_in, sample_steps, sampler_of
 
 WALKERS = 128
 LONG_ENOUGH = 50  # autocorrelation times
@@ -89,9 +89,9 @@ def problems() -> dict[str, Density]:
 
 
 def sampled(density: Density, moves: Callable[[Proposal], Any], asked: int, most: int) -> dict[str, Any]:
-    start = begun(density, np.zeros((1, density.d)), WALKERS, SEED)
-    sampler = emcee.EnsembleSampler(WALKERS, density.d, density, moves=moves(start.proposal), vectorize=True)
-    state: Any = emcee.State(start.y[-1], log_prob=start.log_density[-1], random_state=start.random_state)
+    state, proposal, _ = burn_in(density, np.zeros((1, density.d)), WALKERS, SEED)
+    state = sample_steps(sampler_of(density, proposal, WALKERS, emcee.backends.Backend()), state, ROUND)
+    sampler = emcee.EnsembleSampler(WALKERS, density.d, density, moves=moves(proposal), vectorize=True)
     seconds, part = 0.0, 60
     while True:
         before = time.perf_counter()
@@ -103,7 +103,7 @@ def sampled(density: Density, moves: Callable[[Proposal], Any], asked: int, most
         if steps >= most or (steps >= LONG_ENOUGH * tau and steps * WALKERS >= asked * tau):
             break
         part = min(max(steps // 4, 20), most - steps)
-    ess = float(min(by_arviz(chain, density.names)[1]))
+    ess = float(min(by_arviz(chain)[1]))
     return {
         "acceptance": float(sampler.acceptance_fraction.mean()),
         "autocorrelation_steps": tau,

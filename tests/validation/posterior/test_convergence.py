@@ -28,7 +28,7 @@ def chain_of(*columns):
 def test_autocorrelation_time_of_a_known_process(rng):
     chain = chain_of(autoregressive(rng, 0.5, 1500, 64), autoregressive(rng, 0.8, 1500, 64))
     np.testing.assert_allclose(autocorrelation_time(chain), [3.0, 9.0], rtol=0.12)
-    _, bulk, tail = by_arviz(chain, NAMES)
+    _, bulk, tail = by_arviz(chain)
     np.testing.assert_allclose(bulk, chain[..., 0].size / np.array([3.0, 9.0]), rtol=0.12)
     assert (tail > 0.5 * bulk).all()
 

@@ -1,5 +1,6 @@
 """The file of a chain: resumed bit by bit, after kill -9 too; refused when damaged or another run's."""
 
+import json
 import os
 import signal
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import time
 
 import emcee
+import h5py
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError, NotConvergedError
 from uq_handeye.validation.posterior import run as posterior_run
 from uq_handeye.validation.posterior.density import ScalePrior
-from uq_handeye.validation.posterior.file import Chain, ChainFile
+from uq_handeye.validation.posterior.file import FORMAT, ChainFile
 from uq_handeye.validation.posterior.moves import single
 from uq_handeye.validation.posterior.sample import sample_posterior
 
@@ -33,31 +35,77 @@ def same(one, other):
     return np.array_equal(one.chain, other.chain) and np.array_equal(one.log_density, other.log_density)
 
 
-def some_chain(rng, steps=7):
-    state = np.random.RandomState(4).get_state()
-    proposal = single(rng.normal(size=6), np.eye(6))
-    y = rng.normal(size=(steps, 20, 6))
-    return Chain(y, rng.normal(size=(steps, 20)), np.ones(20), state, proposal, 40)
+def some_chain(rng, file, steps=7):
+    """Filled through emcee's interface, as its sampler does."""
+    chain = file.begin(single(rng.normal(size=6), np.eye(6)), 40)
+    random = np.random.RandomState(4)
+    chain.backend.reset(20, 6)
+    chain.backend.grow(steps, None)
+    for _ in range(steps):
+        y, log_density = rng.normal(size=(20, 6)), rng.normal(size=20)
+        state = emcee.State(y, log_prob=log_density, random_state=random.get_state())
+        chain.backend.save_step(state, rng.random(20) < 0.5)
+        random.normal()
+    return chain
 
 
 def test_round_trip_and_emcee_reads_it(rng, tmp_path):
-    chain = some_chain(rng)
     file = ChainFile(tmp_path / "chain.h5", IDENTITY, resume=False)
     assert file.load() is None
+    chain = some_chain(rng, file)
     file.save(chain)
     found = file.load()
-    for one, other in zip(found[:3], chain[:3], strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert found.random_state[0] == chain.random_state[0]
-    np.testing.assert_array_equal(found.random_state[1], chain.random_state[1])
-    assert found.random_state[2:] == chain.random_state[2:]
-    assert found.burn_in == 40
-    np.testing.assert_array_equal(found.proposal.location, chain.proposal.location)
     backend = emcee.backends.HDFBackend(str(tmp_path / "chain.h5"), read_only=True)
-    np.testing.assert_array_equal(backend.get_chain(), chain.y)
-    np.testing.assert_array_equal(backend.get_log_prob(), chain.log_density)
+    for other in (found.backend, backend):
+        assert other.iteration == chain.steps == 7
+        np.testing.assert_array_equal(other.get_chain(), chain.y)
+        np.testing.assert_array_equal(other.get_log_prob(), chain.log_density)
+        np.testing.assert_array_equal(other.accepted, chain.backend.accepted)
+        for one, same_one in zip(other.random_state, chain.backend.random_state, strict=True):
+            np.testing.assert_array_equal(one, same_one)
+    assert found.burn_in == 40
+    for one, same_one in zip(found.proposal, chain.proposal, strict=True):
+        np.testing.assert_array_equal(one, same_one)
+    with h5py.File(tmp_path / "chain.h5") as there:  # the manifest
+        assert json.loads(there["mcmc"].attrs["identity"]) == IDENTITY
+        assert there["mcmc"].attrs["version"] == emcee.__version__ and there["mcmc"].attrs["format"] == FORMAT
     file.close()
     assert os.listdir(tmp_path) == ["chain.h5"]
+
+
+def test_a_file_of_an_earlier_version_is_refused_by_name(tmp_path):
+    path = tmp_path / "chain.h5"
+    with h5py.File(path, "w") as file:
+        file.create_group("mcmc").attrs["version"] = "uq-handeye posterior 1"
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=r"the format .uq-handeye posterior 1. of an earlier version.*new"):
+        sample_posterior(POSES, NOISE, file=path, resume=True, **OPTIONS)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("change", ["more", "shorter", "no steps", "sparse", "compressed", "other type"])
+def test_arrays_that_are_no_chain_are_refused(rng, tmp_path, change):
+    path = tmp_path / "chain.h5"
+    file = ChainFile(path, IDENTITY, resume=False)
+    file.save(some_chain(rng, file))
+    with h5py.File(path, "a") as there:
+        group = there["mcmc"]
+        if change == "more":
+            group["more"] = np.zeros(3)
+        elif change == "shorter":
+            group["log_prob"].resize(6, axis=0)
+        elif change == "no steps":
+            group.attrs["iteration"] = 0
+        else:
+            del group["chain"]
+            options = {"sparse": {}, "compressed": {"compression": "gzip"}, "other type": {}}[change]
+            of = np.float32 if change == "other type" else np.float64
+            steps = 10**9 if change == "sparse" else 7
+            group.create_dataset("chain", (steps, 20, 6), of, maxshape=(None, 20, 6), **options)
+            if change != "sparse":
+                group["chain"][:] = 1.0
+    with pytest.raises(InputError, match="damaged"):
+        file.load()
 
 
 def test_resumed_chain_is_the_same(whole, tmp_path):
@@ -75,15 +123,15 @@ def test_resumed_chain_is_the_same(whole, tmp_path):
 def test_interrupt_keeps_whole_rounds(whole, tmp_path, monkeypatch):
     file = tmp_path / "chain.h5"
     calls = []
-    original = posterior_run._Run.round
+    original = posterior_run.sample_steps
 
-    def interrupted(self, steps):
+    def interrupted(sampler, state, steps):
         calls.append(steps)
         if len(calls) == 6:
             raise KeyboardInterrupt
-        return original(self, steps)
+        return original(sampler, state, steps)
 
-    monkeypatch.setattr(posterior_run._Run, "round", interrupted)
+    monkeypatch.setattr(posterior_run, "sample_steps", interrupted)
     with pytest.raises(KeyboardInterrupt):
         sample_posterior(POSES, NOISE, file=file, **OPTIONS)
     monkeypatch.undo()
@@ -156,12 +204,12 @@ def test_more_may_be_asked_for(tmp_path):
 def test_damage_is_refused(rng, tmp_path):
     path = tmp_path / "chain.h5"
     file = ChainFile(path, IDENTITY, resume=False)
-    file.save(some_chain(rng, 20))
+    file.save(some_chain(rng, file, 20))
     good = path.read_bytes()
-    y = good.find(file.load().y.tobytes())
+    y = good.find(file.load().y[3, 2, 1].tobytes())
     assert y > 0
     damaged = [good[:100], good[: len(good) // 2], b"", b"no HDF5", good[: y + 50] + b"\1\2" + good[y + 52 :]]
-    damaged += [good[:k] + bytes([good[k] ^ 255]) + good[k + 1 :] for k in rng.integers(y, y + 20_000, 20)]
+    damaged += [good[:k] + bytes([good[k] ^ 255]) + good[k + 1 :] for k in range(y, y + 8)]
     for content in damaged:
         path.write_bytes(content)
         with pytest.raises(InputError, match="damaged"):
@@ -203,9 +251,9 @@ def test_one_process_at_a_time(rng, tmp_path):
     first = ChainFile(path, IDENTITY, resume=False)
     second = ChainFile(path, IDENTITY, resume=False)  # in one process, where a traceback may hold the first
     with pytest.raises(InputError, match="taken over by a later run"):
-        first.save(some_chain(rng))
+        first.save(some_chain(rng, first))
     del first
-    second.save(some_chain(rng))
+    second.save(some_chain(rng, second))
     del second
     assert os.listdir(tmp_path) == ["chain.h5"]
 

@@ -106,21 +106,21 @@ def diagnose(chain: Array, names: tuple[str, ...], acceptance: float, burn_in: i
     tau = autocorrelation_time(chain)
     r_hat, bulk, tail = (np.full(d, np.nan) for _ in range(3))
     if steps >= 4:
-        r_hat, bulk, tail = by_arviz(chain, names)
+        r_hat, bulk, tail = by_arviz(chain)
     return PosteriorDiagnostics(names, tau, r_hat, bulk, tail, acceptance, walkers, steps, burn_in, asked)
 
 
-def by_arviz(chain: Array, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
+def by_arviz(chain: Array) -> tuple[Array, Array, Array]:
     """Split R-hat, bulk and tail ESS (d,)."""
-    az = arviz()
-    data = inference_data(chain, names)
-    found = (az.rhat(data, method="rank"), az.ess(data, method="bulk"), az.ess(data, method="tail", prob=(0.05, 0.95)))
-    return tuple(np.array([float(_variables(values)[name]) for name in names]) for values in found)  # type: ignore[return-value]
+    from arviz_stats import base
 
-
-def _variables(values: Any) -> Any:
-    """The data set of one group, which ArviZ from 1.0 on returns inside a tree."""
-    return values["posterior"] if "posterior" in getattr(values, "children", ()) else values
+    stats: Any = base.array_stats  # type: ignore[attr-defined]
+    of_walkers = {"chain_axis": 1, "draw_axis": 0}
+    return (
+        stats.rhat(chain, method="rank", **of_walkers),
+        stats.ess(chain, method="bulk", **of_walkers),
+        stats.ess(chain, method="tail", prob=(0.05, 0.95), **of_walkers),
+    )
 
 
 def inference_data(chain: Array, names: tuple[str, ...], log_density: Array | None = None) -> Any:
@@ -142,5 +142,5 @@ def arviz() -> Any:
             warnings.simplefilter("ignore")
             import arviz as az
     except ImportError as error:
-        raise MissingExtraError('Posteriors need ArviZ and h5py: pip install "uq-handeye[posterior]".') from error
+        raise MissingExtraError("ArviZ is not installed; to_arviz() needs it: pip install arviz.") from error
     return az

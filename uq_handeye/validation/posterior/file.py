@@ -1,16 +1,17 @@
-r"""The HDF5 file of a chain: written whole or not at all, refused when it is another run's or damaged.
+r"""The HDF5 file of a chain: emcee's own backend, written whole or not at all, refused when damaged or another run's.
 
-Layout of emcee's ``HDFBackend`` (group ``mcmc``: ``chain`` (steps, walkers, d) in the sampler's whitened coordinates,
-``log_prob``, ``accepted``, and the random state after the last step), which also reads it. emcee's own backend writes
-into the file at every step, and a process killed in the middle of that leaves a file that HDF5 may not open again. Here
-the file is made in memory after a round of steps and takes the place of the old one in one step of the file system, so
-that ``kill -9`` costs the steps since then and nothing else.
+The chain is an ``emcee.backends.HDFBackend`` (group ``mcmc``), which any program that knows emcee reads; it is in the
+sampler's whitened coordinates. The group's attributes also hold our manifest: ``format``, what the numbers depend on
+(``identity``: data and noise by their SHA-256, model, seed, walkers, versions), the proposal and the length of the
+burn-in that the chain was begun with, and a SHA-256 of everything. No pickles.
+
+emcee writes at every step, and a process that is killed in the middle of that leaves a file that HDF5 may not open
+again. So it writes into an image of the file in memory, which after whole rounds of steps takes the place of the file
+in one step of the file system. What is guaranteed: whenever the process ends, also by kill -9, the file is that of the
+last writing, complete; the steps since then are lost, and sampled again with the same random numbers.
 
 While a process is at work on a file, it holds the lock of ``.uq-handeye-NAME.lock`` beside it, which is removed at the
 end; one that a killed process left behind is in nobody's way.
-
-The group's attributes hold what the numbers depend on (``identity``: data and noise by their SHA-256, model, seed,
-walkers, versions), the proposal that the chain was begun with, and a SHA-256 of the content. No pickles.
 """
 
 from __future__ import annotations
@@ -21,34 +22,70 @@ import json
 import os
 import stat
 import weakref
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 from weakref import WeakValueDictionary
 
+import h5py
 import numpy as np
-from numpy.typing import NDArray
+from emcee.backends import Backend, HDFBackend
 
-from ...errors import InputError, MissingExtraError
+from ...errors import InputError
 from ...files.atomic import write_atomically
 from ...files.open import as_path, reason, shown
 from ...geometry.se3 import Array
 from .moves import Proposal
 
-FORMAT = "uq-handeye posterior 1"
+FORMAT, FORMER = "uq-handeye posterior 2", "uq-handeye posterior 1"
 GROUP = "mcmc"
-RandomState = tuple[str, NDArray[np.uint32], int, int, float]
+ARRAYS = ("chain", "log_prob", "accepted")
 
 
 class Chain(NamedTuple):
-    """A chain at the end of a round: all that it needs to go on."""
+    """A chain, and what it was begun with."""
 
-    y: Array  # (steps, walkers, d) whitened coordinates
-    log_density: Array  # (steps, walkers)
-    accepted: Array  # (walkers,) number of proposals accepted
-    random_state: RandomState
+    backend: Backend  # of emcee: steps, walkers, d whitened coordinates; log density; state of the random numbers
     proposal: Proposal
     burn_in: int  # steps before the first one
+
+    @property
+    def steps(self) -> int:
+        """Length."""
+        return int(self.backend.iteration)
+
+    @property
+    def y(self) -> Array:
+        """(steps, walkers, d) whitened coordinates."""
+        return np.asarray(self.backend.get_chain())
+
+    @property
+    def log_density(self) -> Array:
+        """(steps, walkers)"""
+        return np.asarray(self.backend.get_log_prob())
+
+
+class HeldBackend(HDFBackend):  # type: ignore[misc]
+    """emcee's backend, on an image of its file in memory that stays open; `image` is what the file is to hold."""
+
+    def __init__(self, content: bytes = b"") -> None:
+        super().__init__(None, name=GROUP)
+        self._image = io.BytesIO(content)
+        self._file = h5py.File(self._image, "r+" if content else "w")
+
+    @property
+    def initialized(self) -> bool:
+        return GROUP in self._file
+
+    @contextmanager
+    def open(self, mode: str = "r") -> Iterator[Any]:
+        yield self._file
+
+    def image(self) -> bytes:
+        """The content of the file."""
+        self._file.flush()
+        return self._image.getvalue()
 
 
 class ChainFile:
@@ -64,7 +101,6 @@ class ChainFile:
     _open: ClassVar[WeakValueDictionary[str, ChainFile]] = WeakValueDictionary()  # by the real path
 
     def __init__(self, path: str | os.PathLike[str], identity: dict[str, Any], resume: bool) -> None:
-        _h5py()
         self.path: Path = as_path(path)
         self._identity = identity
         try:
@@ -93,62 +129,54 @@ class ChainFile:
         """Let go of the file."""
         self._let_go()
 
+    def begin(self, proposal: Proposal, burn_in: int) -> Chain:
+        """An empty chain, to be filled by emcee and written by `save`."""
+        return Chain(HeldBackend(), proposal, burn_in)
+
     def save(self, chain: Chain) -> None:
         """Write the chain in place of what is there; raises `InputError` once it is closed."""
         if not self._let_go.alive:
             raise InputError(f"{shown(self.path)} was taken over by a later run.")
-        arrays = {"chain": chain.y, "log_prob": chain.log_density, "accepted": chain.accepted}
-        attributes = {
-            "version": FORMAT,
-            "nwalkers": chain.y.shape[1],
-            "ndim": chain.y.shape[2],
-            "has_blobs": False,
-            "iteration": len(chain.y),
-            **{f"random_state_{k}": value for k, value in enumerate(chain.random_state)},
-            "identity": json.dumps(self._identity, sort_keys=True),
-            **{f"proposal_{name}": value for name, value in chain.proposal._asdict().items()},
-            "burn_in": chain.burn_in,
-        }
-        buffer = io.BytesIO()
-        with _h5py().File(buffer, "w") as file:
-            group = file.create_group(GROUP)
-            for name, values in arrays.items():
-                group.create_dataset(name, data=values)
-            group.attrs.update(attributes | {"sha256": _digest(arrays, attributes)})
-        write_atomically(self.path, buffer.getvalue())
+        assert isinstance(chain.backend, HeldBackend)
+        with chain.backend.open() as file:
+            manifest = {"format": FORMAT, "identity": json.dumps(self._identity, sort_keys=True)}
+            proposal = {f"proposal_{name}": value for name, value in chain.proposal._asdict().items()}
+            attributes = file[GROUP].attrs
+            attributes.update(manifest | proposal | {"burn_in": chain.burn_in})
+            attributes["sha256"] = _digest(file[GROUP])
+        write_atomically(self.path, chain.backend.image())
 
     def load(self) -> Chain | None:
         """The chain that is there, None where there is no file yet; raises `InputError` for anything else."""
         if not self.path.exists():
             return None
-        h5py = _h5py()
         damaged = f"{shown(self.path)} is not the file of a posterior, or is damaged: name a new file."
         try:
-            with h5py.File(self.path, "r") as file:
-                group = file[GROUP]
-                attributes = {name: group.attrs[name] for name in group.attrs}
-                steps, walkers, d = (int(attributes[name]) for name in ("iteration", "nwalkers", "ndim"))
-                shapes = {"chain": (steps, walkers, d), "log_prob": (steps, walkers), "accepted": (walkers,)}
-                arrays = {name: _plain(group[name], shape) for name, shape in shapes.items()}
-            there = json.loads(attributes["identity"])
-            digest = attributes.pop("sha256")
-            if attributes["version"] != FORMAT or digest != _digest(arrays, attributes) or not isinstance(there, dict):
+            content = self.path.read_bytes()
+            if not content:
                 raise InputError(damaged)
+            backend = HeldBackend(content)
+            with backend.open() as file:
+                attributes = dict(file[GROUP].attrs)
+                if attributes["version"] == FORMER:
+                    raise InputError(
+                        f"{shown(self.path)} has the format {FORMER!r} of an earlier version, which cannot be gone on "
+                        f"with; this version writes {FORMAT!r}. Name a new file."
+                    )
+                _require_plain(file[GROUP], len(content))
+                if attributes["format"] != FORMAT or attributes["sha256"] != _digest(file[GROUP]):
+                    raise InputError(damaged)
+            there = json.loads(attributes["identity"])
+            proposal = Proposal(*(np.asarray(attributes[f"proposal_{name}"]) for name in Proposal._fields))
+            chain = Chain(backend, proposal, int(attributes["burn_in"]))
         except PermissionError as error:
             raise InputError(f"Cannot read {shown(self.path)}: {reason(error)}.") from error
+        except InputError:
+            raise
         except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError) as error:
             raise InputError(damaged) from error
         self._compare(there)
-        kind, key, *position = (attributes[f"random_state_{k}"] for k in range(5))
-        state = (str(kind), np.asarray(key, dtype=np.uint32), int(position[0]), int(position[1]), float(position[2]))
-        return Chain(
-            arrays["chain"],
-            arrays["log_prob"],
-            arrays["accepted"],
-            state,
-            Proposal(*(np.asarray(attributes[f"proposal_{name}"]) for name in Proposal._fields)),
-            int(attributes["burn_in"]),
-        )
+        return chain
 
     def _compare(self, there: dict[str, Any]) -> None:
         names = [name for name in {**self._identity, **there} if there.get(name) != self._identity.get(name)]
@@ -189,24 +217,26 @@ def _unlocked(lock: Path, descriptor: int | None) -> None:
         os.close(descriptor)
 
 
-def _plain(dataset: Any, shape: tuple[int, ...]) -> Array:
-    """A dataset of doubles with this shape, of which every byte is in the file."""
-    if dataset.shape != shape or dataset.dtype != np.float64 or dataset.id.get_storage_size() != 8 * np.prod(shape):
-        raise ValueError("unexpected shape or type")
-    return np.asarray(dataset[...])
+def _require_plain(group: Any, size: int) -> None:
+    """Refuse arrays of another type or shape than a chain's, and those that are not all in the file of this size."""
+    walkers, d = (int(group.attrs[name]) for name in ("nwalkers", "ndim"))
+    shapes = {"chain": (walkers, d), "log_prob": (walkers,), "accepted": ()}
+    if sorted(group) != sorted(shapes):
+        raise ValueError("unexpected arrays")
+    for name, shape in shapes.items():
+        array = group[name]
+        whole = array.dtype == np.float64 and array.nbytes <= array.id.get_storage_size() <= size
+        if not whole or array.shape[1:] != shape or array.id.get_create_plist().get_nfilters():
+            raise ValueError(f"unexpected {name}")
+    if not len(group["chain"]) == len(group["log_prob"]) >= int(group.attrs["iteration"]) > 0:
+        raise ValueError("unexpected number of steps")
 
 
-def _digest(arrays: dict[str, Array], attributes: dict[str, Any]) -> str:
+def _digest(group: Any) -> str:
+    """Of all arrays and attributes but itself."""
     digest = hashlib.sha256()
-    for name, value in sorted({**arrays, **attributes}.items()):
+    values = {name: group[name][...] for name in ARRAYS} | {k: v for k, v in group.attrs.items() if k != "sha256"}
+    for name, value in sorted(values.items()):
         digest.update(name.encode() + b"\n")
         digest.update(value.encode() if isinstance(value, str) else np.ascontiguousarray(value).tobytes())
     return digest.hexdigest()
-
-
-def _h5py() -> Any:
-    try:
-        import h5py
-    except ImportError as error:
-        raise MissingExtraError('The file of a posterior needs h5py: pip install "uq-handeye[posterior]".') from error
-    return h5py

@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import emcee
 import numpy as np
+from emcee.backends import Backend
 
 from ...geometry.se3 import Array
 from .convergence import LENGTHS, PosteriorDiagnostics, autocorrelation_time, diagnose
@@ -52,33 +54,37 @@ def sample(
     """
     with _shown(progress) as report:
         chain = None if file is None else file.load()
+        state, kept = None, 0  # kept: steps that are in the file
         if chain is None:
             report("burn-in")
-            chain = begun(density, starts, walkers, seed, max_steps)
-            kept = 0
+            state, proposal, before = burn_in(density, starts, walkers, seed)
+            chain = Chain(Backend(), proposal, before) if file is None else file.begin(proposal, before)
         else:
-            kept = len(chain.y)  # steps that are in the file
-        run = _Run(density, chain)
+            kept = chain.steps
+        sampler = sampler_of(density, chain.proposal, walkers, chain.backend)
         written, pause = time.monotonic(), PAUSE
         try:
+            if state is not None:
+                sample_steps(sampler, state, min(ROUND, max_steps))
             while True:
-                last = run.steps >= max_steps
-                if last or _time_to_look(run.steps):
-                    dropped, found = _judged(density, run.chain(), asked, last)
+                last = chain.steps >= max_steps
+                if last or _time_to_look(chain.steps):
+                    dropped, found = _judged(density, chain, asked, last)
                     if last or found.converged:
                         break
-                    report(_state(run.steps, found))
-                run.round(min(ROUND - run.steps % ROUND, max_steps - run.steps))  # to a whole number of rounds
+                    report(_state(chain.steps, found))
+                # to a whole number of rounds
+                sample_steps(sampler, None, min(ROUND - chain.steps % ROUND, max_steps - chain.steps))
                 if file is not None and time.monotonic() - written > pause:
-                    before = time.monotonic()
-                    file.save(run.chain())
-                    kept = run.steps
+                    started = time.monotonic()
+                    file.save(chain)
+                    kept = chain.steps
                     written = time.monotonic()
-                    pause = max(PAUSE, 10.0 * (written - before))
+                    pause = max(PAUSE, 10.0 * (written - started))
         finally:
-            if file is not None and run.steps > kept:
-                file.save(run.chain())
-    return run.chain(), dropped, found
+            if file is not None and chain.steps > kept:
+                file.save(chain)
+    return chain, dropped, found
 
 
 def _time_to_look(steps: int) -> bool:
@@ -90,49 +96,16 @@ def _time_to_look(steps: int) -> bool:
     return now > before
 
 
-class _Run:
-    """emcee on one chain, round by round; after an interrupt the chain is that of the last whole round."""
+def sampler_of(density: Density, proposal: Proposal, walkers: int, backend: Backend) -> emcee.EnsembleSampler:
+    """emcee's sampler with the moves of `moves`, which goes on with what the backend holds."""
+    moves = moves_of(proposal)
+    return emcee.EnsembleSampler(walkers, density.d, density, moves=moves, vectorize=True, backend=backend)
 
-    def __init__(self, density: Density, chain: Chain) -> None:
-        import emcee
 
-        self._sampler = emcee.EnsembleSampler(
-            chain.y.shape[1], density.d, density, moves=moves_of(chain.proposal), vectorize=True
-        )
-        self._parts = [chain]
-        self._emcee = emcee
-        self._start: Array | None = None
-
-    @property
-    def steps(self) -> int:
-        return sum(len(part.y) for part in self._parts)
-
-    def round(self, steps: int) -> None:
-        """So many steps more."""
-        end = self._parts[-1]
-        y, log_density = (end.y[-1], end.log_density[-1])
-        state = self._emcee.State(y, log_prob=log_density, random_state=end.random_state, copy=True)
-        self._sampler.reset()
-        with _interrupt_afterwards():  # emcee prints its arrays where the density is interrupted
-            after = self._sampler.run_mcmc(state, steps, skip_initial_state_check=True)
-        self._parts.append(
-            end._replace(
-                y=self._sampler.get_chain(),
-                log_density=self._sampler.get_log_prob(),
-                accepted=end.accepted + self._sampler.backend.accepted,
-                random_state=tuple(after.random_state),
-            )
-        )
-
-    def chain(self) -> Chain:
-        """All rounds in one."""
-        if len(self._parts) > 1:
-            whole = self._parts[-1]._replace(
-                y=np.concatenate([part.y for part in self._parts]),
-                log_density=np.concatenate([part.log_density for part in self._parts]),
-            )
-            self._parts = [whole]
-        return self._parts[0]
+def sample_steps(sampler: emcee.EnsembleSampler, state: emcee.State | None, steps: int) -> emcee.State:
+    """So many steps from a state, None where the sampler stands, and the state after them; Ctrl-C waits for them."""
+    with _interrupt_afterwards():  # emcee prints its arrays where the density is interrupted
+        return sampler.run_mcmc(state, steps, skip_initial_state_check=True)
 
 
 @contextmanager
@@ -151,8 +124,8 @@ def _interrupt_afterwards() -> Iterator[None]:
         before(*pressed[0])
 
 
-def begun(density: Density, starts: Array, walkers: int, seed: int, max_steps: int = ROUND) -> Chain:
-    """The first round after burn-in, with a proposal fitted to the round before.
+def burn_in(density: Density, starts: Array, walkers: int, seed: int) -> tuple[emcee.State, Proposal, int]:
+    """The walkers after burn-in, a proposal fitted to its last round, and its steps.
 
     Walkers begin around the maxima that are found from ``starts`` (k, d), by their shares.
     """
@@ -164,22 +137,14 @@ def begun(density: Density, starts: Array, walkers: int, seed: int, max_steps: i
         centre = proposal.location[np.argmin(proposal.squares(y), axis=0)]
         y = centre + 0.1 * (y - centre)
         log_density = density(y)
-    chain = Chain(y[None], log_density[None], np.zeros(walkers), tuple(random.get_state()), proposal, 0)  # type: ignore[arg-type]
+    state = emcee.State(y, log_prob=log_density, random_state=random.get_state())
     for done in range(1, BURN_IN[1] + 1):
-        run = _Run(density, chain._replace(proposal=proposal))
-        run.round(ROUND)
-        chain = run.chain()
-        of_round = chain.y[-ROUND:]
-        better = fitted(of_round.reshape(-1, density.d), proposal)
-        agreed = _agree(proposal, better)
-        chain = chain._replace(y=chain.y[-1:], log_density=chain.log_density[-1:], proposal=better)
-        proposal = better
-        if done >= BURN_IN[0] and agreed:
+        sampler = sampler_of(density, proposal, walkers, Backend())
+        state = sample_steps(sampler, state, ROUND)
+        before, proposal = proposal, fitted(sampler.get_chain(flat=True), proposal)
+        if done >= BURN_IN[0] and _agree(before, proposal):
             break
-    run = _Run(density, chain._replace(accepted=np.zeros(walkers)))
-    run.round(min(ROUND, max_steps))
-    first = run.chain()
-    return first._replace(y=first.y[1:], log_density=first.log_density[1:], burn_in=done * ROUND)
+    return state, proposal, done * ROUND
 
 
 def _agree(one: Proposal, other: Proposal) -> bool:
@@ -193,7 +158,7 @@ def _judged(density: Density, chain: Chain, asked: int, last: bool) -> tuple[int
     """The steps to drop and the diagnostics of the rest; ArviZ is asked only where the rest could be enough."""
     x = density.coordinates(chain.y)
     steps, walkers, d = x.shape
-    acceptance = float(chain.accepted.mean() / steps)
+    acceptance = float(chain.backend.accepted.mean() / steps)
     tau = autocorrelation_time(x)
     unknown = bool(np.isnan(tau).any())
     dropped = 0 if unknown else min(int(np.ceil(DROPPED * tau.max())), steps // 2)

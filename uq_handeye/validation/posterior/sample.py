@@ -24,7 +24,7 @@ from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
 from ..monte_carlo.store import sha256
-from .convergence import LENGTHS, LONGEST_R_HAT, arviz
+from .convergence import LENGTHS, LONGEST_R_HAT
 from .density import ScalePrior, density_of
 from .file import ChainFile
 from .result import Posterior
@@ -69,7 +69,7 @@ def sample_posterior(
     walkers : int
         At least 16, and two more than twice the number of coordinates.
     file : path or None
-        An HDF5 file that keeps the chain; emcee's ``HDFBackend`` can read it.
+        An HDF5 file that keeps the chain, an ``emcee.backends.HDFBackend``; complete at any time, also after kill -9.
     resume : bool
         Go on with the chain in the file, which must be of the same run. It may ask for more samples or steps.
     max_steps : int
@@ -84,9 +84,7 @@ def sample_posterior(
     Raises
     ------
     InputError
-        Arguments that do not fit; a file of another run, or that is damaged.
-    MissingExtraError
-        ArviZ or h5py is not installed.
+        Arguments that do not fit; a file of another run or an earlier version, or that is damaged.
     DegenerateMotionError
         The data do not determine X (or W).
     NotConvergedError
@@ -129,7 +127,6 @@ def sample_posterior(
         if model is None:
             raise InputError("The data are exact up to rounding: there is no noise to estimate. Give `noise`.")
     poses = data if isinstance(data, PosePairs) else data.poses
-    arviz()  # what is missing is said now, not after the sampling
     density = density_of(data, model, free, student_t)
     require_integer("walkers", walkers, max(16, 2 * density.d + 2))
     starts = starts_of(data if poses is None or isinstance(model, PairNoise) else poses, model, density)
