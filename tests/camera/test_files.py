@@ -53,7 +53,7 @@ def test_a_camera_is_read_as_it_was_written(rng, tmp_path, model):
         np.testing.assert_array_equal(getattr(read.covariance, name), getattr(cam.covariance, name))
     for name in ("row", "points", "pixels", "names", "missing", "image_size"):
         np.testing.assert_array_equal(getattr(read.corners, name), getattr(cam.corners, name))
-    for name in ("intrinsics", "std", "estimated", "outliers", "pixel_noise", "candidates", "warnings", "image_size"):
+    for name in ("intrinsics", "std", "estimated", "outliers", "pixel_noise", "candidates", "findings", "image_size"):
         assert getattr(read, name) == getattr(cam, name), name
     assert len(read.outliers) == 1 and read.corners.missing == ("img 3", "img 9")
     assert read.pattern.p_value == cam.pattern.p_value and read.pattern.share == cam.pattern.share

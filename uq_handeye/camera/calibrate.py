@@ -7,7 +7,6 @@ intrinsics do to all (`bundle`, T4b). ``PoseNoise(camera=result.covariance)`` ha
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, InputWarning, NotConvergedError
+from ..errors import InputError, NotConvergedError
+from ..findings import Finding, warn
 from ..geometry.se3 import Array
 from .bundle import Bundle, Prior, adjust, picture_weights
 from .corners import Corners, without_pictures
@@ -96,16 +96,11 @@ def calibrate_camera(
             bundle,
         )
     pattern = pattern_of(bundle, corners, size)
-    notes = _notes(bundle, corners, pattern, candidates != ())
+    findings = _findings(bundle, corners, pattern, candidates != ())
     if wrong:
-        notes.append(
-            f"Most corners of {', '.join(wrong)} do not fit any pose of the board, and the whole "
-            f"picture{'s were' if len(wrong) > 1 else ' was'} left out: look at how its corners were detected and "
-            "numbered."
-        )
-    for text in notes:
-        warnings.warn(text, InputWarning, stacklevel=2)
-    return CameraCalibration(bundle, corners, size, candidates, pattern, tuple(notes))
+        findings.append(Finding("camera.pictures_left_out", "caution", {"pictures": wrong}))
+    warn(findings)
+    return CameraCalibration(bundle, corners, size, candidates, pattern, tuple(findings))
 
 
 def _estimated(
@@ -256,39 +251,28 @@ def _fitted(
         ) from error
 
 
-def _notes(bundle: Bundle, corners: Corners, pattern: Pattern, automatic: bool) -> list[str]:
+def _findings(bundle: Bundle, corners: Corners, pattern: Pattern, automatic: bool) -> list[Finding]:
     """What a user has to know before trusting the result."""
-    notes = []
+    found = []
     deviations = np.sqrt(np.diag(bundle.covariance))
     of = dict(zip(bundle.model.names, zip(bundle.parameters, deviations, bundle.free, strict=True), strict=True))
     focal, sd, free = of["fx"]
     if free and sd > UNCERTAIN * focal:
-        notes.append(
-            f"The focal length is known to {100 * sd / focal:.1f} % only, and distances with it: take pictures "
-            "in which the board is tilted by 30 degrees and more, or give `intrinsics`."
-        )
+        found.append(Finding("camera.focal_uncertain", "caution", {"share": sd / focal}))
     small = [
-        f"{name} = {value:.2g} +- {sd:.2g}"
+        {"name": name, "value": value, "std": sd}
         for name, (value, sd, free) in of.items()
         if free and name not in LINEAR and abs(value) < SMALL * sd
     ]
     if small and not automatic:
-        notes.append(
-            f"The pictures do not tell these coefficients from 0: {'; '.join(small)}. Leave them out with "
-            "`coefficients`, or take corners nearer to the rim of the picture."
-        )
+        found.append(Finding("camera.coefficients_near_zero", "caution", {"coefficients": small}))
     left_out = int((~bundle.used).sum())
     if left_out > 0.02 * corners.m:
-        notes.append(
-            f"{left_out} of {corners.m} corners ({100 * left_out / corners.m:.0f} %) do not fit and were left out: "
-            "look at the pictures that `outliers` names."
-        )
+        found.append(Finding("camera.corners_left_out", "caution", {"count": left_out, "n": corners.m}))
     if pattern.found:
-        notes.append(
-            f"The residuals have a pattern over the picture, {pattern.share:.1f} times the pixel noise: the model "
-            f"{bundle.model.name} is wrong for this camera, or the board is not flat. Try model 'auto'."
-        )
-    return notes
+        values = {"share": pattern.share, "model": bundle.model.name}
+        found.append(Finding("camera.residual_pattern", "caution", values))
+    return found
 
 
 def _checked_size(image_size: Any, corners: Corners) -> tuple[int, int]:

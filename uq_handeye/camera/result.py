@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.open import StrPath
+from ..findings import Finding, texts
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
 from ..presentation.document import to_text
@@ -44,7 +45,12 @@ class CameraCalibration:
     image_size: tuple[int, int]
     candidates: tuple[Candidate, ...]  # models that were compared; empty if the model was given
     pattern: Pattern
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]  # what to know before trusting it
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings that are more than a note, in words."""
+        return texts(self.findings)
 
     @property
     def model(self) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..files.atomic import json_text
+from ..findings import Finding, texts
 from ..geometry.se3 import Array
 from ..noise.models import PoseNoise
 from ..poses.pose_pairs import PosePairs
@@ -43,12 +44,21 @@ class Synchronised:
     stops: int | None  # that the poses were averaged from; None: poses in motion
     stops_found: int
     noise: PoseNoise | None  # of the pose pairs, for `calibrate`, where that of the samples was given
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     correlation: Correlation | None = field(repr=False)
     pairing: Pairing | None = field(repr=False)
     refined: Refined | None = field(repr=False)
     shift: float = field(repr=False, default=0.0)  # between the origins of time of the streams in `pairing`
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings that are more than a note, in words."""
+        return texts(self.findings)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The findings worth knowing, in words."""
+        return tuple(str(finding) for finding in self.findings if finding.severity == "note")
 
     def __repr__(self) -> str:
         return f"Synchronised({self.poses.n} poses, offset {1e3 * self.offset:.3g} +- {1e3 * self.offset_std:.2g} ms)"
@@ -108,6 +118,7 @@ class Synchronised:
             "left_out": [
                 {"side": part.side, "times": list(part.times), "reason": part.reason} for part in self.left_out
             ],
+            "findings": [finding.to_dict() for finding in self.findings],
             "notes": list(self.notes),
             "warnings": list(self.warnings),
         }

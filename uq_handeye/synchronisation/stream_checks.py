@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..findings import Finding
 from ..geometry.se3 import Array
 from .interpolation import AFTER, BEFORE, GAP, Interpolated
+from .sentences import left_out_words
 
 # Median intervals (s) of the denser and of the sparser stream beyond which the times are not in seconds.
 DENSE, SPARSE, TOO_DENSE = 1.0, 10.0, 2e-5
@@ -27,12 +30,20 @@ class LeftOut:
 
     side: str  # "robot" or "camera"
     times: tuple[float, ...]  # s, on the clock of their stream
-    reason: str
+    why: Finding
     gap: bool  # within the time that both streams share
 
+    @property
+    def reason(self) -> str:
+        """Why, in words."""
+        return str(self.why)
+
     def __str__(self) -> str:
-        span = f"at {self.times[0]:.3f} s" if len(self.times) == 1 else f"{self.times[0]:.3f} to {self.times[-1]:.3f} s"
-        return f"{len(self.times)} {self.side} pose{'s' if len(self.times) > 1 else ''} ({span}): {self.reason}"
+        return left_out_words(self.side, self.times, self.why)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values; the finding as its own."""
+        return {"side": self.side, "times": list(self.times), "why": self.why.to_dict()}
 
 
 def check_units(robot: float, camera: float) -> None:
@@ -84,21 +95,22 @@ def left_out(
 ) -> tuple[LeftOut, ...]:
     """What became of the poses of the ``base`` stream at whose times the other ``side`` has no pose."""
     parts: list[LeftOut] = []
-    for code, reason in ((BEFORE, f"before the first {side} pose"), (AFTER, f"after the last {side} pose")):
+    for code, what in ((BEFORE, "before_other"), (AFTER, "after_other")):
         rows = np.flatnonzero(found.problem == code)
         if rows.size:
-            parts.append(_part(base, base_times, rows, f"{reason}; nothing is extrapolated", gap=False))
+            why = Finding(f"synchronisation.{what}", "note", {"other": side})
+            parts.append(_part(base, base_times, rows, why, gap=False))
     rows = np.flatnonzero(found.problem >= GAP)
     for left in np.unique(found.left[rows]):
         inside = rows[found.left[rows] == left]
-        begin, end = side_times[left], side_times[left + 1]
+        values = {"other": side, "begin": side_times[left], "end": side_times[left + 1]}
         if found.problem[inside[0]] == GAP:
-            reason = f"in a gap of the {side}, {begin:.3f} to {end:.3f} s, longer than max_gap = {max_gap:.3g} s"
+            why = Finding("synchronisation.in_gap", "note", values | {"max_gap": max_gap})
         else:
-            reason = f"the {side} turns by about half a turn between {begin:.3f} and {end:.3f} s"
-        parts.append(_part(base, base_times, inside, reason, gap=True))
+            why = Finding("synchronisation.in_half_turn", "note", values)
+        parts.append(_part(base, base_times, inside, why, gap=True))
     return tuple(parts)
 
 
-def _part(side: str, times: Array, rows: NDArray[np.intp], reason: str, gap: bool) -> LeftOut:
-    return LeftOut(side, tuple(float(t) for t in times[rows]), reason, gap)
+def _part(side: str, times: Array, rows: NDArray[np.intp], why: Finding, gap: bool) -> LeftOut:
+    return LeftOut(side, tuple(float(t) for t in times[rows]), why, gap)

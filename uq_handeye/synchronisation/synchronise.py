@@ -21,13 +21,13 @@ What is not covered: clocks that drift against each other, delays that change, a
 
 from __future__ import annotations
 
-import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError, InputWarning, NotConvergedError, require_integer
+from ..errors import InputError, NotConvergedError, require_integer
 from ..files.source import Source
+from ..findings import Finding, warn
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from ..noise.models import PoseNoise, is_joint
@@ -335,14 +335,14 @@ def _assembled(
         timing = Timing(offset, std, fine.rate, pairing.side)
         poses = PosePairs(*pair, setup, times + origins[1], None, sources, timing)
     refined = None if estimate is None else estimate.refined
-    texts = _warnings(pairing, gone, len(rows), shift, offset, prior, estimate)
+    findings = _against_streams(pairing, gone, len(rows), shift, offset, prior, estimate)
     side_times, side_poses = (
         (pairing.robot_times, pairing.robot) if pairing.side == "robot" else (pairing.camera_times, pairing.camera)
     )
     missed = misses(side_times, side_poses, pairing.kind, pairing.max_gap)
     error = error_of_interpolation(side_poses, missed)
     if refined is not None and not still:
-        texts += _coarse(error, bias_of_interpolation(pairing, refined, missed), pairing.side)
+        findings += _coarse(error, bias_of_interpolation(pairing, refined, missed), pairing.side)
     result = Synchronised(
         poses=poses,
         offset=offset,
@@ -360,15 +360,13 @@ def _assembled(
         stops=len(stops) if still else None,
         stops_found=len(stops),
         noise=None if noise is None or still else noise_of_rows(noise, fine, pairing.side),
-        notes=tuple(_notes(robot, camera, stops, still)),
-        warnings=tuple(texts),
+        findings=(*findings, *_of_streams(robot, camera, stops, still)),
         correlation=None if estimate is None else estimate.correlation,
         pairing=pairing,
         refined=refined,
         shift=shift,
     )
-    for text in texts:
-        warnings.warn(text, InputWarning, stacklevel=3)
+    warn(findings, stacklevel=3)
     return result
 
 
@@ -383,7 +381,7 @@ def _of_stops(stops: list[Stop], setup: str, origin: float, sources: tuple[Sourc
     return PosePairs(robot, camera, setup, times, None, sources, timing)
 
 
-def _warnings(
+def _against_streams(
     pairing: Pairing,
     gone: tuple[LeftOut, ...],
     kept: int,
@@ -391,65 +389,49 @@ def _warnings(
     offset: float,
     prior: tuple[float, float] | None,
     estimate: _Estimate | None,
-) -> list[str]:
-    texts = []
+) -> list[Finding]:
+    """Gaps, other offsets that fit, and whether the streams contradict the offset that was given or expected."""
+    found: list[Finding] = []
+
+    def caution(what: str, **values: object) -> None:
+        found.append(Finding(f"synchronisation.{what}", "caution", values))
+
     exact = prior is not None and prior[1] == 0
     gaps = [part for part in gone if part.gap]
     lost = sum(len(part.times) for part in gaps)
     if lost > MANY * (lost + kept):
-        named = "; ".join(str(part) for part in gaps[:NAMED]) + ("; and more" if gaps[NAMED:] else "")
-        texts.append(
-            f"{lost} of the {lost + kept} poses that both streams have in time are left out for gaps of more than "
-            f"{pairing.max_gap:.3g} s: {named}."
-        )
+        parts = [part.to_dict() for part in gaps[:NAMED]]
+        caution("gaps", lost=lost, n=lost + kept, max_gap=pairing.max_gap, parts=parts, more=len(gaps) > NAMED)
     if estimate is None:
-        return texts
+        return found
     if estimate.alternatives and not exact:
-        others = ", ".join(f"{value + shift:.3f}" for value in estimate.alternatives)
-        texts.append(
-            f"Other time offsets fit nearly as well as {offset:.3f} s: {others} s. The motion repeats itself; the "
-            "standard deviation says nothing of that. Give `offset` or `max_offset`, or move without repetition."
-        )
+        caution("other_offsets", offset=offset, others=[value + shift for value in estimate.alternatives])
     wanted, std = estimate.refined.offset + shift, estimate.refined.std
     alone, alone_std = estimate.refined.wanted[0] + shift, estimate.refined.wanted[1]
     if prior is not None and not exact and abs(alone - prior[0]) > FAR * np.hypot(alone_std, prior[1]):
-        texts.append(
-            f"The time offset expected, {1e3 * prior[0]:.4g} +- {1e3 * prior[1]:.2g} ms, contradicts what the streams "
-            f"show, {1e3 * alone:.4g} +- {1e3 * alone_std:.2g} ms (robot_time = camera_time + offset)."
-        )
+        caution("prior_contradicted", prior=prior[0], prior_std=prior[1], offset=alone, std=alone_std)
     if exact and abs(wanted - offset) > FAR * std:
-        texts.append(
-            f"The time offset given, {1e3 * offset:.4g} ms, is not what the streams show: {1e3 * wanted:.4g} +- "
-            f"{1e3 * std:.2g} ms (robot_time = camera_time + offset). Is its sign right?"
-        )
-    return texts
+        caution("offset_contradicted", given=offset, offset=wanted, std=std)
+    return found
 
 
-def _coarse(error: tuple[float, float], bias: float, side: str) -> list[str]:
+def _coarse(error: tuple[float, float], bias: float, side: str) -> list[Finding]:
     """Whether what interpolation misses shows in X."""
     if bias < COARSE:
         return []
-    return [
-        f"Interpolation of the {side} misses the motion by up to {np.degrees(error[0]):.2g} deg and "
-        f"{1e3 * error[1]:.2g} mm. That is no noise and moves X by about {bias:.1f} of the standard deviations that "
-        "the noise gives it: sample it faster, or move more slowly."
-    ]
+    values = {"side": side, "rotation": error[0], "translation": error[1], "bias": bias}
+    return [Finding("synchronisation.coarse_interpolation", "caution", values)]
 
 
-def _notes(robot: Stream, camera: Stream, stops: list[Stop], still: bool) -> list[str]:
-    notes = []
+def _of_streams(robot: Stream, camera: Stream, stops: list[Stop], still: bool) -> list[Finding]:
+    """Notes: coarse clocks, and stops that could be averaged."""
+    found = []
     for stream, name in ((robot, "robot"), (camera, "camera")):
         if (q := coarse_clock(np.sort(stream.timestamps))) is not None:
-            notes.append(
-                f"The {name}'s clock has a resolution of {1e3 * q:g} ms only: if its times were cut off, not rounded, "
-                f"{1e3 * q / 2:g} ms of the offset are due to that, and at speed every pose is off by up to as much."
-            )
+            found.append(Finding("synchronisation.coarse_clock", "note", {"side": name, "resolution": q}))
     if stops and not still:
-        notes.append(
-            f"The robot stops {len(stops)} times: still=True makes one averaged pose pair of each stop, for which the "
-            "time offset does not matter."
-        )
-    return notes
+        found.append(Finding("synchronisation.stops", "note", {"count": len(stops)}))
+    return found
 
 
 def _sorted(stream: Stream) -> tuple[Array, Array]:

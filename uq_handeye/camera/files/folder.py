@@ -21,6 +21,7 @@ from ...files.fields import got, item, number, vector
 from ...files.lines import one_line, short
 from ...files.open import StrPath, as_path, opened, shown
 from ...files.trees import parse_tree
+from ...findings import Finding
 from ...formats.csv_poses import read_pose_file
 from ...formats.numpy_poses import MAX_BYTES, members
 from ...geometry.checks import as_transforms
@@ -186,8 +187,11 @@ def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any],
         image_size=size,
         missing=tuple(map(str, tree["pictures_without_board"])),
     )
-    warnings = tuple(map(str, tree["warnings"]))
-    found = CameraCalibration(bundle, corners, size, candidates, pattern_of(bundle, corners, size), warnings)
+    if "findings" in tree:
+        findings = tuple(map(Finding.from_dict, tree["findings"]))
+    else:  # of a version that had sentences only
+        findings = tuple(Finding("stored.text", "caution", {"text": str(text)}) for text in tree["warnings"])
+    found = CameraCalibration(bundle, corners, size, candidates, pattern_of(bundle, corners, size), findings)
     if np.sqrt(np.mean(bundle.residuals[used] ** 2)) > FAR * bundle.pixel_noise + 1e-6:
         raise InputError(
             f"{CORNERS} does not fit the poses and intrinsics beside it: it is of another run, or changed."

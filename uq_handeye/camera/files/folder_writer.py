@@ -78,6 +78,7 @@ def to_dict(cam: CameraCalibration) -> dict[str, Any]:
         ],
         "converged": bundle.converged,
         "iterations": bundle.iterations,
+        "findings": [finding.to_dict() for finding in cam.findings],
         "warnings": list(cam.warnings),
     }
 
