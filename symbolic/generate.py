@@ -17,23 +17,25 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .cache import derived
-from .matrices import FORMS, TOPICS
+from .matrices import FORMS, RUN, TOPICS
 from .printing import ARGUMENTS_MODULE, BANNER, numpy_function, numpy_module, numpy_package
 
 PROJECT = "uq-handeye"
-PACKAGE_DOCSTRING = """Closed forms of the toolkit as plain NumPy, printed from their SymPy derivations.
+PACKAGE_DOCSTRING = """The closed forms that the toolkit runs as plain NumPy, printed from their SymPy derivations.
 
-Every function takes arrays with leading batch axes, which broadcast, and returns an array of the same
-precision. Equation numbers (n) are those of Wu, Sun, Wang, Liu, "Hand-eye Calibration: 4D Procrustes Analysis
-Approach", 2019; T1 to T3 are sections of the theory page.
+The registry holds more: `uq_handeye.symbolic.functions` compiles them, `uq-handeye codegen` prints them. Every function
+takes arrays with leading batch axes, which broadcast, and returns an array of the same precision. Equation numbers (n)
+are those of Wu, Sun, Wang, Liu, "Hand-eye Calibration: 4D Procrustes Analysis Approach", 2019; T1 to T3 are sections of
+the theory page.
 """
 
 
 def texts() -> dict[str, str]:
     """File name -> text of the generated package, derived in memory (or taken from the cache)."""
-    by_topic: dict[str, list[str]] = {topic: [] for topic in TOPICS}
+    by_topic: dict[str, list[str]] = {}
     for form in FORMS.values():
-        by_topic[form.topic].append(form.name)
+        if form.name in RUN:
+            by_topic.setdefault(form.topic, []).append(form.name)
     result = {
         "__init__.py": numpy_package(PACKAGE_DOCSTRING, by_topic),
         "_arguments.py": BANNER + ARGUMENTS_MODULE,

@@ -300,6 +300,14 @@ def _derivative_forms() -> list[ClosedForm]:
     ]
 
 
+# What the package itself runs; `generate` prints these into `uq_handeye/_closed_form/`.
+RUN = frozenset(
+    {
+        *("R_L", "R_R", "sigma_to_R", "P_1", "P_2", "P_3", "P_4"),
+        *("F11", "F22", "F1", "F2", "dF11q_db", "dF22q_db", "dF2_dxi"),
+    }
+)
+
 FORMS: dict[str, ClosedForm] = {
     form.name: form for form in (*_octonion_forms(), *_procrustes_forms(), *_pose_forms(), *_derivative_forms())
 }

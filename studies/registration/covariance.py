@@ -17,9 +17,9 @@ import uq_handeye as uq
 from studies.common.geometries import random_transforms
 from studies.common.scores import nees
 from studies.registration.forms import CONJUGATE, FORMS, NOISE, POINTS, rotation_of, rotations, textbook_davenport
-from uq_handeye import _closed_form
 from uq_handeye.geometry.se3 import Array, inverse, skew
 from uq_handeye.simulation.rig import disturbed
+from uq_handeye.symbolic import functions as closed_form
 
 PAIRS = 60
 SCALES = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)
@@ -68,15 +68,15 @@ def by_octonion(U: Array, R: Array, S: Array) -> Array:
     """
     y = U - U.mean(axis=0)
     H = y.T @ y @ R.T
-    values, vectors = np.linalg.eigh(_closed_form.W(H))
+    values, vectors = np.linalg.eigh(closed_form.W(H))
     sigma = vectors[:, -1]
     pinv = (vectors[:, :-1] / (values[-1] - values[:-1])) @ vectors[:, :-1].T
     # d H = sum (u_i - mean u) e_i^T, the mean of the errors drops out; W is linear in H
     errors = np.zeros((len(U), 4, 4, 4))
     for a in range(4):
         errors[:, a, :, a] = y
-    d_sigma = (pinv @ _closed_form.W(errors) @ sigma[:, None])[..., 0].transpose(0, 2, 1)  # (N, 8, 4), (39)
-    P = np.stack([getattr(_closed_form, f"P_{k}")(sigma) for k in range(1, 5)])
+    d_sigma = (pinv @ closed_form.W(errors) @ sigma[:, None])[..., 0].transpose(0, 2, 1)  # (N, 8, 4), (39)
+    P = np.stack([getattr(closed_form, f"P_{k}")(sigma) for k in range(1, 5)])
     d_R = 2 * np.einsum("cas,isd->iacd", P, d_sigma)  # columns c of R
     E = generators(4)
     d_omega = 0.5 * np.einsum("kab,iacd,bc->ikd", E, d_R, R)  # dR = Omega R, |E|^2 = 2
@@ -214,8 +214,8 @@ def problem2_difference(E: Array, Z: Array) -> tuple[float, float]:
     size = 4 * (np.sum(E**2) + np.sum(Z**2)) * np.eye(4)
     worst, angles = 0.0, 0.0
     for F, (p, q), sign in (
-        (_closed_form.F11(E, Z), (_closed_form.a_left(E), _closed_form.a_left(Z)), 1.0),
-        (_closed_form.F22(E, Z), (_closed_form.c_right(E), _closed_form.c_right(Z)), -1.0),
+        (closed_form.F11(E, Z), (closed_form.a_left(E), closed_form.a_left(Z)), 1.0),
+        (closed_form.F22(E, Z), (closed_form.c_right(E), closed_form.c_right(Z)), -1.0),
     ):
         F = F.sum(axis=0)
         # q_L turns the vector parts of b onto those of a, conj(q_R) those of e onto c

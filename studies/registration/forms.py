@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye import _closed_form
 from uq_handeye.geometry.se3 import Array
+from uq_handeye.symbolic import functions as closed_form
 
 POINTS = 20
 NOISE = 5e-3  # m
@@ -31,21 +31,21 @@ def correlation(U: Array, V: Array) -> Array:
 
 def by_W(H: Array) -> Array:
     """(24): the eigenvector of the largest eigenvalue of W."""
-    return np.asarray(_closed_form.sigma_to_R(np.linalg.eigh(_closed_form.W(H))[1][..., -1]))
+    return np.asarray(closed_form.sigma_to_R(np.linalg.eigh(closed_form.W(H))[1][..., -1]))
 
 
 def by_K(H: Array) -> Array:
     """The same from the leading singular vectors of K, which W is made of."""
-    left, _, right = np.linalg.svd(_closed_form.K(H))
-    return np.asarray(_closed_form.R_L(left[..., 0]) @ _closed_form.R_R(right[..., 0, :]))
+    left, _, right = np.linalg.svd(closed_form.K(H))
+    return np.asarray(closed_form.R_L(left[..., 0]) @ closed_form.R_R(right[..., 0, :]))
 
 
 def by_KTK(H: Array) -> Array:
     """(26): the eigenvector q_R of the largest eigenvalue of K^T K, and q_L = K q_R."""
-    K = _closed_form.K(H)
+    K = closed_form.K(H)
     q_R = np.linalg.eigh(K.mT @ K)[1][..., -1]
     q_L = (K @ q_R[..., None])[..., 0]
-    return np.asarray(_closed_form.R_L(q_L / np.linalg.norm(q_L, axis=-1, keepdims=True)) @ _closed_form.R_R(q_R))
+    return np.asarray(closed_form.R_L(q_L / np.linalg.norm(q_L, axis=-1, keepdims=True)) @ closed_form.R_R(q_R))
 
 
 CONJUGATE = np.diag([1.0, -1.0, -1.0, -1.0])
@@ -58,7 +58,7 @@ def davenport(H: Array) -> Array:
     """
     bordered = np.zeros((*H.shape[:-2], 4, 4))
     bordered[..., 1:, 1:] = H
-    D = _closed_form.K(bordered) @ CONJUGATE
+    D = closed_form.K(bordered) @ CONJUGATE
     return np.asarray(0.5 * (D + D.mT))
 
 

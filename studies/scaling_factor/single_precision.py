@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uq_handeye import _closed_form
+from uq_handeye.symbolic import functions as closed_form
 
 Real = NDArray[np.floating[Any]]
 
@@ -31,11 +31,11 @@ class Octonion(NamedTuple):
 def problem_2(A: Real, B: Real, d: float) -> Octonion:
     """q_L and q_R (34) from F11 and F22 (33), (35) of the images F2 (51)."""
     scale = A.dtype.type(d)
-    E, Z = _closed_form.F2(A, scale), _closed_form.F2(B, scale)
-    sums = np.stack([_closed_form.F11(E, Z).sum(axis=-3), _closed_form.F22(E, Z).sum(axis=-3)], axis=-3)
+    E, Z = closed_form.F2(A, scale), closed_form.F2(B, scale)
+    sums = np.stack([closed_form.F11(E, Z).sum(axis=-3), closed_form.F22(E, Z).sum(axis=-3)], axis=-3)
     values, vectors = np.linalg.eigh(sums)
     q = vectors[..., 0].copy()
-    corner = _closed_form.sigma_to_R(_sigma(q))[..., 3, 3]
+    corner = closed_form.sigma_to_R(_sigma(q))[..., 3, 3]
     q[..., 1, :] *= np.where(corner < 0, -1, 1).astype(A.dtype)[..., None]
     gaps = values[..., 1:] - values[..., :1]
     return Octonion(q, (vectors[..., 1:] / gaps[..., None, :]) @ vectors[..., 1:].mT)
@@ -48,7 +48,7 @@ def _sigma(q: Real) -> Real:
 
 def remapped(octonion: Octonion, d: float) -> Real:
     """X from the rotation on SO(4) (16), (51); its upper left block is orthonormalised."""
-    R4 = _closed_form.sigma_to_R(_sigma(octonion.q))
+    R4 = closed_form.sigma_to_R(_sigma(octonion.q))
     return _pose(_nearest(R4[..., :3, :3]), R4.dtype.type(d) * R4[..., :3, 3])
 
 
@@ -90,15 +90,15 @@ def linear(A: Real, B: Real, octonion: Octonion, d: float, deviations: Real) -> 
     ``deviations`` (6,): those of xi of every A and B, independent.
     """
     scale = A.dtype.type(d)
-    E, Z = _closed_form.F2(A, scale), _closed_form.F2(B, scale)
+    E, Z = closed_form.F2(A, scale), closed_form.F2(B, scale)
     q = octonion.q[..., None, :, :]
     by_image = np.stack(
-        [_closed_form.dF11q_db(E, Z, q[..., 0, :]), _closed_form.dF22q_db(E, Z, q[..., 1, :])], axis=-3
+        [closed_form.dF11q_db(E, Z, q[..., 0, :]), closed_form.dF22q_db(E, Z, q[..., 1, :])], axis=-3
     )  # (..., N, 2, 4, 32)
     by_error = np.concatenate(
         [
-            by_image[..., :16] @ _closed_form.dF2_dxi(A, scale)[..., None, :, :],
-            by_image[..., 16:] @ _closed_form.dF2_dxi(B, scale)[..., None, :, :],
+            by_image[..., :16] @ closed_form.dF2_dxi(A, scale)[..., None, :, :],
+            by_image[..., 16:] @ closed_form.dF2_dxi(B, scale)[..., None, :, :],
         ],
         axis=-1,
     )
@@ -116,8 +116,8 @@ def _in_a_row(D: Real) -> Real:
 
 def _pose_by_octonion(sigma: Real, scale: np.floating[Any]) -> Real:
     """``d xi_X / d sigma`` (..., 6, 8) from ``delta c_i = 2 P_i delta sigma`` (55), ``tau = d delta c_4`` (59)."""
-    R = _closed_form.sigma_to_R(sigma)[..., :3, :3]
-    P = (_closed_form.P_1, _closed_form.P_2, _closed_form.P_3, _closed_form.P_4)
+    R = closed_form.sigma_to_R(sigma)[..., :3, :3]
+    P = (closed_form.P_1, closed_form.P_2, closed_form.P_3, closed_form.P_4)
     columns = 2 * np.stack([P_i(sigma)[..., :3, :] for P_i in P], axis=-3)  # (..., column, row, 8)
     dR_Rt = np.einsum("...jia,...kj->...ika", columns[..., :3, :, :], R)
     axial = dR_Rt[..., *_UPPER, :] - dR_Rt[..., *_LOWER, :]
@@ -126,7 +126,7 @@ def _pose_by_octonion(sigma: Real, scale: np.floating[Any]) -> Real:
 
 def limit(A: Real, B: Real) -> Real:
     """X for d to infinity (T2)."""
-    u, w, v, z = (f(T) for T in (A, B) for f in (_closed_form.u, _closed_form.w))
+    u, w, v, z = (f(T) for T in (A, B) for f in (closed_form.u, closed_form.w))
     R = _nearest(u.mT @ v)
     p, q = v @ R.mT, z @ R.mT
     h = (np.cross(w, p) + np.cross(u, q)).sum(axis=-2)
@@ -142,11 +142,11 @@ def _spread(u: Real, p: Real) -> Real:
 
 def limit_covariance(A: Real, B: Real, X: Real, deviations: Real) -> Real:
     """First order at the limit (T3): (..., 6, 6); arguments as for `linear`."""
-    u, w, v, z = (f(T) for T in (A, B) for f in (_closed_form.u, _closed_form.w))
+    u, w, v, z = (f(T) for T in (A, B) for f in (closed_form.u, closed_form.w))
     R, t = X[..., None, :3, :3], _skew(X[..., None, :3, 3])
     p, q = (R @ v[..., None])[..., 0], (R @ z[..., None])[..., 0]
     U, W, P, Q = _skew(u), _skew(w), _skew(p), _skew(q)
-    du, dw, dv, dz = (f(T) for T in (A, B) for f in (_closed_form.du_dxi, _closed_form.dw_dxi))
+    du, dw, dv, dz = (f(T) for T in (A, B) for f in (closed_form.du_dxi, closed_form.dw_dxi))
     dp, dq = R @ dv, R @ dz
     # f = sum u x p and h = sum( u x (t x p) + w x p + u x q ), by the data and by a turn of p and q
     f = np.concatenate([-P @ du, U @ dp], axis=-1)

@@ -11,7 +11,7 @@ from studies.common.study import read_table
 from studies.scaling_factor import curves
 from studies.scaling_factor import single_precision as route
 from studies.scaling_factor.findings import findings, flat
-from uq_handeye import _closed_form
+from uq_handeye.symbolic import functions
 
 DEVIATIONS = np.array([1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3])
 
@@ -72,7 +72,7 @@ def test_nothing_in_between_is_in_double_precision(rigs, monkeypatch):
     names = ("F2", "F11", "F22", "sigma_to_R", "dF11q_db", "dF22q_db", "dF2_dxi", "P_1", "P_4")
     names += ("u", "w", "du_dxi", "dw_dxi")
     for name in names:
-        monkeypatch.setattr(_closed_form, name, watched(name, getattr(_closed_form, name)))
+        monkeypatch.setattr(functions, name, watched(name, getattr(functions, name)))
     for name in ("eigh", "svd", "solve", "det"):
         monkeypatch.setattr(np.linalg, name, watched(name, getattr(np.linalg, name)))
     _, A, B = (T.astype(np.float32) for T in rigs)

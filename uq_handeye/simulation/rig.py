@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..errors import InputError
+from ..errors import InputError, require_integer
 from ..formatting.units import parse_angle, parse_length
 from ..geometry.checks import as_transforms
 from ..geometry.frames import SETUPS
@@ -81,11 +81,23 @@ def simulate(
     Returns
     -------
     PosePairs with ``truth`` (X, W and the poses without noise).
+
+    Raises
+    ------
+    InputError
+        A number, range or noise model that cannot be used, with the name of the argument.
     """
     if setup not in SETUPS:
         raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {setup!r}.")
-    if n_poses < 1 or (trials is not None and trials < 1):
-        raise InputError(f"Expected `n_poses` and `trials` to be at least 1, got {n_poses} and {trials}.")
+    require_integer("n_poses", n_poses, 1)
+    if trials is not None:
+        require_integer("trials", trials, 1)
+    if not isinstance(seed, np.random.Generator):
+        require_integer("seed", seed, 0)
+    if noise is not None and not isinstance(noise, PoseNoise):
+        raise InputError(f"Expected `noise` to be PoseNoise or None, got {type(noise).__name__}.")
+    if not isinstance(distance, tuple | list) or len(distance) != 2:
+        raise InputError(f"Expected `distance` to be (nearest, farthest), got {distance!r}.")
     nearest, farthest = (parse_length(value, "distance") for value in distance)
     if not 0 < nearest <= farthest:
         raise InputError(f"Expected `distance` to be (nearest, farthest) with 0 < nearest <= farthest, got {distance}.")

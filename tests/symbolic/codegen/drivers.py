@@ -11,7 +11,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from uq_handeye import _closed_form
+from uq_handeye.symbolic import functions
 from uq_handeye.symbolic.languages import LANGUAGES
 from uq_handeye.symbolic.matrices import FORMS
 
@@ -58,7 +58,7 @@ def arguments(form, cases):
 
 
 def expected(form, values):
-    return np.array([getattr(_closed_form, form.name)(*row) for row in zip(*values, strict=True)])
+    return np.array([getattr(functions, form.name)(*row) for row in zip(*values, strict=True)])
 
 
 def all_inputs(cases):

@@ -76,7 +76,7 @@ def codegen_command(
 
 def _generator() -> Any:
     """The module that does the work; with SymPy it takes half a second to load."""
-    from ...symbolic import codegen  # type: ignore[import-not-found]  # outside the package's folder in a checkout
+    from ...symbolic import codegen
 
     return codegen
 
