@@ -17,7 +17,7 @@ from uq_handeye.noise.joint_covariance import JointCovariance
 from uq_handeye.noise.square_roots import cholesky_of, log_determinant
 from uq_handeye.noise_estimation.beside_camera import _Rows, estimate_robot_noise
 from uq_handeye.noise_estimation.estimate import estimate_noise
-from uq_handeye.noise_estimation.statements import camera_factor_words
+from uq_handeye.noise_estimation.findings import against_camera
 from uq_handeye.simulation.rig import disturbed
 
 
@@ -142,14 +142,13 @@ def test_the_camera_covariance_is_tested(rng):
         wrong = estimate_robot_noise(poses_with(rng, n, robot, camera, actual=factor * camera), camera).camera_factor
         if factor < 1:
             assert wrong.p_value < 1e-4 and 0.15 < wrong.value < 0.45
-            assert "are too large" in camera_factor_words(wrong)
+            assert against_camera(wrong).severity == "caution" and "are too large" in str(against_camera(wrong))
         else:  # a robot's noise could explain a part of it
             assert wrong.value > 1
     large = CameraFactor(4.0, 100.0, 1e-20)
-    assert "2 times as large" in camera_factor_words(large) and "contradict that covariance" in camera_factor_words(
-        large
-    )
-    assert "hides" in camera_factor_words(None)
+    words = str(against_camera(large))
+    assert "2 times as large" in words and "contradict that covariance" in words
+    assert against_camera(None).severity == "note" and "hides" in str(against_camera(None))
 
 
 def test_noise_of_the_robot_hides_the_camera(rng):

@@ -73,11 +73,7 @@ def against_data_sheet(result: Calibration) -> list[Finding]:
 
 def against_corners(estimate: NoiseEstimate) -> list[Finding]:
     """Whether the residuals contradict the covariance of camera poses from corners."""
-    factor = estimate.camera_factor
-    if factor is None or factor.p_value > RARE:
-        return []
-    values = {"factor": factor.value, "p_value": factor.p_value, "dof": factor.dof}
-    return [Finding("noise_estimation.camera_factor", "caution", values)]
+    return [found for found in estimate.findings if found.severity != "note"]
 
 
 def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:

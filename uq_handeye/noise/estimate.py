@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.validate import array_of
+from ..findings import Finding
 from ..formatting.units import parse_angle, parse_length
 from ..geometry.se3 import Array
 from .joint_covariance import JointCovariance
@@ -122,11 +123,16 @@ class NoiseEstimate:
 
     noise: PoseNoise | PairNoise | None  # None: exact data
     components: tuple[Component, ...]
-    statement: tuple[str, ...]
+    findings: tuple[Finding, ...]  # what the data can and cannot tell
     variances: Array  # (3,), beside a camera covariance from corners (2,)
     covariance: Array  # (3, 3) or (2, 2)
     dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
     camera_factor: CameraFactor | None = None  # beside a camera covariance from corners, where the data can tell
+
+    @property
+    def statement(self) -> tuple[str, ...]:
+        """What the data can and cannot tell, in words."""
+        return tuple(map(str, self.findings))
 
     @property
     def has_prior(self) -> bool:
@@ -160,6 +166,7 @@ class NoiseEstimate:
         return {
             "noise": noise,
             "components": [asdict(component) for component in self.components],
+            "findings": [finding.to_dict() for finding in self.findings],
             "statement": list(self.statement),
             "variances": self.variances.tolist(),
             "covariance": self.covariance.tolist(),
@@ -180,7 +187,7 @@ class NoiseEstimate:
             return cls(
                 noise,
                 tuple(Component(**component) for component in values["components"]),
-                tuple(values["statement"]),
+                tuple(map(Finding.from_dict, values["findings"])),
                 array_of(values["variances"], (size,), "noise_estimate.variances"),
                 array_of(values["covariance"], (size, size), "noise_estimate.covariance"),
                 float(values["dof"]),

@@ -1,3 +1,3 @@
 """Restricted maximum likelihood of the noise, and what can be said of it."""
 
-from . import statements as statements
+from . import sentences as sentences

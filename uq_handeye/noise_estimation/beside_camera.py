@@ -372,7 +372,7 @@ def _report(
         sd = float(np.sqrt(variance))
         components.append(Component(f"camera {what}", unit, sd, sd, sd, "from corners"))
     robot = np.diag(np.repeat(v, 3)) if v.any() else None
-    from .statements import beside_camera_statement
+    from .findings import beside_camera_findings
 
-    statement = beside_camera_statement({part.name: part for part in components}, factor)
-    return NoiseEstimate(PoseNoise(robot, camera), tuple(components), statement, v, covariance, 6.0 * n - 12, factor)
+    findings = beside_camera_findings({part.name: part for part in components}, factor)
+    return NoiseEstimate(PoseNoise(robot, camera), tuple(components), findings, v, covariance, 6.0 * n - 12, factor)

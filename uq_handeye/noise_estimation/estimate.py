@@ -43,6 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, NotConvergedError
+from ..findings import Finding
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
 from ..likelihood.constraint import OnPoses, Unknowns, constraint_of
@@ -239,17 +240,14 @@ def _exact(sides: tuple[str, str], exact: NDArray[np.bool_], dof: float) -> Nois
         Component(together(what, sides), unit, 0.0, 0.0, None, "exact" if what in parts else "not estimated")
         for what, unit in (("rotation", "rad"), ("translation", "m"))
     )
-    statement = (
-        f"The residuals in {' and '.join(parts)} are at rounding level: these data are exact, or were made from each "
-        "other. No noise can be estimated from them; give the noise.",
-    )
-    return NoiseEstimate(None, components, statement, np.zeros(3), np.zeros((3, 3)), dof)
+    findings = (Finding("noise_estimation.exact", "note", {"parts": parts}),)
+    return NoiseEstimate(None, components, findings, np.zeros(3), np.zeros((3, 3)), dof)
 
 
 def _report(
     found: Found, prior: NoisePrior, model: Model, names: tuple[str, ...], sides: tuple[str, str], dof: float
 ) -> NoiseEstimate:
-    """Components, noise and statement of one problem."""
+    """Components, noise and findings of one problem."""
     known = dict(
         zip([f"{side} {what}" for side in sides for what in ("rotation", "translation")], prior.values, strict=True)
     )
@@ -300,11 +298,11 @@ def _report(
     noise: Noise = kind.isotropic(**deviations)
     order = [name for what in ("rotation", "translation")
              for name in (together(what, sides), *(f"{side} {what}" for side in sides))]  # fmt: skip
-    from .statements import noise_statement
+    from .findings import noise_findings
 
     components = tuple(parts[name] for name in order)
     sheet = _from_data_sheet(parts, sides, covariance, dict(zip(names, range(len(names)), strict=True)), prior)
-    return NoiseEstimate(noise, components, noise_statement(parts, sides, rotation_told, sheet), variances, full, dof)
+    return NoiseEstimate(noise, components, noise_findings(parts, sides, rotation_told, sheet), variances, full, dof)
 
 
 def _from_data_sheet(

@@ -1,0 +1,82 @@
+"""What a data set can and cannot tell about its noise: findings of an estimate, worded in `sentences`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+from ..findings import Finding, Severity
+from ..noise.estimate import CameraFactor, Component, together
+from .sentences import CONTRADICTION
+
+# Fewer degrees of freedom than this tell nothing worth saying of the camera's covariance.
+TELLING = 4.0
+
+
+def noise_findings(
+    parts: dict[str, Component], sides: tuple[str, str], rotation_told: bool, sheet: frozenset[str]
+) -> tuple[Finding, ...]:
+    """What the data can and cannot tell; ``sheet`` names what the data sheet decides."""
+    found = []
+    sums = [parts[together(what, sides)] for what in ("rotation", "translation")]
+    for what, which in (
+        ("told_by_data", [part for part in sums if part.name not in sheet]),
+        ("from_data_sheet", [part for part in sums if part.name in sheet]),
+    ):
+        if which:
+            found.append(_note(what, components=_plain(which)))
+    rotations, translations = ([parts[f"{side} {what}"] for side in sides] for what in ("rotation", "translation"))
+    known = [part.status in ("fixed", "prior") for part in rotations]
+    if not rotation_told:
+        found.append(_note("rotation_open", sides=sides, components=_plain(rotations)))
+    elif not all(known):
+        found.append(_note("rotation_told", sides=sides, components=_plain(rotations), with_data_sheet=any(known)))
+        found += [
+            _note("rotation_near_zero", component=asdict(part))
+            for part in rotations
+            if part.low == 0 and part.status != "fixed"
+        ]
+    else:
+        found.append(_by_sheet("rotation", rotations, sides, sheet))
+    if translations[0].status == "not told apart":
+        found.append(_note("translation_open", sides=sides))
+    elif sums[1].name in sheet:
+        found.append(_by_sheet("translation", translations, sides, sheet))
+    else:
+        found.append(_note("translation_by_data_sheet", components=_plain(translations)))
+    return tuple(found)
+
+
+def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | None) -> tuple[Finding, ...]:
+    """Of the robot's noise beside a camera covariance from corners."""
+    camera, robot = ([parts[f"{side} {what}"] for what in ("rotation", "translation")] for side in ("camera", "robot"))
+    found = [_note("camera_from_corners", rotation=camera[0].value, translation=camera[1].value)]
+    if all(part.status == "zero" for part in robot):
+        found.append(_note("robot_shows_none", rotation=robot[0].high, translation=robot[1].high))
+    else:
+        found.append(_note("robot_shows", components=_plain(robot)))
+        found += [_note("near_zero", name=part.name) for part in robot if part.low == 0 and part.status == "estimated"]
+    return (*found, against_camera(factor))
+
+
+def against_camera(factor: CameraFactor | None) -> Finding:
+    """Whether the residuals contradict the camera's covariance: a caution where they do."""
+    if factor is None or factor.dof < TELLING:
+        return _note("camera_hidden")
+    values = {"factor": factor.value, "p_value": factor.p_value, "dof": factor.dof}
+    severity: Severity = "note" if factor.p_value > CONTRADICTION else "caution"
+    return Finding("noise_estimation.camera_factor", severity, values)
+
+
+def _by_sheet(what: str, parts: list[Component], sides: tuple[str, str], sheet: frozenset[str]) -> Finding:
+    decided = all(part.name in sheet for part in parts)
+    return _note("with_data_sheet", what=what, sides=sides, components=_plain(parts), decided=decided)
+
+
+def _plain(parts: Iterable[Component]) -> list[dict[str, Any]]:
+    return [asdict(part) for part in parts]
+
+
+def _note(what: str, /, **values: Any) -> Finding:
+    return Finding(f"noise_estimation.{what}", "note", values)
