@@ -166,7 +166,7 @@ def test_json_with_changed_parts(result):
     del data["method"]
     with pytest.raises(uq.InputError, match="damaged: 'method' is missing"):
         uq.Calibration.from_dict(data)
-    with pytest.raises(uq.InputError, match="Cannot read None"):
+    with pytest.raises(uq.InputError, match="Expected the path of a file, got NoneType"):
         uq.Calibration.from_json(None)
 
 

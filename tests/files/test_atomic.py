@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from uq_handeye.errors import InputError
-from uq_handeye.io import write_atomically, write_files
+from uq_handeye.files.atomic import require_writable_file, require_writable_folder, write_atomically, write_files
 
 
 def names(folder):
@@ -107,6 +107,65 @@ def test_no_permission_in_the_folder(tmp_path, monkeypatch):
     monkeypatch.setattr("builtins.open", refuse)
     with pytest.raises(InputError, match=r"a\.txt: permission denied"):
         write_atomically(tmp_path / "a.txt", "new")
+
+
+READ_ONLY_FILE_SYSTEM = OSError(30, "Read-only file system")
+
+
+def test_read_only_file_system(tmp_path, monkeypatch):
+    """There even the removal of a temporary file that was never made is refused."""
+
+    def refuse(*_, **__):
+        raise READ_ONLY_FILE_SYSTEM
+
+    monkeypatch.setattr("builtins.open", refuse)
+    monkeypatch.setattr("pathlib.Path.unlink", refuse)
+    monkeypatch.setattr("pathlib.Path.mkdir", refuse)
+    with pytest.raises(InputError, match=r"a\.txt: read-only file system\.$"):
+        write_atomically(tmp_path / "a.txt", "new")
+    with pytest.raises(InputError, match=r"Cannot make the folder .*new: read-only file system\.$"):
+        write_files(tmp_path / "new", {"a.txt": "new"})
+
+
+def test_places_are_refused_before_there_is_anything_to_write(tmp_path, monkeypatch):
+    (tmp_path / "a.txt").write_text("old")
+    for path, words in (
+        (tmp_path / "missing" / "a.txt", "there is no folder .*missing; make it first"),
+        (tmp_path, "it is a folder, expected a file"),
+        (tmp_path / "a.txt" / "b.txt", "there is no folder"),
+    ):
+        with pytest.raises(InputError, match=words):
+            require_writable_file(path)
+    for folder, words in (
+        (tmp_path / "a.txt", "expected a folder, got a file"),
+        (tmp_path / "a.txt" / "b" / "c", "a.txt is a file"),
+    ):
+        with pytest.raises(InputError, match=words):
+            require_writable_folder(folder)
+    require_writable_file(tmp_path / "a.txt")
+    require_writable_file(tmp_path / "b.txt")
+    require_writable_folder(tmp_path)
+    require_writable_folder(tmp_path / "b" / "c")
+    # the tests may run as root
+    monkeypatch.setattr("uq_handeye.files.atomic.os.access", lambda path, _: str(path) != str(tmp_path))
+    for path in ("a.txt", "b.txt"):  # one is replaced by a file beside it
+        with pytest.raises(InputError, match=rf"{path}: no permission to write into the folder {tmp_path}"):
+            require_writable_file(tmp_path / path)
+    for folder, words in ((tmp_path, "no permission to write there"), (tmp_path / "b" / "c", f"write in {tmp_path}")):
+        with pytest.raises(InputError, match=words):
+            require_writable_folder(folder)
+    assert names(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes in folders")
+def test_a_pipe_that_nobody_reads_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="it is a pipe that no process reads"):
+        write_atomically(tmp_path / "pipe", "x")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    write_atomically(tmp_path / "pipe", "x")
+    assert os.read(reader, 10) == b"x"
+    os.close(reader)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX modes and links")

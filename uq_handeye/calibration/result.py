@@ -18,6 +18,7 @@ from ..diagnostics.split_half import SplitHalf
 from ..diagnostics.task_space import PointUncertainty, through_robot, through_target, through_X
 from ..errors import InputError
 from ..files.atomic import json_text
+from ..files.open import as_path, opened
 from ..findings import Finding, texts
 from ..geometry import conventions
 from ..geometry.frames import SETUPS, TARGETS
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
     from ..comparison.of_result import Compared
     from ..comparison.result import Comparison
     from ..validation.cross_check.result import CrossCheck
+
+MAX_BYTES = 500_000_000  # of a result's file
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,10 +451,10 @@ class Calibration:
     @classmethod
     def from_json(cls, path: str | Path) -> Calibration:
         """Read what `to_json` wrote."""
+        with opened(as_path(path), MAX_BYTES) as file:
+            text = file.read()
         try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse)
-        except (OSError, TypeError) as error:
-            raise InputError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
+            data = json.loads(text.decode("utf-8"), parse_constant=_refuse)
         except (ValueError, RecursionError) as error:
             raise InputError(f"{path} is not JSON: {error}.") from error
         try:

@@ -176,6 +176,8 @@ def _open_log(path: Path) -> None:
     from .._version import __version__
 
     try:
+        if path.is_fifo():
+            os.close(os.open(path, os.O_WRONLY | os.O_NONBLOCK))  # refused where no process reads it, not waited for
         handler = _ToFile(path, "a", encoding="utf-8")
     except OSError as error:
         raise InputError(

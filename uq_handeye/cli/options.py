@@ -139,17 +139,14 @@ def flag(*names: str, help: str, panel: str | None = None) -> Any:
 
 
 def named_folder(directory: Path | None) -> Path | None:
-    """An empty name would mean the current folder, and a file is none: said before the work, not after."""
-    if directory is not None and directory.exists() and not directory.is_dir():
-        raise InputError(f"Cannot write into {directory}: expected a folder, got a file.")
-    if directory is not None and not directory.exists():
-        above = next((folder for folder in directory.absolute().parents if folder.exists()), None)
-        if above is not None and not above.is_dir():
-            raise InputError(f"Cannot make the folder {directory}: {above} is a file.")
-        if above is not None and not os.access(above, os.W_OK | os.X_OK):
-            raise InputError(f"Cannot make the folder {directory}: no permission to write into {above}.")
-    if directory is not None and str(directory) == ".":
+    """An empty name would mean the current folder, and some cannot be written: said before the work, not after."""
+    if directory is None:
+        return None
+    if str(directory) == ".":
         raise InputError("Expected -o to name a folder, got an empty name or '.'; write for example -o result.")
+    from ..files.atomic import require_writable_folder
+
+    require_writable_folder(directory)
     return directory
 
 
@@ -166,10 +163,9 @@ def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = (
         return
     if suffixes and path.suffix.lower() not in suffixes:
         raise InputError(f"Expected {option} to be named {' or '.join(suffixes)}, got {str(path)!r}.")
-    if path.is_dir():
-        raise InputError(f"Cannot write {option} {path}: it is a folder, expected the name of a file.")
-    if not path.parent.is_dir():
-        raise InputError(f"Cannot write {option} {path}: there is no folder {path.parent}; make it first.")
+    from ..files.atomic import require_writable_file
+
+    require_writable_file(path)
 
 
 PairsOption = Annotated[

@@ -8,12 +8,13 @@ killed process) leaves the old file as it was; only a killed process leaves its 
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import secrets
 import stat
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -44,6 +45,30 @@ def write_atomically(path: StrPath, content: Content) -> None:
         _replace([_prepare(target, content, cleaning)])
 
 
+def require_writable_file(path: StrPath) -> None:
+    """Raise the `InputError` of `write_atomically` before there is anything to write.
+
+    For a folder in place of the file, no folder to write into, no permission, a file system that is read-only. What
+    shows only in writing, such as a full disk, is left to it.
+    """
+    target = as_path(path)
+    with _refusals(target):
+        _require_place(target)
+
+
+def require_writable_folder(directory: StrPath) -> None:
+    """The same for `write_files`: ``directory`` is a folder that can be written into, or can be made."""
+    folder = as_path(directory)
+    with _refusals(folder):
+        nearest = next(part for part in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(part))
+        if not nearest.is_dir():
+            what = "expected a folder, got a file" if nearest == folder.absolute() else f"{shown(nearest)} is a file"
+            raise InputError(f"Cannot write into {shown(folder)}: {what}.")
+        if not os.access(nearest, os.W_OK | os.X_OK):
+            where = "there" if nearest == folder.absolute() else f"in {shown(nearest)}"
+            raise InputError(f"Cannot write into {shown(folder)}: no permission to write {where}.")
+
+
 def json_text(data: Any, path: StrPath | None = None) -> str:
     """``data`` as JSON text, also written to ``path``; raises ValueError for NaN and infinity, which JSON has not."""
     text = json.dumps(data, indent=2, allow_nan=False) + "\n"
@@ -69,33 +94,26 @@ def write_files(directory: StrPath, files: Mapping[str, Content]) -> None:
 
 
 def _make_folder(folder: Path, cleaning: ExitStack) -> None:
+    require_writable_folder(folder)
     try:
         for missing in [part for part in reversed((folder, *folder.parents)) if not part.exists()]:
             cleaning.callback(_remove_if_empty, missing)  # in the end it is empty only if the writing failed
             missing.mkdir(exist_ok=True)
-        if not folder.is_dir():
-            raise InputError(f"Cannot write into {shown(folder)}: expected a folder, got a file.")
     except OSError as error:
         raise InputError(f"Cannot make the folder {shown(folder)}: {reason(error)}.") from error
 
 
 def _prepare(target: Path, content: Content, cleaning: ExitStack) -> tuple[Path | None, Path]:
     """The temporary file that is to replace ``target``, complete and on disk; ``cleaning`` removes it."""
-    try:
-        mode = target.stat().st_mode if target.exists() else None
-        if mode is not None and stat.S_ISDIR(mode):
-            raise InputError(f"Cannot write {shown(target)}: it is a folder, expected a file.")
-        if not target.parent.is_dir():
-            raise InputError(f"Cannot write {shown(target)}: there is no folder {shown(target.parent)}; make it first.")
-        if mode is not None and not os.access(target, os.W_OK):
-            raise InputError(f"Cannot write {shown(target)}: the file is read-only.")
+    with _refusals(target):
+        mode = _require_place(target)
         if mode is not None and not stat.S_ISREG(mode):  # nothing to keep whole, and never to be replaced
-            with open(target, "wb") as file:
+            with open(target, "wb", opener=_open_at_once) as file:
                 _write(file, content)
             return None, target
         real = Path(os.path.realpath(target))
         temporary = real.with_name(f".uq-handeye-{secrets.token_hex(8)}.tmp")
-        cleaning.callback(temporary.unlink, missing_ok=True)  # before it exists: no interrupt slips between
+        cleaning.callback(_remove, temporary)  # before it exists: no interrupt slips between
         with open(temporary, "xb") as file:
             _write(file, content)
             file.flush()
@@ -103,8 +121,45 @@ def _prepare(target: Path, content: Content, cleaning: ExitStack) -> tuple[Path 
         if mode is not None:
             temporary.chmod(stat.S_IMODE(mode))
         return temporary, real
+
+
+def _require_place(target: Path) -> int | None:
+    """The mode of what is at ``target``, None where nothing is; raises `InputError` where no file can be written."""
+    mode = target.stat().st_mode if target.exists() else None
+    if mode is not None and stat.S_ISDIR(mode):
+        raise InputError(f"Cannot write {shown(target)}: it is a folder, expected a file.")
+    folder = target.parent
+    if not folder.is_dir():
+        raise InputError(f"Cannot write {shown(target)}: there is no folder {shown(folder)}; make it first.")
+    if mode is not None and not os.access(target, os.W_OK):
+        raise InputError(f"Cannot write {shown(target)}: the file is read-only.")
+    real = Path(os.path.realpath(target)).parent  # a file is replaced by one beside it; a device is written to
+    if (mode is None or stat.S_ISREG(mode)) and not os.access(real, os.W_OK | os.X_OK):
+        raise InputError(f"Cannot write {shown(target)}: no permission to write into the folder {shown(real)}.")
+    return mode
+
+
+@contextmanager
+def _refusals(target: Path) -> Iterator[None]:
+    """What the system refuses within it, as one line about ``target``."""
+    try:
+        yield
     except OSError as error:
         raise InputError(f"Cannot write {shown(target)}: {reason(error)}.") from error
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    """A pipe that nobody reads is refused, not waited for."""
+    if not hasattr(os, "O_NONBLOCK"):
+        return os.open(path, flags)
+    try:
+        descriptor = os.open(path, flags | os.O_NONBLOCK)
+    except OSError as error:
+        if error.errno != errno.ENXIO:
+            raise
+        raise InputError(f"Cannot write {shown(Path(path))}: it is a pipe that no process reads.") from error
+    os.set_blocking(descriptor, True)
+    return descriptor
 
 
 def _write(file: BinaryIO, content: Content) -> None:
@@ -117,10 +172,14 @@ def _write(file: BinaryIO, content: Content) -> None:
 def _replace(prepared: list[tuple[Path | None, Path]]) -> None:
     for temporary, target in prepared:
         if temporary is not None:
-            try:
+            with _refusals(target):
                 os.replace(temporary, target)
-            except OSError as error:
-                raise InputError(f"Cannot write {shown(target)}: {reason(error)}.") from error
+
+
+def _remove(temporary: Path) -> None:
+    """What stopped the writing, such as a file system that is read-only, may stop the removal of what is not there."""
+    with suppress(OSError):
+        temporary.unlink()
 
 
 def _remove_if_empty(folder: Path) -> None:

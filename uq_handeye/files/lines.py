@@ -70,8 +70,6 @@ def _lines(file: BinaryIO, name: str) -> Iterator[bytes]:
                 f"{total} bytes; is it a table in text?"
             )
         total += len(line)
-        if total > MAX_BYTES:  # what is not a regular file tells its size only by ending
-            raise InputError(f"{name}: expected at most {MAX_BYTES / 1e6:g} MB, got more; split the file.")
         yield line
 
 

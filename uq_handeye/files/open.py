@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import select
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +15,9 @@ from typing import Any, BinaryIO
 from ..errors import InputError
 
 StrPath = str | os.PathLike[str]
+
+# How long the writer of a pipe may pause, in seconds.
+PATIENCE = 60
 
 
 def as_path(path: Any) -> Path:
@@ -44,14 +49,20 @@ def reason(error: OSError) -> str:
 
 @contextmanager
 def opened(path: Path, max_bytes: int) -> Iterator[BinaryIO]:
-    """A file opened for reading bytes.
+    """A file or pipe, such as ``/dev/stdin``, opened for reading bytes.
 
-    Raises `InputError` in one line for a missing file, a folder, a file of more than ``max_bytes``, and
-    whatever the system refuses, also while the file is read.
+    Raises `InputError` in one line for a missing file, a folder, a device, a file or pipe of more than ``max_bytes``, a
+    pipe through which nothing comes, and whatever the system refuses, also while the file is read.
     """
     try:
-        if path.is_dir():
-            raise InputError(f"Cannot read {shown(path)}: it is a folder, expected a file.")
+        mode = os.stat(path).st_mode
+        if stat.S_ISFIFO(mode):
+            with io.BufferedReader(_Pipe(path, max_bytes)) as pipe:
+                yield pipe
+                return
+        if not stat.S_ISREG(mode):  # a device may have no end
+            what = "folder" if stat.S_ISDIR(mode) else "device or socket"
+            raise InputError(f"Cannot read {shown(path)}: it is a {what}, expected a file.")
         with open(path, "rb") as file:
             require_size(os.fstat(file.fileno()).st_size, max_bytes, path)
             yield file
@@ -59,6 +70,42 @@ def opened(path: Path, max_bytes: int) -> Iterator[BinaryIO]:
         raise InputError(f"Cannot read {shown(path)}: there is no such file; check the path.") from error
     except OSError as error:
         raise InputError(f"Cannot read {shown(path)}: {reason(error)}.") from error
+
+
+class _Pipe(io.RawIOBase):
+    """What comes through a pipe until its writers close it: not nothing, at most ``max_bytes``, without long waits.
+
+    It is at its end where no process has it open for writing, so that a pipe without a writer is not waited for.
+    """
+
+    def __init__(self, path: Path, max_bytes: int) -> None:
+        self.path, self.max_bytes, self.size = path, max_bytes, 0
+        self.descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        while True:
+            try:
+                data = os.read(self.descriptor, len(buffer))
+                break
+            except BlockingIOError:
+                if not select.select([self.descriptor], [], [], PATIENCE)[0]:
+                    raise InputError(
+                        f"Cannot read {shown(self.path)}: nothing came through this pipe for {PATIENCE} s."
+                    ) from None
+        if not data and not self.size:
+            raise InputError(f"Cannot read {shown(self.path)}: no process writes to this pipe.")
+        self.size += len(data)
+        require_size(self.size, self.max_bytes, self.path)
+        buffer[: len(data)] = data
+        return len(data)
+
+    def close(self) -> None:
+        if not self.closed:
+            os.close(self.descriptor)
+        super().close()
 
 
 class Hashed(io.RawIOBase):

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files.open import StrPath, as_path, opened, require_size, shown
+from ..files.open import StrPath, as_path, opened, shown
 from ..formatting.units import parse_deviations
 from ..geometry.se3 import Array
 from ..noise.models import PairNoise, PoseNoise, checked_covariance
@@ -60,8 +60,7 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise:
 
 def _parse(path: Path) -> dict[str, Any]:
     with opened(path, MAX_BYTES) as file:
-        data = file.read(MAX_BYTES + 1)
-    require_size(len(data), MAX_BYTES, path)
+        data = file.read()
     try:
         return tomllib.loads(data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:

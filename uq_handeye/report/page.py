@@ -14,7 +14,7 @@ from .._version import __version__
 from ..comparison.of_result import Compared, compare_beside
 from ..comparison.result import Comparison
 from ..errors import InputError
-from ..files.atomic import write_atomically
+from ..files.atomic import require_writable_file, write_atomically
 from ..geometry.conventions import CONVENTION
 from ..presentation.page import drawing, rendered
 from ..presentation.pdf import to_pdf
@@ -77,6 +77,7 @@ def write_report(
         raise InputError(f"Expected `path` to end in {' or '.join(SUFFIXES)}, got {path.name!r}.")
     if not isinstance(comparison, bool | Comparison | Compared):
         raise InputError(f"Expected `comparison` to be True, False or a Comparison, got {type(comparison).__name__}.")
+    require_writable_file(path)  # before the methods are compared
     if comparison is True:
         comparison = compare_beside(result)
     text = report_html(result, comparison=comparison or None, cross_check=cross_check)

@@ -36,6 +36,7 @@ def export_command(
     """
     from ...calibration.result import Calibration
 
+    require_writable(file, "FILE")
     name = None if format is None else one_of(format, "--format", EXPORT_NAMES)
     emit(f"Wrote {Calibration.from_json(result).export(file, name)}\n")
 
