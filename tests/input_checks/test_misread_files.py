@@ -107,15 +107,38 @@ def test_a_camera_file_with_the_scalar_first_where_the_translations_fit_all_the_
     assert (reading["kind"], reading["file"], reading["order"]) == ("quaternion", "camera", "wxyz")
 
 
-def test_swapped_files_and_both_inverse(good):
-    if good.setup == "eye-to-hand":
-        return
+def lengths_warned_of(poses):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        uq.calibrate(uq.PosePairs(good.camera, good.robot), noise=NOISE)
-    text = " | ".join(str(item.message) for item in caught)
-    assert "Give the robot's file first" in text
-    assert "--robot-frame gripper_T_base --camera-frame target_T_camera" in text
+        uq.calibrate(poses, noise=NOISE)
+    return " | ".join(str(item.message) for item in caught if "would sit" in str(item.message))
+
+
+@pytest.mark.parametrize("distance", [("0.4m", "0.8m"), ("1m", "2m")])
+def test_both_files_inverse_and_swapped_files(good, distance):
+    poses = uq.simulate(20, noise=NOISE, setup=good.setup, distance=distance, seed=3)
+    inverses = "--robot-frame gripper_T_base --camera-frame target_T_camera"
+    text = lengths_warned_of(uq.PosePairs(inverse(poses.robot), inverse(poses.camera), poses.setup))
+    assert "hold inverse poses" in text and inverses in text
+    swapped = lengths_warned_of(uq.PosePairs(poses.camera, poses.robot, poses.setup))
+    if poses.setup == "eye-in-hand":
+        assert "Give the robot's file first" in swapped and inverses in swapped
+    else:  # X comes out inverse, of the same length
+        assert "swapped" not in text + swapped
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("distance", [("0.4m", "0.8m"), ("1m", "2m"), ("2m", "4m")])
+def test_a_rig_with_a_long_bracket_is_left_alone(setup, distance):
+    """What is on the gripper sits far from it, the rest near the base: as long as the camera looks at the target."""
+    on_gripper, fixed = np.eye(4), np.eye(4)
+    on_gripper[:3, 3], fixed[:3, 3] = (0.0, 0.0, 0.6), (0.2, 0.05, 0.1)
+    X, W = (on_gripper, fixed) if setup == "eye-in-hand" else (fixed, on_gripper)
+    poses = uq.simulate(15, noise=NOISE, setup=setup, X=X, W=W, distance=distance, seed=1)
+    assert lengths_warned_of(poses) == ""
+    other = "eye-to-hand" if setup == "eye-in-hand" else "eye-in-hand"  # the same numbers where they are wrong
+    wrong = uq.simulate(15, noise=NOISE, setup=other, X=X, W=W, distance=distance, seed=1)
+    assert "would sit" in lengths_warned_of(uq.PosePairs(inverse(wrong.robot), inverse(wrong.camera), other))
 
 
 def test_every_option_named_exists():

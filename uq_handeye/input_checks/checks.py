@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import DegenerateMotionError
 from ..findings import GROSS, Finding, Severity
-from ..geometry.se3 import Array, block, inverse_jacobian, skew
+from ..geometry.se3 import Array, block, inverse, inverse_jacobian, skew
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
@@ -43,6 +43,8 @@ FAR = 20.0
 IN_MILLIMETRES = 250.0
 # What sits farther from the gripper than this, and than the fixed part from the base, is unusual (m).
 LONG_BRACKET = 0.4
+# The direction in which a camera sees its target varies by less than this share of what any other list of poses shows.
+STEADY_VIEW = 0.5
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
 OUTLIER = 6.0
 
@@ -301,15 +303,35 @@ def _outliers(
 
 
 def _check_lengths(poses: PosePairs, X: Array) -> list[Finding]:
-    """Is the sensor bracket longer than the arm? Swapped files fit AX = XB exactly and give inv(W) for X."""
+    """Is the sensor bracket longer than the arm, and is there another reading of the files by which it is not?
+
+    Two lists in the wrong place fit ``G X C = W`` exactly, with X and W exchanged: both inverse, ``inv(G) W inv(C) =
+    X``; or swapped, ``C inv(W) G = inv(X)``, where G is the robot's own list (eye-in-hand; eye-to-hand it gives inv(X)
+    for X, of the same length). Lengths alone cannot tell a long bracket from that. But a camera looks at its target:
+    where the list read as camera poses shows the target in nearly the same direction throughout, and what would be the
+    camera poses by the other reading does not, the files are as they should be.
+    """
     W = poses.effective_robot @ X @ poses.camera
     long_X = float(np.linalg.norm(X[:3, 3]))
     long_W = float(np.linalg.norm(np.mean(W[:, :3, 3], axis=0)))
-    on_gripper, fixed = (long_X, long_W) if poses.setup == "eye-in-hand" else (long_W, long_X)
+    in_hand = poses.setup == "eye-in-hand"
+    on_gripper, fixed = (long_X, long_W) if in_hand else (long_W, long_X)
     if on_gripper < LONG_BRACKET or on_gripper < 2.0 * fixed:
         return []
-    what = "camera" if poses.setup == "eye-in-hand" else "target"
+    others = [inverse(poses.camera), poses.robot] if in_hand else [inverse(poses.camera)]
+    if _direction_spread(poses.camera) < STEADY_VIEW * min(_direction_spread(T) for T in others):
+        return []
+    what = "camera" if in_hand else "target"
     return [Finding("input_checks.long_bracket", "caution", {"what": what, "length": on_gripper, "fixed": fixed})]
+
+
+def _direction_spread(T: Array) -> float:
+    """RMS angle (rad) of the directions of the translations of poses (n, 4, 4) about their mean direction."""
+    t = T[:, :3, 3]
+    directions = t / np.maximum(np.linalg.norm(t, axis=1, keepdims=True), 1e-12)
+    mean = np.mean(directions, axis=0)
+    across = np.linalg.norm(np.cross(directions, mean), axis=1)
+    return float(np.sqrt(np.mean(np.arctan2(across, directions @ mean) ** 2)))
 
 
 def check_motions(

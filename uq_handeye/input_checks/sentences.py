@@ -158,11 +158,14 @@ def _(reading: Mapping[str, Any]) -> str:
 
 @sentence("input_checks.long_bracket")
 def _(what: str, length: float, fixed: float) -> str:
+    on_camera = what == "camera"  # on a gripper; else swapped files would show X inverse, of the same length
+    cause = "the two files are swapped or both hold inverse poses" if on_camera else "both files hold inverse poses"
+    first = "Give the robot's file first; or " if on_camera else "Give "
     return (
         f"The {what} would sit {length:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m from "
-        "the base. If that is not so, the two files are swapped or both hold inverse poses: such data fit equally "
-        'well, with another X. Give the robot\'s file first; or robot_frame="gripper_T_base", '
-        'camera_frame="target_T_camera" (--robot-frame gripper_T_base --camera-frame target_T_camera).'
+        f"the base. If that is not so, {cause}: such data fit equally well, with another X. {first}"
+        'robot_frame="gripper_T_base", camera_frame="target_T_camera" (--robot-frame gripper_T_base --camera-frame '
+        "target_T_camera)."
     )
 
 
