@@ -99,7 +99,7 @@ def test_bundle(rng, setup):
     assert_same_covariance(found.covariance, beside.covariance, 0.03)
     away = error(found.X, X)
     assert away @ np.linalg.solve(found.covariance, away) < found.quantile(0.9999)
-    assert found.agreement.seconds_bundle > found.agreement.seconds_efficient > 0
+    assert calibrate(poses, method="bundle").to_json() == found.to_json()  # nothing in it is of the run
     assert found.agreement.sentence.split()[0] in found.summary()
 
 

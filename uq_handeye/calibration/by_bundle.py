@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
 
 from ..findings import Finding
-from ..likelihood.gauss_helmert import efficient
 from ..likelihood.rig_bundle import Agreement, adjust_rig
 from ..noise.models import PoseNoise
 from ..poses.residuals import residuals, summarise
@@ -28,12 +26,8 @@ def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
     assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None
     assert result.covariance is not None
     fit, robot = analysis.fit, analysis.noise.robot
-    begun = time.perf_counter()
-    efficient(poses, analysis.noise, result.X)
-    between = time.perf_counter()
     found = adjust_rig(poses, robot, fit.unknowns, fit.weights)
-    seconds = time.perf_counter() - between, between - begun
-    agreement = Agreement.of(found.X, found.covariance_X, fit.X, fit.covariance_X, seconds)
+    agreement = Agreement.of(found.X, found.covariance_X, fit.X, fit.covariance_X)
     of_offset = result.covariance - fit.covariance_X
     angle, distance = residuals(job.motions.A, job.motions.B, found.X)
     result = replace(

@@ -74,19 +74,17 @@ class Agreement:
     distance: float  # sqrt(xi^T Sigma^-1 xi)
     by_component: Array  # (6,) xi_k / sigma_k
     eigenvalues: Array  # (6,) of the covariance of the bundle, in units of that of `efficient`, ascending
-    seconds_bundle: float
-    seconds_efficient: float
 
     @classmethod
-    def of(cls, X: Array, covariance: Array, X0: Array, covariance0: Array, seconds: tuple[float, float]) -> Agreement:
-        """Of estimate and covariance by bundle and by `efficient`, and the times (s) that each took."""
+    def of(cls, X: Array, covariance: Array, X0: Array, covariance0: Array) -> Agreement:
+        """Of estimate and covariance by bundle and by `efficient`."""
         sd = np.sqrt(np.diag(covariance0))
         xi = np.concatenate([logarithm(X[:3, :3] @ X0[:3, :3].T), X[:3, 3] - X0[:3, 3]]) / sd
         scale = 1.0 / np.outer(sd, sd)
         half = np.linalg.cholesky(covariance0 * scale)
         white = np.linalg.solve(half, np.linalg.solve(half, covariance * scale).T)
         distance = float(np.linalg.norm(np.linalg.solve(half, xi)))
-        return cls(distance, xi, np.asarray(np.linalg.eigvalsh(0.5 * (white + white.T)), dtype=float), *seconds)
+        return cls(distance, xi, np.asarray(np.linalg.eigvalsh(0.5 * (white + white.T)), dtype=float))
 
     @property
     def sentence(self) -> str:
@@ -95,8 +93,7 @@ class Agreement:
         return (
             "Bundle adjustment against method 'efficient' with the joint covariance of the camera poses: X differs by "
             f"{self.distance:.2g} standard deviations (at most {np.abs(self.by_component).max():.2g} in one "
-            f"component), variances are {low:.3f} to {high:.3f} times as large; {self.seconds_bundle:.2g} s against "
-            f"{self.seconds_efficient:.2g} s, the calibration of the camera not counted."
+            f"component), variances are {low:.3f} to {high:.3f} times as large."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -105,11 +102,11 @@ class Agreement:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Agreement:
-        """What `to_dict` wrote."""
+        """What `to_dict` wrote, also in an older file, which holds times beside it."""
         arrays = {name: np.asarray(values[name], dtype=float) for name in ("by_component", "eigenvalues")}
         if any(array.shape != (6,) for array in arrays.values()):
             raise InputError("Expected 6 numbers for each part of the agreement of two estimates.")
-        return cls(**{**values, **arrays})
+        return cls(values["distance"], **arrays)
 
 
 @dataclass(frozen=True, eq=False)
