@@ -4,6 +4,7 @@ Nothing here calls the package. ``UQ_HANDEYE_SEED`` in the environment changes e
 """
 
 import os
+from dataclasses import fields, is_dataclass
 from functools import cache
 
 import numpy as np
@@ -208,3 +209,22 @@ def covers(errors, covariances, levels=(0.5, 0.68, 0.9, 0.95, 0.99)):
         for level in levels
         for low, high in [stats.binom.ppf([tail, 1 - tail], trials, level)]
     ]
+
+
+def writable(value, path="", seen=None):
+    """Paths to the arrays within a value that can be written to."""
+    seen = set() if seen is None else seen
+    if isinstance(value, np.ndarray):
+        return [path] if value.flags.writeable else []
+    if id(value) in seen:
+        return []
+    seen.add(id(value))
+    if is_dataclass(value) and not isinstance(value, type):
+        parts = {f".{field.name}": getattr(value, field.name) for field in fields(value)}
+    elif isinstance(value, dict):
+        parts = {f"[{key!r}]": item for key, item in value.items()}
+    elif isinstance(value, tuple | list):
+        parts = {f"[{k}]": item for k, item in enumerate(value)}
+    else:
+        return []
+    return [found for name, part in parts.items() for found in writable(part, path + name, seen)]

@@ -5,16 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from picture_cases import simulated_rig
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 from support import SEED, moved, random_transforms, transforms
 
 import uq_handeye as uq
+from uq_handeye.files.source import Source
 from uq_handeye.input_checks import shifted_rows
-from uq_handeye.input_checks.shifted_rows import _refined, _viterbi, find_shift
+from uq_handeye.input_checks.shifted_rows import Shift, _refined, _viterbi, find_shift
 from uq_handeye.io import read_poses
 from uq_handeye.likelihood.consensus import consensus
 from uq_handeye.likelihood.gauss_helmert import efficient
+from uq_handeye.poses.timing import Timing
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
@@ -198,3 +201,33 @@ def test_two_short_stretches_with_a_large_change_between_them():
     stretches = [(0, 3, 5), (3, 6, -4), (6, 30, -4)]
     shifts = np.arange(-10, 11)
     assert _refined(stretches, np.zeros((30, len(shifts))), shifts)[0] == stretches[0]
+
+
+def test_what_is_known_of_the_poses_stays_known():
+    """Paired anew they keep their sources, truth, calibrated camera and timing; each side by its own rows."""
+    rng = np.random.default_rng(SEED)
+    poses, corners = simulated_rig(uq.Board(5, 4, 0.04), rng, n=8)
+    seen = uq.calibrate_camera(corners, model="pinhole")
+    rate = rng.normal(size=(8, 6))
+    late = uq.PosePairs(
+        poses.robot,
+        seen.poses,
+        truth=poses.truth,
+        timestamps=np.arange(8.0),
+        sources=(Source("robot.csv", "csv", 10, "0" * 64),),
+        timing=Timing(0.01, 0.001, rate, "camera"),
+        camera_calibration=seen,
+    ).rows(np.arange(7), np.arange(1, 8))
+    assert late.n == 7 and late.sources[0].name == "robot.csv"
+    np.testing.assert_array_equal(late.timestamps, np.arange(7.0))
+    np.testing.assert_array_equal(late.robot, poses.robot[:7])
+    np.testing.assert_array_equal(late.camera, seen.poses[1:])
+    np.testing.assert_array_equal(late.truth.robot, poses.truth.robot[:7])
+    np.testing.assert_array_equal(late.truth.camera, poses.truth.camera[1:])
+    np.testing.assert_array_equal(late.timing.rate, rate[1:])
+    np.testing.assert_array_equal(late.camera_calibration.poses, seen.poses[1:])
+    shift = Shift(np.arange(1, 7), np.arange(6), ((1, 7, -1),), (0.1, 0.1), "")
+    again = shift.apply(late)  # each row with its own partner, as at first
+    np.testing.assert_array_equal(again.truth.camera, poses.truth.camera[1:7])
+    np.testing.assert_array_equal(again.truth.robot, poses.truth.robot[1:7])
+    assert again.sources == late.sources and again.timing is not None and again.camera_calibration is not None

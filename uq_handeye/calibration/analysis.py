@@ -25,6 +25,7 @@ from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, checked_covariance
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..runtime.read_only import ReadOnlyArrays, read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,9 @@ class Analysis:
             except (InputError, DegenerateMotionError) as error:
                 found[kind], reasons[kind] = None, str(error)
         of_offset = self._of_offset
-        return {name: S if S is None or of_offset is None else S + of_offset for name, S in found.items()}, reasons
+        if of_offset is not None:
+            found = {name: S if S is None else S + of_offset for name, S in found.items()}
+        return read_only(found), reasons
 
     @property
     def _of_offset(self) -> Array | None:
@@ -110,7 +113,7 @@ def _not_told_apart(estimate: NoiseEstimate) -> list[list[str]]:
 
 
 @dataclass(frozen=True, eq=False)
-class StoredAnalysis:
+class StoredAnalysis(ReadOnlyArrays):
     """An `Analysis` read from a file: the same names, no data behind them; its budget is not divided by pose."""
 
     diagnostics: Diagnostics

@@ -36,6 +36,7 @@ from ..poses.timing import TimeOffset
 from ..procrustes.finite_scale import octonion
 from ..procrustes.sensitivity import pose_from_octonion_jacobian
 from ..procrustes.so4_covariances import PAPER_SCALE
+from ..runtime.read_only import ReadOnlyArrays
 from .analysis import Analysis, StoredAnalysis
 from .provenance import Provenance
 from .result_file import FourDPA, from_dict, to_dict
@@ -51,7 +52,7 @@ MAX_BYTES = 500_000_000  # of a result's file
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(ReadOnlyArrays):
     """X of AX = XB and what is known about it.
 
     Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry.se3 import Array, perturb, skew
+from ..runtime.read_only import ReadOnlyArrays
 from .corners import Corners
 from .models import CameraModel, Projected
 from .variable_projection import Minimum, minimised
@@ -43,7 +44,7 @@ LOST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Prior:
+class Prior(ReadOnlyArrays):
     """What is known of the parameters beforehand: mean (k,) and covariance (k, k); variance 0 is exact."""
 
     mean: Array
@@ -51,7 +52,7 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class Bundle:
+class Bundle(ReadOnlyArrays):
     """Intrinsics and poses at the minimum, what is left, and their covariance to first order."""
 
     model: CameraModel

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
+from ..runtime.read_only import ReadOnlyArrays
 from .bundle import Bundle
 from .corners import Corners
 
@@ -29,7 +30,7 @@ RARE, LARGE = 1e-3, 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Pattern:
+class Pattern(ReadOnlyArrays):
     """Mean residuals over the picture."""
 
     mean: Array  # (CELLS, CELLS, 2) pixels; rows from the top; 0 where there is no corner

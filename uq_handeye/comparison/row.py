@@ -14,6 +14,7 @@ from ..geometry.pose_numbers import pose_numbers
 from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array
 from ..poses.residuals import Residuals
+from ..runtime.read_only import ReadOnlyArrays
 
 # 95 % quantile of chi-square with 6 degrees of freedom.
 CHI2_95 = 12.591587243743977
@@ -27,7 +28,7 @@ _TURN, _MOVE = slice(0, 3), slice(3, 6)
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class Row(ReadOnlyArrays):
     """What one method made of the data. Angles in rad, lengths in m."""
 
     method: str

@@ -15,6 +15,7 @@ from ..likelihood.gauss_helmert import Fit
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, is_joint, require_count
 from ..noise.square_roots import pulled, whiten
+from ..runtime.read_only import ReadOnlyArrays
 from .task_space import _by_pose, _points
 
 # Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
@@ -25,7 +26,7 @@ _COMPONENTS = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
 
 
 @dataclass(frozen=True, eq=False)
-class Budget:
+class Budget(ReadOnlyArrays):
     """The covariance of an estimate as a sum over noise sources, and over the poses that the noise is on.
 
     p components: 6 of X, then 6 of W where there is one; or 3 of a task point.

@@ -14,6 +14,7 @@ from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.robust import FULL, RobustFit, pose_distances
+from ..runtime.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,7 +26,7 @@ MOST_NAMED = 5
 
 
 @dataclass(frozen=True, eq=False)
-class PoseTable:
+class PoseTable(ReadOnlyArrays):
     """Arrays (n,), in the order of the data.
 
     The residual is that of ``G X C = W`` (of ``A X = X B`` for motions) after the fit. ``distance2`` is the squared

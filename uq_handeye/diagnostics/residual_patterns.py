@@ -24,6 +24,7 @@ from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit, inverse_information
 from ..noise.square_roots import gram, whiten
 from ..poses.pose_pairs import PosePairs
+from ..runtime.read_only import ReadOnlyArrays
 
 # False-alarm rates of the tests.
 RARE = 1e-3
@@ -35,7 +36,7 @@ LAGS, CORRECTIONS = 5, 4
 
 
 @dataclass(frozen=True, eq=False)
-class Autocorrelation:
+class Autocorrelation(ReadOnlyArrays):
     """Of whitened residuals in the order of the rows (of the timestamps), pooled over the six components."""
 
     reason: Finding | None  # why there is no test
@@ -48,7 +49,7 @@ class Autocorrelation:
 
 
 @dataclass(frozen=True, eq=False)
-class Normality:
+class Normality(ReadOnlyArrays):
     """Skewness and kurtosis of whitened residuals."""
 
     reason: Finding | None

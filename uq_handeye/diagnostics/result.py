@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..files.validate import plain, section
 from ..findings import Finding, texts
 from ..geometry.se3 import Array
+from ..runtime.read_only import ReadOnlyArrays
 from .residual_patterns import RARE, RARE_PATTERN, Autocorrelation, Normality, Regression
 from .scale_errors import FOCAL, ROBOT, SCALE, SCORE, TARGET, ScaleError
 
@@ -26,7 +27,7 @@ STRONG = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class Spectrum(ReadOnlyArrays):
     """Principal axes of the covariance of X, least certain first; ``axes`` hold one unit vector per row."""
 
     frame: str
@@ -63,7 +64,7 @@ class Spectrum:
 
 
 @dataclass(frozen=True, eq=False)
-class Influence:
+class Influence(ReadOnlyArrays):
     """Of each pose (or motion): its share of the information about X, and what X does when it is left out."""
 
     share: Array  # (n,), sums to 1
@@ -101,7 +102,7 @@ class Influence:
 
 
 @dataclass(frozen=True, eq=False)
-class Diversity:
+class Diversity(ReadOnlyArrays):
     """Eigenvalues and axes (rows) of ``sum u u^T`` scaled to trace 1, ``u = sin(angle/2) axis`` of robot motions."""
 
     share: Array  # (3,) largest first

@@ -18,6 +18,7 @@ from ..likelihood.gauss_helmert import Fit
 from ..noise.square_roots import Factor, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..runtime.read_only import ReadOnlyArrays
 from .residual_patterns import RARE, Autocorrelation
 
 # Estimates of a scale error beyond so many standard deviations are findings.
@@ -33,7 +34,7 @@ ROBOT = "robot scale"
 
 
 @dataclass(frozen=True, eq=False)
-class ScaleError:
+class ScaleError(ReadOnlyArrays):
     """A relative error that all rows share: what 0.1 % of it does to X, and what the residuals say about it."""
 
     name: str

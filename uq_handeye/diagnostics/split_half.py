@@ -36,6 +36,7 @@ from ..noise.models import Noise, PairNoise, is_joint
 from ..noise.square_roots import pulled, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..runtime.read_only import ReadOnlyArrays
 
 SPLITS = ("interleaved", "contiguous", "random", "angles")
 LEVEL = 0.95
@@ -47,7 +48,7 @@ _SHAPES = {"X1": (4, 4), "X2": (4, 4), "difference": (6,), "covariance": (6, 6),
 
 
 @dataclass(frozen=True, eq=False)
-class SplitHalf:
+class SplitHalf(ReadOnlyArrays):
     """The two estimates and the test, or the `reason` why there is none (numbers are then None).
 
     Leading axes of the data are independent problems and appear in every array.

@@ -29,13 +29,14 @@ from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array, inverse, inverse_jacobian, skew
 from ..noise.models import checked_covariance
+from ..runtime.read_only import ReadOnlyArrays
 
 # Squared Mahalanobis distance that holds 95 % of a Gaussian in three dimensions.
 _WITHIN_95 = float(chdtri(3, 0.05))
 
 
 @dataclass(frozen=True, eq=False)
-class PointUncertainty:
+class PointUncertainty(ReadOnlyArrays):
     """Points and their covariances in one frame, in metres."""
 
     points: Array  # (..., 3)

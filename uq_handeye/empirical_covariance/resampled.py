@@ -45,6 +45,7 @@ from ..likelihood.gauss_helmert import ESTIMATORS, Fit
 from ..noise.models import Noise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..runtime.read_only import ReadOnlyArrays
 from .replicates import Counts, Problem, Solved
 from .sandwich import DISPENSABLE, Influence, given_lags, hac_freedom, influence_of, require_dispensable, times
 
@@ -65,7 +66,7 @@ class Bootstrap(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Resampled:
+class Resampled(ReadOnlyArrays):
     """A covariance of X and W from the data alone; see the module."""
 
     kind: str  # one of KINDS

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from ..formats.opencv_storage import yaml_number
 from ..geometry.conventions import to_convention
 from ..geometry.se3 import Array
+from ..runtime.read_only import ReadOnlyArrays
 
 # The frames of X for motions that came without poses: those in which A and B are given.
 OF_MOTIONS = ("frame_of_A", "frame_of_B")
@@ -43,7 +44,7 @@ class Exportable(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Transform:
+class Transform(ReadOnlyArrays):
     """``T = parent_T_child`` (4, 4), metres, with the covariance (6, 6) of (theta, tau) in the parent frame."""
 
     T: Array

@@ -35,6 +35,7 @@ from ..likelihood.consensus import consensus, misfit
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import rotation_angles
+from ..runtime.read_only import ReadOnlyArrays
 
 # Largest shift, in rows, and as a share of the rows.
 MOST_ROWS, MOST_SHARE = 50, 1 / 3
@@ -58,7 +59,7 @@ CONFIRMED, ALIKE = 0.3, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Shift:
+class Shift(ReadOnlyArrays):
     """A pairing other than row by row."""
 
     robot_rows: NDArray[np.intp]  # (m,) rows that have a partner, and
@@ -83,8 +84,7 @@ class Shift:
 
     def apply(self, poses: PosePairs) -> PosePairs:
         """The poses paired anew; timestamps are those of the robot rows."""
-        times = None if poses.timestamps is None else poses.timestamps[self.robot_rows]
-        return PosePairs(poses.robot[self.robot_rows], poses.camera[self.camera_rows], poses.setup, times)
+        return poses.rows(self.robot_rows, self.camera_rows)
 
 
 def find_shift(poses: PosePairs, *, seed: int | np.random.Generator = 0) -> Shift | None:

@@ -40,6 +40,7 @@ from ..poses.timing import Timing, warn_left_out
 from ..procrustes.limit import solve_limit
 from ..propagation.all_pairs import solve_all_pairs
 from ..propagation.target_pose import mean_target
+from ..runtime.read_only import ReadOnlyArrays
 from .constraint import (
     Constraint,
     Linearised,
@@ -65,7 +66,7 @@ Errors = tuple[Array | None, Array | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(ReadOnlyArrays):
     """X and W with everything that the covariance, diagnostics and robust weights are made of.
 
     ``residual`` is what the errors leave of the constraint once X and W are fitted, to first order ``D xi`` less the

@@ -34,6 +34,7 @@ from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array, inverse, left_jacobian, logarithm, perturb
 from ..noise.models import factor, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
+from ..runtime.read_only import ReadOnlyArrays
 from .constraint import OnPoses, Unknowns
 from .gauss_helmert import inverse_information
 
@@ -65,7 +66,7 @@ class RigBundle(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement:
+class Agreement(ReadOnlyArrays):
     """The bundle adjustment against `efficient` with the joint covariance of the camera poses: the same to first order.
 
     Differences are X of the bundle from X of `efficient`, ``xi = (theta, tau)``, in standard deviations of `efficient`.

@@ -40,6 +40,7 @@ from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise.square_roots import inverse_blocks, joint_residuals, pulled, weighed_blocks, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..runtime.read_only import ReadOnlyArrays
 from .consensus import NOTHING, Consensus, consensus, robust_variance
 from .constraint import Constraint, OnPoses, Unknowns, constraint_of
 from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
@@ -57,7 +58,7 @@ Estimator = Callable[[PosePairs | Motions, Array, Array], Noise | None]
 
 
 @dataclass(frozen=True, eq=False)
-class RobustFit:
+class RobustFit(ReadOnlyArrays):
     """The fit and what became of each of the n poses (or motions)."""
 
     fit: Fit

@@ -16,6 +16,7 @@ from ..files.validate import array_of
 from ..findings import Finding
 from ..formatting.units import parse_angle, parse_length
 from ..geometry.se3 import Array
+from ..runtime.read_only import ReadOnlyArrays
 from .joint_covariance import JointCovariance
 from .models import Noise, PairNoise, PoseNoise
 
@@ -113,7 +114,7 @@ class CameraFactor:
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseEstimate:
+class NoiseEstimate(ReadOnlyArrays):
     """The noise that a data set shows; see `estimate_noise`.
 
     ``variances`` and ``covariance`` (of their estimates) are of side 1 rotation, side 2 rotation (rad^2) and of the

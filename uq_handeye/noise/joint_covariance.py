@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry.se3 import Array
+from ..runtime.read_only import ReadOnlyArrays
 
 
 @dataclass(frozen=True, eq=False)
-class JointCovariance:
+class JointCovariance(ReadOnlyArrays):
     """``blkdiag(own) + F F^T`` of n poses: own (..., n, 6, 6) and the n blocks of F, shared (..., n, 6, q).
 
     It stands where a (6n, 6n) array may stand, has its shape, multiplies like it, and ``np.asarray`` forms it.
@@ -50,6 +51,7 @@ class JointCovariance:
             )
         object.__setattr__(self, "own", own)
         object.__setattr__(self, "shared", shared)
+        super().__post_init__()
 
     @property
     def n(self) -> int:

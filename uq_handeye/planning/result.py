@@ -17,11 +17,12 @@ from ..noise.models import PoseNoise
 from ..noise.to_dict import noise_to_dict
 from ..presentation.document import document_of, to_text
 from ..presentation.notebook import to_html
+from ..runtime.read_only import ReadOnlyArrays
 from .weak_prior import PRIOR
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(ReadOnlyArrays):
     """The next k poses in the order in which to take them, and the covariance of X predicted after each.
 
     Predicted to first order, for the noise given and errors independent from pose to pose; nothing systematic.

@@ -18,11 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, inverse
+from ..runtime.read_only import ReadOnlyArrays
 from .pose_pairs import PosePairs
 
 
 @dataclass(frozen=True, eq=False)
-class Motions:
+class Motions(ReadOnlyArrays):
     """N pairs of relative motions.
 
     Parameters
@@ -55,6 +56,7 @@ class Motions:
             )
         if (self.poses is None) != (self.pairs is None) or (self.pairs is not None and len(self.pairs) != self.N):
             raise InputError("Expected `pairs` and `poses` together, one pair per motion; use relative_motions().")
+        super().__post_init__()
 
     @property
     def N(self) -> int:

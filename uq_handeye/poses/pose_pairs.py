@@ -22,6 +22,7 @@ from ..files.source import Source
 from ..geometry.checks import as_numbers, as_transforms, first_duplicate
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array, inverse
+from ..runtime.read_only import read_only
 from .timing import Timing
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ class PosePairs:
             )
         object.__setattr__(self, "robot", robot)
         object.__setattr__(self, "camera", camera)
+        object.__setattr__(self, "truth", read_only(self.truth))
         if self.timestamps is not None:
             times = np.array(as_numbers(self.timestamps, "timestamps"))
             if times.shape != (self.n,) or not np.isfinite(times).all():
@@ -114,15 +116,19 @@ class PosePairs:
     def __repr__(self) -> str:
         return f"PosePairs({self.n} poses, {self.setup})"
 
-    def rows(self, index: NDArray[Any]) -> PosePairs:
-        """Some of the poses, by their numbers or a mask."""
+    def rows(self, index: NDArray[Any], camera_index: NDArray[Any] | None = None) -> PosePairs:
+        """Some of the poses, by their numbers or a mask, with all that is known about them.
+
+        Camera rows other than those of the robot pair the two anew; timestamps are those of the robot rows.
+        """
+        of = {"robot": index, "camera": index if camera_index is None else camera_index}
+        robot, camera = (getattr(self, side)[..., rows, :, :] for side, rows in of.items())
         truth = self.truth
         if truth is not None:
-            truth = truth._replace(robot=truth.robot[..., index, :, :], camera=truth.camera[..., index, :, :])
+            truth = truth._replace(**{side: getattr(truth, side)[..., rows, :, :] for side, rows in of.items()})
         times = None if self.timestamps is None else self.timestamps[index]
-        timing = None if self.timing is None else self.timing.rows(index)
-        seen = None if self.camera_calibration is None else self.camera_calibration.select(index)
-        robot, camera = self.robot[..., index, :, :], self.camera[..., index, :, :]
+        timing = None if self.timing is None else self.timing.rows(of[self.timing.side])
+        seen = None if self.camera_calibration is None else self.camera_calibration.select(of["camera"])
         return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen)
 
     @property

@@ -50,6 +50,7 @@ from ..noise.models import Noise, factor
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import warn_left_out
+from ..runtime.read_only import ReadOnlyArrays
 from .experiment import Experiment, experiment
 from .rig import moved
 from .run import BLOCK, errors_of, estimates
@@ -63,7 +64,7 @@ STEP = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
-class SigmaPoints:
+class SigmaPoints(ReadOnlyArrays):
     """Bias and covariance of X (rad and m, rotation first) at a noise that need not be small."""
 
     covariance: Array  # (6, 6) about the mean

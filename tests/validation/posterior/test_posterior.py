@@ -17,6 +17,7 @@ from support import (
     is_consistent,
     moved,
     whitened_eigenvalues,
+    writable,
 )
 
 import uq_handeye as uq
@@ -34,6 +35,10 @@ POSES = uq.simulate(10, noise=NOISE, seed=8)
 @pytest.fixture(scope="module")
 def posterior():
     return sample_posterior(POSES, NOISE, samples=4000)
+
+
+def test_nothing_of_it_can_be_written_to(posterior):
+    assert writable(posterior) == []
 
 
 def agree(covariance, reference, effective):

@@ -26,6 +26,7 @@ from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...procrustes.so4_covariances import PAPER_SCALE, literal_covariance
 from ...propagation.noise_transport import noise_of_pairs
+from ...runtime.read_only import ReadOnlyArrays
 from ...simulation.experiment import Experiment
 from ..monte_carlo.run import MonteCarlo, monte_carlo
 from ..monte_carlo.sentences import INTERRUPTED
@@ -49,7 +50,7 @@ SINGULAR = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class Row(ReadOnlyArrays):
     """One covariance of X."""
 
     key: str

@@ -43,6 +43,7 @@ from scipy.special import betainc, betaincinv, chdtrc, fdtrc, gammainc, gammainc
 from ...errors import InputError
 from ...geometry.se3 import Array
 from ...noise.models import checked_covariance
+from ...runtime.read_only import ReadOnlyArrays
 from .sums import LEVELS, PARTS, SIZES, Sums, in_words, lower_factor
 
 __all__ = ["LEVELS", "PARTS", "Consistency", "Sums", "consistency", "in_words"]
@@ -58,7 +59,7 @@ LIKELIHOOD_RATIO = "likelihood ratio of the covariance"
 
 
 @dataclass(frozen=True, eq=False)
-class Consistency:
+class Consistency(ReadOnlyArrays):
     """Statistics of the errors of trials against a covariance; parts in the order of `PARTS`, levels of `LEVELS`.
 
     What so few trials do not determine is None: everything without an estimate, spread with one, matrices below 30.

@@ -18,6 +18,7 @@ from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
 from ...presentation.document import to_text
 from ...presentation.notebook import to_html
+from ...runtime.read_only import ReadOnlyArrays
 from ...simulation.experiment import Experiment
 from .consistency import LEVELS, PARTS, Consistency
 from .sentences import ALL
@@ -31,7 +32,7 @@ _FORMAT = "uq-handeye monte carlo 1"
 
 
 @dataclass(frozen=True, eq=False)
-class MonteCarlo:
+class MonteCarlo(ReadOnlyArrays):
     """Errors of many simulated estimates of X, and the covariance that was put to the test; see `monte_carlo`."""
 
     experiment: Experiment  # true data, noise and method

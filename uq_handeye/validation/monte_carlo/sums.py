@@ -26,6 +26,7 @@ from scipy.special import gammainccinv, gammaincinv
 
 from ...errors import InputError
 from ...geometry.se3 import Array
+from ...runtime.read_only import ReadOnlyArrays
 
 PARTS = ("joint", "rotation", "translation")
 SIZES = (6, 3, 3)  # components of each part
@@ -50,7 +51,7 @@ def edges(size: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
+class Sums(ReadOnlyArrays):
     """Sums over trials; the rows of ``nees``, ``nees_squared`` and ``histogram`` are the `PARTS`.
 
     Sums of parts of a run are added with ``+``, in the same order for the same bits.

@@ -22,13 +22,14 @@ import numpy as np
 
 from ...errors import MissingExtraError
 from ...geometry.se3 import Array
+from ...runtime.read_only import ReadOnlyArrays
 
 LONGEST_R_HAT = 1.01
 LENGTHS = 50  # of the autocorrelation time
 
 
 @dataclass(frozen=True, eq=False)
-class PosteriorDiagnostics:
+class PosteriorDiagnostics(ReadOnlyArrays):
     """How well a chain stands for its posterior; arrays (d,) follow ``names``. NaN is "not known"."""
 
     names: tuple[str, ...]

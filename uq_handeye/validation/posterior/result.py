@@ -19,6 +19,7 @@ from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
 from ...presentation.document import document_of, to_text
 from ...presentation.notebook import to_html
+from ...runtime.read_only import ReadOnlyArrays
 from ..monte_carlo.sums import LEVELS
 from .convergence import PosteriorDiagnostics, inference_data
 from .density import ScalePrior
@@ -47,7 +48,7 @@ class HighestDensity(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class Posterior(ReadOnlyArrays):
     """Samples of the posterior of X.
 
     The samples are errors ``xi = (theta, tau)`` about ``X``, the estimate of `ml`: left rotation, additive translation,

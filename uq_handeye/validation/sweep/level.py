@@ -17,6 +17,7 @@ from scipy.special import gammainc, gammaincinv
 from ...errors import InputWarning, NotConvergedError
 from ...geometry.se3 import Array
 from ...likelihood.constraint import covariances_of
+from ...runtime.read_only import ReadOnlyArrays
 from ...simulation.experiment import Experiment
 from ...simulation.sigma_points import sigma_points_of
 from ..monte_carlo.chunks import Work, chunk_size, from_bytes, to_bytes
@@ -30,7 +31,7 @@ _AT_95 = LEVELS.index(0.95)
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class Verdict(ReadOnlyArrays):
     """One covariance against the trials at one level of noise."""
 
     kind: str  # one of KINDS
