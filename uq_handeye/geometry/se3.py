@@ -103,7 +103,8 @@ def perturb(T: Array, xi: Array) -> Array:
     """``(exp([theta]x) R, t + tau)`` for ``xi = (theta, tau)``; (..., 4, 4), (..., 6) broadcast."""
     shape = np.broadcast_shapes(T.shape[:-2], xi.shape[:-1])
     result = np.array(np.broadcast_to(T, (*shape, 4, 4)))
-    turn = Rotation.from_rotvec(xi[..., :3].reshape(-1, 3)).as_matrix().reshape(*xi.shape[:-1], 3, 3)
+    theta = np.array(xi[..., :3])  # SciPy wants an array that it could write to
+    turn = Rotation.from_rotvec(theta.reshape(-1, 3)).as_matrix().reshape(*xi.shape[:-1], 3, 3)
     result[..., :3, :3] = turn @ T[..., :3, :3]
     result[..., :3, 3] += xi[..., 3:]
     return result
