@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
 from ..findings import Finding, warn
-from ..input_checks.checks import check_poses, check_rotations
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.estimate import NoisePrior
 from ..noise.models import Noise
@@ -22,7 +21,7 @@ from ..poses.pose_pairs import PosePairs
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood
 from .by_published import by_published
-from .findings import reasons, require_determined, shifted
+from .findings import look_at, reasons, require_determined, shifted
 from .provenance import provenance
 from .request import BUNDLE, Job, request
 from .result import Calibration
@@ -104,9 +103,7 @@ def calibrate(
     array([0.34, 0.34, 0.28])
     """
     job = request(data, noise, method, pairs, scale, kind, covariance, robust, prior, seed)
-    findings = [] if job.poses is None else check_poses(job.poses)
-    if job.motions.N >= 2:
-        findings += check_rotations(job.motions, noise, job.method)
+    findings = look_at(job)
     try:
         try:
             result, more = _run(job)

@@ -6,20 +6,22 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..diagnostics.pose_table import PoseTable, pose_table
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import GROSS, Finding, Severity
-from ..input_checks.checks import check_fit
+from ..input_checks.checks import check_fit, check_poses, check_rotations
 from ..input_checks.shifted_rows import find_shift, shifted_run
 from ..likelihood.constraint import Unknowns
 from ..likelihood.robust import robust_fit
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise
 from ..poses.motions import Motions
+from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import rotation_angles
 from ..propagation.published_fit import fit_published
-from .request import FEWEST_FOR_ROBUST, Job
+from .request import FEWEST_FOR_ROBUST, Job, request
 from .result import Calibration
 
 # A first-order covariance of a rotation means nothing beyond this standard deviation.
@@ -85,6 +87,21 @@ def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:
         table = pose_table(found.fit, found)
         table = replace(table, flag=tuple("kept" if flag == "kept" else "outlier" for flag in table.flag))
     return table.findings
+
+
+def check_input(data: PosePairs | Motions, noise: Noise | None = None, pairs: str | ArrayLike = "all") -> list[Finding]:
+    """What looks wrong with the input, by the checks that `calibrate` makes before it estimates noise and covariance.
+
+    Raises `InputError` for what `calibrate` cannot use.
+    """
+    job = request(data, noise, None, pairs, None, None, "model", None, None, 0)
+    return look_at(job) + reasons(job)
+
+
+def look_at(job: Job) -> list[Finding]:
+    """The poses and the rotations of their motions, before there is an X."""
+    found = [] if job.poses is None else check_poses(job.poses)
+    return found + (check_rotations(job.motions, job.noise, job.method) if job.motions.N >= 2 else [])
 
 
 def reasons(job: Job) -> list[Finding]:

@@ -286,6 +286,21 @@ class Calibration(ReadOnlyArrays):
             )
         return self.analysis
 
+    @property
+    def used(self) -> tuple[PosePairs | Motions, Noise]:
+        """What X is the plain fit of: the poses that count, and their noise, that of each divided by its weight.
+
+        `monte_carlo`, `sweep`, `sample_posterior` and `cross_check`, given the calibration itself, start from these, so
+        that all of them speak of this X. Raises `InputError` where there are no poses or there is no noise.
+        """
+        if self.data is None or self.noise is None:
+            lacks = "no poses: it was read from a file" if self.data is None else "no noise: none was found"
+            raise InputError(f"This calibration holds {lacks}.")
+        if self.table is None or (self.table.weight == 1).all():
+            return self.data, self.noise
+        kept = np.flatnonzero(self.table.weight > 0)
+        return self.data.rows(kept), self.noise.rows(kept).weighted(self.table.weight[kept])
+
     def uncertainty_at(
         self,
         points: ArrayLike,

@@ -245,16 +245,26 @@ class PoseFiles(StreamFiles):
         )
 
 
-def warn_as_calibrate(poses: "PosePairs", noise: "Noise | None", pairs: str = "all") -> "Calibration | None":
-    """What `calibrate` says of the same input, which may be as wrong for every other command; and what it finds.
+def calibrated(poses: "PosePairs", noise: "Noise | None", pairs: str = "all") -> "Calibration | None":
+    """What `calibrate` makes of the input, and warns of: every other command starts from its poses, noise and X.
 
-    Data that `calibrate` refuses are left to the command, which may do with them (`plan`) or say itself why not.
+    Data that `calibrate` refuses are left to the command, which may do with them or say itself why not.
     """
     from ..calibration.calibrate import calibrate
 
-    with timed("checking the input"), suppress(InputError, NotConvergedError):
+    with timed("calibrating"), suppress(InputError, NotConvergedError):
         return calibrate(poses, noise=noise, pairs=pairs)
     return None
+
+
+def problem_for(result: "Calibration | None", poses: "PosePairs", noise: "Noise | None", pairs: str) -> dict[str, Any]:
+    """The arguments ``data`` and ``noise`` of what is asked about X: the calibration, or else what was read."""
+    from ..noise.models import PairNoise
+    from ..poses.motions import relative_motions
+
+    if result is not None and result.noise is not None:
+        return {"data": result}
+    return {"data": relative_motions(poses, pairs) if isinstance(noise, PairNoise) else poses, "noise": noise}
 
 
 # ------------------------------------------------------------------------------------------------------- noise

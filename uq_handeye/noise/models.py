@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..formatting.units import parse_deviations
 from ..geometry.se3 import Array
 from .joint_covariance import JointCovariance
+from .square_roots import weighted
 
 Deviations = tuple[str | float, str | float]
 
@@ -100,6 +101,10 @@ class PairNoise:
         """That of some of the motions, by their numbers or a mask."""
         return PairNoise(*(rows_of(S, index) for S in (self.A, self.B)))
 
+    def weighted(self, weights: Array) -> PairNoise:
+        """With the covariance of each motion divided by its weight (N,)."""
+        return PairNoise(*(None if S is None else np.asarray(weighted(S, weights)) for S in (self.A, self.B)))
+
     @classmethod
     def isotropic(cls, A: Deviations | None = None, B: Deviations | None = None) -> PairNoise:
         """From standard deviations (rotation, translation) per axis, e.g. ``A=("0.02deg", "0.05mm")``."""
@@ -132,6 +137,10 @@ class PoseNoise:
     def rows(self, index: NDArray[Any]) -> PoseNoise:
         """That of some of the poses, by their numbers or a mask; of a joint covariance its marginal."""
         return PoseNoise(*(rows_of(S, index) for S in (self.robot, self.camera)))
+
+    def weighted(self, weights: Array) -> PoseNoise:
+        """With the covariance of each pose, of a joint one its own part, divided by its weight (n,)."""
+        return PoseNoise(*(None if S is None else weighted(S, weights) for S in (self.robot, self.camera)))
 
     def dense(self) -> PoseNoise:
         """The same with arrays in place of `JointCovariance`: where all of (6n, 6n) is needed."""

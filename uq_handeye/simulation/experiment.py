@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -107,6 +108,30 @@ class Experiment:
             return everything.propagate(self.noise, self.X)
         published = Published(self.motions, self.method, self.scale, self.X, self.W, 0, None)
         return published.covariances(self.noise, kind)[0]
+
+
+class Fitted(Protocol):
+    """What is read of a `Calibration`, which stands above this package."""
+
+    noise_estimate: Any
+
+    @property
+    def used(self) -> tuple[PosePairs | Motions, Noise]: ...
+
+
+def problem_of(
+    data: PosePairs | Motions | Fitted, noise: Noise | None
+) -> tuple[PosePairs | Motions, Noise | None, bool]:
+    """Data, noise, and whether the noise is estimated: as given, or those that a calibration used.
+
+    Raises `InputError` for a calibration beside other noise, or one without poses or noise.
+    """
+    if isinstance(data, PosePairs | Motions) or not hasattr(data, "used"):
+        return data, noise, noise is None  # type: ignore[return-value]  # what is neither is refused where it is used
+    if noise is not None:
+        raise InputError("Expected no `noise` beside a calibration, which brings the noise that it used.")
+    used, of_used = data.used
+    return used, of_used, data.noise_estimate is not None
 
 
 def experiment(

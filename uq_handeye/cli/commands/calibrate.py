@@ -9,7 +9,7 @@ import typer
 
 from ...errors import InputError
 from ...runtime.progress import working
-from ..inputs import PoseFiles, noise_of, prior_of
+from ..inputs import PoseFiles, noise_of, prior_of, problem_for
 from ..messages import command_line, progress_wanted, timed
 from ..options import (
     AT_THE_BOUND,
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from ...comparison.result import Comparison
     from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
-    from ...poses.pose_pairs import PosePairs
     from ...validation.cross_check.result import CrossCheck
     from ..pictures import Pictures
 
@@ -164,7 +163,7 @@ def calibrate_command(
             prior=prior,
             seed=seed,
         )
-    check = _cross_check(poses, noise, seed) if with_cross_check else None
+    check = _cross_check(problem_for(result, poses, noise, pairs), seed) if with_cross_check else None
     _deliver(result, as_json, output, report, threshold, not no_compare, check)
 
 
@@ -190,14 +189,11 @@ def demo_command(as_json: JsonOption = False, output: ResultFolder = None, repor
         emit("\n" + against_truth(result, truth[0]))
 
 
-def _cross_check(poses: "PosePairs", noise: "Noise | None", seed: int) -> "CrossCheck":
-    from ...noise.models import PairNoise
-    from ...poses.motions import relative_motions
+def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
     from ...validation.cross_check.run import cross_check
 
-    data = relative_motions(poses) if isinstance(noise, PairNoise) else poses
     with timed("cross-check"):
-        check = cross_check(data, noise=noise, seed=seed, workers=cores(), progress=progress_wanted())
+        check = cross_check(**problem, seed=seed, workers=cores(), progress=progress_wanted())
     if not check.complete:
         raise KeyboardInterrupt
     return check

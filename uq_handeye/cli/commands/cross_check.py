@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ..inputs import PoseFiles, noise_of, warn_as_calibrate
+from ..inputs import PoseFiles, calibrated, noise_of, problem_for
 from ..messages import progress_wanted, timed
 from ..options import (
     JsonOption,
@@ -52,16 +52,14 @@ def cross_check_command(
     require_writable(report, "--report", REPORTS)
     poses, noise = files.read(noise)
     from ...io import write_files
-    from ...noise.models import PairNoise
-    from ...poses.motions import relative_motions
     from ...validation.cross_check.run import cross_check
     from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
-    result = warn_as_calibrate(poses, noise, pairs)
+    result = calibrated(poses, noise, pairs)
     with timed("cross-check"):
         check = cross_check(
-            relative_motions(poses, pairs) if isinstance(noise, PairNoise) or pairs != "all" else poses,
-            noise=noise,
+            **problem_for(result, poses, noise, pairs),
+            pairs=pairs,
             trials=trials,
             seed=seed,
             workers=cores() if workers is None else workers,

@@ -1,10 +1,11 @@
 """The command ``uq-handeye plan``: which poses to take next."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ...errors import InputError
-from ..inputs import PoseFiles, noise_of, warn_as_calibrate
+from ..inputs import PoseFiles, noise_of
 from ..messages import timed
 from ..options import OUTPUT, JsonOption, emit, flag, made_of, option, require_writable
 
@@ -67,6 +68,8 @@ def plan_command(
     Predicted to first order for the noise. Reach and obstacles are not known:
     look at each pose before you drive there.
     """
+    from ...calibration.findings import check_input
+    from ...findings import warn
     from ...io import read_pose_file
     from ...noise.models import PoseNoise
     from ...planning.plan import plan
@@ -83,7 +86,8 @@ def plan_command(
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     rows = None if candidates is None else read_pose_file(candidates, files.both_units[0])[1]
-    warn_as_calibrate(poses, noise)
+    with timed("checking the input"), suppress(InputError):  # plan() may do with what calibrate() refuses
+        warn(check_input(poses, noise))
     with timed("planning"):
         found = plan(
             poses,

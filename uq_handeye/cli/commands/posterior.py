@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import PoseFiles, noise_of, warn_as_calibrate
+from ..inputs import PoseFiles, calibrated, noise_of, problem_for
 from ..messages import progress_wanted, timed
 from ..options import JsonOption, emit, flag, folder_option, made_of, option
 
@@ -65,17 +65,16 @@ def posterior_command(
     poses, noise = files.read(noise)
     from ...io import write_files
     from ...noise.models import PairNoise
-    from ...poses.motions import relative_motions
     from ...validation.posterior.sample import sample_posterior
 
-    warn_as_calibrate(poses, noise, pairs if isinstance(noise, PairNoise) else "all")
+    pairs = pairs if isinstance(noise, PairNoise) else "all"
+    problem = problem_for(calibrated(poses, noise, pairs), poses, noise, pairs)
     if output is not None:
         write_files(output, {})  # makes the folder, or says why not
         output.mkdir(parents=True, exist_ok=True)
     with timed("sampling"):
         result = sample_posterior(
-            relative_motions(poses, pairs) if isinstance(noise, PairNoise) else poses,
-            noise,
+            **problem,
             seed=seed,
             samples=samples,
             scales=scales,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import PoseFiles, noise_of, warn_as_calibrate
+from ..inputs import PoseFiles, calibrated, noise_of, problem_for
 from ..messages import LOG, progress_wanted
 from ..options import (
     EVERY_METHOD,
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from ...noise.models import Noise
-    from ...poses.pose_pairs import PosePairs
     from ...validation.monte_carlo.run import MonteCarlo
 
 # What the shell expects of a program that Ctrl-C ended; of a run that ended otherwise before its time.
@@ -113,7 +112,7 @@ def validate_command(
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
     poses, noise = files.read(noise)
-    warn_as_calibrate(poses, noise, pairs)
+    problem = problem_for(calibrated(poses, noise, pairs), poses, noise, pairs)
     if workers is None:
         workers = cores()
     if sweep_noise is not None:
@@ -122,7 +121,7 @@ def validate_command(
             if value is not None:
                 raise InputError(f"--sweep-noise goes without {option}.")
         options = {"seed": seed, "pairs": pairs, **({} if trials is None else {"trials": trials})}
-        return _sweep(poses, noise, names, _factors(sweep_noise), options, figure, as_json)
+        return _sweep(problem, names, _factors(sweep_noise), options, figure, as_json)
 
     from ...io import json_text
     from ...runtime.executors import connect_to_dask
@@ -136,8 +135,7 @@ def validate_command(
             executor, workers = stack.enter_context(connect_to_dask(scheduler))
         for name in names:
             result = monte_carlo(
-                poses,
-                noise=noise,
+                **problem,
                 method=name,
                 trials=trials,
                 seed=seed,
@@ -172,8 +170,7 @@ def validate_command(
 
 
 def _sweep(
-    poses: "PosePairs",
-    noise: "Noise | None",
+    problem: dict[str, Any],
     methods: list[str],
     factors: list[float],
     options: dict[str, Any],
@@ -182,7 +179,7 @@ def _sweep(
 ) -> int:
     from ...validation.sweep.run import sweep
 
-    result = sweep(poses, noise=noise, methods=methods, factors=factors, progress=progress_wanted(), **options)
+    result = sweep(**problem, methods=methods, factors=factors, progress=progress_wanted(), **options)
     emit(result.to_json() if as_json else result.summary())
     if figure is not None:
         result.figure(figure)

@@ -24,13 +24,14 @@ from concurrent.futures import Executor
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...errors import require_integer
 from ...geometry.frames import SETUPS
 from ...noise.models import Noise, PairNoise, PoseNoise
 from ...poses.motions import Motions, relative_motions
 from ...poses.pose_pairs import PosePairs
-from ...simulation.experiment import experiment
+from ...simulation.experiment import Fitted, experiment, problem_of
 from .relations import Evidence, relations
 from .result import CrossCheck
 from .rows import FEWEST_TRIALS, all_sampled, effective_samples, formulas, judged, of_posterior
@@ -40,9 +41,10 @@ if TYPE_CHECKING:
 
 
 def cross_check(
-    data: PosePairs | Motions,
+    data: PosePairs | Motions | Fitted,
     *,
     noise: Noise | None = None,
+    pairs: str | ArrayLike = "all",
     trials: int = 10_000,
     seed: int = 0,
     workers: int = 1,
@@ -54,11 +56,13 @@ def cross_check(
 
     Parameters
     ----------
-    data : PosePairs or Motions
-        Simulated poses carry the truth around which noise is drawn; of others it is what maximum likelihood finds. All
-        pairs of poses are used; Motions come with theirs.
+    data : PosePairs, Motions or Calibration
+        Simulated poses carry the truth around which noise is drawn; of others it is what maximum likelihood finds. A
+        calibration gives the poses and the noise that it used, in place of ``noise``.
     noise : PoseNoise, PairNoise or None
         None estimates it from the data.
+    pairs : "all", "consecutive", "disjoint" or (N, 2) integers
+        Pairs to make of the poses; Motions come with theirs.
     trials : int
         Of each method, at least 100. Where there are very many poses or pairs, the slower methods get fewer; their rows
         say so.
@@ -97,9 +101,9 @@ def cross_check(
     started = time.monotonic()
     for name, value, least in (("trials", trials, FEWEST_TRIALS), ("seed", seed, 0), ("workers", workers, 1)):
         require_integer(name, value, least)
-    if isinstance(noise, PairNoise) and isinstance(data, PosePairs):
-        data = relative_motions(data, "all")
-    estimated = noise is None
+    data, noise, estimated = problem_of(data, noise)
+    if isinstance(data, PosePairs) and (isinstance(noise, PairNoise) or not isinstance(pairs, str) or pairs != "all"):
+        data = relative_motions(data, pairs)
     problem = experiment(data, noise)
     noise, poses = problem.noise, data if isinstance(data, PosePairs) else data.poses
     problem.predicted()  # raises where the data do not determine X

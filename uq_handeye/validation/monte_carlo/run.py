@@ -35,7 +35,7 @@ from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
 from ...runtime.progress import progress_bar
-from ...simulation.experiment import experiment
+from ...simulation.experiment import Fitted, experiment, problem_of
 from .chunks import Chunk, Work, chunk_size, from_bytes, one_thread, to_bytes
 from .consistency import Consistency, Sums, consistency
 from .result import MonteCarlo
@@ -55,7 +55,7 @@ VARIANCES = (1e-60, 1e60)
 
 
 def monte_carlo(
-    data: PosePairs | Motions,
+    data: PosePairs | Motions | Fitted,
     *,
     noise: Noise | None = None,
     method: str = "4dpa",
@@ -77,8 +77,9 @@ def monte_carlo(
 
     Parameters
     ----------
-    data : PosePairs or Motions
-        Simulated poses carry the truth around which noise is drawn; of others it is what maximum likelihood finds.
+    data : PosePairs, Motions or Calibration
+        Simulated poses carry the truth around which noise is drawn; of others it is what maximum likelihood finds. A
+        calibration gives the poses and the noise that it used (`Calibration.used`), in place of ``noise``.
     noise : PoseNoise, PairNoise or None
         None estimates it from the data.
     method : str
@@ -131,6 +132,7 @@ def monte_carlo(
     >>> result.errors.shape, result.consistent
     ((2000, 6), True)
     """
+    data, noise, estimated = problem_of(data, noise)
     warn_left_out("monte_carlo()", data)
     started = time.monotonic()
     total, digits = _checked_counts(trials, seed, workers, digits, resume, directory, executor)
@@ -148,7 +150,7 @@ def monte_carlo(
         sums = tally.sums
         own_mean = tally.own / sums.count if tested is None and sums.count else None
         judged = consistency(sums, own_mean if tested is None else tested, own=tested is None)
-        result = _result(data, noise, tally, folder, kind, judged, total, ended, started)
+        result = _result(data, estimated, tally, folder, kind, judged, total, ended, started)
         if folder is not None:
             folder.write_result(result.to_json())
     for note in result.notes:
@@ -158,7 +160,7 @@ def monte_carlo(
 
 def _result(
     data: PosePairs | Motions,
-    noise: Noise | None,
+    noise_estimated: bool,
     tally: Tally,
     folder: RunFolder | None,
     kind: str,
@@ -181,7 +183,7 @@ def _result(
         frame="X" if poses is None else SETUPS[poses.setup],
         setup=None if poses is None else poses.setup,
         origin="fit to the data" if poses is None or poses.truth is None else "truth of the simulation",
-        noise_estimated=noise is None,
+        noise_estimated=noise_estimated,
         seed=work.seed,
         chunk=work.chunk,
         asked=total,

@@ -23,6 +23,7 @@ from ...noise_estimation.estimate import estimate_noise
 from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
+from ...simulation.experiment import Fitted, problem_of
 from ..monte_carlo.store import sha256
 from .convergence import LENGTHS, LONGEST_R_HAT
 from .density import ScalePrior, density_of
@@ -35,7 +36,7 @@ WALKERS, MAX_STEPS = 128, 10_000
 
 
 def sample_posterior(
-    data: PosePairs | Motions,
+    data: PosePairs | Motions | Fitted,
     noise: Noise | None = None,
     *,
     seed: int = 0,
@@ -52,8 +53,9 @@ def sample_posterior(
 
     Parameters
     ----------
-    data : PosePairs or Motions
-        One data set (no leading axes); on poses where there are any, unless the noise is `PairNoise`.
+    data : PosePairs, Motions or Calibration
+        One data set (no leading axes); on poses where there are any, unless the noise is `PairNoise`. A calibration
+        gives the poses and the noise that it used, in place of ``noise``.
     noise : PoseNoise, PairNoise or None
         None estimates it from the residuals (`estimate_noise`), and lets its scales be free.
     seed : int
@@ -101,6 +103,7 @@ def sample_posterior(
     True
     """
     begun = time.perf_counter()
+    data, noise, estimated = problem_of(data, noise)
     if not isinstance(data, PosePairs | Motions):
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
     if (data.robot if isinstance(data, PosePairs) else data.A).ndim != 3:
@@ -119,7 +122,7 @@ def sample_posterior(
     if resume and file is None:
         raise InputError("resume=True needs the `file` to go on with.")
     free = scales if isinstance(scales, ScalePrior) else None
-    if (not isinstance(scales, ScalePrior) and scales) or (scales is None and noise is None):
+    if (not isinstance(scales, ScalePrior) and scales) or (scales is None and estimated):
         free = ScalePrior()
     model = noise
     if model is None:
@@ -145,7 +148,7 @@ def sample_posterior(
         chain.log_density[dropped:],
         found,
         model,
-        noise is None,
+        estimated,
         free,
         None if student_t is None else float(student_t),
         int(seed),

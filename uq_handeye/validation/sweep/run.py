@@ -43,7 +43,7 @@ from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
 from ...runtime.progress import progress_bar
-from ...simulation.experiment import Experiment, experiment
+from ...simulation.experiment import Experiment, Fitted, experiment, problem_of
 from ..monte_carlo.chunks import one_thread
 from .level import KINDS, Level, Task, level_at
 from .limits import MethodSweep, limit_of
@@ -58,7 +58,7 @@ CLOSE = 1.1
 
 
 def sweep(
-    data: PosePairs | Motions,
+    data: PosePairs | Motions | Fitted,
     *,
     noise: Noise | None = None,
     methods: str | Iterable[str] = ("4dpa", "efficient"),
@@ -73,8 +73,9 @@ def sweep(
 
     Parameters
     ----------
-    data : PosePairs or Motions
-        Noise is drawn around the truth where poses carry one, else around the data as maximum likelihood fits them.
+    data : PosePairs, Motions or Calibration
+        Noise is drawn around the truth where poses carry one, else around the data as maximum likelihood fits them. A
+        calibration gives the poses and the noise that it used, in place of ``noise``.
     noise : PoseNoise, PairNoise or None
         Factor 1. None estimates it from the data.
     methods : a name or names as for `calibrate`
@@ -112,11 +113,11 @@ def sweep(
     >>> found["4dpa"].own.first_order.holds, found["4dpa"].at(900).first_order.holds
     (True, False)
     """
+    data, noise, estimated = problem_of(data, noise)
     warn_left_out("sweep()", data)
     names, grid = _checked(methods, factors, trials, seed, tolerance)
     trials, seed, tolerance = int(trials), int(seed), float(tolerance)
     problems: dict[str, Experiment] = {}
-    estimated = noise is None
     for name in names:
         problems[name] = experiment(data, noise, name, pairs=pairs)
         noise = problems[name].noise  # estimated once, so that all methods see the same
