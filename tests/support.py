@@ -40,7 +40,8 @@ def rotation_vectors(rng, shape, smallest=0.4, largest=2.6):
 def rotations(vectors):
     """exp([v]x) by SciPy, for any leading axes."""
     vectors = np.asarray(vectors, dtype=float)
-    return Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape, 3)
+    turns = Rotation.from_rotvec(np.array(vectors).reshape(-1, 3))  # SciPy refuses arrays that are read-only
+    return turns.as_matrix().reshape(*vectors.shape, 3)
 
 
 def logarithms(R):
