@@ -9,9 +9,11 @@ for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"): 
     os.environ.setdefault(variable, "1")
 sys.path.insert(0, str(Path(__file__).parent))
 
-import numpy as np
-import pytest
-from support import SEED
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from support import SEED  # noqa: E402
+
+from uq_handeye import findings  # noqa: E402
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -23,6 +25,17 @@ def pytest_cmdline_main(config):
     option = config.option
     if config.args_source is pytest.Config.ArgsSource.TESTPATHS and getattr(option, "numprocesses", 0) is None:
         option.numprocesses, option.maxprocesses, option.dist = "logical", 8, "worksteal"
+
+
+@pytest.fixture(autouse=True)
+def every_finding_has_its_words(request, monkeypatch):
+    """What this version finds it can word; only what is read from a file of another one it may not (`stored`)."""
+    if request.node.get_closest_marker("stored") is None:
+        monkeypatch.setattr(findings, "_unworded", _refuse)
+
+
+def _refuse(finding):
+    pytest.fail(f"{finding.code!r} has no sentence for the values {dict(finding.values)}")
 
 
 @pytest.fixture

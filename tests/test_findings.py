@@ -37,6 +37,7 @@ def test_what_is_no_finding_is_refused(change):
         Finding.from_dict(FOUND.to_dict() | change)
 
 
+@pytest.mark.stored
 @pytest.mark.parametrize("change", [{"code": "tests.of_tomorrow"}, {"values": {"there": 2}}, {"values": {"new": 1}}])
 def test_a_finding_of_another_version_is_read_and_says_what_it_has(change):
     found = Finding.from_dict(FOUND.to_dict() | change)

@@ -60,8 +60,7 @@ class Finding:
             AttributeError,
             ArithmeticError,
         ):  # read from a file of another version
-            values = ", ".join(f"{name} = {value!r}" for name, value in self.values.items())
-            return f"{self.code}{': ' if values else ''}{values} (this version has no sentence for it)."
+            return _unworded(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, which `from_dict` reads."""
@@ -112,6 +111,11 @@ def warn(findings: Iterable[Finding], stacklevel: int = 2) -> None:
     """Give an `InputWarning` for each that is more than a note; ``stacklevel`` as seen from the caller."""
     for text in texts(findings):
         warnings.warn(text, InputWarning, stacklevel=stacklevel + 1)
+
+
+def _unworded(finding: Finding) -> str:
+    values = ", ".join(f"{name} = {value!r}" for name, value in finding.values.items())
+    return f"{finding.code}{': ' if values else ''}{values} (this version has no sentence for it)."
 
 
 def _plain(value: Any) -> Any:

@@ -185,6 +185,7 @@ def replaced(data, path, value):
     return found
 
 
+@pytest.mark.stored
 @pytest.mark.parametrize("bad", [None, "x", -1, [], {}, 1e400, 10**400, True], ids=lambda bad: str(bad)[:6])
 @pytest.mark.parametrize("options", [{}, {"method": "park"}], ids=["estimated", "park"])
 def test_no_damage_passes_that_shows_up_later(options, bad):

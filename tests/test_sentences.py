@@ -1,0 +1,273 @@
+"""Every finding has a sentence that takes what is found; nobody else makes one, and no file depends on one."""
+
+import ast
+import importlib
+import inspect
+import json
+import pkgutil
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly, with_wrong
+from support import SEED
+
+import uq_handeye as uq
+from uq_handeye import findings
+from uq_handeye.findings import Finding
+
+ROOT = Path(uq.__file__).parent
+for module in pkgutil.walk_packages(uq.__path__, "uq_handeye."):
+    if module.name.endswith(".sentences"):
+        importlib.import_module(module.name)
+WORDS = {code: words for code, words in findings._SENTENCES.items() if not code.startswith("tests.")}
+
+COMPONENT = {"name": "robot rotation", "unit": "rad", "value": 1e-3, "low": 0.0, "high": 2e-3, "status": "estimated"}
+WHY = Finding("synchronisation.before_other", "note", {"other": "robot"}).to_dict()
+ROW = {"row": 3, "rotation": 0.1, "translation": 0.2, "distance2": 30.0}
+# Values by the names of the parameters; other numbers, lists and texts are made from the annotations.
+NAMED = {
+    "components": [COMPONENT, COMPONENT | {"high": None, "status": "fixed"}],
+    "component": COMPONENT,
+    "coefficients": [{"name": "k1", "value": 0.1, "std": 0.2}],
+    "parts": [{"side": "robot", "times": [1.0, 2.0], "why": WHY}],
+    "worst": [ROW],
+    "readings": [{"kind": "quaternion", "file": None, "order": "wxyz", "length": 0.1}],
+    "reading": {"kind": "scale", "factor": 1e-3, "file": "camera", "unit": "mm"},
+    "stretches": [[0, 10, 0], [10, 20, -1], [20, 30, 1]],
+    "part": "rotation",
+    "flag": "downweighted",
+    "why": "too few",
+    "name": "focal length",
+    "frame": "gripper",
+    "sides": ["robot", "camera"],
+    "unit": "mm",
+}
+MADE = {"float": 0.25, "int": 3, "str": "text", "bool": True, "Sequence[float]": [0.6, 0.0, 0.8],
+        "Sequence[int]": [1, 2, 5], "Sequence[str]": ["x", "y"], "list[str]": ["x", "y"]}  # fmt: skip
+
+
+def values_of(words):
+    made = {}
+    for name, parameter in inspect.signature(words).parameters.items():
+        made[name] = NAMED[name] if name in NAMED else MADE[parameter.annotation.removesuffix(" | None")]
+    return made
+
+
+def of_package(code, of):
+    return of.__module__.split(".")[-2] == code.split(".")[0]
+
+
+@pytest.mark.parametrize("code", [code for code in WORDS if code != "stored.text"])
+def test_every_code_has_a_sentence_in_its_package(code):
+    words = WORDS[code]
+    assert words.__module__.endswith(".sentences") and of_package(code, words)
+    values = values_of(words)
+    if code == "noise_estimation.exact":
+        values["parts"] = ["rotation"]
+    text = str(Finding(code, "note", values))
+    assert text.strip() and "None" not in text and "nan" not in text and "{" not in text
+
+
+@pytest.mark.parametrize(
+    "reading",
+    [
+        {"kind": "inverse robot", "setup": "eye-in-hand", "length": 0.1},
+        {"kind": "inverse camera", "length": 0.1},
+        {"kind": "quaternion", "file": "camera", "order": "xyzw", "length": 0.1},
+        {"kind": "scale", "factor": 0.5, "file": None, "unit": None},
+    ],
+)
+def test_every_reading_has_words(reading):
+    values = {"rotation": 0.1, "translation": 0.1, "readings": [reading]}
+    assert "It would fit if" in str(Finding("input_checks.poses_unexplained", "failure", values))
+
+
+def emitted(node):
+    """Codes in calls of Finding(...): the text, or what an f-string begins with."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding" and node.args:
+        return node.args[0]
+    return None
+
+
+def test_only_sentences_have_words_and_only_of_codes_that_are_found():
+    """In calls of Finding no text but codes, names and states: at most three words, without a full stop."""
+    plain, found = [], set()
+    for file in ROOT.rglob("*.py"):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if (code := emitted(node)) is None:
+                continue
+            if isinstance(code, ast.Constant):
+                found.add(code.value)
+            for part in ast.walk(node):
+                if isinstance(part, ast.Constant) and isinstance(part.value, str):
+                    plain.append((file.name, part.value))
+    assert [item for item in plain if len(item[1].split()) > 3 or (item[1].endswith(".") and " " in item[1])] == []
+    assert found <= set(WORDS) and len(found) > 30
+
+
+# --------------------------------------------------------------------------------------------------- what is found
+
+
+def spoilt(seed=SEED):
+    """Data sets with something wrong, and how to calibrate them."""
+    good = uq.simulate(25, noise=NOISE, seed=seed)
+    rng = np.random.default_rng(seed)
+
+    def changed(robot=good.robot, camera=good.camera, setup=good.setup):
+        return uq.PosePairs(robot, camera, setup)
+
+    def scaled(T, factor):
+        T = T.copy()
+        T[:, :3, 3] *= factor
+        return T
+
+    lost = good.robot.copy()
+    lost[:, 2, 3] = lost[:, 1, 3]
+    still = good.camera.copy()
+    still[5] = still[4]
+    many = uq.simulate(40, noise=NOISE, seed=seed)
+    small = uq.PoseNoise.isotropic(robot=("0.002deg", "0.005mm"), camera=("0.005deg", "0.02mm"))
+    large = uq.PoseNoise.isotropic(robot=("1deg", "3mm"), camera=("1deg", "5mm"))
+    drift = good.camera.copy()
+    drift[:, 0, 3] += np.linspace(0, 0.01, len(drift))
+    _, alone = motions_alone()
+    return {
+        "good": (good, {"noise": NOISE}),
+        "estimated": (good, {}),
+        "other setup": (changed(setup="eye-to-hand"), {"noise": NOISE}),
+        "inverse": (changed(camera=np.linalg.inv(good.camera)), {"noise": NOISE, "robust": False}),
+        "millimetres": (changed(camera=scaled(good.camera, 1e3)), {"noise": NOISE, "robust": False}),
+        "scale": (changed(camera=scaled(good.camera, 1.05)), {"noise": NOISE, "robust": False}),
+        "lost column": (changed(robot=lost), {"noise": NOISE, "robust": False}),
+        "repeated": (changed(camera=still), {}),
+        "wrong one": (with_wrong(good, 4), {"noise": NOISE, "robust": False}),
+        "wrong one, robust": (with_wrong(good, 4), {}),
+        "shifted": (uq.PosePairs(many.robot[1:], many.camera[:-1], many.setup), {"noise": NOISE, "robust": False}),
+        "shuffled": (changed(camera=good.camera[rng.permutation(25)]), {"noise": NOISE, "robust": False}),
+        "small noise": (good, {"noise": small, "robust": False}),
+        "large noise": (good, {"noise": large}),
+        "drift": (changed(camera=drift), {"noise": NOISE, "robust": False}),
+        "few": (uq.simulate(5, noise=NOISE, seed=seed), {}),
+        "data sheet": (good, {"prior": uq.NoisePrior(robot=("1e-6deg", "1e-6mm"), camera=("1e-5deg", "1e-5mm"))}),
+        "motions": (alone, {"noise": PAIR_NOISE}),
+        "park": (good, {"method": "park"}),
+        "exact": (uq.PosePairs(good.truth.robot, good.truth.camera), {"covariance": "sandwich"}),
+    }
+
+
+def everything_found(result):
+    found = list(result.findings)
+    if result.noise_estimate is not None:
+        found += result.noise_estimate.findings
+    if result.analysis is not None:
+        found += [*result.diagnostics.findings, result.split_half.finding, result.split_in_time.finding]
+    return found
+
+
+@pytest.mark.parametrize("name", spoilt())
+def test_what_is_found_in_bad_data_has_words_and_is_stored_as_it_is(name):
+    data, options = spoilt()[name]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = uq.calibrate(data, **options)
+    assert [str(item.message) for item in caught] == list(result.warnings)
+    assert all(item.category is uq.InputWarning for item in caught)
+    for finding in everything_found(result):
+        assert finding.code in WORDS
+        assert WORDS[finding.code](**finding.values) == str(finding)
+    again = uq.Calibration.from_dict(json.loads(result.to_json()))
+    assert again.findings == result.findings and everything_found(again) == everything_found(result)
+    assert again.summary() == result.summary()
+
+
+def test_severity_says_whether_X_can_be_used():
+    worst = {
+        name: max((found.severity for found in quietly(data, **options).findings), key=ORDER.index, default="note")
+        for name, (data, options) in spoilt().items()
+        if name in EXPECTED
+    }
+    assert worst == EXPECTED
+
+
+ORDER = ("note", "caution", "failure")
+EXPECTED = {
+    "good": "note",
+    "other setup": "failure",
+    "inverse": "failure",
+    "millimetres": "failure",
+    "shifted": "failure",
+    "shuffled": "failure",
+    "small noise": "failure",
+    "large noise": "caution",
+    "repeated": "caution",
+    "wrong one, robust": "caution",
+    "few": "caution",
+}
+
+
+# -------------------------------------------------------------------------------------------------- what is stored
+
+
+def test_a_reworded_sentence_leaves_files_readable(monkeypatch):
+    result = quietly(with_wrong(uq.simulate(20, noise=NOISE, seed=SEED), 4))
+    assert "known at best to" in result.summary()
+    data = json.loads(result.to_json())
+    for code in WORDS:
+        monkeypatch.setitem(findings._SENTENCES, code, lambda code=code, **_: f"Something else about {code}.")
+    again = uq.Calibration.from_dict(data)
+    assert again.findings == result.findings
+    np.testing.assert_array_equal(again.covariance, result.covariance)
+    assert "known at best to" in again.summary()
+    assert again.warnings == tuple(f"Something else about {f.code}." for f in result.findings if f.severity != "note")
+
+
+def test_reading_words_nothing(monkeypatch):
+    result = quietly(with_wrong(uq.simulate(20, noise=NOISE, seed=SEED), 4))
+    data = json.loads(result.to_json())
+
+    def never(*args, **values):
+        pytest.fail("a sentence was made")
+
+    monkeypatch.setattr(Finding, "__str__", never)
+    monkeypatch.setattr(uq.Calibration, "to_dict", never)
+    monkeypatch.setattr(uq.Calibration, "summary", never)
+    assert uq.Calibration.from_dict(data).findings == result.findings
+
+
+def test_no_time_of_day_is_stored():
+    poses = uq.simulate(20, noise=NOISE, seed=SEED)
+    assert quietly(poses).to_json() == quietly(poses).to_json()
+
+
+@pytest.mark.stored
+def test_a_code_of_tomorrow_leaves_a_file_readable():
+    data = quietly(uq.simulate(20, noise=NOISE, seed=SEED), noise=NOISE).to_dict()
+    new = {"code": "calibration.of_tomorrow", "severity": "caution", "values": {"share": 0.5}}
+    again = uq.Calibration.from_dict(data | {"findings": [new]})
+    assert again.to_dict()["findings"] == [new] and "calibration.of_tomorrow: share = 0.5" in again.warnings[0]
+
+
+def test_a_file_of_format_3_is_read():
+    """Written by the version before findings: ten poses, two of them wrong, the noise estimated."""
+    file = Path(__file__).parent / "calibration" / "files" / "format_3.json"
+    old = json.loads(file.read_text(encoding="utf-8"))
+    result = uq.Calibration.from_json(file)
+    assert result.warnings == tuple(old["warnings"]) and "known at best to" in result.summary()
+    assert result.noise_estimate.statement == tuple(old["noise_estimate"]["statement"])
+    assert result.split_half.sentence == old["analysis"]["split_half"]["sentence"]
+    assert result.table.rejected == [4, 6]
+    new = json.loads(result.to_json())
+    assert new["format"] == "uq-handeye calibration 4"
+    assert uq.Calibration.from_dict(new).summary() == result.summary()
+    assert new["X"] == old["X"] and new["analysis"]["budget"] == old["analysis"]["budget"]
+
+
+@pytest.mark.parametrize("number", [1, 2, 5])
+def test_other_formats_are_refused_by_name(number, tmp_path):
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps({"format": f"uq-handeye calibration {number}"}), encoding="utf-8")
+    with pytest.raises(uq.InputError, match=rf"got 'uq-handeye calibration {number}'"):
+        uq.Calibration.from_json(file)
