@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from support import SEED, moved
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.notebook import calibration_html, six_numbers
+from uq_handeye.calibration.report.notebook import calibration_html
 from uq_handeye.findings import Finding
 from uq_handeye.formatting.numbers import concise
+from uq_handeye.geometry.pose_numbers import pose_numbers
 from uq_handeye.presentation.document import Caution, Code, Heading, Paragraph, Points, Table
 from uq_handeye.presentation.notebook import to_html
 
@@ -61,8 +62,8 @@ def test_html_has_the_answer_the_numbers_and_the_matrices(result):
     html = Balanced(result._repr_html_())
     text = " ".join(html.texts)
     assert "is known to" in text and "(1 sigma, worst axis)" in text
-    for number in six_numbers(result):
-        assert concise(number.value, number.std) in html.texts
+    for value, std in zip(*pose_numbers(result.X, result.covariance), strict=True):
+        assert concise(value, std) in html.texts
     for value in result.X.ravel():
         assert f"{round(value, 9) + 0.0:.9f}" in html.texts
     for value in result.covariance.ravel():

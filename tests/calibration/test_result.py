@@ -195,10 +195,10 @@ def test_the_summary_has_every_section(given, estimated, poses):
         "Fit: chi-square",
         "4DPA alone, on the same data:",
         "times the Cramer-Rao bound",
-        "Standard deviations by",
-        "* model (the noise)",
+        "Standard deviations of X by every covariance",
+        "  model (the noise) *  ",
         "bootstrap",
-        "Share of the variance of X by its source:",
+        "Share of the variance of X by its source (%)",
         "Diagnostics:",
         "95 % of all errors lie within d^2",
         "Systematic errors (wrong",
@@ -206,7 +206,7 @@ def test_the_summary_has_every_section(given, estimated, poses):
     for result in (given, estimated):
         for part in everywhere:
             assert part in result.summary(), part
-    assert "Noise as given" in given.summary() and "robot: rotation 0.02 deg, translation 0.05 mm" in given.summary()
+    assert "Noise as given" in given.summary() and "robot           0.0200            0.0500" in given.summary()
     assert "chi-square with 6 degrees of freedom" in given.summary()
     assert "Noise, estimated from the residuals" in estimated.summary() and "6 F(6, " in estimated.summary()
     assert "to first order, of the noise given" in given.summary()

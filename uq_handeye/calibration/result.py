@@ -20,8 +20,10 @@ from ..errors import InputError
 from ..files.atomic import json_text
 from ..files.open import as_path, opened
 from ..findings import Finding, texts
+from ..formatting.numbers import concise, digits
 from ..geometry import conventions
 from ..geometry.frames import SETUPS, TARGETS
+from ..geometry.pose_numbers import POSE_NUMBERS, pose_numbers
 from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array, inverse, inverse_jacobian
 from ..likelihood.d2_distribution import Reference
@@ -33,6 +35,8 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
+from ..presentation.document import document_of, to_text
+from ..presentation.notebook import html_of
 from ..procrustes.finite_scale import octonion
 from ..procrustes.sensitivity import pose_from_octonion_jacobian
 from ..procrustes.so4_covariances import PAPER_SCALE
@@ -384,8 +388,6 @@ class Calibration(ReadOnlyArrays):
         )
 
     def __repr__(self) -> str:
-        from ..formatting.numbers import digits
-
         data = f"{self.n_pairs} pairs" if self.n_poses is None else f"{self.n_poses} poses"
         known = "uncertainty not determined"
         if self.weakest_translation is not None and self.weakest_rotation is not None:
@@ -395,15 +397,11 @@ class Calibration(ReadOnlyArrays):
 
     def summary(self, threshold: float = 0.5) -> str:
         """The result as text; correlations at or above ``threshold`` are listed."""
-        from .report.text import summary
-
-        return summary(self, threshold)
+        return to_text(document_of(self, threshold=threshold))
 
     def _repr_html_(self) -> str:
         """The result in a notebook: X with its deviations, warnings, and the numbers behind them."""
-        from .report.notebook import calibration_html
-
-        return calibration_html(self)
+        return html_of(self)
 
     def report(
         self,
@@ -446,9 +444,20 @@ class Calibration(ReadOnlyArrays):
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table of the six numbers of X: value, standard deviation, unit."""
-        from .report.notebook import calibration_table
+        import pandas as pd
 
-        return calibration_table(self)
+        values, std = pose_numbers(self.X, self.covariance)
+        units = ["mm"] * 3 + ["deg"] * 3
+        known = [None] * 6 if std is None else std.tolist()
+        return pd.DataFrame(
+            {
+                "value": values,
+                "std": pd.array(known, dtype="Float64"),
+                "unit": units,
+                "concise": [concise(*number) for number in zip(values.tolist(), known, units, strict=True)],
+            },
+            index=pd.Index(POSE_NUMBERS, name=self.frame),
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""

@@ -7,6 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from .se3 import Array, left_jacobian, skew
 
+# What the six numbers are.
+POSE_NUMBERS = [f"{name} {axis}" for name in ("translation", "rotation vector") for axis in "xyz"]
+
 
 def pose_numbers(T: Array, covariance: Array | None, near: Array | None = None) -> tuple[Array, Array | None]:
     """Translation (mm) and rotation vector (deg) of T (4, 4), both (6,): values, and standard deviations.

@@ -143,9 +143,9 @@ def _lines(block: Block) -> list[str]:
         case Heading():
             return [block.text]
         case Paragraph():
-            return _wrapped(block.text, block.indent, block.hang)
+            return [] if block.empty else _wrapped(block.text, block.indent, block.hang)
         case Caution():
-            return _wrapped(f"CAUTION: {block.text}")
+            return _wrapped(f"CAUTION: {block.text}", "", "  ")
         case Points():
             return [line for item in block.items for line in _wrapped(f"- {item}", "", "  ")]
         case Table():

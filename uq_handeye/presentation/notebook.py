@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import singledispatch
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..geometry.conventions import COMPONENTS
 from .document import (
@@ -17,6 +18,7 @@ from .document import (
     Paragraph,
     Points,
     Table,
+    document_of,
     groups_of,
 )
 
@@ -32,6 +34,12 @@ _WARNING = "border-left:4px solid #d55e00;background:rgba(213,94,0,0.12);padding
 _PRE = "font-family:ui-monospace,monospace;font-size:0.9em;line-height:1.3;overflow-x:auto;margin:0.4em 0"
 # Red and blue of equal lightness that colour-blind readers can tell apart; the sign is printed, too.
 _POSITIVE, _NEGATIVE = "213,94,0", "0,114,178"
+
+
+@singledispatch
+def html_of(result: Any) -> str:
+    """The form of a result in notebooks; a topic registers what shows more than the text."""
+    return to_html(type(result).__name__, document_of(result))
 
 
 def to_html(

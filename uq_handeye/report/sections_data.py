@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..calibration.report.analysis import budget_shares, covariance_names, fit_sentences, noise_sizes
-from ..calibration.report.time_offset import offset_lines
+from ..calibration.report.analysis import budget_table, covariance_table, noise_blocks, pair_table, pose_table
+from ..calibration.report.time_offset import offset_sentence
 from ..findings import texts
-from ..formatting.numbers import column, fixed
+from ..formatting.numbers import fixed
 from ..presentation.document import Block, Cell, Drawing, Paragraph, Points, Section, Table
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
     from ..comparison.result import Comparison
-    from ..noise.estimate import Component
 
 # A table lists all poses up to so many; of more those that are flagged, and the worst.
 MOST_LISTED, MOST_FLAGGED, WORST = 40, 30, 12
@@ -63,42 +62,18 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
             which = f"{len(shown)} of {len(table):,} {table.item}s: flagged ones and those of largest d², worst first"
             if len(flagged) < len(table.flagged):
                 which += f" ({len(table.flagged) - len(flagged)} more are flagged)"
-        columns = (
-            [str(k) for k in shown],
-            column(_DEG * table.rotation[shown]),
-            column(_MM * table.translation[shown]),
-            column(table.distance2[shown]),
-            column(100 * table.leverage[shown], 2),
-            [f"{table.weight[k]:.3f}" for k in shown],
-            [table.status(k) for k in shown],
-        )
-        rows = list(zip(*columns, strict=True))
-        head = [table.item, "rotation (deg)", "translation (mm)", "d²", "leverage (%)", "weight", "flag"]
-        marked = frozenset(row for row, k in enumerate(shown) if table.flag[k] != "kept")
-        blocks.append(Table(f"{which}. Numbers count from 0.", head, rows, frozenset({6}), marked))
-    r = result.residuals
-    looked = f"{r.pairs:,}" if r.pairs == result.n_pairs else f"{r.pairs:,} of {result.n_pairs:,}"
-    sizes = [
-        [name, *(fixed(factor * value) for value in values)]
-        for name, factor, values in (
-            ("rotation (deg)", _DEG, (r.rotation_rms, r.rotation_median, r.rotation_max)),
-            ("translation (mm)", _MM, (r.translation_rms, r.translation_median, r.translation_max)),
-        )
-    ]
-    caption = f"Residuals of AX = XB over {looked} pairs: how well X explains them, not how accurate it is"
-    blocks.append(Table(caption, ["", "RMS", "median", "largest"], sizes))
+        blocks.append(pose_table(table, shown, f"{which}. Numbers count from 0."))
+    blocks.append(pair_table(result))
     return Section("residuals", "Residuals", blocks)
 
 
 def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
     """Which noise makes which share of the variance."""
     title = "Where the uncertainty comes from"
-    if "budget" not in drawings:
+    table = budget_table(result)
+    if table is None or "budget" not in drawings:
         text = needs("The budget is worked out", result)
         return Section("budget", title, [Paragraph(text, empty=True)])
-    shares = budget_shares(result)
-    rows = [[name, *(f"{100 * part:.1f}" for part in share)] for name, share in shares.items()]
-    table = Table("Share of the variance of X (%)", ["source", "rotation", "translation"], rows)
     return Section("budget", title, [drawings["budget"], table])
 
 
@@ -194,72 +169,21 @@ def _of_noise_alone(result: Calibration) -> str:
 
 def noise_section(result: Calibration) -> Section:
     """The noise given or estimated, and what the residuals say of it."""
-    blocks: list[Block] = []
-    estimate, fit = result.noise_estimate, result.fit
-    if estimate is not None:
-        rows = [_component(component) for component in estimate.components]
-        head = ["source", "1 sigma per axis", "95 % interval", "how it is known"]
-        caption = "Noise estimated from the residuals"
-        if estimate.from_corners:
-            caption = "Noise of the robot, estimated from the residuals beside that of the camera, which corners give"
-        blocks.append(Table(caption, head, rows, frozenset({3})))
-        if estimate.statement:
-            blocks.append(Points(estimate.statement))
-    elif result.noise is not None:
-        rows = [
-            [name, "exact", "exact"] if size is None else [name, fixed(size[0]), fixed(size[1])]
-            for name, size in noise_sizes(result.noise).items()
-        ]
-        caption = "Noise as it was given: standard deviation per axis, in the mean over axes and poses"
-        blocks.append(Table(caption, ["side", "rotation (deg)", "translation (mm)"], rows))
-    else:
-        blocks.append(Paragraph(NO_NOISE, empty=True))
-    if fit is not None:
-        by_construction = estimate is not None and not estimate.tested
-        blocks += [Paragraph(text) for text in fit_sentences(fit, by_construction)]
-    elif result.noise is not None:
-        text = needs("The chi-square test of the residuals is made", result)
-        blocks.append(Paragraph(text, empty=True))
-    if lines := offset_lines(result):
-        blocks.append(Paragraph(" ".join(" ".join(lines).split())))
+    blocks = noise_blocks(result)
+    if result.fit is None and result.noise is not None:
+        blocks.append(Paragraph(needs("The chi-square test of the residuals is made", result), empty=True))
+    if text := offset_sentence(result):
+        blocks.append(Paragraph(text))
     return Section("noise", "The noise", blocks)
-
-
-NO_NOISE = "Not known: no noise was given, and none could be estimated from the residuals."
-
-
-def _component(component: Component) -> list[str]:
-    factor, unit = (_DEG, "deg") if component.unit == "rad" else (_MM, "mm")
-    high = "not determined" if component.high is None else f"{fixed(factor * component.high)} {unit}"
-    if component.high is not None and not np.isfinite(component.high):
-        high = "not limited"
-    between = f"{fixed(factor * component.low)} to {high}"
-    if component.status in ("fixed", "from corners"):
-        between = ""
-    return [component.name, f"{fixed(factor * component.value)} {unit}", between, component.status]
 
 
 def covariances_section(result: Calibration) -> Section:
     """The covariances that need no noise model, and X of two halves of the data."""
     title = "The same from other sides"
-    analysis = result.analysis
-    if analysis is None:
+    analysis, table = result.analysis, covariance_table(result)
+    if analysis is None or table is None:
         text = needs("Other covariances and tests of two halves are worked out", result)
         return Section("covariances", title, [Paragraph(text, empty=True)])
-    names = covariance_names(result)
-    rows: list[list[Cell]] = []
-    for kind, S in analysis.covariances.items():
-        name = names.get(kind, kind) + (" *" if kind == result.covariance_kind else "")
-        if S is None:
-            rows.append([name, (f"not determined: {analysis.reasons[kind]}", 6)])
-            continue
-        sd = np.sqrt(np.diag(S))
-        rows.append([name, *(fixed(_DEG * x) for x in sd[:3]), *(fixed(_MM * x) for x in sd[3:])])
-    head = ["covariance", *(f"rotation {a} (deg)" for a in "xyz"), *(f"translation {a} (mm)" for a in "xyz")]
-    caption = (
-        "Standard deviations of X by every covariance (* that of the result). All but the first are made of the "
-        "residuals and need no model of the noise: where they are much larger, the noise is not as the model says."
-    )
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     points = Points([str(finding) for finding in halves], frozenset(texts(halves)))
-    return Section("covariances", title, [Table(caption, head, rows), points])
+    return Section("covariances", title, [table, points])

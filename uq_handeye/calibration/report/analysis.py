@@ -1,48 +1,80 @@
-"""What a calibration at the bound knows beyond X, as text: noise, test of fit, 4DPA, poses, budget, diagnostics."""
+"""What a calibration knows beyond X, as blocks of text and page: noise, fit, 4DPA, poses, budget, diagnostics."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from ...diagnostics.budget import SHARED
-from ...formatting.numbers import digits, pose_rows, probability
-from ...formatting.paragraphs import wrapped
+from ...diagnostics.pose_table import PoseTable
+from ...formatting.numbers import column, digits, fixed, pose_rows, probability
 from ...geometry.pose_numbers import pose_numbers
 from ...geometry.se3 import Array
-from ...noise.models import PairNoise, is_joint, marginals
-
-if TYPE_CHECKING:
-    from ...likelihood.goodness_of_fit import GoodnessOfFit
-    from ...noise.models import Noise
-    from ..result import Calibration
+from ...likelihood.goodness_of_fit import GoodnessOfFit
+from ...noise.estimate import Component
+from ...noise.models import Noise, PairNoise, is_joint, marginals
+from ...presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
+from ..result import Calibration
 
 KINDS = ("rotation", "translation")
 # Poses that a text lists; the table of the result has them all.
 MOST_LISTED = 12
 # A part of the residuals is off beyond so many standard deviations of its sigma_0, and by this share.
 FAR, MUCH = 4.0, 0.1
+_DEG, _MM = 180 / np.pi, 1e3
 
 
-def noise_lines(result: Calibration) -> list[str]:
+def noise_blocks(result: Calibration) -> list[Block]:
     """The noise given or estimated, and what the residuals say of it."""
-    lines: list[str] = []
+    blocks: list[Block] = []
     estimate = result.noise_estimate
     if estimate is not None:
-        beside = " beside that of the camera" if estimate.from_corners else ""
-        lines.append(f"Noise, estimated from the residuals{beside} (standard deviation per axis, 95 % interval):")
-        lines += [f"  {component}" for component in estimate.components]
-        lines += [line for text in estimate.statement for line in wrapped(text)]
+        whose = "Noise of the robot, estimated beside that of the camera, which corners give"
+        caption = f"{whose if estimate.from_corners else 'Noise, estimated from the residuals'}:"
+        head = ["source", "1 sigma per axis", "95 % interval", "how it is known"]
+        blocks.append(Table(caption, head, list(map(_component, estimate.components)), frozenset({3})))
+        if estimate.statement:
+            blocks.append(Points(estimate.statement))
     elif result.noise is not None:
-        lines.append("Noise as given (standard deviation per axis, mean over axes and poses):")
-        lines += _given(result.noise)
+        caption = "Noise as given: standard deviation per axis, on average over axes and poses"
+        blocks.append(Table(caption, ["side", "rotation (deg)", "translation (mm)"], _given(result.noise)))
+    else:
+        blocks.append(Paragraph(NO_NOISE, empty=True))
     if result.fit is not None:
-        lines.append(_counts(result))
-        lines += _fit_lines(result.fit, by_construction=estimate is not None and not estimate.tested)
+        sentences = _fit_sentences(result.fit, by_construction=estimate is not None and not estimate.tested)
+        blocks += [Paragraph(text) for text in (_counts(result), *sentences)]
     elif estimate is not None and estimate.noise is not None:
-        lines.append(f"  The residuals have {estimate.dof:.0f} degrees of freedom.")
-    return lines
+        blocks.append(Paragraph(f"The residuals have {estimate.dof:.0f} degrees of freedom."))
+    return blocks
+
+
+NO_NOISE = "Not known: no noise was given, and none could be estimated from the residuals."
+
+
+def _component(component: Component) -> list[str]:
+    factor, unit = (_DEG, "deg") if component.unit == "rad" else (_MM, "mm")
+    high = "not determined" if component.high is None else f"{fixed(factor * component.high)} {unit}"
+    if component.high is not None and not np.isfinite(component.high):
+        high = "not limited"
+    between = f"{fixed(factor * component.low)} to {high}"
+    if component.status in ("fixed", "exact", "from corners"):
+        between = ""
+    return [component.name, f"{fixed(factor * component.value)} {unit}", between, component.status]
+
+
+def _given(noise: Noise) -> list[list[str]]:
+    """Name, rotation (deg) and translation (mm) of each side: standard deviations, on average."""
+    rows = []
+    for name in ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera"):
+        S = getattr(noise, name)
+        if S is None:
+            rows.append([name, "exact", "exact"])
+            continue
+        variances = np.diagonal(marginals(S), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
+        shared = ", correlated over the poses by errors that they share" if is_joint(S) else ""
+        rows.append([name + shared, *(fixed(f * sd) for f, sd in zip((_DEG, _MM), np.sqrt(variances), strict=True))])
+    return rows
 
 
 def _counts(result: Calibration) -> str:
@@ -53,12 +85,7 @@ def _counts(result: Calibration) -> str:
     return f"Data: {6 * n} residuals (6 of each {of}), {variables}."
 
 
-def _fit_lines(fit: GoodnessOfFit, by_construction: bool) -> list[str]:
-    first, second, *third = fit_sentences(fit, by_construction)
-    return [*wrapped(first, first=""), *wrapped(second, first=""), *(line for text in third for line in wrapped(text))]
-
-
-def fit_sentences(fit: GoodnessOfFit, by_construction: bool) -> list[str]:
+def _fit_sentences(fit: GoodnessOfFit, by_construction: bool) -> list[str]:
     """The chi-square test in words, sigma_0, and where it is so what the noise gets wrong.
 
     ``by_construction``: the noise is made of the same residuals, so that the test says nothing.
@@ -92,113 +119,98 @@ def _misfit(sigma0: float) -> str:
     return f"the residuals are {digits(1 / sigma0, 2)} times smaller than the noise explains"
 
 
-def _given(noise: Noise) -> list[str]:
-    return [
-        f"  {name}: exact"
-        if size is None
-        else f"  {name}: rotation {size[0]:.3g} deg, translation {size[1]:.3g} mm{_joint(getattr(noise, name))}"
-        for name, size in noise_sizes(noise).items()
-    ]
-
-
-def _joint(S: Any) -> str:
-    return ", correlated over the poses by errors that they share" if is_joint(S) else ""
-
-
-def noise_sizes(noise: Noise) -> dict[str, tuple[float, float] | None]:
-    """Standard deviation per axis (deg, mm) of each side, in the mean over axes and poses; None: exact."""
-    sizes: dict[str, tuple[float, float] | None] = {}
-    for name in ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera"):
-        S = getattr(noise, name)
-        if S is None:
-            sizes[name] = None
-            continue
-        variances = np.diagonal(marginals(S), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
-        sizes[name] = float(np.degrees(np.sqrt(variances[0]))), float(1e3 * np.sqrt(variances[1]))
-    return sizes
-
-
-def beside_lines(result: Calibration) -> list[str]:
+def beside_blocks(result: Calibration) -> list[Block]:
     """4DPA's own answer and its efficiency; of a bundle adjustment, how far it is from `efficient`."""
     beside, efficiency = result.fourdpa, result.efficiency
-    lines = [] if result.agreement is None else [*wrapped(result.agreement.sentence, first=""), ""]
+    blocks: list[Block] = [] if result.agreement is None else [Paragraph(result.agreement.sentence)]
     if beside is None or beside.covariance is None or efficiency is None:
-        return lines[:-1]
-    return [
-        *lines,
-        "4DPA alone, on the same data:",
-        *(f"  {line}" for line in pose_rows(*pose_numbers(beside.X, beside.covariance))),
-        f"  standard deviations    {efficiency.min():.2f} to {efficiency.max():.2f} times the Cramer-Rao bound, which "
+        return blocks
+    numbers = [
+        *pose_rows(*pose_numbers(beside.X, beside.covariance)),
+        f"standard deviations    {efficiency.min():.2f} to {efficiency.max():.2f} times the Cramer-Rao bound, which "
         f"{result.method} attains",
     ]
+    text = "\n".join(f"  {line}" for line in numbers)
+    return [*blocks, Heading("4DPA alone, on the same data:"), Code("", text, "")]
 
 
-def covariance_lines(result: Calibration) -> list[str]:
-    """Standard deviations by every covariance, side by side."""
+def pair_table(result: Calibration) -> Table:
+    """Residuals of the pairs."""
+    r = result.residuals
+    looked_at = "the" if r.pairs == result.n_pairs else f"{r.pairs:,} of the {result.n_pairs:,}"
+    caption = f"Residuals of AX = XB over {looked_at} pairs: how well X explains them, not how accurate it is"
+    sizes = [
+        ["rotation (deg)", *(fixed(_DEG * x) for x in (r.rotation_rms, r.rotation_median, r.rotation_max))],
+        ["translation (mm)", *(fixed(_MM * x) for x in (r.translation_rms, r.translation_median, r.translation_max))],
+    ]
+    return Table(caption, ["", "RMS", "median", "largest"], sizes)
+
+
+def covariance_table(result: Calibration) -> Table | None:
+    """Standard deviations by every covariance, side by side; None where there is only one."""
     analysis = result.analysis
     if analysis is None:
-        return []
-    lines = ["Standard deviations by           rotation x, y, z (deg)        translation x, y, z (mm)"]
-    meaning = covariance_names(result)
-    without: dict[str, list[str]] = {}  # kinds by the reason
-    for kind, S in analysis.covariances.items():
-        if S is None:
-            without.setdefault(analysis.reasons[kind], []).append(kind)
-            continue
-        mark = "*" if kind == result.covariance_kind else " "
-        label = f"{mark} {meaning.get(kind, kind):28s}"
-        sd = np.sqrt(np.diag(S))
-        turn = " ".join(f"{np.degrees(x):9.4g}" for x in sd[:3])
-        move = " ".join(f"{1e3 * x:9.4g}" for x in sd[3:])
-        lines.append(f"{label} {turn}   {move}")
-    for reason, kinds in without.items():
-        lines += wrapped(f"  {', '.join(kinds)}: not determined: {reason}", indent="    ", first="")
-    return [*lines, "* is the covariance of the result; all but the first need no noise model."]
-
-
-def covariance_names(result: Calibration) -> dict[str, str]:
-    """What each of the covariances is called in a table."""
-    return {
+        return None
+    meaning = {
         "model": "model (the noise)",
         "sandwich": f"sandwich, by {'pose' if result.table is None else result.table.item}",
         "hac": "hac, for neighbours",
-        "jackknife": "jackknife",
-        "bootstrap": "bootstrap",
     }
+    rows: list[list[Cell]] = []
+    for kind, S in analysis.covariances.items():
+        name = meaning.get(kind, kind) + (" *" if kind == result.covariance_kind else "")
+        if S is None:
+            rows.append([name, (f"not determined: {analysis.reasons[kind]}", 6)])
+            continue
+        sd = np.sqrt(np.diag(S))
+        rows.append([name, *(fixed(_DEG * x) for x in sd[:3]), *(fixed(_MM * x) for x in sd[3:])])
+    caption = (
+        "Standard deviations of X by every covariance (* that of the result). All but the first are made of the "
+        "residuals and need no model of the noise: where they are much larger, the noise is not as the model says."
+    )
+    groups = [("", 1), ("rotation (deg)", 3), ("translation (mm)", 3)]
+    return Table(caption, ["covariance", *"xyz", *"xyz"], rows, groups=groups)
 
 
-def pose_lines(result: Calibration) -> list[str]:
+def pose_table(table: PoseTable, shown: Sequence[int], caption: str) -> Table:
+    """Residual, distance, leverage, weight and flag of the poses ``shown``."""
+    k = list(shown)
+    columns = (
+        [str(i) for i in k],
+        column(_DEG * table.rotation[k]),
+        column(_MM * table.translation[k]),
+        column(table.distance2[k]),
+        column(100 * table.leverage[k], 2),
+        [f"{table.weight[i]:.3f}" for i in k],
+        [table.status(i) for i in k],
+    )
+    head = [table.item, "rotation (deg)", "translation (mm)", "d^2", "leverage (%)", "weight", "flag"]
+    marked = frozenset(row for row, i in enumerate(k) if table.flag[i] != "kept")
+    return Table(caption, head, list(zip(*columns, strict=True)), frozenset({6}), marked)
+
+
+def flagged_blocks(result: Calibration) -> list[Block]:
     """The poses that are flagged."""
     table = result.table
     if table is None:
         return []
     if not table.flagged:
-        return [f"No {table.item} stands out: all {len(table)} lie within their 99.9 % ellipsoids."]
+        return [Paragraph(f"No {table.item} stands out: all {len(table)} lie within their 99.9 % ellipsoids.")]
     order = sorted(table.flagged, key=lambda k: -table.distance2[k])
-    lines = [
-        f"{len(order)} of {len(table)} {table.item}s stand out (numbered from 0; d^2 is 6 in the mean, beyond "
+    caption = (
+        f"{len(order)} of {len(table)} {table.item}s stand out (numbered from 0; d^2 is 6 on average, beyond "
         f"{table.limit:.3g} rare):"
-    ]
-    for k in order[:MOST_LISTED]:
-        turn, move = np.degrees(table.rotation[k]), 1e3 * table.translation[k]
-        away = f"{digits(turn)} deg, {digits(move)} mm, d^2 = {digits(table.distance2[k], 4)}"
-        lines.append(f"  {table.item} {k}: {away}, {table.status(k)}")
-    if len(order) > MOST_LISTED:
-        lines.append(f"  and {len(order) - MOST_LISTED} more; see the table of the result")
-    return lines
+    )
+    more = len(order) - MOST_LISTED
+    rest = [Paragraph(f"and {more} more; see the table of the result", indent="  ")] if more > 0 else []
+    return [pose_table(table, order[:MOST_LISTED], caption), *rest]
 
 
-def budget_lines(result: Calibration) -> list[str]:
-    """Which share of the variance of X comes from which source."""
-    rows = budget_shares(result)
-    if not rows:
-        return []
-    width = max(len(name) for name in rows)
-    lines = ["Share of the variance of X by its source:"]
-    for name, share in rows.items():
-        parts = (f"{100 * part:5.1f} % of {kind}" for part, kind in zip(share, KINDS, strict=True))
-        lines.append(f"  {name:{width}s}  {'   '.join(parts)}")
-    return lines
+def budget_table(result: Calibration) -> Table | None:
+    """Which share of the variance of X comes from which source; None where it is not known."""
+    shares = budget_shares(result)
+    rows = [[name, *(f"{100 * part:.1f}" for part in share)] for name, share in shares.items()]
+    return Table("Share of the variance of X by its source (%)", ["source", *KINDS], rows) if rows else None
 
 
 def budget_shares(result: Calibration) -> dict[str, Array]:
@@ -227,7 +239,7 @@ def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:
 _SAID_ELSEWHERE = {"diagnostics.direction", "diagnostics.systematic"}
 
 
-def diagnosis_lines(result: Calibration) -> list[str]:
+def diagnosis_blocks(result: Calibration) -> list[Block]:
     """Diagnostics and split halves in words."""
     analysis = result.analysis
     if analysis is None:
@@ -239,4 +251,4 @@ def diagnosis_lines(result: Calibration) -> list[str]:
     found += [analysis.split_half.finding, analysis.split_in_time.finding]
     below = [f for f in found if f not in result.findings]
     title = f"Diagnostics{' (see the cautions above)' if len(below) < len(found) else ''}:"
-    return [title, *(line for f in below for line in wrapped(f"- {f}", indent="    ", first="  "))]
+    return [Heading(title), Points([str(f) for f in below])]

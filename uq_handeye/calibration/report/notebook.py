@@ -2,61 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
-
 from ...formatting.numbers import concise, digits
-from ...geometry.pose_numbers import pose_numbers
+from ...geometry.pose_numbers import POSE_NUMBERS, pose_numbers
 from ...presentation.document import Caution, Paragraph, Table
-from ...presentation.notebook import heat_html, matrix_html, to_html
+from ...presentation.notebook import heat_html, html_of, matrix_html, to_html
+from ..result import Calibration
 from .text import answer, directions
 
-if TYPE_CHECKING:
-    import pandas as pd
 
-    from ..result import Calibration
-
-
-class Number(NamedTuple):
-    """One of the six numbers of X."""
-
-    name: str
-    value: float
-    std: float | None
-    unit: str
-
-
-def six_numbers(result: Calibration) -> list[Number]:
-    """Translation in mm and rotation vector in degrees of X, with standard deviations to first order."""
-    values, std = pose_numbers(result.X, result.covariance)
-    names = [f"{name} {axis}" for name in ("translation", "rotation vector") for axis in "xyz"]
-    known = [None] * 6 if std is None else std.tolist()
-    return [Number(*number) for number in zip(names, values.tolist(), known, ["mm"] * 3 + ["deg"] * 3, strict=True)]
-
-
-def calibration_table(result: Calibration) -> pd.DataFrame:
-    """Six rows, translation and rotation vector of X; columns value, std (missing: not determined), unit, concise."""
-    import pandas as pd
-
-    numbers = six_numbers(result)
-    table = pd.DataFrame(
-        {
-            "value": [number.value for number in numbers],
-            "std": pd.array([number.std for number in numbers], dtype="Float64"),
-            "unit": [number.unit for number in numbers],
-            "concise": [concise(number.value, number.std, number.unit) for number in numbers],
-        },
-        index=pd.Index([number.name for number in numbers], name=result.frame),
-    )
-    return table
-
-
+@html_of.register(Calibration)
 def calibration_html(result: Calibration) -> str:
     """The answer, what is wrong, the six numbers; matrix, covariance and correlation folded away."""
     origin = f"{result.n_pairs} pairs" if result.n_poses is None else f"{result.n_poses} poses"
     setup = "" if result.setup is None else f", {result.setup}"
+    values, std = pose_numbers(result.X, result.covariance)
+    known: list[float | None] = [None] * 6 if std is None else std.tolist()
     rows = [
-        [number.name, concise(number.value, number.std), "?" if number.std is None else digits(number.std), number.unit]
-        for number in six_numbers(result)
+        [name, concise(value, sd), "?" if sd is None else digits(sd), "mm" if name.startswith("t") else "deg"]
+        for name, value, sd in zip(POSE_NUMBERS, values.tolist(), known, strict=True)
     ]
     table = Table("", ["", "value(deviation)", "1 sigma", "unit"], rows)
     folded = [("Matrix X (translation in m)", matrix_html(result.X))]

@@ -1,8 +1,8 @@
-"""A calibration as plain text: X with standard deviations, units on every number."""
+"""A calibration in words: X with standard deviations, units on every number."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,18 +10,24 @@ from scipy.spatial.transform import Rotation
 from ...diagnostics.result import UNKNOWN_FRAME
 from ...diagnostics.sentences import direction_words
 from ...formatting.numbers import digits, pose_rows, row
-from ...formatting.paragraphs import wrapped
 from ...geometry.conventions import COMPONENTS
 from ...geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...geometry.principal_axes import principal_axes
 from ...geometry.se3 import Array
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import PoseNoise
-from .analysis import beside_lines, budget_lines, covariance_lines, diagnosis_lines, noise_lines, pose_lines
-from .time_offset import offset_lines
-
-if TYPE_CHECKING:
-    from ..result import Calibration
+from ...presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
+from ..result import Calibration
+from .analysis import (
+    beside_blocks,
+    budget_table,
+    covariance_table,
+    diagnosis_blocks,
+    flagged_blocks,
+    noise_blocks,
+    pair_table,
+)
+from .time_offset import offset_sentence
 
 _NOT_COVERED = (
     "The standard deviations are 1 sigma, to first order, of {source}. Systematic errors ({errors}) are not "
@@ -37,7 +43,8 @@ _SOURCES = {
 }
 
 
-def summary(result: Calibration, threshold: float) -> str:
+@document_of.register(Calibration)
+def calibration_document(result: Calibration, threshold: float = 0.5) -> Document:
     """How well X is known and what is wrong first; then X, noise, fit, poses, diagnostics; other forms of X last.
 
     Correlations at or above ``threshold`` are listed.
@@ -47,26 +54,21 @@ def summary(result: Calibration, threshold: float) -> str:
     setup = "" if result.setup is None else f", {result.setup}"
     on_poses = result.fourdpa is not None and result.W is not None
     data = f"{result.n_poses} poses" if on_poses else f"{result.n_pairs} pairs{origin}"
-    lines = [f"{result.frame} by {result.method}{scale} from {data}{setup}", *wrapped(answer(result), first="")]
-    cautions = [wrapped(f"CAUTION: {text}", first="") for text in result.warnings]
-    for block in (*cautions, _numbers(result, threshold)):
-        lines += ["", *block]
-    for section in (beside_lines, noise_lines):
-        if text := section(result):
-            lines += ["", *text]
-    lines += ["", *_pair_lines(result)]
-    for section in (
-        offset_lines,
-        pose_lines,
-        covariance_lines,
-        budget_lines,
-        diagnosis_lines,
-        _scope_lines,
-        _other_forms,
-    ):
-        if text := section(result):
-            lines += ["", *text]
-    return "\n".join(lines) + "\n"
+    tables = [table for table in (covariance_table(result), budget_table(result)) if table is not None]
+    return [
+        [Heading(f"{result.frame} by {result.method}{scale} from {data}{setup}"), Paragraph(answer(result))],
+        *map(Caution, result.warnings),
+        *_numbers(result, threshold),
+        *([beside] if (beside := beside_blocks(result)) else []),
+        noise_blocks(result),
+        pair_table(result),
+        Paragraph(offset_sentence(result)),
+        flagged_blocks(result),
+        *tables,
+        diagnosis_blocks(result),
+        *_scope(result),
+        *_other_forms(result),
+    ]
 
 
 def answer(result: Calibration) -> str:
@@ -100,15 +102,13 @@ def source_words(result: Calibration) -> str:
     return _SOURCES[result.covariance_kind]
 
 
-def _numbers(result: Calibration, threshold: float) -> list[str]:
+def _numbers(result: Calibration, threshold: float) -> list[list[Block]]:
     """X and its deviations, correlations and directions."""
-    lines = [*_matrix(result.X), "", *pose_rows(*pose_numbers(result.X, result.covariance))]
-    if result.std is None:
-        return lines
-    lines.append(row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5))
-    for text in directions(result):
-        lines += wrapped(text, first="")
-    return [*lines, *_correlations(result, threshold)]
+    numbers: list[Block] = [_lines(pose_rows(*pose_numbers(result.X, result.covariance)))]
+    if result.std is not None:
+        turn = row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
+        numbers += [_lines([turn]), *map(Paragraph, directions(result)), _lines(_correlations(result, threshold))]
+    return [[_matrix(result.X)], numbers]
 
 
 def parent_frame(result: Calibration) -> str:
@@ -130,16 +130,6 @@ def directions(result: Calibration) -> list[str]:
     return sentences
 
 
-def _pair_lines(result: Calibration) -> list[str]:
-    r = result.residuals
-    looked_at = "the" if r.pairs == result.n_pairs else f"{r.pairs} of the {result.n_pairs}"
-    return [
-        f"Residuals of AX = XB over {looked_at} pairs (how well X explains them, not how accurate it is):",
-        _residuals("rotation", "deg", 180 / np.pi, r.rotation_rms, r.rotation_median, r.rotation_max),
-        _residuals("translation", "mm", 1e3, r.translation_rms, r.translation_median, r.translation_max),
-    ]
-
-
 def ellipsoid_words(result: Calibration) -> str:
     """How far the 95 % ellipsoid of X reaches."""
     limit = result.quantile(0.95)
@@ -148,7 +138,7 @@ def ellipsoid_words(result: Calibration) -> str:
     return f"There is no 95 % ellipsoid from so few poses ({result.reference})."
 
 
-def _scope_lines(result: Calibration) -> list[str]:
+def _scope(result: Calibration) -> list[Block]:
     """What the standard deviations mean."""
     if result.std is None:
         return []
@@ -159,7 +149,7 @@ def _scope_lines(result: Calibration) -> list[str]:
     errors = f"{'a wrong camera model' if known else 'wrong intrinsics'}, wrong robot kinematics, a wrong target"
     but = "; the uncertainty of the intrinsics is" if known else ""
     scope = _NOT_COVERED.format(source=source_words(result), errors=errors, but=but)
-    return [*wrapped(within, first=""), "", *wrapped(scope, first="")]
+    return [Paragraph(within), Paragraph(scope)]
 
 
 def of_corners(result: Calibration) -> bool:
@@ -168,30 +158,24 @@ def of_corners(result: Calibration) -> bool:
     return isinstance(noise, PoseNoise) and isinstance(noise.camera, JointCovariance)
 
 
-def _other_forms(result: Calibration) -> list[str]:
+def _other_forms(result: Calibration) -> list[Block | list[Block]]:
     """The inverse of X, its quaternion, and W."""
-    frame = result.frame
+    frame, S = result.frame, result.covariance
     inverse_name = "_T_".join(reversed(frame.split("_T_"))) if "_T_" in frame else f"inv({frame})"
-    S = result.covariance
     of_quaternion = None if S is None else quaternion_deviations(result.quaternion, S)
-    lines = [
-        f"{frame} as quaternion",
-        row("quaternion", "xyzw", result.quaternion, of_quaternion, 7, width=10),
-        "",
-        f"{inverse_name} (inverse of X)",
-        "",
-        *_matrix(result.inverse),
+    quaternion = row("quaternion", "xyzw", result.quaternion, of_quaternion, 7, width=10)
+    blocks: list[Block | list[Block]] = [
+        [Heading(f"{frame} as quaternion"), _lines([quaternion])],
+        Heading(f"{inverse_name} (inverse of X)"),
+        _matrix(result.inverse),
     ]
     if result.W is not None:
-        lines += [
-            "",
-            f"{result.frame_W} (the target, as all poses see it)",
-            "",
-            *_matrix(result.W),
-            "",
-            *pose_rows(*pose_numbers(result.W, result.covariance_W)),
+        blocks += [
+            Heading(f"{result.frame_W} (the target, as all poses see it)"),
+            _matrix(result.W),
+            _lines(pose_rows(*pose_numbers(result.W, result.covariance_W))),
         ]
-    return lines
+    return blocks
 
 
 def against_truth(result: Calibration, truth: Array) -> str:
@@ -212,13 +196,13 @@ def against_truth(result: Calibration, truth: Array) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _matrix(T: Array) -> list[str]:
-    return ["  " + " ".join(f"{x + 0.0:13.9f}" for x in row) for row in np.where(np.abs(T) < 5e-10, 0.0, T)]
+def _lines(lines: Sequence[str]) -> Code:
+    return Code("", "\n".join(lines), "")
 
 
-def _residuals(name: str, unit: str, factor: float, *values: float) -> str:
-    rms, median, largest = (digits(factor * value) for value in values)
-    return f"  {name:12s} RMS {rms} {unit}, median {median}, max {largest}"
+def _matrix(T: Array) -> Code:
+    small = np.where(np.abs(T) < 5e-10, 0.0, T)
+    return _lines(["  " + " ".join(f"{x + 0.0:13.9f}" for x in line) for line in small])
 
 
 def _correlations(result: Calibration, threshold: float) -> list[str]:
