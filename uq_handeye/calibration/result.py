@@ -48,9 +48,7 @@ from .result_file import FourDPA, from_dict, to_dict
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..comparison.of_result import Compared
-    from ..comparison.result import Comparison
-    from ..validation.cross_check.result import CrossCheck
+    from ..report.page import CrossCheck, Methods
 
 MAX_BYTES = 500_000_000  # of a result's file
 
@@ -407,7 +405,7 @@ class Calibration(ReadOnlyArrays):
         self,
         path: str | Path,
         *,
-        comparison: Comparison | Compared | bool = True,
+        comparison: Methods = True,
         cross_check: CrossCheck | None = None,
     ) -> Path:
         """One self-contained file for people: ``.html``, or ``.pdf``; see `report.html` for the sections.

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .._version import __version__
+from ..calibration.result import Calibration
 from ..comparison.of_result import Compared, compare_beside
 from ..comparison.result import Comparison
 from ..errors import InputError
@@ -18,6 +18,7 @@ from ..files.atomic import require_writable_file, write_atomically
 from ..geometry.conventions import CONVENTION
 from ..presentation.page import drawing, rendered
 from ..presentation.pdf import to_pdf
+from ..validation.cross_check.result import CrossCheck as CrossCheck
 from .figures import pictures, require_same_problem
 from .sections_camera import camera_sections
 from .sections_data import (
@@ -39,10 +40,8 @@ from .sections_result import (
     warnings_section,
 )
 
-if TYPE_CHECKING:
-    from ..calibration.result import Calibration
-    from ..validation.cross_check.result import CrossCheck
-
+# What a report may be given of the methods: a comparison, True for one to be made, False for none.
+Methods = Comparison | Compared | bool
 SUFFIXES = (".html", ".pdf")
 NOT_COMPARED = "Not compared: report(path, comparison=True) puts all published methods here."
 
@@ -51,7 +50,7 @@ def write_report(
     result: Calibration,
     path: str | Path,
     *,
-    comparison: Comparison | Compared | bool = True,
+    comparison: Methods = True,
     cross_check: CrossCheck | None = None,
 ) -> Path:
     """Write the report of ``result``; the arguments are those of `Calibration.report`.

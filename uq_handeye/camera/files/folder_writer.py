@@ -12,13 +12,13 @@ import numpy as np
 from ...files.atomic import json_text, write_files
 from ...files.open import StrPath, as_path
 from ...formats.csv_poses import pose_text
-from ..result import CameraCalibration
+from ..calibrated import Calibrated
 from .corner_file import corners_text
 from .folder import CONVENTION, CORNERS, COVARIANCE, FURTHER, INTRINSICS, POSES
 from .intrinsics_file import FORMAT, opencv_text
 
 
-def camera_files(cam: CameraCalibration) -> dict[str, str | bytes]:
+def camera_files(cam: Calibrated) -> dict[str, str | bytes]:
     """The files of `write_camera` that are data, by name."""
     buffer = io.BytesIO()
     S = cam.covariance
@@ -42,7 +42,7 @@ def camera_files(cam: CameraCalibration) -> dict[str, str | bytes]:
     }
 
 
-def to_dict(cam: CameraCalibration) -> dict[str, Any]:
+def to_dict(cam: Calibrated) -> dict[str, Any]:
     """All but poses and corners as plain numbers and text."""
     bundle = cam.bundle
     return {
@@ -83,7 +83,7 @@ def to_dict(cam: CameraCalibration) -> dict[str, Any]:
     }
 
 
-def write_camera(cam: CameraCalibration, folder: StrPath, further: Mapping[str, str | bytes]) -> Path:
+def write_camera(cam: Calibrated, folder: StrPath, further: Mapping[str, str | bytes]) -> Path:
     """Write the files of `camera_files`, and ``further`` ones by name, into a folder: all of them or none."""
     files = {**camera_files(cam), **further}
     write_files(folder, files)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,10 +15,8 @@ from ...files.open import StrPath, as_path, opened, shown
 from ...files.trees import parse_tree
 from ...formats.opencv_storage import matrix_lines, stack
 from ...geometry.se3 import Array
+from ..calibrated import Calibrated
 from ..models import LINEAR, MODELS
-
-if TYPE_CHECKING:
-    from ..result import CameraCalibration
 
 FORMAT = "uq-handeye camera 1"
 
@@ -157,7 +155,7 @@ def _of_opencv(
 # ------------------------------------------------------------------------------------------------------- texts
 
 
-def opencv_text(cam: CameraCalibration) -> str:
+def opencv_text(cam: Calibrated) -> str:
     """What OpenCV reads; its models and the order of its coefficients are ours."""
     value = cam.intrinsics
     K = np.array([[value["fx"], 0, value["cx"]], [0, value["fy"], value["cy"]], [0, 0, 1]])
@@ -176,7 +174,7 @@ def opencv_text(cam: CameraCalibration) -> str:
     )
 
 
-def coefficients_of(cam: CameraCalibration) -> Array:
+def coefficients_of(cam: Calibrated) -> Array:
     """(c, 1): 5 or 8 of Brown, 4 of fisheye, 5 zeros of a pinhole, as OpenCV's functions take them."""
     d = np.array([cam.intrinsics[name] for name in cam.bundle.model.coefficients])
     if cam.model == "pinhole":
@@ -186,7 +184,7 @@ def coefficients_of(cam: CameraCalibration) -> Array:
     return np.asarray(d[:, None])
 
 
-def _comment(cam: CameraCalibration) -> str:
+def _comment(cam: Calibrated) -> str:
     functions = "cv2.fisheye" if cam.model == "fisheye" else "cv2"
     names = ", ".join(cam.bundle.model.coefficients[: len(coefficients_of(cam))]) or "none, zeros"
     return (

@@ -6,22 +6,18 @@ Sources of the rules: OpenCV, ``calibrateCamera`` and ``fisheye`` (docs.opencv.o
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ...formats.opencv_storage import yaml_number
 from ...formatting.snippets import Snippet, short
 from ...geometry.se3 import Array
+from ..calibrated import Calibrated
 from .intrinsics_file import coefficients_of, opencv_text
-
-if TYPE_CHECKING:
-    from ..result import CameraCalibration
 
 PIXELS = "Pixels; the centre of the first pixel is at (0, 0), as in OpenCV."
 
 
-def camera_snippets(cam: CameraCalibration) -> list[Snippet]:
+def camera_snippets(cam: Calibrated) -> list[Snippet]:
     """OpenCV's FileStorage, ROS's camera_info and Python."""
     functions = "cv2.fisheye" if cam.model == "fisheye" else "cv2"
     return [
@@ -42,14 +38,14 @@ def camera_snippets(cam: CameraCalibration) -> list[Snippet]:
     ]
 
 
-def ros_model(cam: CameraCalibration) -> str:
+def ros_model(cam: Calibrated) -> str:
     """What ROS calls the model."""
     if cam.model == "fisheye":
         return "equidistant"
     return "rational_polynomial" if len(coefficients_of(cam)) == 8 else "plumb_bob"
 
 
-def ros_text(cam: CameraCalibration) -> str:
+def ros_text(cam: Calibrated) -> str:
     """A camera_info file; no rectification, and P is K with a column of zeros."""
     K, d = camera_matrix(cam), coefficients_of(cam)
     entries = {
@@ -67,13 +63,13 @@ def ros_text(cam: CameraCalibration) -> str:
     return "\n".join(lines) + "\n"
 
 
-def camera_matrix(cam: CameraCalibration) -> Array:
+def camera_matrix(cam: Calibrated) -> Array:
     """K (3, 3)."""
     value = cam.intrinsics
     return np.array([[value["fx"], 0.0, value["cx"]], [0.0, value["fy"], value["cy"]], [0.0, 0.0, 1.0]])
 
 
-def _python_text(cam: CameraCalibration) -> str:
+def _python_text(cam: Calibrated) -> str:
     free = cam.bundle.free
     rows = [
         "import numpy as np",

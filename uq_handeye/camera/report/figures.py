@@ -6,7 +6,6 @@ This module imports Matplotlib; import it where it is used.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,21 +16,19 @@ from ...files.open import StrPath, as_path
 from ...formatting.numbers import digits, fixed
 from ...presentation.ellipses import render
 from ...presentation.figure_parts import Picture
+from ..calibrated import Calibrated
 from ..residual_pattern import LARGE
 from .residual_figures import by_picture_figure, over_picture_figure, pattern_figure, picture_rms
 from .text import boards_words, coverage_words, noise_words, pattern_words
 from .view_figures import boards_figure, certainty, certainty_figure
 
-if TYPE_CHECKING:
-    from ..result import CameraCalibration
 
-
-def camera_figures(cam: CameraCalibration) -> dict[str, Figure]:
+def camera_figures(cam: Calibrated) -> dict[str, Figure]:
     """The figures of a camera calibration by the stem of their file names; those that cannot be drawn are left out."""
     return {stem: picture.figure for stem, picture in camera_pictures(cam).items()}
 
 
-def save_figure(cam: CameraCalibration, path: StrPath, name: str) -> Path:
+def save_figure(cam: Calibrated, path: StrPath, name: str) -> Path:
     """Write one of `camera_figures` as ``.png`` or ``.svg``, by the ending of the path, whole or not at all.
 
     Raises `InputError` for another ending, a name that none of them has, and if the file cannot be written.
@@ -47,7 +44,7 @@ def save_figure(cam: CameraCalibration, path: StrPath, name: str) -> Path:
     return path
 
 
-def camera_pictures(cam: CameraCalibration) -> dict[str, Picture]:
+def camera_pictures(cam: Calibrated) -> dict[str, Picture]:
     """`camera_figures` with alt text and caption."""
     found = {
         "pattern": _pattern(cam),
@@ -59,7 +56,7 @@ def camera_pictures(cam: CameraCalibration) -> dict[str, Picture]:
     return {stem: picture for stem, picture in found.items() if picture is not None}
 
 
-def _pattern(cam: CameraCalibration) -> Picture:
+def _pattern(cam: Calibrated) -> Picture:
     figure, factor = pattern_figure(cam)
     alt = f"Mean residuals over the picture by cell, and by the distance from the centre. {pattern_words(cam)}"
     caption = (
@@ -71,7 +68,7 @@ def _pattern(cam: CameraCalibration) -> Picture:
     return Picture(figure, alt, caption)
 
 
-def _residuals(cam: CameraCalibration) -> Picture:
+def _residuals(cam: Calibrated) -> Picture:
     figure, factor = over_picture_figure(cam)
     out = int((~cam.bundle.used).sum())
     alt = f"Residuals of all corners over the picture, in true proportions; {out} corners were left out."
@@ -84,7 +81,7 @@ def _residuals(cam: CameraCalibration) -> Picture:
     return Picture(figure, alt, caption)
 
 
-def _by_picture(cam: CameraCalibration) -> Picture:
+def _by_picture(cam: Calibrated) -> Picture:
     rms = picture_rms(cam)
     worst = int(np.argmax(rms))
     alt = (
@@ -98,7 +95,7 @@ def _by_picture(cam: CameraCalibration) -> Picture:
     return Picture(by_picture_figure(cam), alt, caption)
 
 
-def _certainty(cam: CameraCalibration) -> Picture | None:
+def _certainty(cam: Calibrated) -> Picture | None:
     figure = certainty_figure(cam)
     if figure is None:
         return None
@@ -113,7 +110,7 @@ def _certainty(cam: CameraCalibration) -> Picture | None:
     return Picture(figure, alt, caption)
 
 
-def _boards(cam: CameraCalibration) -> Picture:
+def _boards(cam: Calibrated) -> Picture:
     alt = f"Where the board was in the camera frame, from above and from the side. {boards_words(cam)}"
     caption = (
         f"{boards_words(cam)} Boards at several distances and tilts tell the focal length from the distance; boards "

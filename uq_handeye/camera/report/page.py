@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from ...presentation.ellipses import render
 from ...presentation.figure_parts import Picture
 from ...presentation.page import drawing, rendered
 from ...runtime.versions import versions
+from ..calibrated import Calibrated
 from ..files.snippets import PIXELS, camera_snippets
 from .figures import camera_pictures
 from .residual_figures import picture_rms
@@ -34,26 +34,23 @@ from .text import (
     tilts,
 )
 
-if TYPE_CHECKING:
-    from ..result import CameraCalibration
-
 # Tables list all pictures and outliers up to so many, of more the worst.
 MOST_LISTED, WORST = 60, 40
 
 
-def report_files(cam: CameraCalibration) -> dict[str, str | bytes]:
+def report_files(cam: Calibrated) -> dict[str, str | bytes]:
     """The report and its figures as files, by name."""
     drawn = camera_pictures(cam)
     figures = {f"{stem}.{kind}": render(drawn[stem].figure, kind) for stem in drawn for kind in ("png", "svg")}
     return {"report.html": _page(cam, drawn, None), **figures}
 
 
-def camera_report_html(cam: CameraCalibration, date: str | None = None) -> str:
+def camera_report_html(cam: Calibrated, date: str | None = None) -> str:
     """The report as HTML text; ``date`` is written into it, None is now (UTC)."""
     return _page(cam, camera_pictures(cam), date)
 
 
-def _page(cam: CameraCalibration, drawn: Mapping[str, Picture], date: str | None) -> str:
+def _page(cam: Calibrated, drawn: Mapping[str, Picture], date: str | None) -> str:
     date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
     drawings = {stem: drawing(stem, picture) for stem, picture in drawn.items()}
     sections = [
@@ -73,7 +70,7 @@ def _page(cam: CameraCalibration, drawn: Mapping[str, Picture], date: str | None
     return rendered("Camera calibration", model_name(cam), facts, sections)
 
 
-def _answer(cam: CameraCalibration) -> Section:
+def _answer(cam: Calibrated) -> Section:
     rows = [
         [name, f"{value} {unit}".rstrip(), "given, exact" if said else fixed(cam.std[name])]
         for name, value, unit, said in parameter_rows(cam)
@@ -90,7 +87,7 @@ def _answer(cam: CameraCalibration) -> Section:
     return Section("answer", "The camera", blocks)
 
 
-def _warnings(cam: CameraCalibration) -> Section:
+def _warnings(cam: Calibrated) -> Section:
     found = list(cam.warnings)
     if cam.corners.missing:
         found.append(f"No board was found in these pictures: {', '.join(cam.corners.missing)}.")
@@ -100,12 +97,12 @@ def _warnings(cam: CameraCalibration) -> Section:
     return Section("warnings", "Warnings", [Paragraph(text)])
 
 
-def _residuals(cam: CameraCalibration, drawings: Mapping[str, Drawing]) -> Section:
+def _residuals(cam: Calibrated, drawings: Mapping[str, Drawing]) -> Section:
     blocks = [drawings[stem] for stem in ("pattern", "residuals", "pictures")]
     return Section("residuals", "Residuals: is the model right?", blocks)
 
 
-def _outliers(cam: CameraCalibration) -> Section:
+def _outliers(cam: Calibrated) -> Section:
     title = "Corners left out"
     found = outlier_names(cam)
     if not found:
@@ -129,7 +126,7 @@ def _outliers(cam: CameraCalibration) -> Section:
     return Section("outliers", title, [Table(caption, head, rows, verbatim=True)])
 
 
-def _covered(cam: CameraCalibration, drawings: Mapping[str, Drawing]) -> Section:
+def _covered(cam: Calibrated, drawings: Mapping[str, Drawing]) -> Section:
     blocks: list[Block] = [Paragraph(coverage_words(cam))]
     if "certainty" in drawings:
         blocks.append(drawings["certainty"])
@@ -138,7 +135,7 @@ def _covered(cam: CameraCalibration, drawings: Mapping[str, Drawing]) -> Section
     return Section("covered", "What the pictures cover", [*blocks, drawings["boards"]])
 
 
-def _choice(cam: CameraCalibration) -> Section:
+def _choice(cam: Calibrated) -> Section:
     title = "Models that were compared"
     if not cam.candidates:
         text = f"None: the model {model_name(cam)} was given. Model 'auto' compares several."
@@ -148,7 +145,7 @@ def _choice(cam: CameraCalibration) -> Section:
     return Section("models", title, [Paragraph(choice_words(cam)), table])
 
 
-def _poses(cam: CameraCalibration) -> Section:
+def _poses(cam: Calibrated) -> Section:
     corners = cam.corners
     rms = picture_rms(cam)
     if corners.n <= MOST_LISTED:
@@ -182,13 +179,13 @@ def _poses(cam: CameraCalibration) -> Section:
     return Section("poses", "The pictures", [Table(caption, head, rows, verbatim=True)])
 
 
-def _forms(cam: CameraCalibration) -> Section:
+def _forms(cam: Calibrated) -> Section:
     blocks: list[Block] = [Paragraph("The intrinsics, ready to copy. Mind the convention beside each.")]
     blocks += [Code(snippet.title, snippet.text, snippet.convention) for snippet in camera_snippets(cam)]
     return Section("forms", "Intrinsics for your program", blocks)
 
 
-def _repeat(cam: CameraCalibration, date: str) -> Section:
+def _repeat(cam: Calibrated, date: str) -> Section:
     """Corners as they were used, what was asked for, versions."""
     corners, digest = cam.corners, hashlib.sha256()
     for values in (corners.row, corners.points, corners.pixels):

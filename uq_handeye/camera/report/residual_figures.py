@@ -9,7 +9,7 @@ This module imports Matplotlib; import it where it is used.
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,11 +35,9 @@ from ...presentation.figure_parts import (
     round_number,
 )
 from ...presentation.label_placement import HALO
+from ..calibrated import Calibrated
 from ..residual_pattern import CELLS, LARGE
 from .text import outlier_names, pattern_words
-
-if TYPE_CHECKING:
-    from ..result import CameraCalibration
 
 # More arrows are drawn as an image: a drawing of each would make a large file.
 MANY = 2500
@@ -61,7 +59,7 @@ _CROSS: dict[str, Any] = {
 }  # fmt: skip
 
 
-def by_picture_figure(cam: CameraCalibration) -> Figure:
+def by_picture_figure(cam: Calibrated) -> Figure:
     """RMS of the residuals of every picture, the corners left out of it, and the pixel noise."""
     corners, used = cam.corners, cam.bundle.used
     distance = np.linalg.norm(cam.bundle.residuals, axis=1)
@@ -106,14 +104,14 @@ def by_picture_figure(cam: CameraCalibration) -> Figure:
     return finished(figure)
 
 
-def picture_rms(cam: CameraCalibration) -> Array:
+def picture_rms(cam: Calibrated) -> Array:
     """(n,) root mean square of the residuals used, per coordinate, of every picture, in pixels."""
     used, picture = cam.bundle.used, cam.corners.picture
     squares = np.bincount(picture[used], np.sum(cam.bundle.residuals[used] ** 2, axis=1), cam.corners.n)
     return np.asarray(np.sqrt(squares / np.maximum(2 * np.bincount(picture[used], minlength=cam.corners.n), 1)))
 
 
-def over_picture_figure(cam: CameraCalibration) -> tuple[Figure, float]:
+def over_picture_figure(cam: Calibrated) -> tuple[Figure, float]:
     """All residuals as arrows at their corners, and the factor by which they are enlarged."""
     corners, used, residuals = cam.corners, cam.bundle.used, cam.bundle.residuals
     width, height = cam.image_size
@@ -135,7 +133,7 @@ def over_picture_figure(cam: CameraCalibration) -> tuple[Figure, float]:
     return finished(figure), factor
 
 
-def pattern_figure(cam: CameraCalibration) -> tuple[Figure, float]:
+def pattern_figure(cam: Calibrated) -> tuple[Figure, float]:
     """The mean residual of each cell of the picture, and the radial part by the distance from the centre."""
     width, height = cam.image_size
     half = 0.55 * WIDTH
@@ -155,7 +153,7 @@ def pattern_figure(cam: CameraCalibration) -> tuple[Figure, float]:
     return finished(figure), factor
 
 
-def _cells(axis: Axes, cam: CameraCalibration) -> float:
+def _cells(axis: Axes, cam: Calibrated) -> float:
     """Arrows of the means, with a hatch where no corner was; returns by what they are enlarged."""
     width, height = cam.image_size
     picture_axes(axis, cam.image_size)
@@ -192,7 +190,7 @@ def _cells(axis: Axes, cam: CameraCalibration) -> float:
     return factor
 
 
-def cells_that_matter(cam: CameraCalibration) -> NDArray[np.bool_]:
+def cells_that_matter(cam: Calibrated) -> NDArray[np.bool_]:
     """(CELLS, CELLS) where the mean residual is beyond chance and not small beside the pixel noise."""
     length = np.linalg.norm(cam.pattern.mean, axis=-1)
     s = cam.pixel_noise
@@ -200,7 +198,7 @@ def cells_that_matter(cam: CameraCalibration) -> NDArray[np.bool_]:
     return np.asarray(beyond & (length > LARGE * np.sqrt(2) * s) & (cam.pattern.count > 0))
 
 
-def _radial(axis: Axes, cam: CameraCalibration) -> None:
+def _radial(axis: Axes, cam: Calibrated) -> None:
     """Mean radial residual in rings about the centre: what a wrong distortion leaves."""
     radius, mean, count = radial_means(cam)
     plain(axis)
@@ -221,7 +219,7 @@ def _radial(axis: Axes, cam: CameraCalibration) -> None:
     axis.set_title("by the distance from the centre", fontsize=TEXT, loc="left")
 
 
-def radial_means(cam: CameraCalibration) -> tuple[Array, Array, Array]:
+def radial_means(cam: Calibrated) -> tuple[Array, Array, Array]:
     """Distance from the centre, mean outward residual (pixels) and number of corners of up to BINS rings."""
     used = cam.bundle.used
     away = cam.corners.pixels[used] - cam.bundle.parameters[2:4]

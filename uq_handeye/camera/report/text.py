@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ...formatting.numbers import concise, fixed, probability
 from ...geometry.se3 import Array
 from ...presentation.document import Block, Caution, Document, Heading, Paragraph, Table
+from ..calibrated import Calibrated
 from ..model_choice import best
 from ..models import LINEAR
 from ..residual_pattern import CELLS, RARE
-
-if TYPE_CHECKING:
-    from ..result import CameraCalibration
 
 # Corners left out that the text lists, the farthest first; the files list them all.
 MOST_LISTED = 12
@@ -26,7 +22,7 @@ UNITS = dict.fromkeys(LINEAR, "pixels")
 NOTATION = "12.345(67) means 12.345 with a standard deviation of 0.067"
 
 
-def camera_document(cam: CameraCalibration) -> Document:
+def camera_document(cam: Calibrated) -> Document:
     """The summary: what is known first, then what is wrong, then the numbers."""
     rows = [[name, value + (f" {unit}" if unit else "") + said] for name, value, unit, said in parameter_rows(cam)]
     return [
@@ -46,7 +42,7 @@ NOT_COVERED = (
 )
 
 
-def title(cam: CameraCalibration) -> str:
+def title(cam: Calibrated) -> str:
     """What it is and what it was made of."""
     used = int(cam.bundle.used.sum())
     width, height = cam.image_size
@@ -55,13 +51,13 @@ def title(cam: CameraCalibration) -> str:
     )
 
 
-def model_name(cam: CameraCalibration) -> str:
+def model_name(cam: Calibrated) -> str:
     """Model and the coefficients that were estimated, e.g. ``brown (k1, k2)``."""
     names = [name for name in cam.estimated if name not in LINEAR]
     return cam.model + (f" ({', '.join(names)})" if names else "")
 
 
-def answer(cam: CameraCalibration) -> str:
+def answer(cam: Calibrated) -> str:
     """In a few sentences: how well the camera is known."""
     fx, sd = cam.intrinsics["fx"], cam.std["fx"]
     if "fx" not in cam.estimated:
@@ -74,7 +70,7 @@ def answer(cam: CameraCalibration) -> str:
     return f"{first} A corner is seen to {fixed(cam.pixel_noise, 2)} pixels. {pattern_words(cam, short=True)}"
 
 
-def parameter_rows(cam: CameraCalibration) -> list[tuple[str, str, str, str]]:
+def parameter_rows(cam: Calibrated) -> list[tuple[str, str, str, str]]:
     """Name, value with its deviation, unit, and what is to be said; coefficients that are 0 and were not estimated are
     left out."""
     rows = []
@@ -87,7 +83,7 @@ def parameter_rows(cam: CameraCalibration) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def noise_words(cam: CameraCalibration) -> str:
+def noise_words(cam: Calibrated) -> str:
     """Pixel noise, and how many corners it is made of."""
     used, m = int(cam.bundle.used.sum()), cam.corners.m
     text = (
@@ -107,7 +103,7 @@ def noise_words(cam: CameraCalibration) -> str:
     )
 
 
-def outlier_names(cam: CameraCalibration, most: int | None = None) -> list[tuple[int, str]]:
+def outlier_names(cam: Calibrated, most: int | None = None) -> list[tuple[int, str]]:
     """Corners that were left out, the farthest first: their index in ``cam.corners``, and picture with number."""
     corners = cam.corners
     out = np.flatnonzero(~cam.bundle.used)
@@ -115,14 +111,14 @@ def outlier_names(cam: CameraCalibration, most: int | None = None) -> list[tuple
     return [(int(j), f"{corners.names[corners.picture[j]]}, corner {corners.place[j]}") for j in out]
 
 
-def _outlier_lines(cam: CameraCalibration) -> list[Block]:
+def _outlier_lines(cam: Calibrated) -> list[Block]:
     distance = np.linalg.norm(cam.bundle.residuals, axis=1)
     lines = [f"{name}: {fixed(distance[j])} pixels" for j, name in outlier_names(cam, MOST_LISTED)]
     more = int((~cam.bundle.used).sum()) - len(lines)
     return [Paragraph(text, indent="  ") for text in (*lines, *([f"and {more:,} more that are nearer"] * (more > 0)))]
 
 
-def pattern_words(cam: CameraCalibration, short: bool = False) -> str:
+def pattern_words(cam: Calibrated, short: bool = False) -> str:
     """Whether the residuals have a pattern over the picture; ``short``: one line."""
     found = cam.pattern
     share = f"{fixed(found.share, 2)} times the pixel noise"
@@ -142,12 +138,12 @@ def pattern_words(cam: CameraCalibration, short: bool = False) -> str:
     return text if short else text + more
 
 
-def covered(cam: CameraCalibration) -> float:
+def covered(cam: Calibrated) -> float:
     """Share of the cells of the picture in which there are corners."""
     return float((cam.pattern.count > 0).mean())
 
 
-def coverage_words(cam: CameraCalibration) -> str:
+def coverage_words(cam: Calibrated) -> str:
     """Which part of the picture the corners were in."""
     share = covered(cam)
     text = f"Corners were in {share:.0%} of the picture ({int((cam.pattern.count > 0).sum())} of {CELLS**2} cells)."
@@ -156,25 +152,25 @@ def coverage_words(cam: CameraCalibration) -> str:
     return text
 
 
-def distances(cam: CameraCalibration) -> Array:
+def distances(cam: Calibrated) -> Array:
     """(n,) depth of the middle of the corners of each picture along the optical axis."""
     return np.asarray(np.stack([points.mean(axis=0) for points in seen_points(cam)])[:, 2])
 
 
-def seen_points(cam: CameraCalibration) -> list[Array]:
+def seen_points(cam: Calibrated) -> list[Array]:
     """The corners of each picture in the camera frame, (m_i, 3) each."""
     corners = cam.corners
     parts = np.split(corners.points, np.flatnonzero(corners.place == 0)[1:])
     return [points @ T[:3, :3].T + T[:3, 3] for points, T in zip(parts, cam.poses, strict=True)]
 
 
-def tilts(cam: CameraCalibration) -> Array:
+def tilts(cam: Calibrated) -> Array:
     """(n,) degrees between the optical axis and the normal of the points of each picture."""
     normals = [np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2] for points in seen_points(cam)]
     return np.asarray(np.degrees(np.arccos(np.clip(np.abs(np.array(normals)[:, 2]), 0.0, 1.0))))
 
 
-def boards_words(cam: CameraCalibration) -> str:
+def boards_words(cam: Calibrated) -> str:
     """Where the board was."""
     z, tilt = distances(cam), tilts(cam)
     return (
@@ -183,7 +179,7 @@ def boards_words(cam: CameraCalibration) -> str:
     )
 
 
-def choice_words(cam: CameraCalibration) -> str:
+def choice_words(cam: Calibrated) -> str:
     """Why this model."""
     return (
         f"Model chosen of {len(cam.candidates)} by the smallest Bayesian information criterion (BIC), of a lens that "
@@ -191,7 +187,7 @@ def choice_words(cam: CameraCalibration) -> str:
     )
 
 
-def candidate_table(cam: CameraCalibration, caption: str, chosen: str = "*") -> Table:
+def candidate_table(cam: Calibrated, caption: str, chosen: str = "*") -> Table:
     """Model, BIC beyond the smallest, RMS in pixels, ``chosen`` beside the best; failed ones say so."""
     least, winner = min((c.bic for c in cam.candidates), default=0.0), best(cam.candidates)
     rows = [

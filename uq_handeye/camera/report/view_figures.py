@@ -7,7 +7,7 @@ the right, y down. This module imports Matplotlib; import it where it is used.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,12 +18,10 @@ from ...formatting.numbers import fixed
 from ...geometry.se3 import Array
 from ...presentation.figure_parts import BLUE, GREEN, INK, QUIET, SMALL, TEXT, WIDTH, canvas, finished, plain
 from ...presentation.label_placement import HALO
+from ..calibrated import Calibrated
 from ..rays import pixel_deviation, rays
 from .residual_figures import MANY, picture_canvas
 from .text import seen_points
-
-if TYPE_CHECKING:
-    from ..result import CameraCalibration
 
 # Nodes of the map along the longer side of the picture.
 NODES = 49
@@ -33,7 +31,7 @@ MOST_BOARDS, MOST_DOTS = 40, 1000
 WIDEST = np.radians(80.0)
 
 
-def certainty_figure(cam: CameraCalibration) -> Figure | None:
+def certainty_figure(cam: Calibrated) -> Figure | None:
     """Map of the standard deviation in pixels over the picture; None where the intrinsics are exact."""
     if not cam.bundle.free.any():
         return None
@@ -71,7 +69,7 @@ def certainty_figure(cam: CameraCalibration) -> Figure | None:
     return finished(figure)
 
 
-def certainty(cam: CameraCalibration) -> tuple[Array, Array, Array]:
+def certainty(cam: Calibrated) -> tuple[Array, Array, Array]:
     """Pixels u, v (rows, columns) of a grid over the picture, and the standard deviation there."""
     width, height = cam.image_size
     nodes = [max(round(NODES * length / max(width, height)), 9) for length in (width, height)]
@@ -81,7 +79,7 @@ def certainty(cam: CameraCalibration) -> tuple[Array, Array, Array]:
     return u, v, deviation
 
 
-def boards_figure(cam: CameraCalibration) -> Figure:
+def boards_figure(cam: Calibrated) -> Figure:
     """The boards in the camera frame, from above and from the side, with the field of view."""
     points = seen_points(cam)
     middle = np.stack([part.mean(axis=0) for part in points])
@@ -137,7 +135,7 @@ def outline(points: Array) -> Array:
     return np.asarray(points[[*ring, ring[0]]])
 
 
-def _edges(cam: CameraCalibration, side: int, depth: float) -> list[Array]:
+def _edges(cam: Calibrated, side: int, depth: float) -> list[Array]:
     """Lines (2, 3) from the camera through the middles of two opposite edges of the picture, to the depth given."""
     width, height = cam.image_size
     centre = cam.bundle.parameters[2:4]

@@ -1,0 +1,53 @@
+"""What text, page, figures and files read of a calibrated camera."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..findings import Finding
+from ..geometry.se3 import Array
+from ..noise.joint_covariance import JointCovariance
+from .bundle import Bundle
+from .corners import Corners
+from .model_choice import Candidate
+from .residual_pattern import Pattern
+
+
+class Calibrated(Protocol):
+    """A camera as `CameraCalibration` describes it, which lies above its words, pictures and files."""
+
+    @property
+    def bundle(self) -> Bundle: ...
+    @property
+    def corners(self) -> Corners: ...
+    @property
+    def image_size(self) -> tuple[int, int]: ...
+    @property
+    def candidates(self) -> tuple[Candidate, ...]: ...
+    @property
+    def pattern(self) -> Pattern: ...
+    @property
+    def findings(self) -> tuple[Finding, ...]: ...
+    @property
+    def warnings(self) -> tuple[str, ...]: ...
+    @property
+    def model(self) -> str: ...
+    @property
+    def intrinsics(self) -> dict[str, float]: ...
+    @property
+    def std(self) -> dict[str, float]: ...
+    @property
+    def estimated(self) -> tuple[str, ...]: ...
+    @property
+    def poses(self) -> Array: ...
+    @property
+    def rows(self) -> NDArray[np.intp]: ...
+    @property
+    def covariance(self) -> JointCovariance: ...
+    @property
+    def pixel_noise(self) -> float: ...
+    @property
+    def outliers(self) -> list[tuple[str, int, float]]: ...
