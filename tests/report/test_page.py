@@ -106,7 +106,7 @@ def test_every_kind_of_result_has_every_section(case, quick):
         "exact": ("ellipses", "Not determined: there is no covariance"),
         "loaded": ("rig", "read from a file, which holds no poses"),
         "three poses, jackknife": ("scope", "There is no 95 % ellipsoid from so few poses"),
-        "estimated": ("noise", "Noise estimated from the residuals"),
+        "estimated": ("noise", "Noise, estimated from the residuals"),
         "eye-to-hand": ("answer", "base_T_camera is the pose of the camera in the base frame"),
     }[case]
     assert said[1] in found.words(said[0])

@@ -161,7 +161,8 @@ def _calibrated(camera: Any) -> _Seen | None:
         return _Seen(camera, "the pictures", ())
     if camera is None or not as_path(camera).is_dir():
         return None
-    from ..camera.files.folder import CORNERS, read_camera
+    from ..camera.files.folder import read_camera
+    from ..camera.files.folder_writer import CORNERS
 
     folder = as_path(camera)
     seen = read_camera(folder)

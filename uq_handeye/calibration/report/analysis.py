@@ -157,13 +157,15 @@ def covariance_table(result: Calibration) -> Table | None:
         "hac": "hac, for neighbours",
     }
     rows: list[list[Cell]] = []
+    without: dict[str, list[str]] = {}  # kinds by the reason
     for kind, S in analysis.covariances.items():
-        name = meaning.get(kind, kind) + (" *" if kind == result.covariance_kind else "")
         if S is None:
-            rows.append([name, (f"not determined: {analysis.reasons[kind]}", 6)])
+            without.setdefault(analysis.reasons[kind], []).append(kind)
             continue
         sd = np.sqrt(np.diag(S))
+        name = meaning.get(kind, kind) + (" *" if kind == result.covariance_kind else "")
         rows.append([name, *(fixed(_DEG * x) for x in sd[:3]), *(fixed(_MM * x) for x in sd[3:])])
+    rows += [[", ".join(kinds), (f"not determined: {reason}", 6)] for reason, kinds in without.items()]
     caption = (
         "Standard deviations of X by every covariance (* that of the result). All but the first are made of the "
         "residuals and need no model of the noise: where they are much larger, the noise is not as the model says."

@@ -25,7 +25,6 @@ from ...findings import Finding
 from ...formats.csv_poses import read_pose_file
 from ...formats.numpy_poses import MAX_BYTES, members
 from ...geometry.checks import as_transforms
-from ...geometry.conventions import TOOLKIT
 from ...geometry.se3 import Array
 from ..bundle import Bundle, Prior
 from ..corners import Corners
@@ -34,22 +33,9 @@ from ..models import MODELS
 from ..residual_pattern import pattern_of
 from ..result import CameraCalibration
 from .corner_file import corners_and_used
+from .folder_writer import CORNERS, COVARIANCE, INTRINSICS, POSES
 from .intrinsics_file import FORMAT
 
-POSES, COVARIANCE, INTRINSICS, CORNERS = "camera.csv", "camera_covariance.npz", "intrinsics.json", "corners.csv"
-# What a report may come with: `report.camera_figures`.
-FURTHER = {
-    "report.html",
-    *(
-        f"{stem}.{kind}"
-        for stem in ("pattern", "residuals", "pictures", "certainty", "boards")
-        for kind in ("png", "svg")
-    ),
-}
-CONVENTION = (
-    f"camera_T_target of row k; covariance of all errors = blkdiag(own) + F F^T with F = shared reshaped to (6n, q); "
-    f"{TOOLKIT}; m and rad"
-)
 # Poses of camera.csv, whose quaternions are rounded, are those of the archive within this.
 ROUNDED = 1e-9
 _OTHER_RUN = "not of the same run, or one was changed by hand; write the folder anew by uq-handeye camera."

@@ -12,10 +12,25 @@ import numpy as np
 from ...files.atomic import json_text, write_files
 from ...files.open import StrPath, as_path
 from ...formats.csv_poses import pose_text
+from ...geometry.conventions import TOOLKIT
 from ..calibrated import Calibrated
 from .corner_file import corners_text
-from .folder import CONVENTION, CORNERS, COVARIANCE, FURTHER, INTRINSICS, POSES
 from .intrinsics_file import FORMAT, opencv_text
+
+POSES, COVARIANCE, INTRINSICS, CORNERS = "camera.csv", "camera_covariance.npz", "intrinsics.json", "corners.csv"
+# What a report may come with: `report.camera_figures`.
+FURTHER = {
+    "report.html",
+    *(
+        f"{stem}.{kind}"
+        for stem in ("pattern", "residuals", "pictures", "certainty", "boards")
+        for kind in ("png", "svg")
+    ),
+}
+CONVENTION = (
+    f"camera_T_target of row k; covariance of all errors = blkdiag(own) + F F^T with F = shared reshaped to (6n, q); "
+    f"{TOOLKIT}; m and rad"
+)
 
 
 def camera_files(cam: Calibrated) -> dict[str, str | bytes]:
