@@ -18,10 +18,17 @@ from uq_handeye.camera.models import MODELS
 from uq_handeye.camera.rays import pixel_deviation, rays
 from uq_handeye.camera.report.figures import camera_figures, camera_pictures
 from uq_handeye.camera.report.page import camera_report_html, report_files
-from uq_handeye.camera.report.residual_figures import cells_that_matter, picture_rms, radial_means
-from uq_handeye.camera.report.text import covered, distances, tilts
-from uq_handeye.camera.report.view_figures import certainty, outline
+from uq_handeye.camera.report.view_figures import outline
 from uq_handeye.camera.residual_pattern import CELLS
+from uq_handeye.camera.what_was_seen import (
+    cells_that_matter,
+    certainty,
+    covered,
+    distances,
+    picture_rms,
+    radial_means,
+    tilts,
+)
 from uq_handeye.errors import InputError
 from uq_handeye.formatting.numbers import concise, fixed
 from uq_handeye.presentation.document import Paragraph

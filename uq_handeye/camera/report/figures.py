@@ -18,9 +18,10 @@ from ...presentation.ellipses import render
 from ...presentation.figure_parts import Picture
 from ..calibrated import Calibrated
 from ..residual_pattern import LARGE
-from .residual_figures import by_picture_figure, over_picture_figure, pattern_figure, picture_rms
+from ..what_was_seen import certainty, picture_rms
+from .residual_figures import by_picture_figure, over_picture_figure, pattern_figure
 from .text import boards_words, coverage_words, noise_words, pattern_words
-from .view_figures import boards_figure, certainty, certainty_figure
+from .view_figures import boards_figure, certainty_figure
 
 
 def camera_figures(cam: Calibrated) -> dict[str, Figure]:

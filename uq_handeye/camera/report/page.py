@@ -18,20 +18,18 @@ from ...presentation.page import drawing, rendered
 from ...runtime.versions import versions
 from ..calibrated import Calibrated
 from ..files.snippets import PIXELS, camera_snippets
+from ..what_was_seen import distances, picture_rms, tilts
 from .figures import camera_pictures
-from .residual_figures import picture_rms
 from .text import (
     NOT_COVERED,
     answer,
     candidate_table,
     choice_words,
     coverage_words,
-    distances,
     model_name,
     noise_words,
     outlier_names,
     parameter_rows,
-    tilts,
 )
 
 # Tables list all pictures and outliers up to so many, of more the worst.

@@ -37,6 +37,7 @@ from ...presentation.figure_parts import (
 from ...presentation.label_placement import HALO
 from ..calibrated import Calibrated
 from ..residual_pattern import CELLS, LARGE
+from ..what_was_seen import cells_that_matter, picture_rms, radial_means
 from .text import outlier_names, pattern_words
 
 # More arrows are drawn as an image: a drawing of each would make a large file.
@@ -47,10 +48,6 @@ MOST_NAMED = 6
 MANY_PICTURES = 200
 # Height in inches of the picture of a camera that stands upright.
 TALLEST = 6.0
-# Bins of the distance from the centre.
-BINS = 12
-# The mean of a cell is beyond chance where it is so many of its deviations long: once in 1,000.
-BEYOND = float(np.sqrt(2 * np.log(1000)))
 # Length of the arrow of a large residual (95 % are smaller), as a share of the longer side of the picture.
 _TYPICAL = 0.02
 _CROSS: dict[str, Any] = {
@@ -102,13 +99,6 @@ def by_picture_figure(cam: Calibrated) -> Figure:
     _labelled(figure, axis, outlier_names(cam, MOST_NAMED), places, ~used)
     figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL, columnspacing=1.2)
     return finished(figure)
-
-
-def picture_rms(cam: Calibrated) -> Array:
-    """(n,) root mean square of the residuals used, per coordinate, of every picture, in pixels."""
-    used, picture = cam.bundle.used, cam.corners.picture
-    squares = np.bincount(picture[used], np.sum(cam.bundle.residuals[used] ** 2, axis=1), cam.corners.n)
-    return np.asarray(np.sqrt(squares / np.maximum(2 * np.bincount(picture[used], minlength=cam.corners.n), 1)))
 
 
 def over_picture_figure(cam: Calibrated) -> tuple[Figure, float]:
@@ -190,14 +180,6 @@ def _cells(axis: Axes, cam: Calibrated) -> float:
     return factor
 
 
-def cells_that_matter(cam: Calibrated) -> NDArray[np.bool_]:
-    """(CELLS, CELLS) where the mean residual is beyond chance and not small beside the pixel noise."""
-    length = np.linalg.norm(cam.pattern.mean, axis=-1)
-    s = cam.pixel_noise
-    beyond = length > BEYOND * s / np.sqrt(np.maximum(cam.pattern.count, 1))
-    return np.asarray(beyond & (length > LARGE * np.sqrt(2) * s) & (cam.pattern.count > 0))
-
-
 def _radial(axis: Axes, cam: Calibrated) -> None:
     """Mean radial residual in rings about the centre: what a wrong distortion leaves."""
     radius, mean, count = radial_means(cam)
@@ -217,19 +199,6 @@ def _radial(axis: Axes, cam: Calibrated) -> None:
     axis.set_xlabel("distance from the centre (pixels)", fontsize=TEXT)
     axis.set_ylabel("outward, mean (pixels)", fontsize=TEXT)
     axis.set_title("by the distance from the centre", fontsize=TEXT, loc="left")
-
-
-def radial_means(cam: Calibrated) -> tuple[Array, Array, Array]:
-    """Distance from the centre, mean outward residual (pixels) and number of corners of up to BINS rings."""
-    used = cam.bundle.used
-    away = cam.corners.pixels[used] - cam.bundle.parameters[2:4]
-    radius = np.linalg.norm(away, axis=1)
-    outward = np.sum(cam.bundle.residuals[used] * away, axis=1) / np.maximum(radius, 1e-9)
-    ring = np.minimum((BINS * radius / (radius.max() or 1.0)).astype(int), BINS - 1)
-    count = np.bincount(ring, minlength=BINS)
-    some = count > 0
-    at, mean = (np.bincount(ring, values, BINS)[some] / count[some] for values in (radius, outward))
-    return at, mean, count[some].astype(float)
 
 
 def picture_canvas(image_size: tuple[int, int], beside: float) -> tuple[Figure, Axes]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ...formatting.numbers import concise, fixed, probability
-from ...geometry.se3 import Array
 from ...presentation.document import Block, Caution, Document, Heading, Paragraph, Table
 from ..calibrated import Calibrated
 from ..model_choice import best
 from ..models import LINEAR
 from ..residual_pattern import CELLS, RARE
+from ..what_was_seen import covered, distances, tilts
 
 # Corners left out that the text lists, the farthest first; the files list them all.
 MOST_LISTED = 12
@@ -138,11 +138,6 @@ def pattern_words(cam: Calibrated, short: bool = False) -> str:
     return text if short else text + more
 
 
-def covered(cam: Calibrated) -> float:
-    """Share of the cells of the picture in which there are corners."""
-    return float((cam.pattern.count > 0).mean())
-
-
 def coverage_words(cam: Calibrated) -> str:
     """Which part of the picture the corners were in."""
     share = covered(cam)
@@ -150,24 +145,6 @@ def coverage_words(cam: Calibrated) -> str:
     if share < LITTLE:
         text += " Where there were none, the distortion is extrapolated: take pictures with the board at the rim."
     return text
-
-
-def distances(cam: Calibrated) -> Array:
-    """(n,) depth of the middle of the corners of each picture along the optical axis."""
-    return np.asarray(np.stack([points.mean(axis=0) for points in seen_points(cam)])[:, 2])
-
-
-def seen_points(cam: Calibrated) -> list[Array]:
-    """The corners of each picture in the camera frame, (m_i, 3) each."""
-    corners = cam.corners
-    parts = np.split(corners.points, np.flatnonzero(corners.place == 0)[1:])
-    return [points @ T[:3, :3].T + T[:3, 3] for points, T in zip(parts, cam.poses, strict=True)]
-
-
-def tilts(cam: Calibrated) -> Array:
-    """(n,) degrees between the optical axis and the normal of the points of each picture."""
-    normals = [np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2] for points in seen_points(cam)]
-    return np.asarray(np.degrees(np.arccos(np.clip(np.abs(np.array(normals)[:, 2]), 0.0, 1.0))))
 
 
 def boards_words(cam: Calibrated) -> str:

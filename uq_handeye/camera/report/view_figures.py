@@ -19,12 +19,10 @@ from ...geometry.se3 import Array
 from ...presentation.figure_parts import BLUE, GREEN, INK, QUIET, SMALL, TEXT, WIDTH, canvas, finished, plain
 from ...presentation.label_placement import HALO
 from ..calibrated import Calibrated
-from ..rays import pixel_deviation, rays
+from ..rays import rays
+from ..what_was_seen import certainty, seen_points
 from .residual_figures import MANY, picture_canvas
-from .text import seen_points
 
-# Nodes of the map along the longer side of the picture.
-NODES = 49
 # Boards that are drawn in full, evenly spread over the pictures, and as dots.
 MOST_BOARDS, MOST_DOTS = 40, 1000
 # A field of view to both sides beyond this is not drawn as lines.
@@ -67,16 +65,6 @@ def certainty_figure(cam: Calibrated) -> Figure | None:
     handles = [Line2D([], [], marker=".", linestyle="", color=INK, markersize=4, label="corners used")]
     figure.legend(handles=handles, loc="outside upper right", frameon=False, fontsize=SMALL)
     return finished(figure)
-
-
-def certainty(cam: Calibrated) -> tuple[Array, Array, Array]:
-    """Pixels u, v (rows, columns) of a grid over the picture, and the standard deviation there."""
-    width, height = cam.image_size
-    nodes = [max(round(NODES * length / max(width, height)), 9) for length in (width, height)]
-    u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, nodes[0]), np.linspace(-0.5, height - 0.5, nodes[1]))
-    bundle = cam.bundle
-    deviation = pixel_deviation(bundle.model, bundle.parameters, bundle.covariance, np.stack([u, v], axis=-1))
-    return u, v, deviation
 
 
 def boards_figure(cam: Calibrated) -> Figure:
