@@ -14,6 +14,7 @@ from support import (
     SEED,
     difference,
     draw,
+    mean_interval,
     moved,
     nees,
     random_transforms,
@@ -53,12 +54,11 @@ def test_a_wrong_detection_is_found_and_named(options, setup):
 
 def test_a_plain_fit_names_a_gross_error_and_keeps_it(poses):
     data = with_wrong(poses, 4)
-    for options in ({"noise": NOISE}, {"noise": NOISE, "robust": False}):
-        result = quietly(data, **options)
-        np.testing.assert_allclose(result.X, efficient(data, NOISE).X, atol=1e-9)
-        assert (result.table.weight == 1).all() and "outlier" in result.table.flag
-        (text,) = [text for text in result.warnings if "robust=True" in text]
-        assert text.startswith("1 of 20 poses do not fit the others; the estimate has them in") and "pose 4 (" in text
+    result = quietly(data, noise=NOISE, robust=False)
+    np.testing.assert_allclose(result.X, efficient(data, NOISE).X, atol=1e-9)
+    assert (result.table.weight == 1).all() and "outlier" in result.table.flag
+    (text,) = [text for text in result.warnings if "robust=True" in text]
+    assert text.startswith("1 of 20 poses do not fit the others; the estimate has them in") and "pose 4 (" in text
     data = with_wrong(poses, 4, metres=0.2)
     spoilt, robust = (
         nees(difference(quietly(data, noise=NOISE, robust=r).X, poses.truth.X)[None], bound(poses, NOISE))[0]
@@ -250,10 +250,11 @@ def test_plain_where_most_poses_do_not_determine_x(poses, monkeypatch):
     def refuse(*_, **__):
         raise uq.DegenerateMotionError("the poses that agree are still", np.eye(6))
 
-    monkeypatch.setattr("uq_handeye.calibration.by_likelihood.robust_fit", refuse)
+    monkeypatch.setattr("uq_handeye.calibration.by_likelihood.fit_robustly", refuse)
     with pytest.warns(uq.InputWarning) as said:
         found = uq.calibrate(poses)
     assert any("Wrong poses were not looked for" in str(warning.message) for warning in said)
+    assert found.provenance.options["robust"] is False
     plain = quietly(poses, robust=False)
     np.testing.assert_array_equal(found.X, plain.X)
     assert any(text.startswith("Wrong poses were not looked for") for text in found.warnings)
@@ -281,3 +282,76 @@ def test_a_data_sheet_that_is_wrong_in_one_part_says_which():
     said = [text for text in found.warnings if "data sheet explains" in text]
     assert len(said) == 1 and re.search(r"the translation residuals \d+(\.\d+)? times smaller than", said[0])
     assert found.fit.translation_sigma0 < 0.5
+
+
+# ------------------------------------------------------------------------------------- robust by default, noise given
+
+
+def test_outliers_are_down_weighted_with_noise_given():
+    """One wrong pose of 15: X is as good as without it, and the result says what was done."""
+    d2 = []
+    for seed in range(20):
+        poses = uq.simulate(15, noise=NOISE, seed=np.random.default_rng([SEED, 15, seed]))
+        found = quietly(with_wrong(poses, 4, 0.02), noise=NOISE)
+        assert found.table.rejected == [4] and found.provenance.options["robust"] is True
+        assert any("took no part in the estimate: pose 4 (" in text for text in found.warnings)
+        d2.append(nees(difference(found.X, poses.truth.X)[None], found.covariance)[0])
+    low, high = mean_interval(20)
+    assert low < np.mean(d2) < high
+    plain = quietly(with_wrong(poses, 4, 0.02), noise=NOISE, robust=False)
+    assert nees(difference(plain.X, poses.truth.X)[None], plain.covariance)[0] > 100
+    assert plain.provenance.options["robust"] is False
+
+
+def test_clean_data_with_noise_given_stay_consistent():
+    """Where no pose is flagged X is the plain one; over many sets its covariance is that of its errors."""
+    d2, flagged = [], 0
+    for seed in range(60):
+        poses = uq.simulate(12, noise=NOISE, setup=SETUPS[seed % 2], seed=np.random.default_rng([SEED, 12, seed]))
+        found = quietly(poses, noise=NOISE)
+        if found.table.flagged:
+            flagged += 1
+        else:
+            plain = quietly(poses, noise=NOISE, robust=False)
+            np.testing.assert_array_equal(found.X, plain.X)
+            np.testing.assert_array_equal(found.covariance, plain.covariance)
+        d2.append(nees(difference(found.X, poses.truth.X)[None], found.covariance)[0])
+    low, high = mean_interval(60)
+    assert low < np.mean(d2) < high
+    assert flagged <= stats.binom.ppf(0.9995, 60, 1 - 0.999**12)
+
+
+@pytest.mark.parametrize("factor", [4.0, 10.0])
+def test_noise_given_too_small_is_said_and_rejects_nobody(factor):
+    poses = uq.simulate(30, noise=NOISE, seed=SEED)
+    small = uq.PoseNoise(NOISE.robot / factor**2, NOISE.camera / factor**2)
+    found, plain = (quietly(poses, noise=small, robust=robust) for robust in (None, False))
+    assert not found.table.rejected and len(found.table.flagged) <= 1
+    assert 0.7 * factor < found.table.scale < 1.4 * factor
+    assert any("The noise given is too small" in text for text in found.warnings)
+    assert any("than the noise given explains" in text or "the noise given explains" in text for text in plain.warnings)
+    assert found.fit.p_value < 1e-6
+    shift = difference(found.X, plain.X)
+    assert shift @ np.linalg.solve(plain.covariance, shift) < 0.1 * factor**2
+
+
+def test_four_poses_count_in_full():
+    poses = uq.simulate(4, noise=NOISE, seed=SEED)
+    found = quietly(poses, noise=NOISE)
+    assert found.provenance.options["robust"] is False and (found.table.weight == 1).all()
+
+
+def test_what_was_recorded_can_be_repeated(poses, monkeypatch):
+    """After the fall back to the plain fit too."""
+
+    def refuse(*_, **__):
+        raise uq.NotConvergedError("weights take turns", None)
+
+    monkeypatch.setattr("uq_handeye.calibration.by_likelihood.fit_robustly", refuse)
+    found = quietly(poses, noise=NOISE)
+    assert found.provenance.options["robust"] is False
+    assert found.warnings[0].startswith("All poses count in full") and "weights take turns" in found.warnings[0]
+    np.testing.assert_array_equal(found.X, quietly(poses, noise=NOISE, robust=False).X)
+    for options in ({"noise": NOISE, "robust": True}, {}):
+        with pytest.raises(uq.NotConvergedError, match="take turns"):
+            quietly(poses, **options)

@@ -116,13 +116,13 @@ def test_robust_flag(session, tmp_path, no_figures):
     lines[5] = ",".join(fields)
     (tmp_path / "camera.csv").write_text("\n".join(lines) + "\n")
     files = session / "robot.csv", tmp_path / "camera.csv"
-    for options in ((), (*NOISE, "--robust")):
+    for options in ((), NOISE, (*NOISE, "--robust")):
         done = run("calibrate", *files, *options, "-o", tmp_path / "out")
         assert done.returncode == 0
         assert "uq-handeye: warning: 1 of 12 poses do not fit the others and took no part" in done.stderr
         assert "pose 4 (" in done.stderr and "CAUTION: 1 of 12 poses" in done.stdout
         assert (tmp_path / "out" / "poses.csv").read_text().splitlines()[5].endswith(",0.0,rejected")
-    plain = run("calibrate", *files, *NOISE)
+    plain = run("calibrate", *files, *NOISE, "--no-robust")
     assert "pose 4 (" in plain.stderr and "the estimate has them in" in plain.stderr
 
 
@@ -441,6 +441,33 @@ def test_demo_data_are_those_of_the_command_in_their_readme(tmp_path):
     for name in ("robot", "camera", "truth"):
         made, kept = (np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1) for folder in (tmp_path, data))
         np.testing.assert_allclose(made, kept, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", ["robot", "camera"])
+def test_noise_of_one_side_alone_leaves_the_other_to_the_data(session, side):
+    """Not exact, as which X would seem far too sure; ``exact`` says so where it is meant."""
+    files = (session / "robot.csv", session / "camera.csv")
+    noise = {"robot": "0.02deg,0.05mm", "camera": "0.1deg,0.5mm"}
+    other = "camera" if side == "robot" else "robot"
+    given = (f"--{side}-noise", noise[side])
+    one, both, exact = (
+        json.loads(run("calibrate", *files, *given, *more, "--json").stdout)
+        for more in ((), (f"--{other}-noise", noise[other]), (f"--{other}-noise", "exact"))
+    )
+    sizes = [np.sqrt(np.diag(data["covariance"])[3:].mean()) for data in (one, both, exact)]
+    assert 0.5 < sizes[0] / sizes[1] < 2
+    if side == "robot":
+        assert sizes[2] < 0.3 * sizes[1]
+    status = {part["name"]: part["status"] for part in one["noise_estimate"]["components"]}
+    assert status[f"{side} rotation"] == status[f"{side} translation"] == "fixed"
+    assert exact["noise_estimate"] is None
+    refused = run("calibrate", *files, "--robot-noise", "exact", "--camera-noise", "exact")
+    assert refused.returncode == 2 and "Both sides cannot be exact" in refused.stderr
+    # every other command takes the same noise; a prior beside it contradicts it
+    found = json.loads(run("compare", *files, *given, "--methods", "park", "--json").stdout)
+    assert found["methods"]
+    refused = run("calibrate", *files, *given, f"--{other}-prior", "?,1mm")
+    assert refused.returncode == 2 and "not both" in refused.stderr
 
 
 @pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")

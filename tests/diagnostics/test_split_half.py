@@ -8,8 +8,9 @@ from scipy import linalg, stats
 from support import SEED, assert_same_covariance, covers, difference, moved, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.diagnostics.split_half import SPLITS, SplitHalf, _halves, split_half
-from uq_handeye.likelihood.gauss_helmert import efficient
+from uq_handeye.diagnostics.split_half import SPLITS, SplitHalf, _halves, split_fit, split_half
+from uq_handeye.likelihood.constraint import constraint_of
+from uq_handeye.likelihood.gauss_helmert import efficient, fit
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SETUPS = ["eye-in-hand", "eye-to-hand"]
@@ -111,14 +112,30 @@ def test_motions_and_poses(rng):
     found = split_half(motions, pairs)
     assert found.possible and len(found.halves[0]) == 4
     A, B = motions.A[found.halves[0]], motions.B[found.halves[0]]
-    np.testing.assert_allclose(found.X1, efficient(uq.Motions(A, B), pairs).X)
+    alone = efficient(uq.Motions(A, B), pairs)
+    assert np.abs(difference(found.X1, alone.X)).max() < 0.01 * np.sqrt(np.diag(alone.covariance_X)).min()
 
 
-def test_halves_may_start_from_all_data():
+def test_halves_are_those_estimated_alone():
+    """One step from the fit of all rows is, to a hundredth of a standard deviation, the estimate of the half."""
     poses = uq.simulate(16, noise=NOISE, seed=[SEED, 11])
-    own, given = (split_half(poses, NOISE, start=start) for start in (None, efficient(poses, NOISE).X))
-    assert np.abs(given.difference - own.difference).max() < 1e-3 * np.sqrt(np.diag(own.covariance)).min()
-    assert given.d2 == pytest.approx(own.d2, rel=1e-3)
+    found = split_half(poses, NOISE)
+    sd = np.sqrt(np.diag(found.covariance)).min()
+    alone = [efficient(poses.rows(half), NOISE) for half in found.halves]
+    for X, of in zip((found.X1, found.X2), alone, strict=True):
+        assert np.abs(difference(X, of.X)).max() < 0.01 * sd
+    assert_same_covariance(found.covariance, alone[0].covariance_X + alone[1].covariance_X, 0.02)
+
+
+def test_rows_without_full_weight_are_left_out():
+    poses = uq.simulate(16, noise=NOISE, seed=[SEED, 11])
+    constraint = constraint_of(poses, NOISE)
+    weights = np.where(np.arange(16) == 5, 0.0, np.where(np.arange(16) == 6, 0.5, 1.0))
+    start = efficient(poses, NOISE).unknowns
+    found = split_fit(fit(constraint, NOISE, start, 2, weights), poses, "interleaved")
+    rest = np.delete(np.arange(16), [5, 6])
+    assert [half.tolist() for half in found.halves] == [rest[::2].tolist(), rest[1::2].tolist()]
+    assert found.d2 == pytest.approx(split_half(poses.rows(rest), NOISE).d2, rel=0.02)
 
 
 def test_drift_is_found():

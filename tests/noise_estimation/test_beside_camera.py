@@ -190,7 +190,9 @@ def test_estimate_noise_takes_the_covariance_of_the_corners(rng):
     weights[[2, 5]] = 0
     fewer = estimate_noise(poses, weights=weights)
     kept = np.flatnonzero(weights)
-    np.testing.assert_allclose(fewer.variances, estimate_robot_noise(poses.rows(kept), whole.rows(kept)).variances)
+    np.testing.assert_allclose(
+        fewer.variances, estimate_robot_noise(poses.rows(kept), whole.rows(kept)).variances, rtol=1e-3
+    )
     assert fewer.noise.camera.n == poses.n
     with pytest.raises(InputError, match="`weights` of 0 or 1"):
         estimate_noise(poses, weights=np.full(poses.n, 0.5))

@@ -33,6 +33,11 @@ def truth_of(noise):
     return np.array([noise.robot[0, 0], noise.camera[0, 0], noise.robot[3, 3] + noise.camera[3, 3]])
 
 
+def components_of(data):
+    constraint = constraint_of(data, None)
+    return variance_components(constraint, start_of(data, constraint, None), PLAIN)
+
+
 def linearised(data):
     constraint = constraint_of(data, None)
     return constraint.linearise(start_of(data, constraint, None), constraint.first, constraint.second)
@@ -108,8 +113,9 @@ def test_weights_count_poses():
 
 def test_profile_intervals_against_brute_force():
     poses = uq.simulate(20, noise=EQUAL, seed=5)
-    found = variance_components(poses, PLAIN)
-    low, high = intervals(found.rows, PLAIN, found.state, np.arange(2))
+    found = components_of(poses)
+    low, high, reached = intervals(found.rows, PLAIN, found.state, np.arange(2))
+    assert reached.all()
 
     def objective(v):
         return float(restricted(found.rows, np.asarray(v)).deviance - np.log(v[2]))
@@ -148,10 +154,11 @@ def test_intervals_cover(noise, setup, n, edge):
     """`edge`: components that some sets cannot tell from 0; their intervals may cover more."""
     sets, truth = 200, truth_of(noise)
     poses = uq.simulate(n, noise=noise, setup=setup, trials=sets, seed=support.SEED)
-    found = variance_components(poses, PLAIN)
+    found = components_of(poses)
     assert found.converged.all()
     v, covariance = found.state.v, covariance_of(found.state)
-    low, high = intervals(found.rows, PLAIN, found.state, np.arange(3))
+    low, high, reached = intervals(found.rows, PLAIN, found.state, np.arange(3))
+    assert reached.all()
     for k in range(3):
         hits = ((low[:, k] <= truth[k]) & (truth[k] <= high[:, k])).sum()
         assert within(hits, sets, lower_only=k in edge), (k, hits / sets)
@@ -178,7 +185,7 @@ def fitted(poses, found):
 
 def scaled_nees(n, noise, sets=1000):
     poses = uq.simulate(n, noise=noise, trials=sets, seed=support.SEED)
-    found = variance_components(poses, PLAIN)
+    found = components_of(poses)
     fit = fitted(poses, found)
     errors = support.difference(fit.X, poses.truth.X)
     return support.nees(errors, fit.covariance_X), 12.0 / spread_of(fit, covariance_of(found.state))

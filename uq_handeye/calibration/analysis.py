@@ -15,7 +15,7 @@ import numpy as np
 from ..diagnostics.budget import Budget, budget
 from ..diagnostics.diagnose import diagnose
 from ..diagnostics.result import Diagnostics
-from ..diagnostics.split_half import SplitHalf, split_half
+from ..diagnostics.split_half import SplitHalf, split_fit
 from ..empirical_covariance.resampled import KINDS, resampled
 from ..errors import DegenerateMotionError, InputError
 from ..files.validate import array_of, unequal
@@ -89,11 +89,7 @@ class Analysis:
         return self._split("contiguous")
 
     def _split(self, split: str) -> SplitHalf:
-        data, noise = self.data, self.noise
-        if self.fit.weights is not None and (self.fit.weights < 1).any():  # halves know no weights
-            keep = np.flatnonzero(self.fit.weights == 1)
-            data, noise = data.rows(keep), noise.rows(keep)
-        return split_half(data, noise, method=self.method, split=split, dof=self.dof, start=self.fit.X)
+        return split_fit(self.fit, self.data, split, dof=self.dof)
 
     @cached_property
     def budget(self) -> Budget:

@@ -11,12 +11,13 @@ from ..empirical_covariance.resampled import resampled
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..input_checks.checks import check_fit, check_motions, require_signal
-from ..likelihood.gauss_helmert import ESTIMATORS, Fit, offset_sensitivity
+from ..likelihood.constraint import Constraint, Unknowns
+from ..likelihood.gauss_helmert import FITS, Fit, offset_sensitivity
 from ..likelihood.goodness_of_fit import goodness_of_fit
-from ..likelihood.robust import RobustFit, robust_fit
+from ..likelihood.robust import RobustFit, fit_robustly
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, PairNoise, PoseNoise
-from ..noise_estimation.estimate import estimate_noise
+from ..noise_estimation.estimate import FoundNoise, choose_source
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
@@ -38,22 +39,26 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     start = fit_published(job.motions, job.noise, "4dpa", None, job.everything)
     angle, distance = residuals(job.motions.A, job.motions.B, start.X)
     require_signal(job.motions, job.noise, angle)
-    data, noise = job.data, job.noise
-    robust: RobustFit | None = None
-    estimate: NoiseEstimate | None = None
+    noise, constraint = job.noise, job.constraint
+    at = constraint.complete(start.X)
+    source = choose_source(job.data, constraint, job.prior) if noise is None else None
     exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
+    robust: RobustFit | None = None
+    found: FoundNoise | None = None
     if job.robust and not exact:
-        estimates: list[NoiseEstimate] = []
 
-        def by_residuals(data: PosePairs | Motions, X: Array, weights: Array) -> Noise | None:
-            estimates.append(estimate_noise(data, job.prior, start=X, weights=weights))
-            return estimates[-1].noise
+        def estimate_variances(constraint: Constraint, at: Unknowns, weights: Array) -> Noise | None:
+            nonlocal found
+            assert source is not None
+            found = source.find(at, weights)
+            return found.noise
 
-        robust = robust_fit(data, noise, method=job.method, estimate=by_residuals, seed=job.seed)
-        noise, estimate = robust.noise, (estimates[-1] if estimates else None)
-    elif noise is None:
-        estimate = estimate_noise(data, job.prior, start=start.X)
-        noise = estimate.noise
+        robust = fit_robustly(constraint, noise, at, job.method, estimate_variances, job.seed)
+        noise = robust.noise
+    elif source is not None:
+        found = source.find(at)
+        noise = found.noise
+    estimate = None if found is None else found.describe()
     if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
         assert estimate is not None
         if robust is not None:  # once wrong ones are left out
@@ -62,7 +67,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
             table = pose_table(robust.fit, robust)
             return replace(result, table=table), [*table.findings, *findings]
         return estimate_unweighted(job, start, estimate)
-    fit = ESTIMATORS[job.method](data, noise, start.X) if robust is None else robust.fit
+    fit = FITS[job.method](constraint, noise, at) if robust is None else robust.fit
     return _assembled(job, noise, fit, start, estimate, robust)
 
 

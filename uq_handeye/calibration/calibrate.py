@@ -67,8 +67,8 @@ def calibrate(
         and of X alone (`sigma_point_covariance`); the others come from the residuals of the poses and need no noise
         model (`resampling`).
     robust : bool or None
-        Weight gross errors down and say which (`robust`), by ``efficient`` and ``ml``. None does so where the noise is
-        estimated, which they would spoil.
+        Down-weight outliers and say which (`robust`), by ``efficient``, ``ml`` and ``bundle``. None does so from 5
+        poses (or motions) on. Where no pose stands out the estimate is the plain one. False: all poses count in full.
     prior : NoisePrior or None
         What is known of the noise to be estimated, for example from a data sheet.
     seed : int
@@ -110,11 +110,15 @@ def calibrate(
         except SingularNoiseError:
             if method is not None or robust:
                 raise
-            result, more = by_published(replace(job, method="4dpa"))
-        except DegenerateMotionError as error:
-            if robust or not job.robust:
+            job = replace(job, method="4dpa", robust=False)
+            result, more = by_published(job)
+            more = [Finding("calibration.unweighted", "caution"), *more]
+        except (InputError, NotConvergedError) as error:
+            undetermined = isinstance(error, DegenerateMotionError)
+            if robust or not job.robust or (noise is None and not undetermined):
                 raise
-            result, more = _without_robust(job, error)
+            job = replace(job, robust=False)
+            result, more = _run_undetermined(job, error) if undetermined else _run_given(job, error)
     except (InputError, NotConvergedError):
         warn(findings + reasons(job))  # what looks wrong may well be the reason
         raise
@@ -142,10 +146,19 @@ def _run(job: Job) -> tuple[Calibration, list[Finding]]:
     return by_likelihood(job) if job.method in ESTIMATORS else by_published(job)
 
 
-def _without_robust(job: Job, error: DegenerateMotionError) -> tuple[Calibration, list[Finding]]:
+def _run_given(job: Job, error: Exception) -> tuple[Calibration, list[Finding]]:
+    """The plain fit with the noise given, where the robust one, which was not asked for, finds no X that most agree on.
+
+    That noise is the user's; residuals that contradict it are warned of.
+    """
+    result, findings = _run(job)
+    return result, [Finding("calibration.robust_failed", "caution", {"error": str(error)}), *findings]
+
+
+def _run_undetermined(job: Job, error: Exception) -> tuple[Calibration, list[Finding]]:
     """The plain fit where the robust one, which was not asked for, does not determine X; else its error."""
     try:
-        result, findings = _run(replace(job, robust=False))
+        result, findings = _run(job)
     except (InputError, NotConvergedError):
         raise error from None
     if result.table is None or (result.table.distance2 > result.table.limit_of_all).any():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..empirical_covariance.resampled import KINDS as OF_RESIDUALS
 from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ..likelihood.constraint import require_noise_fits
+from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.estimate import NoisePrior
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint
@@ -50,6 +51,11 @@ class Job:
     @property
     def poses(self) -> PosePairs | None:
         return self.motions.poses
+
+    @cached_property
+    def constraint(self) -> Constraint:
+        """What the likelihood is of: the residual rows of the data."""
+        return constraint_of(self.data, self.noise)
 
     @property
     def data(self) -> PosePairs | Motions:
@@ -147,5 +153,5 @@ def request(
     noise = _with_corners(noise, motions)
     if robust is None:
         count = motions.N if motions.poses is None else motions.poses.n
-        robust = bound and noise is None and count >= FEWEST_FOR_ROBUST
+        robust = bound and count >= FEWEST_FOR_ROBUST
     return Job(motions, everything, noise, method, scale, kind, covariance, bool(robust), prior, int(seed))

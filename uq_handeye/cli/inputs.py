@@ -1,5 +1,6 @@
 """What a command is given: pose files and noise, as groups of options (`made_of`) and how they are read."""
 
+import warnings
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import InputError, NotConvergedError
+from ..errors import InputError, InputWarning, NotConvergedError
 from .messages import LOG, timed
 from .options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, one_of, option
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 # Panels of the help.
 INPUT, NOISE = "Pose files", "Noise"
+# In place of standard deviations: a side that has no noise.
+EXACT = "exact"
 
 
 # -------------------------------------------------------------------------------------------------- pose files
@@ -175,8 +178,18 @@ class PoseFiles(StreamFiles):
         option("--tolerance", metavar="SECONDS", panel=INPUT, help="Of --pair time: farthest partner. Left out: 0.02."),
     ] = None
 
-    def read(self, noise: "Noise | None", pictures: "Pictures | None" = None) -> "tuple[PosePairs, Noise | None]":
-        """At least three pairs of poses, and their noise where that of the samples is given."""
+    def read(
+        self, noise: "Noise | NoisePrior | None", pictures: "Pictures | None" = None
+    ) -> "tuple[PosePairs, Noise | None]":
+        """At least three pairs of poses, and their noise where that of the samples is given.
+
+        Where it is given for one side, that of the other is estimated beside it.
+        """
+        from ..noise.estimate import NoisePrior
+
+        if isinstance(noise, NoisePrior):
+            poses, _ = self.read(None, pictures)
+            return poses, _complete_noise(poses, noise)
         how = one_of(self.pair, "--pair", PAIRINGS)
         if pictures is not None or (self.camera is not None and self.camera.is_dir()):
             self._refuse_of_files("--images" if pictures is not None else f"the folder {self.camera}", how)
@@ -273,19 +286,30 @@ def problem_for(result: "Calibration | None", poses: "PosePairs", noise: "Noise 
 def noise_of(
     robot_noise: Annotated[
         str | None,
-        option("--robot-noise", metavar="ROT,TRANS", panel=NOISE, help="Standard deviations, e.g. 0.02deg,0.05mm."),
+        option(
+            "--robot-noise",
+            metavar="ROT,TRANS|exact",
+            panel=NOISE,
+            help="Standard deviations, e.g. 0.02deg,0.05mm. Left out beside --camera-noise: estimated.",
+        ),
     ] = None,
     camera_noise: Annotated[
         str | None,
-        option("--camera-noise", metavar="ROT,TRANS", panel=NOISE, help="Standard deviations, e.g. 0.1deg,0.5mm."),
+        option(
+            "--camera-noise",
+            metavar="ROT,TRANS|exact",
+            panel=NOISE,
+            help="Standard deviations, e.g. 0.1deg,0.5mm. Left out beside --robot-noise: estimated.",
+        ),
     ] = None,
     noise: Annotated[
         Path | None,
         option("--noise", metavar="FILE.toml", panel=NOISE, help="Noise with full 6x6 covariances, instead."),
     ] = None,
-) -> "Noise | None":
-    """The noise of the three options, or None if none of them is given."""
+) -> "Noise | NoisePrior | None":
+    """The noise of the three options, None if none of them is given; of one side alone what is known of it."""
     from ..io import read_noise_file
+    from ..noise.estimate import NoisePrior
     from ..noise.models import PoseNoise
 
     if noise is not None:
@@ -294,10 +318,40 @@ def noise_of(
         return read_noise_file(noise)
     if robot_noise is None and camera_noise is None:
         return None
-    return PoseNoise.isotropic(
-        robot=None if robot_noise is None else _deviations(robot_noise, "--robot-noise"),
-        camera=None if camera_noise is None else _deviations(camera_noise, "--camera-noise"),
+    robot, camera = (
+        None if value in (None, EXACT) else _deviations(value, name)
+        for value, name in ((robot_noise, "--robot-noise"), (camera_noise, "--camera-noise"))
     )
+    if robot is None and camera is None:
+        raise InputError("Both sides cannot be exact: give the standard deviations of one, or neither option.")
+    if robot_noise is None or camera_noise is None:
+        return NoisePrior(robot, camera, 1.0)
+    return PoseNoise.isotropic(robot, camera)
+
+
+def exact_beside(known: "NoisePrior") -> "Noise":
+    """The noise of the side that is known, the other one without any."""
+    from ..noise.models import PoseNoise
+
+    rotation, translation, *camera = known.values.tolist()
+    robot = None if known.robot is None else (rotation, translation)
+    return PoseNoise.isotropic(robot, None if known.camera is None else (camera[0], camera[1]))
+
+
+def _complete_noise(poses: "PosePairs", known: "NoisePrior") -> "Noise":
+    """The noise known of one side, with that of the other estimated as `calibrate` does."""
+    from ..calibration.calibrate import calibrate
+
+    with timed("estimating the other noise"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used
+        found = calibrate(poses, prior=known).noise
+    if found is None:
+        open_side = "--camera-noise" if known.camera is None else "--robot-noise"
+        raise InputError(
+            f"The residuals are at rounding level: no noise can be estimated beside the one given. Give {open_side}, "
+            f"or {open_side} {EXACT}."
+        )
+    return found
 
 
 def prior_of(
@@ -334,7 +388,9 @@ def _deviations(value: str, name: str) -> tuple[float, float]:
 
     rotation, comma, translation = value.partition(",")
     if not comma or "," in translation:
-        raise InputError(f"Expected {name} to be ROTATION,TRANSLATION such as 0.02deg,0.05mm, got {value!r}.")
+        raise InputError(
+            f"Expected {name} to be ROTATION,TRANSLATION such as 0.02deg,0.05mm, or {EXACT}, got {value!r}."
+        )
     try:
         return parse_deviations((rotation, translation), name)
     except InputError as error:

@@ -6,14 +6,13 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from ..errors import InputError
 from ..files.validate import array_of
 from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
-from ..likelihood.robust import FULL, RobustFit, pose_distances
+from ..likelihood.robust import FULL, RobustFit, largest_by_chance, pose_distances
 from ..runtime.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ class PoseTable(ReadOnlyArrays):
     @property
     def limit_of_all(self) -> float:
         """The d^2 that the largest of so many good poses exceeds once in 1000 data sets."""
-        return float(chdtri(6, 1e-3 / max(len(self), 1)))
+        return largest_by_chance(len(self))
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table, one row per pose, units in the names of the columns."""

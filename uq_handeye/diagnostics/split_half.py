@@ -1,6 +1,7 @@
 r"""Split-half consistency: X from two halves of the data against the sum of their covariances.
 
-Model: halves 1 and 2 share no pose, each has its own estimate of X (and of W). The difference ``d = (theta, tau)``,
+Model: halves 1 and 2 share no pose, each has its own estimate of X (and of W): one Gauss-Newton step on its own rows
+from the fit of all rows, linearised there. The difference ``d = (theta, tau)``,
 ``R_1 = exp([theta]x) R_2``, ``t_1 = t_2 + tau``, has to first order the covariance
 
     V = C_1 + C_2 - K_12 - K_12^T,    K_12 = G_1 S_12 G_2^T,    G_h = C_h J_h^T S_hh^-1 (rows of X)
@@ -23,17 +24,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc, fdtrc
 
-from ..errors import DegenerateMotionError, InputError, NotConvergedError
+from ..errors import DegenerateMotionError, InputError
 from ..files.validate import array_of
 from ..findings import Finding
-from ..geometry.se3 import Array
-from ..likelihood.constraint import constraint_of, residual_covariance
-from ..likelihood.gauss_helmert import ESTIMATORS, Fit
-from ..noise.models import Noise, PairNoise, is_joint
-from ..noise.square_roots import pulled, whiten
+from ..geometry.se3 import Array, logarithm
+from ..likelihood.gauss_helmert import ESTIMATORS, Fit, inverse_information
+from ..noise.models import Noise
+from ..noise.square_roots import Covariance, cholesky_of, gram, joint_residuals, pulled, select_rows, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
@@ -139,7 +138,6 @@ def split_half(
     split: str = "interleaved",
     seed: int = 0,
     dof: float | None = None,
-    start: Array | None = None,
 ) -> SplitHalf:
     """X from two halves of the data, and whether they agree within their covariances.
 
@@ -149,14 +147,13 @@ def split_half(
         Leading axes are independent problems.
     noise : PoseNoise or PairNoise
     method : "efficient" or "ml"
+        Of the fit of all data.
     split : "interleaved", "contiguous", "random" or "angles"
         Even and odd rows (both halves see the whole path, so that both determine X); first and last rows (finds drift
         over time); drawn by ``seed``; or alternating in the order of the rotation angle from the first robot pose.
         Choose one before the result is known: that one decides.
     dof : float or None
         Degrees of freedom with which the scale of the noise was estimated; None if the noise is known.
-    start : (..., 4, 4) or None
-        X of all data, from which the estimates of both halves start; None starts each from its own 4DPA.
 
     Raises
     ------
@@ -178,9 +175,23 @@ def split_half(
         raise InputError(f"Expected `split` to be one of {', '.join(SPLITS)}, got {split!r}.")
     if dof is not None and not (np.isfinite(dof) and dof > 0):
         raise InputError(f"Expected `dof` to be a positive number or None, got {dof!r}.")
-    constraint_of(data, noise)  # raises where noise and data do not fit
-    data = _rows_of(data, noise)
-    halves = _halves(data, split, seed)
+    return split_fit(ESTIMATORS[method](data, noise), data, split, seed, dof)
+
+
+def split_fit(fit: Fit, data: PosePairs | Motions, split: str, seed: int = 0, dof: float | None = None) -> SplitHalf:
+    """As `split_half`, of the rows of a fit of the data; those of a robust weight below 1 are left out.
+
+    Each half moves X from that of all rows by one Gauss-Newton step on its own rows.
+    """
+    if fit.W is not None and isinstance(data, Motions):
+        assert data.poses is not None
+        data = data.poses
+    rows = np.arange(fit.residual.shape[-2])
+    if fit.weights is not None and (fit.weights < 1).any():  # halves know no weights
+        rows = np.flatnonzero(fit.weights == 1)
+        data = data.rows(rows)
+    first, second = _halves(data, split, seed)
+    halves = rows[first], rows[second]
 
     def without(why: str, **values: object) -> SplitHalf:
         return SplitHalf(split, halves, Finding(f"diagnostics.{why}", "note", {"split": split, **values}))
@@ -191,16 +202,22 @@ def split_half(
         return without("halves_too_small", item=item, rows=fewest, needed=FEWEST)
     if dof is not None and dof <= 6:
         return without("halves_without_freedom", dof=dof)
+    joint = joint_residuals(fit.S)
+    stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
+    factors = [cholesky_of(select_rows(fit.S, half)) for half in halves]
+    white = [whiten(factor, stacked[..., half, :, :]) for factor, half in zip(factors, halves, strict=True)]
+    sums = np.stack([gram(part) for part in white])
     try:
-        fits = [ESTIMATORS[method](data.rows(half), noise.rows(half), start) for half in halves]
-    except (DegenerateMotionError, NotConvergedError) as error:
+        C = inverse_information(sums[..., :-1, :-1])
+    except DegenerateMotionError as error:
         return without("half_fails", error=str(error))
-    X1, X2 = fits[0].X, fits[1].X
-    turn = Rotation.from_matrix((X1[..., :3, :3] @ X2[..., :3, :3].mT).reshape(-1, 3, 3)).as_rotvec()
-    d = np.concatenate([turn.reshape(*X1.shape[:-2], 3), X1[..., :3, 3] - X2[..., :3, 3]], axis=-1)
-    V = fits[0].covariance_X + fits[1].covariance_X
-    if any(S is not None and is_joint(S) for S in (getattr(noise, "robot", None), getattr(noise, "camera", None))):
-        K = _between(fits, halves, noise)
+    step = -(C @ sums[..., :-1, -1:])[..., 0]
+    X1, X2 = (fit.unknowns.moved(part).X for part in step)
+    d = np.concatenate([logarithm(X1[..., :3, :3] @ X2[..., :3, :3].mT), X1[..., :3, 3] - X2[..., :3, 3]], axis=-1)
+    V = C[0, ..., :6, :6] + C[1, ..., :6, :6]
+    if joint:
+        back = [pulled(factor, part)[..., :-1] for factor, part in zip(factors, white, strict=True)]
+        K = _between(fit.S, halves, [of[..., :6, :] for of in C], back)
         V = V - K - K.mT
     unit = 1.0 / np.sqrt(np.diagonal(V, axis1=-2, axis2=-1))
     scaled = V * unit[..., :, None] * unit[..., None, :]
@@ -213,13 +230,6 @@ def _p_value_of_estimated(d2: Array, dof: float) -> Array:
     """Of d^2 (...) with noise from the same data; 0 from ``d^2 = dof`` on, which it cannot exceed."""
     left = np.maximum(dof - d2, 1e-300)
     return np.where(d2 < dof, fdtrc(6, dof - 6, d2 / 6 * (dof - 6) / left), 0.0)
-
-
-def _rows_of(data: PosePairs | Motions, noise: Noise) -> PosePairs | Motions:
-    """What is split: the poses wherever the fit is on poses."""
-    if isinstance(data, Motions) and data.poses is not None and not isinstance(noise, PairNoise):
-        return data.poses
-    return data
 
 
 def _halves(data: PosePairs | Motions, split: str, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -241,16 +251,11 @@ def _halves(data: PosePairs | Motions, split: str, seed: int) -> tuple[NDArray[n
     return order[::2], order[1::2]
 
 
-def _between(fits: list[Fit], halves: tuple[NDArray[np.intp], NDArray[np.intp]], noise: Noise) -> Array:
-    """K_12 (..., 6, 6) for joint noise."""
-    order = np.concatenate(halves)
-    first, second = (np.concatenate(sides, axis=-3) for sides in zip(*(fit.linear.sides for fit in fits), strict=True))
-    S = residual_covariance((first, second), noise.rows(order))
+def _between(S: Covariance, halves: tuple[NDArray[np.intp], ...], C: list[Array], back: list[Array]) -> Array:
+    """K_12 (..., 6, 6) for joint noise, from rows of C (..., 6, p) and ``S_hh^-1 J_h`` (..., n_h, 6, p)."""
     gains = []
-    for fit in fits:
-        weighed = pulled(fit.factor, whiten(fit.factor, fit.linear.J))
-        weighed = weighed.reshape(*weighed.shape[:-3], -1, weighed.shape[-1])
-        gains.append(fit.covariance[..., :6, :] @ weighed.mT)
-    none = [np.zeros_like(gain) for gain in gains]  # rows and columns of the other half
-    one, other = np.concatenate([gains[0], none[1]], axis=-1), np.concatenate([none[0], gains[1]], axis=-1)
-    return np.asarray(one @ (S @ other.mT))
+    for half, of, pull in zip(halves, C, back, strict=True):
+        gain = np.zeros((*pull.shape[:-3], 6, S.shape[-1] // 6, 6))  # 0 for the rows of the other half
+        gain[..., half, :] = np.einsum("...ap,...kip->...aki", of, pull)
+        gains.append(gain.reshape(*gain.shape[:-2], -1))
+    return np.asarray(gains[0] @ (S @ gains[1].mT))

@@ -1,18 +1,24 @@
-r"""What most poses (or motions) agree on: a start that wrong detections do not spoil.
+r"""What most poses (or motions) agree on: a start that outliers do not spoil.
 
 Model: most poses obey ``G X C = W`` (motions: ``A X = X B``) with Gaussian noise; the others, at most 40 %, hold
 anything.
 
-Random smallest subsets (3 poses, 2 motions), 4DPA on each; the subsets under which 60 % of the poses have the
-smallest rotation and translation residuals (least quantile of squares, Rousseeuw, J. Am. Stat. Assoc. 79, 1984) are
-improved on those 60 % (concentration steps of Rousseeuw and van Driessen, Data Min. Knowl. Disc. 12, 2006), and the one
-with the smallest trimmed sum of squares is taken. Exact copies of a row fit each other, whatever X is: only the first
-of them is looked at.
+Smallest subsets (3 poses, 2 motions), 4DPA on each; the subsets under which 60 % of the poses have the smallest
+rotation and translation residuals (least quantile of squares, Rousseeuw, J. Am. Stat. Assoc. 79, 1984) are improved on
+those 60 % (concentration steps of Rousseeuw and van Driessen, Data Min. Knowl. Disc. 12, 2006), and the one with the
+smallest trimmed sum of squares is taken. Exact copies of a row fit each other, whatever X is: only the first of them
+is looked at.
+
+The answer depends neither on the order of the rows nor on the choice of the frames. The subsets are drawn from rows
+sorted by numbers that no choice of frames changes (`_canonical_order`), and translation residuals are measured at a
+point of the target that the data define, not at the origin of its frame: the point that moves least in the camera frame
+(`_pivot`), about where the cameras look.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 from typing import NamedTuple
 
@@ -22,12 +28,12 @@ from scipy.special import chdtri, gammaincinv
 
 from ..errors import DegenerateMotionError
 from ..geometry.checks import CHUNK
-from ..geometry.nearest_rotation import orthonormalise
-from ..geometry.se3 import Array, inverse, vee
+from ..geometry.se3 import Array, skew, vee
 from ..noise.models import Noise, PairNoise, PoseNoise, marginals
+from ..noise.square_roots import cholesky_of, gram, whiten
 from ..procrustes.limit import solve_limit
-from .constraint import Constraint, OnMotions, OnPoses, Unknowns
-from .gauss_helmert import fit
+from .constraint import Constraint, OnPoses, Unknowns, residual_covariance
+from .gauss_helmert import SINGULAR
 
 # The 1 - 1e-6 quantile of chi-square(6).
 NOTHING = float(chdtri(6, 1e-6))
@@ -40,6 +46,8 @@ SUBSETS = 300
 BEST, CONCENTRATION = 10, 3
 # A subset determines X if M of 4DPA (T2) has eigenvalues (rad^2) above this, and above this share of the largest.
 LITTLE_ROTATION, ONE_AXIS = 1e-8, 1e-4
+# Steps towards the pivot, each with weights 1 / distance.
+PIVOT_STEPS = 5
 
 
 class Consensus(NamedTuple):
@@ -47,7 +55,7 @@ class Consensus(NamedTuple):
 
     unknowns: Unknowns
     inside: Array  # (n,) 1 for the poses that it was fitted to, else 0
-    noise: Noise  # as given, or isotropic with robust scales of the residuals
+    noise: Noise  # as given, or isotropic about the pivot with robust scales of the residuals
     subsets: int  # tried
 
 
@@ -55,39 +63,42 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
     """X and W that at least 60 % of the poses fit best; raises `DegenerateMotionError` if no subset determines X."""
     first, copy_of = _distinct(constraint)
     if len(first) < len(copy_of):
-        rows = replace(constraint, first=constraint.first[first], second=constraint.second[first])
-        found = consensus(rows, None if noise is None else _independent(noise).rows(first), seed)
-        return found._replace(inside=found.inside[copy_of], noise=found.noise if noise is None else noise)
-    n = constraint.first.shape[-3]
-    on_poses = isinstance(constraint, OnPoses)
-    majority = min(n, max(4 if on_poses else 3, int(np.ceil(MAJORITY * n))))
-    hypotheses = _hypotheses(constraint, np.random.default_rng(seed))
-    squares, scales = _misfits(constraint, hypotheses, majority)
+        found = consensus(constraint.rows(first), None if noise is None else _drop_joint(noise).rows(first), seed)
+        return found._replace(inside=found.inside[copy_of], noise=found.noise.rows(copy_of) if noise is None else noise)
+    majority = min(constraint.n, max(constraint.fewest + 1, int(np.ceil(MAJORITY * constraint.n))))
+    pivot = _pivot(constraint.second) if isinstance(constraint, OnPoses) else None
+    pivoted = constraint if pivot is None else replace(constraint, second=_move_origin(constraint.second, pivot))
+    hypotheses = _hypotheses(pivoted, np.random.default_rng(seed))
+    scales = _scales(pivoted, hypotheses, majority)
     order = np.argsort(np.log(scales).sum(axis=-1), kind="stable")[:BEST]
-    metric = _isotropic(scales[order[0]] / 3.0, on_poses) if noise is None else _independent(noise)
-    best: tuple[float, Unknowns, Array] | None = None
-    for k in order:
-        at = Unknowns(hypotheses.X[k], None if hypotheses.W is None else hypotheses.W[k])
-        inside = _smallest((misfit(constraint, at) / scales[k]).sum(axis=-1), majority)
-        try:
-            for _ in range(CONCENTRATION):
-                step = fit(constraint, metric, at, 1, inside)
-                d2 = (step.white[0] ** 2).sum(axis=-1)
-                at, inside = step.unknowns, _smallest(d2, majority)
-        except DegenerateMotionError:
-            continue  # those 60 % do not determine X
-        trimmed = float(d2 @ inside)
-        if best is None or trimmed < best[0]:
-            best = trimmed, at, inside
-    if best is None:  # only few poses turn enough: rely on the best subset
-        k = int(order[0])
-        at = Unknowns(hypotheses.X[k], None if hypotheses.W is None else hypotheses.W[k])
-        best = 0.0, at, np.ones(n)
-    _, at, inside = best
+    best = Unknowns(hypotheses.X[order], None if hypotheses.W is None else hypotheses.W[order])
+    squares = misfit(pivoted, best)
+    inside = _smallest((squares / scales[order, None]).sum(axis=-1), majority)
     if noise is None:
-        squares = misfit(constraint, at)
-        noise = _isotropic(np.array([robust_variance(column, 3) for column in squares.T]), on_poses)
-    return Consensus(at, inside, noise, len(hypotheses.X))
+        improved = _concentrate(pivoted, _isotropic(scales[order[0]] / 3.0, pivoted), best, inside)
+    else:
+        given = best if pivot is None else _back_to_origin(best, pivot)
+        improved = _concentrate(constraint, _drop_joint(noise), given, inside)
+    if improved is None:  # only few poses turn enough: rely on the best subset
+        at, kept = Unknowns(best.X[0], None if best.W is None else best.W[0]), np.ones(constraint.n)
+    else:
+        at, kept = improved
+    if noise is not None:
+        moved = pivot is not None and improved is None
+        return Consensus(_back_to_origin(at, pivot) if moved else at, kept, noise, len(hypotheses.X))
+    noise = _isotropic(_variances(misfit(pivoted, at)), pivoted)
+    if pivot is None:
+        return Consensus(at, kept, noise, len(hypotheses.X))
+    assert isinstance(noise, PoseNoise)
+    lever = np.broadcast_to(np.eye(6), (constraint.n, 6, 6)).copy()  # of errors about the pivot to those at the origin
+    lever[:, 3:, :3] = skew(constraint.second[:, :3, :3] @ pivot)
+    noise = PoseNoise(camera=lever @ noise.camera @ lever.mT)
+    return Consensus(_back_to_origin(at, pivot), kept, noise, len(hypotheses.X))
+
+
+def residual_noise(constraint: Constraint, at: Unknowns) -> Noise:
+    """Isotropic noise with robust scales of the residuals, put on the camera."""
+    return _isotropic(_variances(misfit(constraint, at)), constraint)
 
 
 def _distinct(constraint: Constraint) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -103,102 +114,174 @@ def _distinct(constraint: Constraint) -> tuple[NDArray[np.intp], NDArray[np.intp
     return np.sort(first), rank[number]
 
 
+def _canonical_order(constraint: Constraint) -> NDArray[np.intp]:
+    """An order of the rows that depends neither on the order given nor on the frames.
+
+    By ``sum_j tr(R_i^T R_j)`` of poses and ``tr R_i`` of motions, which no rigid change of a frame on either side
+    alters; robot and camera together, so that symmetric robot poses do not tie.
+    """
+    keys = np.zeros(constraint.n)
+    for T, share in ((constraint.first, 1.0), (constraint.second, np.sqrt(2.0))):
+        R = T[:, :3, :3]
+        other = R.mean(axis=0) if isinstance(constraint, OnPoses) else np.eye(3)
+        keys += share * (R * other).sum(axis=(1, 2))
+    return np.argsort(keys, kind="stable")
+
+
+def _pivot(camera: Array) -> Array:
+    """The point of the target (3,), in its frame, that moves least in the camera frame (least sum of distances).
+
+    ``R_i s + t_i`` is the point s in view i; the sum is over its distances to their mean. Directions in which no
+    rotation tells s are left at the mean position of the camera.
+    """
+    R, t = camera[:, :3, :3], camera[:, :3, 3]
+    begin = -(R.mT @ t[..., None])[..., 0].mean(axis=0)
+    t = t + R @ begin
+    s, weights = np.zeros(3), np.full(len(t), 1.0 / len(t))
+    for _ in range(PIVOT_STEPS):
+        mean_R, mean_t = np.tensordot(weights, R, 1), weights @ t
+        M = np.eye(3) - mean_R.T @ mean_R
+        s = -np.linalg.pinv(M, rcond=1e-6, hermitian=True) @ (
+            np.einsum("n,nij,ni->j", weights, R, t) - mean_R.T @ mean_t
+        )
+        away = R @ s + t
+        distance = np.sqrt(((away - weights @ away) ** 2).sum(axis=1))
+        weights = 1.0 / np.maximum(distance, 1e-3 * float(distance.max()) + 1e-300)
+        weights /= weights.sum()
+    return np.asarray(begin + s)
+
+
+def _move_origin(T: Array, point: Array) -> Array:
+    """Poses (..., 4, 4) of a frame with its origin moved to a point (3,) of it."""
+    moved = T.copy()
+    moved[..., :3, 3] += T[..., :3, :3] @ point
+    return moved
+
+
+def _back_to_origin(at: Unknowns, pivot: Array | None) -> Unknowns:
+    return at if pivot is None or at.W is None else Unknowns(at.X, _move_origin(at.W, -pivot))
+
+
+@cache
+def _all_subsets(n: int, size: int) -> NDArray[np.intp]:
+    return np.array(list(combinations(range(n), size)), dtype=np.intp)
+
+
 def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
     """X (T, 4, 4) and W of smallest subsets, without those that do not determine X."""
-    on_poses = isinstance(constraint, OnPoses)
-    n, size = constraint.first.shape[-3], 3 if on_poses else 2
+    n, size = constraint.n, constraint.fewest
     if n < size:
         raise DegenerateMotionError(
-            f"Only {n} of the rows differ: {size} different {'poses' if on_poses else 'motions'} are needed.",
-            np.eye(6),
+            f"Only {n} of the rows differ: {size} different {constraint.item}s are needed.", np.eye(6)
         )
-    few = n <= (13 if on_poses else 25)  # no more than about SUBSETS subsets in all
-    if few:
-        index = np.array(list(combinations(range(n), size)))
+    if n <= (13 if size == 3 else 25):  # no more than about SUBSETS subsets in all
+        index = _all_subsets(n, size)
     else:
         index = rng.integers(n, size=(2 * SUBSETS, size))
         index = np.sort(index, axis=1)
-        index = index[(np.diff(index, axis=1) > 0).all(axis=1)][:SUBSETS]
-    first, second = constraint.first[index], constraint.second[index]
-    if isinstance(constraint, OnPoses):
-        G = inverse(first) if constraint.inverted else first
-        i, j = np.array([0, 0, 1]), np.array([1, 2, 2])
-        A, B = inverse(G[:, j]) @ G[:, i], second[:, j] @ inverse(second[:, i])
-    else:
-        A, B = first, second
+        index = index[(index[:, 1:] > index[:, :-1]).all(axis=1)][:SUBSETS]
+    subsets = constraint.rows(_canonical_order(constraint)[index])
+    A, B = subsets.motions()
     usable = _determined(A, B)
     if not usable.any():
-        solve_limit(*_all_motions(constraint))  # raises and says why, if all together do not determine X either
+        i, j = (np.zeros(n - 1, dtype=np.intp), np.arange(1, n))
+        every = constraint.rows(np.stack([i, j], axis=1)) if isinstance(constraint, OnPoses) else constraint
+        solve_limit(*(T.reshape(-1, 4, 4) for T in every.motions()))  # raises where all together do not determine X
         raise DegenerateMotionError(
-            f"No {size} {'poses' if on_poses else 'motions'} determine X by themselves, so that wrong ones "
-            "cannot be told from good ones. Turn the robot about two different axes, by 30 degrees and more.",
+            f"No {size} {constraint.item}s determine X by themselves, so that wrong ones cannot be told from good "
+            "ones. Turn the robot about two different axes, by 30 degrees and more.",
             np.eye(6),
         )
-    X = solve_limit(A[usable], B[usable])
-    if not on_poses:
-        return Unknowns(X, None)
-    measured = G[usable] @ X[:, None] @ second[usable]
-    W = measured.mean(axis=1)
-    W[:, :3, :3] = orthonormalise(W[:, :3, :3])
-    return Unknowns(X, W)
-
-
-def _all_motions(constraint: Constraint) -> tuple[Array, Array]:
-    """Motions from the first pose to each other one."""
-    if isinstance(constraint, OnMotions):
-        return constraint.first, constraint.second
-    G, C = inverse(constraint.first) if constraint.inverted else constraint.first, constraint.second
-    return inverse(G[1:]) @ G[:1], C[1:] @ inverse(C[:1])
+    if usable.all():
+        return subsets.complete(solve_limit(A, B))
+    chosen = replace(subsets, first=subsets.first[usable], second=subsets.second[usable])
+    return chosen.complete(solve_limit(A[usable], B[usable]))
 
 
 def _determined(A: Array, B: Array) -> NDArray[np.bool_]:
     """Whether the motions (T, m, 4, 4) of each subset turn about two axes, by the eigenvalues of M (T2)."""
     H = (0.25 * vee(A[..., :3, :3])).mT @ vee(B[..., :3, :3])
-    U, s, Vt = np.linalg.svd(H)
-    s[..., 2] *= np.linalg.det(U @ Vt)
-    smallest, largest = s[..., 1] + s[..., 2], s[..., 0] + s[..., 1]
+    s = np.linalg.svd(H, compute_uv=False)
+    sign = np.sign(np.linalg.det(H))
+    smallest, largest = s[..., 1] + sign * s[..., 2], s[..., 0] + s[..., 1]
     return np.asarray((smallest > LITTLE_ROTATION) & (smallest > ONE_AXIS * largest))
 
 
 def misfit(constraint: Constraint, at: Unknowns) -> Array:
     """Squared lengths (..., n, 2) of the rotation residual (chord, rad^2) and the translation residual."""
-    X = at.X[..., None, :, :]
-    if isinstance(constraint, OnPoses):
-        assert at.W is not None
-        G = inverse(constraint.first) if constraint.inverted else constraint.first
-        D = G @ X @ constraint.second - at.W[..., None, :, :]
-    else:
-        D = constraint.first @ X - X @ constraint.second
-    rotation = 0.5 * (D[..., :3, :3] ** 2).sum(axis=(-2, -1))
-    return np.stack([rotation, (D[..., :3, 3] ** 2).sum(axis=-1)], axis=-1)
+    return np.moveaxis(_misfits(constraint.closure(), at), 0, -1)
 
 
-def _misfits(constraint: Constraint, at: Unknowns, majority: int) -> tuple[Array, Array]:
-    """`misfit` of the last hypotheses, and of all (T, 2) the value that the majority of the poses stays below."""
-    T, n = len(at.X), constraint.first.shape[-3]
+def _misfits(closure: tuple[Array, Array], at: Unknowns) -> Array:
+    """(2, ..., n) for unknowns (..., 4, 4), by one product for all of them."""
+    by_X, constant = closure
+    D = at.X[..., :3, :].reshape(-1, 12) @ by_X.reshape(-1, 12).T
+    D = D.reshape(*at.X.shape[:-2], *constant.shape)
+    D += constant
+    if at.W is not None:
+        D -= at.W[..., None, :3, :]
+    D *= D
+    columns = D.sum(axis=-2)
+    return np.stack([0.5 * columns[..., :3].sum(axis=-1), columns[..., 3]])
+
+
+def _scales(constraint: Constraint, at: Unknowns, majority: int) -> Array:
+    """Of all hypotheses (T, 2) the `misfit` that the majority of the poses stays below."""
+    T, closure = len(at.X), constraint.closure()
     scales = np.empty((T, 2))
-    step = max(1, CHUNK // n)
+    step = max(1, CHUNK // constraint.n)
     for k in range(0, T, step):
         part = slice(k, k + step)
-        squares = misfit(constraint, Unknowns(at.X[part], None if at.W is None else at.W[part]))
-        scales[part] = np.partition(squares, majority - 1, axis=-2)[..., majority - 1, :]
-    return squares, np.maximum(scales, 1e-24)
+        squares = _misfits(closure, Unknowns(at.X[part], None if at.W is None else at.W[part]))
+        scales[part] = np.partition(squares, majority - 1, axis=-1)[..., majority - 1].T
+    return np.maximum(scales, 1e-24)
 
 
 def _smallest(values: Array, count: int) -> Array:
-    """1 for that many smallest of the values (n,), else 0."""
-    result = np.zeros(len(values))
-    result[np.argpartition(values, count - 1)[:count]] = 1.0
+    """1 for that many smallest of the values (..., n), else 0."""
+    result = np.zeros(values.shape)
+    np.put_along_axis(result, np.argpartition(values, count - 1, axis=-1)[..., :count], 1.0, axis=-1)
     return result
 
 
-def _isotropic(variances: Array, on_poses: bool) -> Noise:
+def _concentrate(constraint: Constraint, noise: Noise, at: Unknowns, inside: Array) -> tuple[Unknowns, Array] | None:
+    """The best of the unknowns (k, 4, 4), each fitted to the rows inside (k, n) and those chosen again, in turn.
+
+    The model is linearised once, at the unknowns; None where no set of rows inside determines X.
+    """
+    linear = constraint.linearise(at, constraint.first, constraint.second)
+    S = np.asarray(residual_covariance(linear.sides, noise))
+    white = whiten(cholesky_of(S), np.concatenate([linear.J, linear.r[..., None]], axis=-1))
+    majority = int(inside[0].sum())
+    for _ in range(CONCENTRATION):
+        sums = gram(white * inside[..., None, None])
+        unit = 1.0 / np.sqrt(np.maximum(np.diagonal(sums[..., :-1, :-1], axis1=-2, axis2=-1), 1e-300))
+        values, vectors = np.linalg.eigh(sums[..., :-1, :-1] * unit[..., :, None] * unit[..., None, :])
+        usable = values[..., 0] > SINGULAR
+        if not usable.any():
+            return None
+        if not usable.all():
+            at = Unknowns(at.X[usable], None if at.W is None else at.W[usable])
+            white, inside, sums, unit, values, vectors = (
+                part[usable] for part in (white, inside, sums, unit, values, vectors)
+            )
+        load = vectors.mT @ (unit[..., None] * sums[..., :-1, -1:])
+        step = -unit[..., None] * (vectors @ (load / values[..., None]))
+        residual = white[..., -1] + (white[..., :-1] @ step[..., None, :, :])[..., 0]
+        d2 = (residual * residual).sum(axis=-1)
+        inside = _smallest(d2, majority)
+    k = int(np.argmin((d2 * inside).sum(axis=-1)))
+    best = Unknowns(at.X[k], None if at.W is None else at.W[k])
+    return best.moved(step[k, :, 0]), inside[k]
+
+
+def _isotropic(variances: Array, constraint: Constraint) -> Noise:
     """Noise (rotation, translation) of the residuals, put on the camera; below 1e-12 rad or m nothing is told apart."""
     S = np.diag(np.repeat(np.maximum(variances, 1e-24), 3))
-    return PoseNoise(camera=S) if on_poses else PairNoise(B=S)
+    return PoseNoise(camera=S) if isinstance(constraint, OnPoses) else PairNoise(B=S)
 
 
-def _independent(noise: Noise) -> Noise:
+def _drop_joint(noise: Noise) -> Noise:
     """Without correlations between poses."""
     if isinstance(noise, PairNoise):
         return noise
@@ -206,13 +289,25 @@ def _independent(noise: Noise) -> Noise:
     return PoseNoise(robot, camera)
 
 
+def _variances(squares: Array) -> Array:
+    """Robust variances per axis (2,) of `misfit` (n, 2)."""
+    return np.array([robust_variance(column, 3) for column in squares.T])
+
+
 def robust_variance(squares: Array, freedom: int) -> float:
     """Robust variance per axis of squared lengths (n,) of Gaussian vectors: their median, without the gross ones."""
-    middle, gross = (2.0 * float(gammaincinv(0.5 * freedom, q)) for q in (0.5, 1.0 - 1e-6))
-    variance = float(np.median(squares)) / middle
-    for _ in range(20):
-        smaller = float(np.median(squares[squares <= gross * variance])) / middle
-        if smaller == variance:
-            break
-        variance = smaller
+    middle, gross = _levels(freedom)
+    ordered = np.sort(squares)
+    count = 0
+    while count != len(ordered):  # what is left out stays out, so that the count falls until it stands still
+        count = len(ordered)
+        variance = 0.5 * float(ordered[(count - 1) // 2] + ordered[count // 2]) / middle
+        ordered = ordered[: np.searchsorted(ordered, gross * variance, side="right")]
     return variance
+
+
+@cache
+def _levels(freedom: int) -> tuple[float, float]:
+    """The median and the 1 - 1e-6 quantile of chi-square."""
+    middle, gross = (2.0 * float(gammaincinv(0.5 * freedom, q)) for q in (0.5, 1.0 - 1e-6))
+    return middle, gross

@@ -25,12 +25,14 @@ The derivatives hold where ``r = 0``; elsewhere they are exact to first order in
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array, block, inverse, inverse_jacobian, logarithm, perturb, skew
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
@@ -73,6 +75,46 @@ class OnPoses:
     second: Array
     inverted: bool  # eye-to-hand: G is the inverse of the robot pose
 
+    item: ClassVar[str] = "pose"
+    sides: ClassVar[tuple[str, str]] = ("robot", "camera")
+    fewest: ClassVar[int] = 3  # rows that determine the unknowns
+    p: ClassVar[int] = 12  # unknowns
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return int(self.first.shape[-3])
+
+    @property
+    def robot(self) -> Array:
+        """G (..., n, 4, 4)."""
+        return inverse(self.first) if self.inverted else self.first
+
+    def rows(self, index: NDArray[Any]) -> OnPoses:
+        """Some of the rows."""
+        return replace(self, first=self.first[..., index, :, :], second=self.second[..., index, :, :])
+
+    def complete(self, X: Array) -> Unknowns:
+        """X (..., 4, 4) with the mean of ``G X C`` as W."""
+        measured = self.robot @ X[..., None, :, :] @ self.second
+        W = measured.mean(axis=-3)
+        W[..., :3, :3] = orthonormalise(W[..., :3, :3])
+        return Unknowns(X, W)
+
+    def motions(self) -> tuple[Array, Array]:
+        """A and B (..., n (n - 1) / 2, 4, 4) between all pairs of rows."""
+        i, j = np.triu_indices(self.n, 1)
+        G, C = self.robot, self.second
+        return inverse(G[..., j, :, :]) @ G[..., i, :, :], C[..., j, :, :] @ inverse(C[..., i, :, :])
+
+    def closure(self) -> tuple[Array, Array]:
+        """K (n, 3, 4, 12) and k (n, 3, 4) with ``G X C = K vec(X) + k``, vec the first three rows, of one data set."""
+        G, C = self.robot, self.second
+        by_X = G[:, :3, None, :3, None] * C.mT[:, None, :, None, :]
+        constant = np.zeros((self.n, 3, 4))
+        constant[..., 3] = G[:, :3, 3]
+        return by_X.reshape(self.n, 3, 4, 12), constant
+
     def residual(self, at: Unknowns, first: Array, second: Array) -> Array:
         """r (..., n, 6) at the unknowns and the (measured or corrected) poses."""
         return self._closed(at, first, second)[0]
@@ -110,6 +152,36 @@ class OnMotions:
 
     first: Array
     second: Array
+
+    item: ClassVar[str] = "motion"
+    sides: ClassVar[tuple[str, str]] = ("A", "B")
+    fewest: ClassVar[int] = 2
+    p: ClassVar[int] = 6
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return int(self.first.shape[-3])
+
+    def rows(self, index: NDArray[Any]) -> OnMotions:
+        """Some of the rows."""
+        return replace(self, first=self.first[..., index, :, :], second=self.second[..., index, :, :])
+
+    def complete(self, X: Array) -> Unknowns:
+        """X (..., 4, 4); there is no W."""
+        return Unknowns(X, None)
+
+    def motions(self) -> tuple[Array, Array]:
+        """A and B (..., n, 4, 4)."""
+        return self.first, self.second
+
+    def closure(self) -> tuple[Array, Array]:
+        """K (n, 3, 4, 12) and k (n, 3, 4) with ``A X - X B = K vec(X) + k``, vec the first three rows."""
+        by_A = self.first[:, :3, None, :3, None] * np.eye(4)[None, None, :, None, :]
+        by_B = np.eye(3)[None, :, None, :, None] * self.second.mT[:, None, :, None, :]
+        constant = np.zeros((self.n, 3, 4))
+        constant[..., 3] = self.first[:, :3, 3]
+        return (by_A - by_B).reshape(self.n, 3, 4, 12), constant
 
     def residual(self, at: Unknowns, first: Array, second: Array) -> Array:
         """r (..., n, 6) at X and the (measured or corrected) motions."""

@@ -139,7 +139,7 @@ def efficient(data: PosePairs | Motions, noise: Noise, start: Array | None = Non
         The data do not determine X (or W).
     """
     constraint = _checked(data, noise)
-    return fit(constraint, noise, start_of(data, constraint, start), CLOSED_FORM_STEPS)
+    return fit_efficient(constraint, noise, start_of(data, constraint, start))
 
 
 def maximum_likelihood(data: PosePairs | Motions, noise: Noise, start: Array | None = None) -> Fit:
@@ -153,7 +153,17 @@ def maximum_likelihood(data: PosePairs | Motions, noise: Noise, start: Array | N
         ``partial`` holds the `Fit` that was reached, with a flag for each problem.
     """
     constraint = _checked(data, noise)
-    found = fit(constraint, noise, start_of(data, constraint, start), steps=MOST_STEPS)
+    return fit_ml(constraint, noise, start_of(data, constraint, start))
+
+
+def fit_efficient(constraint: Constraint, noise: Noise, start: Unknowns) -> Fit:
+    """`efficient` of a constraint, from the unknowns given."""
+    return fit(constraint, noise, start, CLOSED_FORM_STEPS)
+
+
+def fit_ml(constraint: Constraint, noise: Noise, start: Unknowns) -> Fit:
+    """`maximum_likelihood` of a constraint, from the unknowns given."""
+    found = fit(constraint, noise, start, MOST_STEPS)
     if not found.converged.all():
         failed = int(found.converged.size - found.converged.sum())
         of = "" if found.converged.ndim == 0 else f" on {failed} of {found.converged.size} problems"
@@ -211,6 +221,7 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
 
 # Estimates at the Cramer-Rao bound by name; every other name is a published method.
 ESTIMATORS = {"efficient": efficient, "ml": maximum_likelihood}
+FITS = {"efficient": fit_efficient, "ml": fit_ml}
 
 
 def _checked(data: PosePairs | Motions, noise: Noise) -> Constraint:

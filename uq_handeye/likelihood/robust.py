@@ -21,29 +21,37 @@ pose's own weight but through the linearisation, so that the iteration settles a
 residuals too, a and b are those quantiles of ``6 F(6, m/2)``, with one factor for both, that of 99.9 %: of the
 ``m = 6 n - p`` degrees of freedom, half tell the noise of rotation and half that of translation.
 
-The start is `consensus`.
+*Noise from the residuals* is that of the poses kept, in turn with the weights. An outlier hides in noise that it makes
+itself: whether a pose is among those that the noise comes from is decided by the noise without it, by the distance
+``d^2 (f - 3) / (f - d^2)`` with ``f = m/2`` of those poses.
+
+*Start.* First all poses alike: with the noise given they count in full if the largest distance in their fit is one that
+good poses exceed once in 1000 data sets. Else what the iteration settles at from there is taken if at least 80 % of the
+poses are kept by noise that needs no scale: two such X share most of their poses and are the same within the noise.
+Where the noise comes from the residuals, the median of the distances kept must not be smaller than chance makes it, nor
+the rotations be large: several outliers could hide each other. Otherwise the iteration starts from `consensus`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv, chdtri, fdtri, gammaincinv
 
-from ..errors import InputError, NotConvergedError
+from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.se3 import Array
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise.square_roots import inverse_blocks, joint_residuals, pulled, weighed_blocks, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
-from .consensus import NOTHING, Consensus, consensus, robust_variance
-from .constraint import Constraint, OnPoses, Unknowns, constraint_of
-from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
+from .consensus import NOTHING, consensus, robust_variance
+from .constraint import Constraint, Unknowns, constraint_of
+from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit, start_of
 
 # The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NOTHING it does not count at all.
 FULL = float(chdtri(6, 1e-3))
@@ -54,7 +62,16 @@ FREE = 10
 # Rounds of noise from the residuals and weights from the noise.
 MOST_ROUNDS = 20
 
-Estimator = Callable[[PosePairs | Motions, Array, Array], Noise | None]
+# Share of the poses kept from which on the iteration that starts from all poses alike is relied on.
+SURE = 0.8
+# How small the median of the distances of good poses may be by chance, where the noise is estimated.
+BY_CHANCE = 0.05
+
+# Rotation residuals per axis (rad) from which on noise that explains them is not trusted: rows may not belong together.
+LARGE = np.radians(2.0)
+
+# The noise of the constraint near the unknowns, whose rows count with weights (n,); None: the data are exact.
+Estimator = Callable[[Constraint, Unknowns, Array], Noise | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +86,7 @@ class RobustFit(ReadOnlyArrays):
     flags: tuple[str, ...]  # "kept", "downweighted" or "rejected"
     scale: float  # the noise of most poses is so many times the one given; 1 unless it is surely larger
     limit: float  # poses with d^2 above it are flagged
-    subsets: int  # that were tried for the start
+    subsets: int  # that were tried for the start; 0: it was made of all poses alike
 
     @property
     def rejected(self) -> NDArray[np.intp]:
@@ -136,8 +153,8 @@ def robust_fit(
     noise : PoseNoise, PairNoise or None
         None: from the residuals of the poses kept, by ``estimate``.
     method : "efficient" or "ml"
-    estimate : function ``(data, X, weights) -> noise``
-        Needed where ``noise`` is None: the noise of data whose poses count with weights (n,), near X (4, 4).
+    estimate : function ``(constraint, unknowns, weights) -> noise``
+        Needed where ``noise`` is None: the noise of data whose rows count with weights (n,), near the unknowns.
     seed : int or numpy Generator
         Of the random subsets.
 
@@ -157,33 +174,116 @@ def robust_fit(
     if noise is not None and not isinstance(noise, PoseNoise | PairNoise):
         raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
     constraint = constraint_of(data, noise)
-    kind, fewest = ("poses", 3) if isinstance(constraint, OnPoses) else ("motions", 2)
-    n = constraint.first.shape[-3]
     if constraint.first.ndim != 3:
         raise InputError(f"Expected one data set, got leading axes {constraint.first.shape[:-3]}.")
-    if n <= fewest:
-        raise InputError(f"Expected more than {fewest} {kind} to tell wrong ones from good ones, got {n}.")
-    start = consensus(constraint, noise, seed)
-    if noise is not None:
-        settled = _settle(constraint, noise, start.unknowns, start.inside, method)
-    else:
-        assert estimate is not None
-        noise, settled = _alternate(data, constraint, start, estimate, method)
-    found, distances, leverage, scale, limit = settled
-    assert found.weights is not None
-    weights = found.weights
-    kept = int((weights > 0).sum())
-    if kept < fewest or 2 * kept < n:
+    require_enough(constraint)
+    return fit_robustly(constraint, noise, start_of(data, constraint, None), method, estimate, seed)
+
+
+def require_enough(constraint: Constraint) -> None:
+    """Raise `InputError` where there are too few rows to tell wrong ones from good ones."""
+    if constraint.n <= constraint.fewest:
         raise InputError(
-            f"Only {kept} of {n} {kind} agree with one X within the noise; at least half of them must. Look at the "
-            "pairing of the rows, the setup (eye-in-hand or eye-to-hand), the units and the noise given; if the robot "
-            "moved and the clocks differ, synchronise the streams (--pair async)."
+            f"Expected more than {constraint.fewest} {constraint.item}s to tell wrong ones from good ones, got "
+            f"{constraint.n}."
+        )
+
+
+def fit_robustly(
+    constraint: Constraint,
+    noise: Noise | None,
+    start: Unknowns,
+    method: str = "efficient",
+    estimate: Estimator | None = None,
+    seed: int | np.random.Generator = 0,
+) -> RobustFit:
+    """As `robust_fit`, of one constraint, from the unknowns that all rows together make."""
+    require_enough(constraint)
+    subsets = 0
+    found = _begin_with_all(constraint, noise, start, method, estimate)
+    if found is None:
+        begun = consensus(constraint, noise, seed)
+        subsets = begun.subsets
+        if noise is not None:
+            found = noise, _settle(constraint, noise, begun.unknowns, begun.inside, method)
+        else:
+            assert estimate is not None
+            found = _alternate(constraint, begun.noise, begun.unknowns, begun.inside, estimate, method)
+    noise, settled = found
+    fitted, distances, leverage, scale, limit, _ = settled
+    assert fitted.weights is not None
+    weights, n = fitted.weights, constraint.n
+    kept = int((weights > 0).sum())
+    if kept < constraint.fewest or 2 * kept < n:
+        raise InputError(
+            f"Only {kept} of {n} {constraint.item}s agree with one X within the noise; at least half of them must. "
+            "Look at the pairing of the rows, the setup (eye-in-hand or eye-to-hand), the units and the noise given; "
+            "if the robot moved and the clocks differ, synchronise the streams (--pair async)."
         )
     flags = tuple(
         "kept" if d <= limit else "rejected" if w == 0 else "downweighted"
         for d, w in zip(distances.tolist(), weights.tolist(), strict=True)
     )
-    return RobustFit(found, noise, weights, distances, leverage, flags, scale, limit, start.subsets)
+    if noise is not None and (weights == 1).all():  # the plain fit, to the last digit
+        steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
+        fitted = replace(fitted, weights=None) if settled.plain else fit(constraint, noise, start, steps)
+    return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, subsets)
+
+
+def _begin_with_all(
+    constraint: Constraint, noise: Noise | None, start: Unknowns, method: str, estimate: Estimator | None
+) -> tuple[Noise | None, _Settled] | None:
+    """What the iteration settles at from all rows alike, if it can be relied on (module); else None."""
+    everyone = np.ones(constraint.n)
+    try:
+        if noise is not None:
+            plain = _settle_clean(constraint, noise, start, method)
+            settled = plain or _settle(constraint, noise, start, everyone, method, most=FREE)
+        else:
+            assert estimate is not None
+            noise = estimate(constraint, start, everyone)
+            if noise is None:
+                return None
+            noise, settled = _alternate(constraint, noise, start, everyone, estimate, method, most=FREE)
+            if noise is None or _may_hide_outliers(settled):
+                return None
+    except (NotConvergedError, DegenerateMotionError):
+        return None
+    kept = settled.distances <= settled.limit
+    return (noise, settled) if settled.scale == 1.0 and kept.mean() >= SURE else None
+
+
+def _settle_clean(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:
+    """The plain fit, if its largest distance is no surprise; else None."""
+    fitted = fit(constraint, noise, start, CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS)
+    if not fitted.converged.all():
+        return None
+    distances, leverage = pose_distances(fitted)
+    limit = largest_by_chance(constraint.n)
+    if (distances > limit).any():
+        return None
+    return _Settled(replace(fitted, weights=np.ones(constraint.n)), distances, leverage, 1.0, limit, True)
+
+
+def largest_by_chance(n: int) -> float:
+    """The d^2 that the largest of n good poses exceeds once in 1000 data sets."""
+    return float(chdtri(6, 1e-3 / max(n, 1)))
+
+
+def _may_hide_outliers(settled: _Settled) -> bool:
+    """Whether the noise of the rows kept, estimated from them, may be that of outliers among them (module)."""
+    kept = settled.distances <= settled.limit
+    n = int(kept.sum())
+    low = float(betaincinv(0.5 * (n + 1), 0.5 * (n + 1), BY_CHANCE))  # so low may the median of n good poses lie
+    return bool(
+        robust_variance(settled.distances[kept], 6) < gammaincinv(3.0, low) / gammaincinv(3.0, 0.5)
+        or np.mean(settled.fit.residual[kept, :3] ** 2) > LARGE**2
+    )
+
+
+def _margin(constraint: Constraint) -> float:
+    """By how much the limits of distances grow where the noise comes from the residuals (module)."""
+    return 6.0 * float(fdtri(6, 0.5 * (6 * constraint.n - constraint.p), 0.999)) / FULL
 
 
 class _Settled(NamedTuple):
@@ -192,14 +292,22 @@ class _Settled(NamedTuple):
     leverage: Array
     scale: float
     limit: float
+    plain: bool  # all rows counted in full all the time
 
 
 def _settle(
-    constraint: Constraint, noise: Noise, at: Unknowns, weights: Array, method: str, margin: float = 1.0
+    constraint: Constraint,
+    noise: Noise,
+    begin: Unknowns,
+    weights: Array,
+    method: str,
+    margin: float = 1.0,
+    most: int = MOST_REWEIGHTED,
 ) -> _Settled:
     """Fit and weights in turn until they stand still; with ``ml``, full maximisations in turn after that."""
-    steps, scale2 = CLOSED_FORM_STEPS, 1.0
-    for k in range(MOST_REWEIGHTED):
+    steps, scale2, at, plain = CLOSED_FORM_STEPS, 1.0, begin, True
+    for k in range(most):
+        plain = plain and bool((weights == 1).all())
         found = fit(constraint, noise, at, steps, weights)
         if not found.converged.all():
             raise NotConvergedError(
@@ -213,41 +321,56 @@ def _settle(
         wanted = robust_weights(distances / (scale2 * margin))
         still = bool(np.abs(wanted - weights).max() < STILL)
         if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
-            return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin)
+            return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain)
         if still:
-            steps = MOST_STEPS
+            steps, at = MOST_STEPS, begin
         # Two poses that predict each other, or the scale, may take turns: the mean of the weights and one scale end it.
         weights = wanted if k < FREE else 0.5 * (wanted + weights)
     raise NotConvergedError("The weights of the robust fit did not settle: poses contradict each other.", found)
 
 
 def _alternate(
-    data: PosePairs | Motions, constraint: Constraint, start: Consensus, estimate: Estimator, method: str
+    constraint: Constraint,
+    noise: Noise,
+    at: Unknowns,
+    weights: Array,
+    estimate: Estimator,
+    method: str,
+    most: int = MOST_REWEIGHTED,
 ) -> tuple[Noise | None, _Settled]:
     """Noise from the residuals of the poses kept, then weights by that noise, until the same poses are flagged.
 
     The noise is None where ``estimate`` finds none: the poses kept fit exactly.
     """
-    noise, at, weights = start.noise, start.unknowns, start.inside
-    freedom = 0.5 * (6 * len(weights) - (12 if isinstance(constraint, OnPoses) else 6))
-    margin = 6.0 * float(fdtri(6, freedom, 0.999)) / FULL
-    seen: list[bytes] = []
+    begun_with = noise
+    sources = weights == 1 if weights.all() else np.zeros(constraint.n, dtype=bool)  # rows that the noise comes from
+    seen = [sources.tobytes()]
+    margin = _margin(constraint)
     for _ in range(MOST_ROUNDS):
-        settled = _settle(constraint, noise, at, weights, "efficient", margin)
+        settled = _settle(constraint, noise, at, weights, "efficient", margin, most)
         assert settled.fit.weights is not None
         at, weights = settled.fit.unknowns, settled.fit.weights
-        good = settled.distances <= settled.limit
-        if len(seen) > 1 and good.tobytes() in seen:  # stable, or in a circle of poses on the border: any of it will do
+        good = _judge_without_itself(constraint, settled.distances, sources) <= settled.limit
+        if good.tobytes() in seen:  # the noise is theirs; or a circle of poses on the border: any of it will do
             break
         seen.append(good.tobytes())
+        sources = good
         # Flagged poses would hide themselves in the noise; leaving out a good one in 1000 makes it 0.4 % smaller.
-        by_residuals = estimate(data, at.X, good.astype(float))
+        by_residuals = estimate(constraint, at, good.astype(float))
         if by_residuals is None:  # the poses kept fit exactly: rounding tells them from the others
-            return None, _settle(constraint, start.noise, at, good.astype(float), "efficient")
+            return None, _settle(constraint, begun_with, at, good.astype(float), "efficient")
         noise = by_residuals
     if method == "ml":
-        settled = _settle(constraint, noise, at, weights, method, margin)
+        settled = _settle(constraint, noise, at, weights, method, margin, most)
     return noise, settled
+
+
+def _judge_without_itself(constraint: Constraint, distances: Array, sources: NDArray[np.bool_]) -> Array:
+    """d^2 of each row by the noise of the other rows (module); ``sources`` are those that the noise comes from."""
+    f = 0.5 * (6 * int(sources.sum()) - constraint.p)
+    inside = sources & (distances < f)
+    judged = np.where(inside, distances * (f - 3.0) / np.where(inside, f - distances, 1.0), distances)
+    return np.where(sources & ~inside, np.inf, judged)
 
 
 def _scale_guard(distances: Array) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
 from ..errors import SingularNoiseError
@@ -97,6 +98,16 @@ def own_blocks(S: Covariance) -> Array:
     n = S.shape[-1] // 6
     index = np.arange(n)
     return np.moveaxis(S.reshape(*S.shape[:-2], n, 6, n, 6)[..., index, :, index, :], 0, -3)
+
+
+def select_rows(S: Covariance, rows: NDArray[np.intp]) -> Covariance:
+    """S of some of the poses."""
+    if isinstance(S, JointCovariance):
+        return S.rows(rows)
+    if S.shape[-1] == 6:
+        return np.asarray(S[..., rows, :, :])
+    index = (6 * rows[:, None] + np.arange(6)).ravel()
+    return np.asarray(S[..., index[:, None], index])
 
 
 def weighed_blocks(S: Covariance) -> Array:

@@ -40,13 +40,22 @@ from scipy.special import gammainc, gammaincc, ndtr
 
 from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array
-from ..likelihood.constraint import Linearised, OnPoses, block_diagonal, constraint_of, residual_covariance
+from ..likelihood.constraint import (
+    Constraint,
+    Linearised,
+    OnPoses,
+    Unknowns,
+    block_diagonal,
+    constraint_of,
+    residual_covariance,
+)
 from ..likelihood.gauss_helmert import inverse_information, start_of
 from ..noise.estimate import CameraFactor, Component, NoiseEstimate, NoisePrior
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import PoseNoise, marginals
+from ..noise.models import PoseNoise, marginals, rows_of
 from ..noise.square_roots import Covariance, cholesky_of, gram, inverse_blocks, log_determinant, pulled, whiten
 from ..poses.pose_pairs import PosePairs
+from .findings import beside_camera_findings
 from .restricted_likelihood import QUANTILE
 
 # Variances below this share of the camera's, as X sees it, are 0: the likelihood cannot tell them from it.
@@ -213,36 +222,78 @@ def estimate_robot_noise(
     NotConvergedError
         The components do not stand still.
     """
-    noise = PoseNoise(camera=camera)
-    constraint = constraint_of(data, noise)
+    camera = PoseNoise(camera=camera).camera
+    constraint = constraint_of(data, PoseNoise(camera=camera))
     if not isinstance(constraint, OnPoses) or constraint.first.ndim != 3:
         raise InputError("Expected `data` to be one set of PosePairs, got motions or several sets.")
-    n = len(constraint.first)
-    if 6 * n - 12 <= 0:
-        raise InputError(f"Expected residuals to estimate the robot's noise from, got {n} poses. Give more poses.")
-    prior = NoisePrior() if prior is None else prior
-    if not np.isnan(prior.values[2:]).all():
-        raise InputError(
-            "Expected a `prior` for the robot alone: the noise of the camera poses is known from their corners."
-        )
-    at = start_of(data, constraint, start)
-    for done in range(MOST_ROUNDS):
-        search = _search(_Rows.of(constraint.linearise(at, constraint.first, constraint.second), noise.camera), prior)
-        if done == 0:
-            x = _first(search)
-        search = search.measured(x)
-        best, x, zero = _best(search, x)
-        found = search.rows.at(search.variances(x, zero))
-        if found.moved < STILL**2 and done > 0:
-            break
-        at = at.moved(found.step)
-    else:
+    source = BesideCamera(constraint, camera, NoisePrior() if prior is None else prior)
+    return source.find(start_of(data, constraint, start)).describe()
+
+
+@dataclass(frozen=True, eq=False)
+class BesideCamera:
+    """The robot's variances beside the covariance of the camera poses of one data set; see the module."""
+
+    constraint: Constraint
+    camera: Any
+    prior: NoisePrior
+
+    def find(self, at: Unknowns, weights: Array | None = None) -> FoundRobotNoise:
+        """The variances near the unknowns; ``weights`` (n,) of 0 leave poses out. Raises as `estimate_robot_noise`."""
+        if not np.isnan(self.prior.values[2:]).all():
+            raise InputError(
+                "Expected a `prior` for the robot alone: the noise of the camera poses is known from their corners."
+            )
+        constraint, camera = self.constraint, self.camera
+        if weights is not None and not (weights == 1).all():
+            kept = np.flatnonzero(weights)
+            if (weights[kept] < 1).any():
+                raise InputError(
+                    "Expected `weights` of 0 or 1 beside the joint covariance of camera poses, got others."
+                )
+            constraint, camera = constraint.rows(kept), rows_of(camera, kept)
+        n = constraint.n
+        if 6 * n - 12 <= 0:
+            raise InputError(f"Expected residuals to estimate the robot's noise from, got {n} poses. Give more poses.")
+        for done in range(MOST_ROUNDS):
+            rows = _Rows.of(constraint.linearise(at, constraint.first, constraint.second), camera)
+            search = _search(rows, self.prior)
+            if done == 0:
+                x = _first(search)
+            search = search.measured(x)
+            best, x, zero = _best(search, x)
+            found = search.rows.at(search.variances(x, zero))
+            if found.moved < STILL**2 and done > 0:
+                return FoundRobotNoise(search, best, x, zero, found, self.camera, camera)
+            at = at.moved(found.step)
         raise NotConvergedError(
             "The noise of the robot did not stand still: the residuals are too large for a linear model. Look at the "
             "setup, at the pairing of the poses and for outliers; or give the noise of the robot.",
             found,
         )
-    return _report(search, best, x, zero, found, noise.camera, n)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundRobotNoise:
+    """Variances of one problem; `describe` adds intervals and words."""
+
+    search: _Search
+    deviance: float
+    x: Array
+    zero: NDArray[np.bool_]
+    at: _At
+    camera: Any  # of all poses
+    camera_used: Any  # of those that counted
+
+    @property
+    def noise(self) -> PoseNoise:
+        """That of the robot beside the camera's."""
+        v = self.search.variances(self.x, self.zero)
+        return PoseNoise(np.diag(np.repeat(v, 3)) if v.any() else None, self.camera)
+
+    def describe(self) -> NoiseEstimate:
+        """Components with intervals and what can be said of them."""
+        return _report(self)
 
 
 def _search(rows: _Rows, prior: NoisePrior) -> _Search:
@@ -346,9 +397,9 @@ def _above_zero(v: Array, covariance: Array) -> Array:
     return np.outer(root, root)
 
 
-def _report(
-    search: _Search, best: float, x: Array, zero: NDArray[np.bool_], found: _At, camera: Any, n: int
-) -> NoiseEstimate:
+def _report(of: FoundRobotNoise) -> NoiseEstimate:
+    search, best, x, zero, found = of.search, of.deviance, of.x, of.zero, of.at
+    n = len(search.rows.y)
     v = search.variances(x, zero)
     information = search.rows.information(v, found)
     known = np.isfinite(search.prior[1])
@@ -367,12 +418,9 @@ def _report(
         low, high = _interval(search, best, x, zero, k)
         status = "prior" if known[k] else "zero" if zero[k] else "estimated"
         components.append(Component(name, unit, value, low, high, status))
-    variances = np.diagonal(marginals(camera), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
+    variances = np.diagonal(marginals(of.camera_used), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
     for what, unit, variance in zip(("rotation", "translation"), ("rad", "m"), variances, strict=True):
         sd = float(np.sqrt(variance))
         components.append(Component(f"camera {what}", unit, sd, sd, sd, "from corners"))
-    robot = np.diag(np.repeat(v, 3)) if v.any() else None
-    from .findings import beside_camera_findings
-
     findings = beside_camera_findings({part.name: part for part in components}, factor)
-    return NoiseEstimate(PoseNoise(robot, camera), tuple(components), findings, v, covariance, 6.0 * n - 12, factor)
+    return NoiseEstimate(of.noise, tuple(components), findings, v, covariance, 6.0 * n - 12, factor)

@@ -35,9 +35,10 @@ Units: rad and m, standard deviations per axis; text is in degrees and mm.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,13 +47,14 @@ from ..errors import InputError, NotConvergedError
 from ..findings import Finding
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
-from ..likelihood.constraint import OnPoses, Unknowns, constraint_of
+from ..likelihood.constraint import Constraint, Unknowns, constraint_of
 from ..likelihood.gauss_helmert import start_of
 from ..noise.estimate import Component, NoiseEstimate, NoisePrior, together
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
-from .beside_camera import estimate_robot_noise
+from .beside_camera import BesideCamera
+from .findings import noise_findings
 from .restricted_likelihood import (
     GAIN,
     Model,
@@ -70,9 +72,11 @@ ROUNDING = 1e-11
 # The components stand still when they change by less than this, in their own standard deviations.
 _STILL = 1e-3
 _ROUNDS = 8
+KINDS = ("rotation", "translation")
 
 
-class Found(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Components:
     """Result of the iteration; leading axes are independent problems."""
 
     state: State | None  # None where there is nothing to estimate
@@ -80,6 +84,27 @@ class Found(NamedTuple):
     at: Unknowns  # where the last estimate was linearised; `state.data.step` leads on to the efficient estimate
     exact: NDArray[np.bool_]  # (..., 2): rotation, translation residuals at rounding level
     converged: NDArray[np.bool_]  # (...)
+
+
+class NoiseSource(Protocol):
+    """Where the noise of one data set comes from."""
+
+    def find(self, at: Unknowns, weights: Array | None = None) -> FoundNoise:
+        """Linearised near the unknowns, with poses that count with ``weights`` (n,)."""
+        ...
+
+
+class FoundNoise(Protocol):
+    """Numbers; `describe` makes intervals and words of them."""
+
+    @property
+    def noise(self) -> Noise | None:
+        """None: the data are exact."""
+        ...
+
+    def describe(self) -> NoiseEstimate:
+        """Components with intervals and what can be said of them."""
+        ...
 
 
 def estimate_noise(
@@ -124,54 +149,107 @@ def estimate_noise(
     >>> estimate["translation, robot and camera together"].status
     'estimated'
     """
-    prior = NoisePrior() if prior is None else prior
     constraint = constraint_of(data, None)
     if constraint.first.ndim != 3:
         raise InputError(f"Expected one data set, got leading axes {constraint.first.shape[:-3]}.")
-    n = len(constraint.first)
+    n = constraint.n
     if weights is not None:
         weights = np.asarray(weights, dtype=float)
         if weights.shape != (n,) or not ((weights >= 0) & (weights <= 1)).all():
             raise InputError(f"Expected `weights` to be {n} numbers in [0, 1], got shape {weights.shape}.")
-    on_poses = isinstance(constraint, OnPoses)
+    source = choose_source(data, constraint, prior)
+    _require_freedom(constraint, weights)
+    X = None if start is None else as_transforms(start, "start", stack=False)
+    return source.find(start_of(data, constraint, X), weights).describe()
+
+
+def choose_source(data: PosePairs | Motions, constraint: Constraint, prior: NoisePrior | None) -> NoiseSource:
+    """The residuals; for camera poses from corners the residuals beside the joint covariance that they come with."""
+    prior = NoisePrior() if prior is None else prior
     poses = data if isinstance(data, PosePairs) else data.poses
     if poses is not None and poses.camera_calibration is not None:
-        return _beside_corners(poses, prior, start, weights)
-    dof = 6.0 * (n if weights is None else float(weights.sum())) - (12 if on_poses else 6)
+        return BesideCamera(constraint, poses.camera_calibration.covariance, prior)
+    return FromResiduals(constraint, prior)
+
+
+def _require_freedom(constraint: Constraint, weights: Array | None) -> float:
+    """Residual degrees of freedom; raises `InputError` where there are none."""
+    dof = 6.0 * (constraint.n if weights is None else float(weights.sum())) - constraint.p
     if dof <= 0:
         raise InputError(
             f"Expected residuals to estimate the noise from, got {dof:g} degrees of freedom. Give more poses, or "
             "the noise."
         )
-    sides = ("robot", "camera") if on_poses else ("A", "B")
-    model, names = model_of(prior, sides)
-    X = None if start is None else as_transforms(start, "start", stack=False)
-    found = variance_components(data, model, start=X, weights=weights)
-    if names and found.exact.any():
-        return _exact(sides, found.exact, dof)
-    if not found.converged.all():
-        turn, shift = np.sqrt(found.rows.size)
-        raise NotConvergedError(
-            f"The noise components did not stand still; the residuals are {np.rad2deg(turn):.2g} deg and "
-            f"{shift * 1e3:.2g} mm (root mean square). If that is too much, look at the setup, at the pairing of the "
-            "poses and for outliers; or give the noise.",
-            found,
-        )
-    return _report(found, prior, model, names, sides, dof)
+    return dof
 
 
-def _beside_corners(poses: PosePairs, prior: NoisePrior, start: Array | None, weights: Array | None) -> NoiseEstimate:
-    """The robot's noise beside the joint covariance that the camera poses come with, which `noise` keeps whole."""
-    assert poses.camera_calibration is not None
-    whole = poses.camera_calibration.covariance
-    if weights is None or (weights == 1).all():
-        return estimate_robot_noise(poses, whole, prior, start=start)
-    kept = weights > 0
-    if (weights[kept] < 1).any():
-        raise InputError("Expected `weights` of 0 or 1 beside the joint covariance of camera poses, got others.")
-    found = estimate_robot_noise(poses.rows(kept), whole.rows(np.flatnonzero(kept)), prior, start=start)
-    assert isinstance(found.noise, PoseNoise)
-    return replace(found, noise=PoseNoise(found.noise.robot, whole))
+@dataclass(frozen=True, eq=False)
+class FromResiduals:
+    """The variance components of one data set; see the module."""
+
+    constraint: Constraint
+    prior: NoisePrior
+
+    @cached_property
+    def model(self) -> tuple[Model, tuple[str, ...]]:
+        """And the names of its unknown variances."""
+        return model_of(self.prior, self.constraint.sides)
+
+    def find(self, at: Unknowns, weights: Array | None = None) -> FoundComponents:
+        """The components near the unknowns; raises as `estimate_noise`."""
+        dof = _require_freedom(self.constraint, weights)
+        model, _ = self.model
+        found = variance_components(self.constraint, at, model, weights)
+        if not found.converged.all():
+            turn, shift = np.sqrt(found.rows.size)
+            raise NotConvergedError(
+                f"The noise components did not stand still; the residuals are {np.rad2deg(turn):.2g} deg and "
+                f"{shift * 1e3:.2g} mm (root mean square). If that is too much, look at the setup, at the pairing of "
+                "the poses and for outliers; or give the noise.",
+                found,
+            )
+        return FoundComponents(self, found, dof)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundComponents:
+    """Variances of one problem; `describe` adds intervals and words."""
+
+    source: FromResiduals
+    components: Components
+    dof: float
+
+    @property
+    def exact(self) -> bool:
+        """Whether residuals at rounding level leave nothing to estimate."""
+        return bool(self.source.model[1]) and bool(self.components.exact.any())
+
+    @cached_property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviation by side and kind: fixed, estimated, or half of a variance that is known as a sum only."""
+        model, names = self.source.model
+        state = self.components.state
+        v = np.zeros(0) if state is None else state.v
+        found: dict[str, float] = dict(zip(names, np.sqrt(v).tolist(), strict=True))
+        known: Iterator[float] = iter(self.source.prior.values.tolist())
+        parts = [(f"{side} {what}", next(known)) for side in self.source.constraint.sides for what in KINDS]
+        half = np.sqrt(0.5 * float((model.mixing @ v + model.offset)[2]))
+        return {name: found.get(name, half if np.isnan(value) else value) for name, value in parts}
+
+    @cached_property
+    def noise(self) -> Noise | None:
+        """Isotropic; None: the data are exact."""
+        if self.exact:
+            return None
+        sides = self.source.constraint.sides
+        kind = PoseNoise if self.source.constraint.item == "pose" else PairNoise
+        return kind(**{
+            side: np.diag(np.repeat([self.deviations[f"{side} {what}"] for what in KINDS], 3) ** 2) for side in sides
+        })  # fmt: skip
+
+    def describe(self) -> NoiseEstimate:
+        """Components with intervals and what can be said of them."""
+        return _exact(self) if self.exact else _report(self)
 
 
 def model_of(prior: NoisePrior, sides: tuple[str, str]) -> tuple[Model, tuple[str, ...]]:
@@ -201,12 +279,8 @@ def model_of(prior: NoisePrior, sides: tuple[str, str]) -> tuple[Model, tuple[st
     return Model(mixing, offset, np.array(means), np.array(deviations)), tuple(names)
 
 
-def variance_components(
-    data: PosePairs | Motions, model: Model, *, start: Array | None = None, weights: Array | None = None
-) -> Found:
-    """The estimates of `estimate_noise`; leading axes of the data are independent problems."""
-    constraint = constraint_of(data, None)
-    at = start_of(data, constraint, start)
+def variance_components(constraint: Constraint, at: Unknowns, model: Model, weights: Array | None = None) -> Components:
+    """The estimates of `estimate_noise`, linearised near the unknowns; leading axes are independent problems."""
     longest = [np.abs(T[..., :3, 3]).max() for T in (constraint.first, constraint.second)]
     least = ROUNDING * np.array([1.0, max(1e-300, *longest)])
     v: Array | None = None
@@ -216,7 +290,7 @@ def variance_components(
         if v is None:
             v = _first_guess(rows, model)
         if model.size == 0 or exact.any():
-            return Found(None, rows, at, exact, np.ones(exact.shape[:-1], dtype=bool))
+            return Components(None, rows, at, exact, np.ones(exact.shape[:-1], dtype=bool))
         state, reached = maximise(rows, model, v, gain=1e-4 if done == 0 else GAIN)
         known = np.where(model.known, np.maximum(v, 1e-300), 1.0)
         change = np.abs(state.v - v) / known / np.sqrt(np.diagonal(covariance_of(state), axis1=-2, axis2=-1))
@@ -225,7 +299,7 @@ def variance_components(
         if (done > 0 and converged.all()) or done == _ROUNDS - 1:
             break
         at = at.moved(state.data.step)
-    return Found(state, rows, at, exact, converged)
+    return Components(state, rows, at, exact, converged)
 
 
 def _first_guess(rows: Rows, model: Model) -> Array:
@@ -234,30 +308,31 @@ def _first_guess(rows: Rows, model: Model) -> Array:
     return np.asarray(np.where(model.known, np.exp(2.0 * model.log_mean), size @ model.mixing))
 
 
-def _exact(sides: tuple[str, str], exact: NDArray[np.bool_], dof: float) -> NoiseEstimate:
-    parts = [what for what, is_exact in zip(("rotation", "translation"), exact, strict=True) if is_exact]
+def _exact(found: FoundComponents) -> NoiseEstimate:
+    sides = found.source.constraint.sides
+    parts = [what for what, is_exact in zip(KINDS, found.components.exact, strict=True) if is_exact]
     components = tuple(
         Component(together(what, sides), unit, 0.0, 0.0, None, "exact" if what in parts else "not estimated")
         for what, unit in (("rotation", "rad"), ("translation", "m"))
     )
     findings = (Finding("noise_estimation.exact", "note", {"parts": parts}),)
-    return NoiseEstimate(None, components, findings, np.zeros(3), np.zeros((3, 3)), dof)
+    return NoiseEstimate(None, components, findings, np.zeros(3), np.zeros((3, 3)), found.dof)
 
 
-def _report(
-    found: Found, prior: NoisePrior, model: Model, names: tuple[str, ...], sides: tuple[str, str], dof: float
-) -> NoiseEstimate:
+def _report(found: FoundComponents) -> NoiseEstimate:
     """Components, noise and findings of one problem."""
-    known = dict(
-        zip([f"{side} {what}" for side in sides for what in ("rotation", "translation")], prior.values, strict=True)
-    )
-    if found.state is None:
+    prior, sides, (model, names) = found.source.prior, found.source.constraint.sides, found.source.model
+    state = found.components.state
+    known = dict(zip([f"{side} {what}" for side in sides for what in KINDS], prior.values, strict=True))
+    unfinished: list[str] = []
+    if state is None:
         v, covariance, low, high = np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0)
     else:
-        v = found.state.v
+        v = state.v
         by = np.where(model.known, v, 1.0)
-        covariance = by[:, None] * covariance_of(found.state) * by
-        low, high = intervals(found.rows, model, found.state, np.arange(len(names)))
+        covariance = by[:, None] * covariance_of(state) * by
+        low, high, reached = intervals(found.components.rows, model, state, np.arange(len(names)))
+        unfinished = [name for name, done in zip(names, reached.tolist(), strict=True) if not done]
     variances = model.mixing @ v + model.offset
     full = model.mixing @ covariance @ model.mixing.T
     parts: dict[str, Component] = {}
@@ -293,16 +368,14 @@ def _report(
     for name in translations:
         if name not in parts:
             parts[name] = Component(name, "m", float(np.sqrt(0.5)) * whole.value, 0.0, whole.high, "not told apart")
-    deviations = {side: (parts[f"{side} rotation"].value, parts[f"{side} translation"].value) for side in sides}
-    kind = PoseNoise if sides[0] == "robot" else PairNoise
-    noise: Noise = kind.isotropic(**deviations)
     order = [name for what in ("rotation", "translation")
              for name in (together(what, sides), *(f"{side} {what}" for side in sides))]  # fmt: skip
-    from .findings import noise_findings
-
     components = tuple(parts[name] for name in order)
     sheet = _from_data_sheet(parts, sides, covariance, dict(zip(names, range(len(names)), strict=True)), prior)
-    return NoiseEstimate(noise, components, noise_findings(parts, sides, rotation_told, sheet), variances, full, dof)
+    findings = noise_findings(parts, sides, rotation_told, sheet)
+    if unfinished:
+        findings += (Finding("noise_estimation.interval_too_wide", "caution", {"names": unfinished}),)
+    return NoiseEstimate(found.noise, components, findings, variances, full, found.dof)
 
 
 def _from_data_sheet(

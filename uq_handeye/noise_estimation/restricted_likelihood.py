@@ -50,6 +50,7 @@ QUANTILE = float(chdtri(1, 0.05))
 # The maximum is reached where the next step would gain less than this in the log-likelihood.
 GAIN = 1e-8
 MOST_STEPS = 60
+MOST_STEPS_OF_ENDS = 40
 _HALVINGS = 12
 # Of the expected information that is added to the curvature of a step, so that it is never singular.
 _SHARE = 0.02
@@ -357,10 +358,11 @@ def _move(state: State, known: NDArray[np.bool_], held: NDArray[np.bool_], shift
     return np.where(known & ~held, np.clip(move, -3.0, 3.0), move)
 
 
-def intervals(rows: Rows, model: Model, best: State, which: NDArray[np.intp]) -> tuple[Array, Array]:
-    """95 % intervals (..., k) of the variances ``which`` (k): profile of the restricted likelihood.
+def intervals(rows: Rows, model: Model, best: State, which: NDArray[np.intp]) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """95 % intervals (..., k) of the variances ``which`` (k), and whether both ends were found (..., k).
 
-    An end is where the deviance, all else at its best, has grown by QUANTILE.
+    An end is where the deviance of the restricted likelihood, all else at its best, has grown by QUANTILE. One that was
+    not found is the outer end of its bracket: the interval is then too wide, never too narrow.
 
     The lower end is 0 where the data cannot tell the variance from 0. Each end is a Newton iteration on the square root
     of the growth, by log v, in which the others move along; a bracket keeps it safe.
@@ -382,7 +384,8 @@ def intervals(rows: Rows, model: Model, best: State, which: NDArray[np.intp]) ->
     root = float(np.sqrt(QUANTILE))
     state, _ = maximise(wide, model, np.where(held, guess[..., None], v), held, gain=1e-2)
     last = np.full(held.shape[:-1], np.inf)
-    for _ in range(40):
+    finished = np.zeros(held.shape[:-1], dtype=bool)
+    for _ in range(MOST_STEPS_OF_ENDS):
         move = _move(state, known, held)
         gain = np.maximum((state.score * move).sum(axis=-1), 0.0)
         if (gain > 0.5).any():
@@ -415,7 +418,9 @@ def intervals(rows: Rows, model: Model, best: State, which: NDArray[np.intp]) ->
         moved = _moved(state.v, np.where(held, 0.0, move), known)
         guess = new
         state = state_of(wide, model, np.where(held, guess[..., None], moved))
-    return guess[..., :k], guess[..., k:]
+    else:
+        guess = np.where(finished, guess, np.where(upper, high, low))
+    return guess[..., :k], guess[..., k:], finished[..., :k] & finished[..., k:]
 
 
 def _variances(state: State) -> Array:

@@ -33,7 +33,7 @@ from scipy.special import ndtr
 from ..diagnostics.residual_patterns import RARE
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.se3 import Array
-from ..likelihood.consensus import NOTHING, consensus, misfit, robust_variance
+from ..likelihood.consensus import NOTHING, consensus, misfit, residual_noise, robust_variance
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, Fit, fit
 from ..likelihood.robust import FULL, pose_distances, robust_weights
@@ -135,10 +135,10 @@ def start(pairing: Pairing, offset: float, seed: int) -> Refined:
     found = pairing.interpolated(offset, rows)
     constraint = OnPoses(*pairing.poses(found, rows), pairing.inverted)
     agreed = consensus(constraint, None, seed)
-    assert isinstance(agreed.noise, PoseNoise)
-    begun = Refined(
-        offset, np.inf, np.inf, 1.0, agreed.unknowns, agreed.noise, False, agreed.inside, (offset, np.inf), 0.0, 0
-    )
+    agreed = consensus(constraint, None, seed)
+    noise = residual_noise(constraint, agreed.unknowns)
+    assert isinstance(noise, PoseNoise)
+    begun = Refined(offset, np.inf, np.inf, 1.0, agreed.unknowns, noise, False, agreed.inside, (offset, np.inf), 0.0, 0)
     improved = refine(pairing, begun, rows, None, strict=False)
     rows = thinned(pairing.rows_at(improved.offset), FOR_START)
     found = pairing.interpolated(improved.offset, rows)

@@ -70,7 +70,7 @@ ReportFile = Annotated[
 def calibrate_command(
     files: "PoseFiles",
     pictures: "Pictures | None",
-    noise: "Noise | None",
+    noise: "Noise | NoisePrior | None",
     prior: "NoisePrior | None",
     method: Annotated[
         str | None,
@@ -110,7 +110,7 @@ def calibrate_command(
         flag(
             "--robust/--no-robust",
             panel="Wrong detections",
-            help="Weight wrong detections down and name them. Left out: where the noise is estimated.",
+            help="Down-weight outliers and name them, or count all poses in full. Left out: down-weight from 5 poses.",
         ),
     ] = None,
     seed: Annotated[int, option("--seed", help="Seed of random subsets, bootstrap and cross-check.")] = 0,
@@ -147,8 +147,14 @@ def calibrate_command(
             raise InputError(f"{name} is about the report: give --report FILE, too.")
     if method is not None:
         method = one_of(method, "--method", METHODS)
-    poses, noise = files.read(noise, pictures)
     from ...calibration.calibrate import calibrate
+    from ...noise.estimate import NoisePrior
+
+    if isinstance(noise, NoisePrior):  # of one side: that of the other is estimated beside it
+        if prior is not None:
+            raise InputError("Give either the noise or, for noise that is to be estimated, a prior; not both.")
+        noise, prior = None, noise
+    poses, noise = files.read(noise, pictures)
 
     with timed("calibrating"):
         result = calibrate(

@@ -23,15 +23,16 @@ from ..options import (
 
 if TYPE_CHECKING:
     from ...comparison.result import Comparison
+    from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
 
 COMPARED = (*PUBLISHED, *ROBOT_WORLD)
 
 
-@made_of(noise=noise_of, files=PoseFiles)
+@made_of(given=noise_of, files=PoseFiles)
 def compare_command(
     files: "PoseFiles",
-    noise: "Noise | None",
+    given: "Noise | NoisePrior | None",
     methods: Annotated[
         str | None,
         option(
@@ -61,7 +62,7 @@ def compare_command(
         raise InputError("Give either --json or --csv, not both.")
     names = None if methods is None else methods_of(methods, "--methods", COMPARED)
     (base,) = methods_of(reference, "--reference", COMPARED, most=1)
-    poses, noise = files.read(noise)
+    poses, noise = files.read(given)
     from ...comparison.compare import compare
     from ...comparison.text import comparison_document
     from ...presentation.document import to_text

@@ -21,13 +21,14 @@ from .calibrate import REPORTS, ReportFile, write_report
 from .validate import INTERRUPTED, NOT_COMPLETE
 
 if TYPE_CHECKING:
+    from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
 
 
-@made_of(noise=noise_of, files=PoseFiles)
+@made_of(given=noise_of, files=PoseFiles)
 def cross_check_command(
     files: "PoseFiles",
-    noise: "Noise | None",
+    given: "Noise | NoisePrior | None",
     trials: Annotated[int, option("--trials", help="Monte Carlo trials of each method.")] = 10_000,
     posterior: Annotated[bool, flag("--posterior/--no-posterior", help="Sample the posterior too.")] = True,
     pairs: PairsOption = "all",
@@ -50,7 +51,7 @@ def cross_check_command(
     far (exit status 130); so does a run that lost its workers (exit status 1).
     """
     require_writable(report, "--report", REPORTS)
-    poses, noise = files.read(noise)
+    poses, noise = files.read(given)
     from ...io import write_files
     from ...validation.cross_check.run import cross_check
     from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND

@@ -10,15 +10,16 @@ from ..messages import timed
 from ..options import OUTPUT, JsonOption, emit, flag, made_of, option, require_writable
 
 if TYPE_CHECKING:
+    from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
 
 CRITERIA = ("trace", "logdet", "point")
 
 
-@made_of(noise=noise_of, files=PoseFiles)
+@made_of(given=noise_of, files=PoseFiles)
 def plan_command(
     files: "PoseFiles",
-    noise: "Noise | None",
+    given: "Noise | NoisePrior | None",
     k: Annotated[int, option("-k", "--count", help="How many poses to take next.")] = 5,
     candidates: Annotated[
         Path | None,
@@ -82,7 +83,7 @@ def plan_command(
     if point is not None and criterion != "point":
         raise InputError(f"--point goes with --criterion point, got --criterion {criterion}.")
     require_writable(output, "-o")
-    poses, noise = files.read(noise)
+    poses, noise = files.read(given)
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     rows = None if candidates is None else read_pose_file(candidates, files.both_units[0])[1]

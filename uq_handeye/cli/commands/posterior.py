@@ -9,15 +9,16 @@ from ..messages import progress_wanted, timed
 from ..options import JsonOption, emit, flag, folder_option, made_of, option
 
 if TYPE_CHECKING:
+    from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
 
 CHAIN = "chain.h5"
 
 
-@made_of(noise=noise_of, files=PoseFiles)
+@made_of(given=noise_of, files=PoseFiles)
 def posterior_command(
     files: "PoseFiles",
-    noise: "Noise | None",
+    given: "Noise | NoisePrior | None",
     pairs: Annotated[
         str,
         option(
@@ -62,7 +63,7 @@ def posterior_command(
     """
     if resume and output is None:
         raise InputError("--resume needs -o DIR, the folder of the run to go on with.")
-    poses, noise = files.read(noise)
+    poses, noise = files.read(given)
     from ...io import write_files
     from ...noise.models import PairNoise
     from ...validation.posterior.sample import sample_posterior

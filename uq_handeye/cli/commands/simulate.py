@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import InputError
-from ..inputs import noise_of
+from ..inputs import exact_beside, noise_of
 from ..options import SETUP_NAMES, emit, made_of, option
 
 if TYPE_CHECKING:
+    from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
 
 
@@ -18,7 +19,7 @@ MAX_POSES = 1_000_000  # about 1 GB of memory; more would end the machine's, not
 
 @made_of(noise=noise_of)
 def simulate_command(
-    noise: "Noise | None",
+    noise: "Noise | NoisePrior | None",
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write.")],
     n_poses: Annotated[int, typer.Option("--poses", "-n", help="Number of poses.")] = 20,
     setup: Annotated[
@@ -35,9 +36,12 @@ def simulate_command(
     """
     from ...geometry.frames import SETUPS
     from ...io import pose_text, write_files
+    from ...noise.estimate import NoisePrior
     from ...noise.models import PoseNoise
     from ...simulation.rig import simulate
 
+    if isinstance(noise, NoisePrior):  # nothing is drawn for the other side
+        noise = exact_beside(noise)
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     if seed < 0:

@@ -26,6 +26,7 @@ from ..options import (
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
     from ...validation.monte_carlo.run import MonteCarlo
 
@@ -33,10 +34,10 @@ if TYPE_CHECKING:
 INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
-@made_of(noise=noise_of, files=PoseFiles)
+@made_of(given=noise_of, files=PoseFiles)
 def validate_command(
     files: "PoseFiles",
-    noise: "Noise | None",
+    given: "Noise | NoisePrior | None",
     method: Annotated[
         list[str] | None,
         option(
@@ -111,13 +112,13 @@ def validate_command(
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
-    poses, noise = files.read(noise)
+    poses, noise = files.read(given)
     problem = problem_for(calibrated(poses, noise, pairs), poses, noise, pairs)
     if workers is None:
         workers = cores()
     if sweep_noise is not None:
-        given = {"--digits": digits, "--scheduler": scheduler, "-o": output, "--scale": scale}
-        for option, value in (*given.items(), ("--covariance each", covariance == "each" or None)):
+        others = {"--digits": digits, "--scheduler": scheduler, "-o": output, "--scale": scale}
+        for option, value in (*others.items(), ("--covariance each", covariance == "each" or None)):
             if value is not None:
                 raise InputError(f"--sweep-noise goes without {option}.")
         options = {"seed": seed, "pairs": pairs, **({} if trials is None else {"trials": trials})}
