@@ -18,7 +18,7 @@ from support import (
 )
 
 from uq_handeye.errors import InputError
-from uq_handeye.geometry import se3
+from uq_handeye.geometry import checks, se3
 
 EPS = np.finfo(float).eps
 # Through every branch: a log grid, both sides of the switch at 0.5, near pi, pi, and past it.
@@ -130,7 +130,7 @@ def test_block(rng):
 
 def test_entry_rows(rng):
     one, other = rng.normal(size=(3, 4, 4)), rng.normal(size=(2, 4, 4))
-    rows = se3.entry_rows(one, other)
+    rows = checks.entry_rows(one, other)
     np.testing.assert_array_equal(np.moveaxis(rows, 2, 0), np.concatenate([one, other]))
 
 
@@ -140,14 +140,14 @@ def test_entry_rows(rng):
 def test_accepts_arrays_lists_and_rigid_transforms(rng):
     T = random_transforms(rng, (2, 3))
     for value in (T, T.tolist(), RigidTransform.from_matrix(T)):
-        accepted = se3.as_transforms(value, "A")
+        accepted = checks.as_transforms(value, "A")
         assert accepted.dtype == np.float64
         np.testing.assert_allclose(accepted, T, rtol=0, atol=1e-14)
-    assert se3.as_transforms(T.astype(np.float32), "A").dtype == np.float64
-    assert se3.as_transforms(np.eye(4, dtype=int), "X", stack=False).dtype == np.float64
-    np.testing.assert_array_equal(se3.as_transforms(T[0, 0], "X", stack=False), T[0, 0])
-    np.testing.assert_array_equal(se3.as_transforms(T, "X", stack=False), T)
-    assert se3.as_transforms(np.empty((0, 4, 4)), "A").shape == (0, 4, 4)
+    assert checks.as_transforms(T.astype(np.float32), "A").dtype == np.float64
+    assert checks.as_transforms(np.eye(4, dtype=int), "X", stack=False).dtype == np.float64
+    np.testing.assert_array_equal(checks.as_transforms(T[0, 0], "X", stack=False), T[0, 0])
+    np.testing.assert_array_equal(checks.as_transforms(T, "X", stack=False), T)
+    assert checks.as_transforms(np.empty((0, 4, 4)), "A").shape == (0, 4, 4)
 
 
 def test_accepts_four_decimals_as_they_are(rng):
@@ -156,23 +156,23 @@ def test_accepts_four_decimals_as_they_are(rng):
     worst = np.abs(np.swapaxes(printed[:, :3, :3], 1, 2) @ printed[:, :3, :3] - np.eye(3)).max()
     assert worst > 5e-5  # far beyond rounding
     before = printed.copy()
-    np.testing.assert_array_equal(se3.as_transforms(printed, "A"), before)
+    np.testing.assert_array_equal(checks.as_transforms(printed, "A"), before)
 
 
 def test_refuses_three_decimals(rng):
     with pytest.raises(InputError, match=r"`A`\[\d+\] to hold a rotation, got a matrix that is not orthogonal"):
-        se3.as_transforms(random_transforms(rng, (500,), 0, np.pi).round(3), "A")
+        checks.as_transforms(random_transforms(rng, (500,), 0, np.pi).round(3), "A")
 
 
 def test_long_translations():
     """Up to 1e75, whose squares and their sums stay finite; no warnings on the way."""
     T = np.tile(np.eye(4), (3, 1, 1))
     T[:, 0, 3] = [1e74, -1e74, 0.5e75]
-    np.testing.assert_array_equal(se3.as_transforms(T, "A"), T)
+    np.testing.assert_array_equal(checks.as_transforms(T, "A"), T)
     for length in (1e77, 1e160, 1.7e308):
         T[1, 0, 3] = length
         with pytest.raises(InputError, match=r"translation of `A`\[1\]"):
-            se3.as_transforms(T, "A")
+            checks.as_transforms(T, "A")
 
 
 def spoiled(kind):
@@ -249,10 +249,10 @@ def test_refuses_and_says_which(rng, kind, message):
     bad = good.copy()
     bad[1, 2] = spoiled(kind)
     with np.errstate(invalid="ignore"), pytest.raises(InputError, match=message) as caught:
-        se3.as_transforms(bad, "robot")
+        checks.as_transforms(bad, "robot")
     assert "`robot`[1, 2]" in str(caught.value)
     with np.errstate(invalid="ignore"), pytest.raises(InputError, match=message) as caught:
-        se3.as_transforms(spoiled(kind), "X", stack=False)
+        checks.as_transforms(spoiled(kind), "X", stack=False)
     assert "`X`" in str(caught.value)
     assert "`X`[" not in str(caught.value)
 
@@ -261,7 +261,7 @@ def test_refuses_and_says_which(rng, kind, message):
 def test_refusals_raise_no_warning(kind):
     """Checked input must lead to one error, not to NumPy warnings on the way."""
     with pytest.raises(InputError):
-        se3.as_transforms(spoiled(kind)[None], "A")
+        checks.as_transforms(spoiled(kind)[None], "A")
 
 
 @pytest.mark.parametrize("size", [1e80, 1e155, 1e308])
@@ -271,7 +271,7 @@ def test_huge_numbers_are_refused_like_others(stack, entry, size):
     T = np.eye(4)
     T[entry] = size
     with pytest.raises(InputError, match="`A`"):
-        se3.as_transforms(T[None] if stack else T, "A", stack=stack)
+        checks.as_transforms(T[None] if stack else T, "A", stack=stack)
 
 
 @pytest.mark.parametrize(
@@ -293,34 +293,34 @@ def test_huge_numbers_are_refused_like_others(stack, entry, size):
 )
 def test_refuses_wrong_shapes_and_types(value, message):
     with pytest.raises(InputError, match=message):
-        se3.as_transforms(value, "A")
+        checks.as_transforms(value, "A")
 
 
 @pytest.mark.parametrize("extra", [-1, 0, 1])
 @pytest.mark.parametrize("kind", ["NaN in the translation", "sheared", "last row [0, 0, 0.001, 1]"])
 def test_chunk_boundaries(extra, kind):
     """The bad matrix in the last place, the only one of its chunk for extra = 1; and in the first place."""
-    n = se3.CHUNK + extra
+    n = checks.CHUNK + extra
     T = np.tile(np.eye(4), (n, 1, 1))
-    np.testing.assert_array_equal(se3.as_transforms(T, "A"), T)
+    np.testing.assert_array_equal(checks.as_transforms(T, "A"), T)
     for bad in (0, n - 1):
         T[bad] = spoiled(kind)
         with pytest.raises(InputError, match=rf"`A`\[{bad}\]"):
-            se3.as_transforms(T, "A")
+            checks.as_transforms(T, "A")
         T[bad] = np.eye(4)
     batch = np.tile(np.eye(4), (3, n, 1, 1))
     batch[2, n - 1] = spoiled(kind)
     with pytest.raises(InputError, match=rf"`A`\[2, {n - 1}\]"):
-        se3.as_transforms(batch, "A")
+        checks.as_transforms(batch, "A")
 
 
 def test_errors_cannot_hide_in_a_crowd(rng):
     """The quick look sums over a chunk: deviations of opposite sign must not cancel."""
-    T = random_transforms(rng, (se3.CHUNK,))
+    T = random_transforms(rng, (checks.CHUNK,))
     T[5, :3, :3] *= 1.001
     T[7, :3, :3] /= 1.001
     with pytest.raises(InputError, match=r"`A`\[5\]"):
-        se3.as_transforms(T, "A")
+        checks.as_transforms(T, "A")
 
 
 # --------------------------------------------------------------------------------------- surely_transforms
@@ -346,9 +346,9 @@ def stretched(seed, exponent, constant_volume):
 def test_what_surely_passes_is_a_rotation(seed, exponent, constant_volume):
     """Sufficient: |R|^2 = 3 and det R = 1 to 1e-9 leave no stretch above the tolerance, at any volume."""
     R = stretched(seed, exponent, constant_volume)
-    passed = se3.surely_transforms(se3.entry_rows(transforms(R, np.ones(3))[None]))
+    passed = checks.surely_transforms(checks.entry_rows(transforms(R, np.ones(3))[None]))
     deviation = np.abs(R.T @ R - np.eye(3)).max()
-    assert not passed or deviation < se3.ORTHOGONALITY_TOLERANCE
+    assert not passed or deviation < checks.ORTHOGONALITY_TOLERANCE
     # and what the docstring says about its reach: |E|^2 is of the order of 1e-9 at most
     assert not passed or deviation < 1e-4
 
@@ -356,7 +356,7 @@ def test_what_surely_passes_is_a_rotation(seed, exponent, constant_volume):
 def test_surely_is_neither_empty_nor_blind():
     def judged(exponent, constant_volume):
         return [
-            se3.surely_transforms(se3.entry_rows(transforms(stretched(k, exponent, constant_volume), 0)[None]))
+            checks.surely_transforms(checks.entry_rows(transforms(stretched(k, exponent, constant_volume), 0)[None]))
             for k in range(50)
         ]
 
@@ -371,4 +371,4 @@ def test_surely_refuses_what_is_no_rotation():
     for kind in SPOILED:
         if "translation" not in kind:
             with np.errstate(invalid="ignore"):
-                assert not se3.surely_transforms(se3.entry_rows(spoiled(kind)[None])), kind
+                assert not checks.surely_transforms(checks.entry_rows(spoiled(kind)[None])), kind

@@ -22,6 +22,7 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.geometry.checks import CHUNK
+from uq_handeye.procrustes import finite_scale
 from uq_handeye.procrustes import limit as procrustes
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -373,7 +374,7 @@ def test_finite_scale_is_the_paper(rng, scale, sd):
 def test_octonion_is_the_paper(rng, scale):
     """sigma before any remapping, at a d so small that every term in 1/d counts."""
     _, A, B = noisy_motions(rng, 20, 0.05)
-    sigma = procrustes.solve_scaled(A, B, scale).sigma
+    sigma = finite_scale.solve_scaled(A, B, scale).sigma
     R4, _ = paper_route(A, B, scale)
     np.testing.assert_allclose(np.linalg.norm(sigma[:4]), np.sqrt(0.5), rtol=1e-14)
     np.testing.assert_allclose(np.linalg.norm(sigma[4:]), np.sqrt(0.5), rtol=1e-14)
@@ -384,7 +385,7 @@ def test_octonion_is_the_paper(rng, scale):
 def test_pseudo_inverses(rng):
     """What the covariance needs: (F - lambda I)^+ annihilates q and inverts beside it."""
     _, A, B = noisy_motions(rng, 20, 0.05, (3,))
-    solution = procrustes.solve_scaled(A, B, 10.0)
+    solution = finite_scale.solve_scaled(A, B, 10.0)
     for k in range(3):
         F11 = np.zeros((4, 4))
         for a, b in zip(A[k], B[k], strict=True):
@@ -909,7 +910,7 @@ def test_maps_and_back(rng, mapping, sign, order):
 
 def test_maps_refuse(rng):
     T = random_transforms(rng)
-    for call in (uq.so4_from_se3, uq.se3_from_so4, procrustes.octonion):
+    for call in (uq.so4_from_se3, uq.se3_from_so4, finite_scale.octonion):
         for scale in (0, -1, np.nan, np.inf):
             with pytest.raises(uq.InputError, match="`scale` to be a positive number"):
                 call(T, scale)
@@ -930,7 +931,7 @@ def test_maps_refuse(rng):
 def test_octonion(rng, scale):
     """R_L(q_L) R_R(q_R) is the rotation on SO(4) nearest to the F2 image, hence the image to |t|^2/d^2."""
     X = random_transforms(rng, (4, 25), 0, np.pi)
-    sigma = procrustes.octonion(X, scale)
+    sigma = finite_scale.octonion(X, scale)
     np.testing.assert_allclose(np.sum(sigma[..., :4] ** 2, axis=-1), 0.5, rtol=1e-14)
     np.testing.assert_allclose(np.sum(sigma[..., 4:] ** 2, axis=-1), 0.5, rtol=1e-14)
     R4 = 2 * left_matrix(sigma[..., :4]) @ right_matrix(sigma[..., 4:])
@@ -946,5 +947,5 @@ def test_octonion_is_that_of_the_solution(rng):
     """The octonion of X is sigma of Problem 2, sign and all, up to 1/d^2."""
     _, A, B = noisy_motions(rng, 10, 0.02, (30,))
     for scale in (1e2, 1e3):
-        solution = procrustes.solve_scaled(A, B, scale)
-        np.testing.assert_allclose(procrustes.octonion(solution.X, scale), solution.sigma, rtol=0, atol=20 / scale**2)
+        solution = finite_scale.solve_scaled(A, B, scale)
+        np.testing.assert_allclose(finite_scale.octonion(solution.X, scale), solution.sigma, rtol=0, atol=20 / scale**2)

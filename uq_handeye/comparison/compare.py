@@ -188,7 +188,7 @@ def _row(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | Non
         except NotConvergedError as error:
             row = replace(_reached(row, error, motions), failure=_sentence(error), converged=False)
         except DegenerateMotionError as error:
-            row = replace(_undetermined(row, error), failure=_sentence(error, method.name))
+            row = replace(_undetermined(row, error), failure=_sentence(error))
         except MissingExtraError as error:
             row = replace(row, failure=_sentence(error))
         except InputError as error:
@@ -275,11 +275,10 @@ def _undetermined(row: Row, error: DegenerateMotionError) -> Row:
         return row
 
 
-def _sentence(error: Exception, method: str = "4dpa") -> str:
-    """What went wrong, in words for a table: nothing to call from Python, and no other method in the row of this."""
+def _sentence(error: Exception) -> str:
+    """What went wrong, in words for a table: nothing to call from Python."""
     sentences = re.split(r"(?<=[.!?])\s+", " ".join(str(error).split()))
-    text = " ".join(sentence for sentence in sentences if "METHODS[" not in sentence) or type(error).__name__
-    return text if method == "4dpa" else text.replace("4DPA sees neither", "They show neither")
+    return " ".join(sentence for sentence in sentences if "METHODS[" not in sentence) or type(error).__name__
 
 
 def _seconds(function: Callable[[], object]) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..geometry.se3 import Array, skew
-from ..procrustes.limit import DEGENERATE, NO_ROTATION
+from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
 from .common.axes import Signs, quaternions
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver

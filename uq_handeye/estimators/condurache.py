@@ -18,7 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.se3 import Array
-from ..procrustes.limit import DEGENERATE, NO_ROTATION, solve_moments
+from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
+from ..procrustes.limit import solve_moments
 from .common.axes import Signs, quaternions, rotation_vectors, twists
 from .common.method import Estimate, Method, closed_form, require
 from .common.moments import Factors, Moments, MomentSolver

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.se3 import Array, skew
-from ..procrustes.limit import DEGENERATE, NO_ROTATION
+from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
 from .common.axes import Signs, dual_quaternions, pose_of, quaternions
 from .common.method import Estimate, Method, closed_form, require
 from .common.moments import Factors, Moments, MomentSolver

@@ -37,7 +37,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import MissingExtraError
 from ..geometry.se3 import Array
-from ..procrustes.limit import DEGENERATE
+from ..procrustes.degeneracy import DEGENERATE
 from .common.axes import dual_quaternions, left_matrix, pose_of
 from .common.method import Estimate, Method, require
 from .common.moments import Moments, MomentSolver

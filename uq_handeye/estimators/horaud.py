@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..geometry.se3 import Array
-from ..procrustes.limit import DEGENERATE, NO_ROTATION
+from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
 from .common.axes import Signs, left_matrix, quaternions, right_matrix
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver

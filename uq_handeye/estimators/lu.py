@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.se3 import Array
-from ..procrustes.limit import DEGENERATE, NO_ROTATION
+from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
 from .common.axes import Signs, dual_quaternions, left_matrix, pose_of, quaternions, right_matrix
 from .common.method import Estimate, Method, closed_form, require
 from .common.moments import Factors, Moments, MomentSolver

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array
-from ..procrustes.limit import DEGENERATE, NO_ROTATION
+from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
 from .common.axes import Signs, quaternions, rotation_vectors
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.se3 import Array
-from ..procrustes.limit import DEGENERATE
+from ..procrustes.degeneracy import DEGENERATE
 from .common.linear import right_handed
 from .common.method import require
 from .common.robot_world import RobotWorld, RobotWorldMethod, result_of, sums, translations

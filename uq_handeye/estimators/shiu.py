@@ -17,7 +17,7 @@ import numpy as np
 
 from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array, skew
-from ..procrustes.limit import DEGENERATE
+from ..procrustes.degeneracy import DEGENERATE
 from .common.axes import Signs, quaternions, unit_axes
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver

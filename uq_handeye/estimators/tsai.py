@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..geometry.se3 import Array, vee
-from ..procrustes.limit import NO_ROTATION
+from ..procrustes.degeneracy import NO_ROTATION
 from .common.axes import Signs, quaternions
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver

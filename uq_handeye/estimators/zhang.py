@@ -30,7 +30,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.se3 import Array
-from ..procrustes.limit import DEGENERATE
+from ..procrustes.degeneracy import DEGENERATE
 from .common.method import Estimate, Method, require
 from .common.moments import Moments, MomentSolver
 from .heller import in_units, nearby, scaled_gram

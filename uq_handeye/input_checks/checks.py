@@ -18,7 +18,7 @@ from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import median, pose_residuals, rotation_angles
-from ..procrustes.limit import DEGENERATE, infinite_directions
+from ..procrustes.degeneracy import DEGENERATE, infinite_directions
 from .misread_files import EXACT, LARGE_ROTATION, other_readings, scaled_reading
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,

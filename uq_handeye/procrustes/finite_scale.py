@@ -14,7 +14,8 @@ from ..errors import DegenerateMotionError, InputError
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array
-from .limit import DEGENERATE, as_pairs, pair_blocks, solve_limit, trial_blocks
+from .degeneracy import DEGENERATE
+from .limit import as_pairs, pair_blocks, solve_limit, trial_blocks
 
 _EYE4 = np.eye(4)
 

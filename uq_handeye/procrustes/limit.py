@@ -24,20 +24,16 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice, product
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
-from ..errors import DegenerateMotionError, InputError
+from ..errors import InputError
 from ..geometry.checks import CHUNK, as_numbers, as_transforms, entry_rows, surely_transforms
 from ..geometry.se3 import Array
 from ..runtime.workspace import scratch
+from .degeneracy import are_determined, raise_undetermined
 
-# Below this ratio of the eigenvalues of M (squared spread of the rotation axes, rad^2) the smallest one is
-# rounding of the input: 1e-10 is a spread of 1e-5 rad.
-DEGENERATE = 1e-10
-# Total weight 4 sum |u| |v| below which there is no rotation at all (rad^2 per pair).
-NO_ROTATION = 1e-14
 # Pairs from which on a second thread pays for itself.
 PARALLEL_PAIRS = 50_000
 
@@ -109,9 +105,9 @@ def solve_moments(moments: Array, N: int) -> Array:
     s[..., 2] *= sign
     # H R^T = U S U^T with the signed S, hence M = U diag(s2 + s3, s1 + s3, s1 + s2) U^T.
     eigenvalues = np.add.reduce(s, axis=-1, keepdims=True) - s
-    largest = eigenvalues[..., 2]
-    if not ((largest > NO_ROTATION * N) & (eigenvalues[..., 0] > DEGENERATE * largest)).all():
-        _raise_undetermined(U, s, eigenvalues, N)
+    if not (determined := are_determined(eigenvalues[..., 0], eigenvalues[..., 2], N)).all():
+        where = tuple(int(i) for i in np.argwhere(~determined)[0])
+        raise_undetermined(U[where], s[where], eigenvalues[where], N, where, half_turns_count=False)
     M_inverse = (U / eigenvalues[..., None, :]) @ U.mT
     X = np.zeros((*H.shape[:-2], 4, 4))
     R = X[..., :3, :3]
@@ -121,46 +117,6 @@ def solve_moments(moments: Array, N: int) -> Array:
     P = K @ R.mT
     np.matmul(M_inverse, _AXIAL @ P.reshape(*P.shape[:-2], 9, 1), out=X[..., :3, 3:])
     return X
-
-
-def _raise_undetermined(U: Array, s: Array, eigenvalues: Array, N: int) -> NoReturn:
-    """Say which directions of X the eigenvalues of M, in the basis U, leave open."""
-    largest = eigenvalues[..., 2]
-    determined = (largest > NO_ROTATION * N) & (eigenvalues[..., 0] > DEGENERATE * largest)
-    where: tuple[int, ...] = tuple(int(i) for i in np.argwhere(~determined)[0])
-    at = f" (problem {where})" if where else ""
-    if not largest[where] > NO_ROTATION * N:
-        raise DegenerateMotionError(
-            f"The motions do not determine X{at}: none of them rotates by an angle other than 0 or 180 degrees. "
-            "Neither the rotation nor the translation of X is observable. Move the robot so that it turns about "
-            "at least two different axes, by 30 to 150 degrees.",
-            np.eye(6),
-        )
-    lost = U[where].T[eigenvalues[where] <= DEGENERATE * largest[where]]
-    axes = " and ".join(_direction(axis) for axis in lost)
-    if s[where][1] <= DEGENERATE * s[where][0]:
-        message = (
-            f"The motions do not determine X{at}: all rotation axes are parallel to {axes} in the frame of `A`. "
-            "4DPA sees neither the rotation of X about this axis nor its translation along it, and the rest of the "
-            "translation follows that rotation. Add motions that turn about another axis."
-        )
-    else:
-        message = (
-            f"The motions do not determine X{at}: the rotation axes of `A` are those of `B` mirrored, which fits no "
-            f"rotation better than another about {axes}. One of the two is left-handed or inverted."
-        )
-    raise DegenerateMotionError(message, infinite_directions(lost))
-
-
-def infinite_directions(axes: Array) -> Array:
-    """Rotation about and translation along each axis (k, 3), as unit vectors (2k, 6) of (theta, tau)."""
-    zero = np.zeros_like(axes)
-    return np.vstack([np.hstack([axes, zero]), np.hstack([zero, axes])])
-
-
-def _direction(axis: Array) -> str:
-    sign = -1.0 if axis[np.argmax(np.abs(axis))] < 0 else 1.0
-    return "(" + ", ".join(f"{x:.3f}" for x in np.round(sign * axis, 3) + 0.0) + ")"
 
 
 def _moments(A: Array, B: Array, checked: bool) -> Array:

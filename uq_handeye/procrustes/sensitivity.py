@@ -32,8 +32,9 @@ from ..errors import DegenerateMotionError
 from ..geometry.checks import entry_rows, surely_transforms
 from ..geometry.se3 import Array, skew
 from ..runtime.workspace import scratch
+from .degeneracy import DEGENERATE, NO_ROTATION, are_determined, infinite_directions, name_axis
 from .finite_scale import Scaled, octonion
-from .limit import DEGENERATE, NO_ROTATION, Suspicious, infinite_directions
+from .limit import Suspicious
 
 _EYE = np.eye(3)
 
@@ -111,8 +112,7 @@ def weight_of_sums(G: Array, h_theta: Array, N: int) -> Array:
     # M = tr(G) I - sym(G) has the eigenvectors of sym(G).
     values, vectors = np.linalg.eigh(0.5 * (G + G.mT))
     values = np.add.reduce(values, axis=-1, keepdims=True) - values  # descending
-    determined = (values[:, 0] > NO_ROTATION * N) & (values[:, 2] > DEGENERATE * values[:, 0])
-    if not determined.all():
+    if not (determined := are_determined(values[:, 2], values[:, 0], N)).all():
         trial = int(np.argmin(determined))
         lost = values[trial] <= max(DEGENERATE * values[trial, 0], NO_ROTATION * N)
         _raise_infinite(vectors[trial].T[lost])
@@ -124,7 +124,7 @@ def weight_of_sums(G: Array, h_theta: Array, N: int) -> Array:
 
 
 def _raise_infinite(axes: Array) -> NoReturn:
-    named = " and ".join(str(np.round(axis, 3).tolist()) for axis in axes)
+    named = " and ".join(name_axis(axis) for axis in axes)
     raise DegenerateMotionError(
         "The motions do not determine X, or `X` does not belong to them: the variance of its rotation about, and of "
         f"its translation along, {named} in the frame of `A` is infinite.",

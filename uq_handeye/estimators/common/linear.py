@@ -21,7 +21,7 @@ import numpy as np
 
 from ...geometry.nearest_rotation import orthonormalise
 from ...geometry.se3 import Array, vee
-from ...procrustes.limit import DEGENERATE
+from ...procrustes.degeneracy import DEGENERATE
 from .method import require
 
 # Ratio of the eigenvalues of the normal equations, scaled to equal diagonals, below which the least is rounding.

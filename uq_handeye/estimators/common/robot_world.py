@@ -17,7 +17,7 @@ from ...errors import InputError
 from ...geometry.se3 import Array, inverse, inverse_jacobian
 from ...poses.motions import relative_motions
 from ...poses.pose_pairs import PosePairs
-from ...procrustes.limit import DEGENERATE
+from ...procrustes.degeneracy import DEGENERATE
 from .axes import Signs
 from .method import Estimate, closed_form, explained, require
 from .moments import Factors, Moments, MomentSolver

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...geometry.se3 import Array
-from ...procrustes.limit import DEGENERATE
+from ...procrustes.degeneracy import DEGENERATE
 from .method import Estimate, closed_form, require
 
 _EYE = np.eye(3)

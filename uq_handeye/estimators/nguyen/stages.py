@@ -7,13 +7,13 @@ over to `translation_stage`.
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple, NoReturn
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...errors import DegenerateMotionError, InputError
+from ...errors import InputError
 from ...geometry.nearest_rotation import orthonormalise
 from ...geometry.packed3x3 import (
     EYE,
@@ -35,7 +35,7 @@ from ...geometry.packed3x3 import (
 )
 from ...geometry.se3 import Array, vee
 from ...noise.models import PairNoise
-from ...procrustes.limit import DEGENERATE, NO_ROTATION, infinite_directions
+from ...procrustes.degeneracy import are_determined, raise_undetermined
 from .descent import PUBLISHED_ROTATION, PUBLISHED_TRANSLATION, Descent, Rule
 
 CrossTerm = Literal["derived", "published"]
@@ -157,36 +157,11 @@ def starting_rotation(data: Measured, first: int, batch: tuple[int, ...]) -> Arr
     s[:, 2] *= sign
     eigenvalues = s.sum(axis=-1, keepdims=True) - s  # of the information matrix, in the basis U, ascending
     N = data.alpha.shape[-1]
-    largest = eigenvalues[:, 2]
-    determined = (largest > NO_ROTATION * N) & (eigenvalues[:, 0] > DEGENERATE * largest)
-    if not determined.all():
+    if not (determined := are_determined(eigenvalues[:, 0], eigenvalues[:, 2], N)).all():
         k = int(np.argmin(determined))
         index = tuple(int(i) for i in np.unravel_index(first + k, batch)) if batch else ()
-        _raise_undetermined(U[k], s[k], eigenvalues[k], N, f" (problem {index})" if index else "")
+        raise_undetermined(U[k], s[k], eigenvalues[k], N, index, half_turns_count=True)
     return np.asarray(U @ Vt)
-
-
-def _raise_undetermined(U: Array, s: Array, eigenvalues: Array, N: int, at: str) -> NoReturn:
-    if not eigenvalues[2] > NO_ROTATION * N:
-        raise DegenerateMotionError(
-            f"The motions do not determine X{at}: none of them rotates. Neither the rotation nor the translation of X "
-            "is observable. Move the robot so that it turns about at least two different axes.",
-            np.eye(6),
-        )
-    lost = U.T[eigenvalues <= DEGENERATE * eigenvalues[2]]
-    axes = " and ".join(str((np.round(axis, 3) + 0.0).tolist()) for axis in lost)
-    if s[1] <= DEGENERATE * s[0]:
-        message = (
-            f"The motions do not determine X{at}: all rotation axes are parallel to {axes} in the frame of `A`. "
-            "Neither the rotation of X about this axis nor its translation along it is observable. Add motions that "
-            "turn about another axis."
-        )
-    else:
-        message = (
-            f"The motions do not determine X{at}: the rotation axes of `A` are those of `B` mirrored, or turns by 180 "
-            f"degrees about axes of either sign, and no rotation about {axes} fits better than another."
-        )
-    raise DegenerateMotionError(message, infinite_directions(lost))
 
 
 class Turn(NamedTuple):
