@@ -1,1 +1,3 @@
 """Is the covariance consistent: by simulation."""
+
+from . import sentences as sentences

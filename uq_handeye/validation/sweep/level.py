@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import gammainc, gammaincinv
 
 from ...errors import InputWarning, NotConvergedError
+from ...findings import Finding
 from ...geometry.se3 import Array
 from ...likelihood.constraint import covariances_of
 from ...runtime.read_only import ReadOnlyArrays
@@ -35,14 +36,19 @@ class Verdict(ReadOnlyArrays):
     """One covariance against the trials at one level of noise."""
 
     kind: str  # one of KINDS
-    covariance: Array | None  # (6, 6), about the truth; None: there is none, `reason` says why
+    covariance: Array | None  # (6, 6), about the truth; None: there is none, `failure` says why
     consistency: Consistency | None
-    reason: str | None  # why it fails; None: it holds
+    failure: Finding | None  # why it fails; None: it holds
 
     @property
     def holds(self) -> bool:
         """See the module."""
-        return self.reason is None
+        return self.failure is None
+
+    @property
+    def reason(self) -> str | None:
+        """Why it fails, in words."""
+        return None if self.failure is None else str(self.failure)
 
     @property
     def mean_nees(self) -> Array | None:
@@ -135,35 +141,42 @@ def level_at(task: Task) -> Level:
             second = judged(KINDS[1], errors, ok, sigma_points_of(problem, seed=task.seed).mean_square, task.tolerance)
         except NotConvergedError as error:
             points = error.partial
-            share = "All" if points is None else f"{points.failures} of {points.evaluations}"
-            second = Verdict(KINDS[1], None, None, f"{share} sigma points give no X.")
+            failures, evaluations = (None, None) if points is None else (points.failures, points.evaluations)
+            values = {"failures": failures, "evaluations": evaluations}
+            second = Verdict(KINDS[1], None, None, Finding("sweep.no_sigma_points", "failure", values))
     return Level(task.factor, first, second)
 
 
 def judged(kind: str, errors: Array, ok: Any, covariance: Array, tolerance: float) -> Verdict:
     """Errors (m, 6) of trials, where they are ok (m,), against a covariance about the truth."""
     found = consistency(Sums.of(errors, ok, covariance), covariance, CONFIDENCE)
-    return Verdict(kind, covariance, found, _reason(found, tolerance))
+    return Verdict(kind, covariance, found, find_failure(found, tolerance))
 
 
-def _reason(c: Consistency, tolerance: float) -> str | None:
+def find_failure(c: Consistency, tolerance: float) -> Finding | None:
     """Why a covariance fails; None: it does not."""
     if c.many_failed:
-        return f"{c.failures} of {c.trials} trials give no X."
+        return Finding("sweep.no_estimate", "failure", {"failures": c.failures, "trials": c.trials})
     assert c.mean_nees is not None and c.nees_interval is not None
     assert c.coverage is not None and c.coverage_interval is not None
-    sizes, shares = [], []
+    sizes: list[tuple[float, str, float]] = []  # how far off, part, ratio
+    shares: list[tuple[float, str, float]] = []
     for k, (part, size) in enumerate(zip(PARTS, SIZES, strict=True)):
         ratio, (low, high) = math.sqrt(c.mean_nees[k] / size), c.nees_interval[k]
-        of = "" if part == "joint" else f"{part} "
         if not 1 / (1 + tolerance) <= ratio <= 1 + tolerance and not low <= c.mean_nees[k] <= high:
-            sizes.append((abs(math.log(ratio)), f"The {of}errors are {ratio:.3g} times as large as predicted."))
-        share, (low, high) = c.coverage[k, _AT_95], c.coverage_interval[k, _AT_95]
+            sizes.append((abs(math.log(ratio)), part, ratio))
+        share, (low, high) = float(c.coverage[k, _AT_95]), c.coverage_interval[k, _AT_95]
         fewest, most = coverage_limits(size, tolerance)
         if not fewest <= share <= most and not low <= LEVELS[_AT_95] <= high:
             off = abs(math.log(share / (1 - share) / 19)) if 0 < share < 1 else math.inf
-            shares.append((off, f"The 95 % ellipsoid holds {100 * share:.3g} % of the {of}errors."))
-    return None if not (said := sizes or shares) else max(said)[1]
+            shares.append((off, part, share))
+    if sizes:
+        _, part, ratio = max(sizes)
+        return Finding("sweep.size", "failure", {"part": part, "ratio": ratio})
+    if shares:
+        _, part, share = max(shares)
+        return Finding("sweep.coverage", "failure", {"part": part, "share": share})
+    return None
 
 
 def coverage_limits(size: int, tolerance: float) -> tuple[float, float]:
@@ -187,6 +200,7 @@ def level_dict(level: Level) -> dict[str, Any]:
         row[kind] = {
             "holds": one.holds,
             "reason": one.reason,
+            "failure": None if one.failure is None else one.failure.to_dict(),
             "mean_nees": None if one.mean_nees is None else one.mean_nees.tolist(),
             "nees_interval": None
             if one.consistency is None or one.consistency.nees_interval is None

@@ -48,9 +48,9 @@ def verdict(found: MethodSweep) -> str:
     if own.first_order.holds:
         said = [f"{found.method}: first order holds {_reach(found, first)}; {_margin(first)}."]
         if first.fails is not None:
-            said.append(f"Beyond, it fails: {_lower(found.at(first.fails).first_order.reason)}")
+            said.append(f"Beyond, it fails. {found.at(first.fails).first_order.failure}")
     else:
-        said = [f"{found.method}: your noise is outside of first order. {own.first_order.reason}"]
+        said = [f"{found.method}: your noise is outside of first order. {own.first_order.failure}"]
         if first.holds is not None:
             said.append(f"First order holds {_reach(found, first)}.")
     if own.sigma_points.holds and first.fails is not None:
@@ -58,9 +58,9 @@ def verdict(found: MethodSweep) -> str:
         said.append(f"{use} {_reach(found, second)}.")
         if second.fails is not None:
             level = found.at(second.fails)
-            said.append(f"Beyond, neither holds: {_lower(level.sigma_points.reason)} {_why(level)}".rstrip())
+            said.append(f"Beyond, neither holds. {level.sigma_points.failure} {_why(level)}".rstrip())
     elif not own.sigma_points.holds:
-        said.append(f"Sigma points do not hold at your noise: {_lower(own.sigma_points.reason)} {_why(own)}".rstrip())
+        said.append(f"Sigma points do not hold at your noise. {own.sigma_points.failure} {_why(own)}".rstrip())
         if not own.first_order.holds:
             said.append("Reduce the noise, take more data, or use another method.")
     if own.heavy and own.sigma_points.holds and own.sigma_points.coverage is not None:
@@ -117,10 +117,6 @@ def _why(level: Level) -> str:
     if level.bias is not None and level.bias > BIASED:
         return f"X is biased by {level.bias:.2f} standard deviations."
     return ""
-
-
-def _lower(text: str | None) -> str:
-    return "" if not text else text[0].lower() + text[1:]
 
 
 def _table(found: MethodSweep) -> Table:
