@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import MissingExtraError
+from ...findings import Finding
 from ...geometry.se3 import Array
 from ...runtime.read_only import ReadOnlyArrays
 
@@ -44,38 +45,38 @@ class PosteriorDiagnostics(ReadOnlyArrays):
     asked: int  # effective samples
 
     @property
-    def faults(self) -> tuple[str, ...]:
-        """What is not fulfilled, in words; empty if the chain has converged."""
+    def findings(self) -> tuple[Finding, ...]:
+        """What is not fulfilled; empty if the chain has converged."""
         found = []
-        tau = self.autocorrelation_time
-        if not (self.steps >= LENGTHS * tau).all():
-            longest = "unknown" if np.isnan(tau).any() else f"{tau.max():.3g} steps"
-            found.append(f"the chain of {self.steps} steps is shorter than {LENGTHS} autocorrelation times ({longest})")
+        values: dict[str, Any]
+        longest = float(self.autocorrelation_time.max())  # NaN if any is
+        if not self.steps >= LENGTHS * longest:
+            values = {"steps": self.steps, "lengths": LENGTHS, "autocorrelation_time": _known(longest)}
+            found.append(Finding("posterior.short_chain", "failure", values))
         if not (self.r_hat < LONGEST_R_HAT).all():
-            found.append(
-                f"split R-hat is {_worst(self.r_hat, np.argmax)} ({self._named(self.r_hat, np.argmax)}), "
-                f"not below {LONGEST_R_HAT}"
-            )
-        for values, what in ((self.ess_bulk, "bulk"), (self.ess_tail, "tail")):
-            if not (values >= self.asked).all():
-                found.append(
-                    f"there are {_worst(values, np.argmin)} effective samples in the {what} of "
-                    f"{self._named(values, np.argmin)}, not {self.asked}"
-                )
+            k = int(np.argmax(self.r_hat))  # that of a NaN if there is one
+            values = {"name": self.names[k], "r_hat": _known(self.r_hat[k]), "limit": LONGEST_R_HAT}
+            found.append(Finding("posterior.r_hat", "failure", values))
+        for effective, part in ((self.ess_bulk, "bulk"), (self.ess_tail, "tail")):
+            if not (effective >= self.asked).all():
+                k = int(np.argmin(effective))
+                values = {"part": part, "name": self.names[k], "effective": _known(effective[k]), "asked": self.asked}
+                found.append(Finding("posterior.few_samples", "failure", values))
         return tuple(found)
 
     @property
-    def converged(self) -> bool:
-        return not self.faults
+    def faults(self) -> tuple[str, ...]:
+        """The same in words."""
+        return tuple(map(str, self.findings))
 
-    def _named(self, values: Array, which: Any) -> str:
-        unknown = np.isnan(values)
-        return self.names[int(np.argmax(unknown) if unknown.any() else which(values))]
+    @property
+    def converged(self) -> bool:
+        return not self.findings
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; None for what is not known."""
         arrays = {
-            name: [None if np.isnan(x) else float(x) for x in getattr(self, name)]
+            name: [_known(x) for x in getattr(self, name)]
             for name in ("autocorrelation_time", "r_hat", "ess_bulk", "ess_tail")
         }
         numbers = {name: getattr(self, name) for name in ("acceptance", "walkers", "steps", "burn_in", "asked")}
@@ -85,11 +86,12 @@ class PosteriorDiagnostics(ReadOnlyArrays):
             **numbers,
             "converged": self.converged,
             "faults": list(self.faults),
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 
-def _worst(values: Array, which: Any) -> str:
-    return "unknown" if np.isnan(values).any() else f"{values[which(values)]:.4g}"
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def autocorrelation_time(chain: Array) -> Array:
