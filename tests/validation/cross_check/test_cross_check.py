@@ -19,10 +19,12 @@ from support import (
 )
 
 import uq_handeye as uq
+from uq_handeye.findings import Finding
 from uq_handeye.presentation.document import WIDTH
 from uq_handeye.validation.cross_check import rows as cross_check_rows
 from uq_handeye.validation.cross_check.run import cross_check
 from uq_handeye.validation.cross_check.text import _figures, _sentence
+from uq_handeye.validation.monte_carlo.sentences import INTERRUPTED
 from uq_handeye.validation.posterior import sample as posterior
 
 NOISE_70 = uq.PairNoise(*EQUATION_70)
@@ -214,7 +216,7 @@ def test_interrupted(monkeypatch):
     real = cross_check_rows.monte_carlo
 
     def once(*args, **kwargs):
-        return replace(real(*args, **kwargs), complete=False, reason="interrupted")
+        return replace(real(*args, **kwargs), ended=Finding(INTERRUPTED, "caution"))
 
     monkeypatch.setattr(cross_check_rows, "monte_carlo", once)
     check = cross_check(uq.simulate(12, noise=ON_POSES, seed=SEED), noise=ON_POSES, trials=100)
