@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,7 @@ from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.rig_bundle import Agreement
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise
+from ..noise.to_dict import noise_to_dict
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals
@@ -43,7 +44,7 @@ from ..procrustes.so4_covariances import PAPER_SCALE
 from ..runtime.read_only import ReadOnlyArrays
 from .analysis import Analysis, StoredAnalysis
 from .provenance import Provenance
-from .result_file import FourDPA, from_dict, to_dict
+from .result_file import FORMAT, FourDPA, from_dict, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -459,7 +460,54 @@ class Calibration(ReadOnlyArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
-        return to_dict(self)
+        return {
+            "format": FORMAT,
+            "convention": conventions.CONVENTION,
+            "units": {"rotation": "rad", "translation": "m"},
+            "method": self.method,
+            "scale": self.scale,
+            "kind": self.kind,
+            "setup": self.setup,
+            "X": self.X.tolist(),
+            "covariance": plain(self.covariance),
+            **self._derived(),
+            "n_poses": self.n_poses,
+            "n_pairs": self.n_pairs,
+            "noise": noise_to_dict(self.noise),
+            "W": plain(self.W),
+            "covariance_W": plain(self.covariance_W),
+            "iterations": self.iterations,
+            "covariance_kind": self.covariance_kind,
+            "reference": {"kind": self.reference.kind, "dof": self.reference.dof},
+            "noise_estimate": None if self.noise_estimate is None else self.noise_estimate.to_dict(),
+            "bound": plain(self.bound),
+            "4dpa": None
+            if self.fourdpa is None
+            else {"X": self.fourdpa.X.tolist(), "covariance": plain(self.fourdpa.covariance)},
+            "fit": None if self.fit is None else asdict(self.fit),
+            "poses": None if self.table is None else self.table.to_dict(),
+            "analysis": None if self.analysis is None else self.analysis.to_dict(),
+            "provenance": None if self.provenance is None else self.provenance.to_dict(),
+            "time_offset": None if self.time_offset is None else self.time_offset.to_dict(),
+            **({} if self.agreement is None else {"agreement": self.agreement.to_dict()}),
+            "residuals": self.residuals._asdict(),
+            "findings": [finding.to_dict() for finding in self.findings],
+            "warnings": list(self.warnings),
+        }
+
+    def _derived(self) -> dict[str, Any]:
+        """What follows from other parts of the file."""
+        return {
+            "frame": self.frame,
+            "std": plain(self.std),
+            "correlation": plain(self.correlation),
+            "quaternion_xyzw": self.quaternion.tolist(),
+            "inverse": self.inverse.tolist(),
+            "covariance_inverse": plain(self.covariance_inverse),
+            "frame_W": self.frame_W,
+            "std_W": plain(self.std_W),
+            "efficiency": plain(self.efficiency),
+        }
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Calibration:

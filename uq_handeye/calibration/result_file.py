@@ -7,8 +7,7 @@ Reading checks types, shapes, that all is finite, and that numbers which others 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..files.validate import misfit, not_finite, unequal
 from ..findings import Finding
 from ..geometry.checks import as_transforms
-from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from ..likelihood.d2_distribution import Reference
@@ -27,21 +25,35 @@ from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.rig_bundle import Agreement
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import checked_covariance
-from ..noise.to_dict import noise_from_dict, noise_to_dict
+from ..noise.to_dict import noise_from_dict
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
-from .analysis import StoredAnalysis
+from .analysis import Analysis, StoredAnalysis
 from .format_3 import FORMAT_3, converted
 from .provenance import Provenance
 from .request import BUNDLE, COVARIANCES
 
-if TYPE_CHECKING:
-    from .result import Calibration
+
+class Stored(Protocol):
+    """What is checked of a calibration that was read; `Calibration` lies above its file."""
+
+    @property
+    def fit(self) -> GoodnessOfFit | None: ...
+    @property
+    def table(self) -> PoseTable | None: ...
+    @property
+    def analysis(self) -> Analysis | StoredAnalysis | None: ...
+    @property
+    def n_poses(self) -> int | None: ...
+    @property
+    def n_pairs(self) -> int: ...
+    def _derived(self) -> dict[str, Any]: ...
+
 
 T = TypeVar("T")
-C = TypeVar("C", bound="Calibration")
+C = TypeVar("C", bound=Stored)
 
-_FORMAT = "uq-handeye calibration 4"
+FORMAT = "uq-handeye calibration 4"
 
 # Parts that are taken as they are, covariances (6, 6), and what some parts may be.
 _PLAIN = ("iterations", "covariance_kind", "method", "scale", "kind", "setup", "n_poses", "n_pairs")
@@ -61,69 +73,16 @@ class FourDPA(NamedTuple):
     covariance: Array | None  # (6, 6), to first order, at the same noise
 
 
-def to_dict(result: Calibration) -> dict[str, Any]:
-    """Everything as plain numbers, lists and text, with units and convention."""
-    return {
-        "format": _FORMAT,
-        "convention": CONVENTION,
-        "units": {"rotation": "rad", "translation": "m"},
-        "method": result.method,
-        "scale": result.scale,
-        "kind": result.kind,
-        "setup": result.setup,
-        "X": result.X.tolist(),
-        "covariance": _plain(result.covariance),
-        **_derived(result),
-        "n_poses": result.n_poses,
-        "n_pairs": result.n_pairs,
-        "noise": noise_to_dict(result.noise),
-        "W": _plain(result.W),
-        "covariance_W": _plain(result.covariance_W),
-        "iterations": result.iterations,
-        "covariance_kind": result.covariance_kind,
-        "reference": {"kind": result.reference.kind, "dof": result.reference.dof},
-        "noise_estimate": None if result.noise_estimate is None else result.noise_estimate.to_dict(),
-        "bound": _plain(result.bound),
-        "4dpa": None
-        if result.fourdpa is None
-        else {"X": result.fourdpa.X.tolist(), "covariance": _plain(result.fourdpa.covariance)},
-        "fit": None if result.fit is None else asdict(result.fit),
-        "poses": None if result.table is None else result.table.to_dict(),
-        "analysis": None if result.analysis is None else result.analysis.to_dict(),
-        "provenance": None if result.provenance is None else result.provenance.to_dict(),
-        "time_offset": None if result.time_offset is None else result.time_offset.to_dict(),
-        **({} if result.agreement is None else {"agreement": result.agreement.to_dict()}),
-        "residuals": result.residuals._asdict(),
-        "findings": [finding.to_dict() for finding in result.findings],
-        "warnings": list(result.warnings),
-    }
-
-
-def _derived(result: Calibration) -> dict[str, Any]:
-    """What follows from other parts of the file."""
-    return {
-        "frame": result.frame,
-        "std": _plain(result.std),
-        "correlation": _plain(result.correlation),
-        "quaternion_xyzw": result.quaternion.tolist(),
-        "inverse": result.inverse.tolist(),
-        "covariance_inverse": _plain(result.covariance_inverse),
-        "frame_W": result.frame_W,
-        "std_W": _plain(result.std_W),
-        "efficiency": _plain(result.efficiency),
-    }
-
-
 def from_dict(kind: type[C], data: dict[str, Any]) -> C:
     """The inverse of `to_dict`; raises `InputError` on anything else.
 
     Parts that are missing, of another type, not finite, or that do not belong to each other. Files of format 3 are
     read; older ones are refused.
     """
-    if not isinstance(data, dict) or data.get("format") not in (_FORMAT, FORMAT_3):
+    if not isinstance(data, dict) or data.get("format") not in (FORMAT, FORMAT_3):
         found = data.get("format") if isinstance(data, dict) else data
         raise InputError(
-            f"Expected a calibration written by to_json() (format {_FORMAT!r} or {FORMAT_3!r}), got {found!r:.60}. "
+            f"Expected a calibration written by to_json() (format {FORMAT!r} or {FORMAT_3!r}), got {found!r:.60}. "
             "Calibrate again to have one of an older format in this one."
         )
     try:
@@ -136,7 +95,7 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
             raise TypeError(f"{where} is of the wrong type")
         _require_whole(result)
         with np.errstate(divide="raise", over="raise", invalid="raise"):
-            if (where := unequal(_derived(result), data, "calibration")) is not None:
+            if (where := unequal(result._derived(), data, "calibration")) is not None:
                 raise ValueError(f"{where} does not fit the rest")
     except KeyError as error:
         raise InputError(f"The calibration is damaged: {error} is missing.") from error
@@ -145,7 +104,7 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
     return result
 
 
-def _require_whole(result: Calibration) -> None:
+def _require_whole(result: Stored) -> None:
     """Raise where the parts are not of one data set and one fit."""
     if (fit := result.fit) is not None and not (fit.dof > 0 and np.isclose(fit.sigma0**2, fit.chi2 / fit.dof)):
         raise ValueError(f"sigma0 {fit.sigma0!r} is not that of {fit.chi2!r} with {fit.dof!r} degrees of freedom")
@@ -203,5 +162,6 @@ def _covariance(data: dict[str, Any], name: str) -> Array | None:
     return S
 
 
-def _plain(array: Array | None) -> Any:
+def plain(array: Array | None) -> Any:
+    """Lists, or None for what is not there."""
     return None if array is None else array.tolist()
