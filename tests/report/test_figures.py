@@ -149,7 +149,9 @@ def test_residuals_show_every_pose_and_name_the_worst():
     flags = ["kept"] * 2000
     flags[7], flags[1500] = "rejected", "downweighted"
     many = table(2000, flags)
-    many.distance2[7], many.distance2[1500] = 900.0, 40.0
+    distance2 = many.distance2.copy()
+    distance2[7], distance2[1500] = 900.0, 40.0
+    many = replace(many, distance2=distance2)
     figure = residual_figure(many)
     for axis in figure.get_axes():
         drawn = [line for line in axis.lines if line.get_linestyle() == "None"]

@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ..diagnostics.sentences import LENGTHS
+
 FORMAT_3 = "uq-handeye calibration 3"
 # How the caution began that the headline of a result looks for.
 _LOWER_BOUND = "The standard deviations are a lower limit."
@@ -44,6 +46,8 @@ def _note(text: str) -> dict[str, Any]:
 
 def _diagnostics(data: dict[str, Any]) -> dict[str, Any]:
     found = {"focal_covered": False} | data
+    of = {words: key for key, words in LENGTHS.items()}
+    found["spectrum"] = data["spectrum"] | {"length_of": of[data["spectrum"]["length_of"]]}
     for name, start in (
         ("autocorrelation", "Autocorrelation of the residuals was not tested: "),
         ("normality", "Normality of the residuals was not tested: "),

@@ -34,7 +34,7 @@ def typical_distance(result: Calibration) -> tuple[float, bool]:
     """RMS distance from camera to target (m); False: it is not known, and a usual one is taken."""
     if result.analysis is not None:
         spectrum = result.analysis.diagnostics.spectrum
-        if spectrum.length_of.endswith("camera to target"):
+        if spectrum.length_of == "target":
             return float(spectrum.length_m), True
     return _DEFAULT, False
 

@@ -137,7 +137,7 @@ def png(figure: Figure) -> bytes:
 
 def _remarks(comparison: Comparison) -> tuple[str, str]:
     """What to beware of, and in which colour."""
-    remarks = [note for note in notes(comparison) if "spread evenly" not in note]  # the title says so
+    remarks = notes(comparison, of_pairs=False)  # the title has the pairs
     if not comparison.warnings:
         return " ".join(remarks), "0.35"
     count = len(comparison.warnings)

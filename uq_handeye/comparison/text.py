@@ -50,14 +50,14 @@ _LEGEND = (
 )
 
 
-def notes(comparison: Comparison) -> list[str]:
-    """What is not as asked for, or not as one would expect."""
+def notes(comparison: Comparison, of_pairs: bool = True) -> list[str]:
+    """What is not as asked for, or not as one would expect; ``of_pairs``: also that not all pairs were used."""
     found = []
     reference, asked = comparison.reference, comparison.asked_reference
     if reference is not None and reference != asked:
         rely = to_rely_on(comparison[asked])
         found.append(f"{asked} gave no result{rely}: the reference is {reference}, the first that did.")
-    if comparison.n_pairs < comparison.n_pairs_available:
+    if of_pairs and comparison.n_pairs < comparison.n_pairs_available:
         found.append(
             f"Of {comparison.n_pairs_available:,} pairs all methods used the same {comparison.n_pairs:,}, "
             "spread evenly."

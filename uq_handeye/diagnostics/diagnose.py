@@ -108,9 +108,9 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
 
 
 def _spectrum(S: Array, frame: str, distance: float, on_poses: bool) -> Spectrum:
-    length, of = distance, "rms distance from camera to target" if on_poses else "rms length of the camera motions"
+    length, of = distance, "target" if on_poses else "motions"
     if not length > 0:
-        length, of = 1.0, "arbitrary, as the camera does not move"
+        length, of = 1.0, "nothing"
     units = np.array([length] * 3 + [1.0] * 3)
     (rotation, axes_r), (translation, axes_t), (joint, axes_j) = (
         principal_axes(block) for block in (S[:3, :3], S[3:, 3:], S * units[:, None] * units)

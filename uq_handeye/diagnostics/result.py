@@ -36,7 +36,7 @@ class Spectrum(ReadOnlyArrays):
     sd_translation_mm: Array  # (3,)
     axes_translation: Array  # (3, 3)
     length_m: float  # rotations are multiplied by it in the joint spectrum
-    length_of: str
+    length_of: str  # "target", "motions" or "nothing": a key of LENGTHS in `sentences`
     sd_joint_mm: Array  # (6,)
     axes_joint: Array  # (6, 6) of (length theta, tau)
     condition: float  # largest by smallest of sd_joint_mm

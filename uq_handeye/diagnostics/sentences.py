@@ -43,12 +43,20 @@ def direction_words(what: str, largest: float, smallest: float, axis: Sequence[f
     )
 
 
+# What rotations are multiplied by in the joint spectrum.
+LENGTHS = {
+    "target": "rms distance from camera to target",
+    "motions": "rms length of the camera motions",
+    "nothing": "arbitrary, as the camera does not move",
+}
+
+
 @sentence("diagnostics.joint_spectrum")
 def _(length_m: float, length_of: str, largest: float, smallest: float) -> str:
     condition = digits(largest / smallest, 2) if smallest > 0 else "infinite"
     return (
-        f"Over all six directions of X, with rotations times {length_m:.3g} m ({length_of}), standard deviations run "
-        f"from {digits(smallest, 2)} to {digits(largest, 2)} mm: condition {condition}."
+        f"Over all six directions of X, with rotations times {length_m:.3g} m ({LENGTHS[length_of]}), standard "
+        f"deviations run from {digits(smallest, 2)} to {digits(largest, 2)} mm: condition {condition}."
     )
 
 

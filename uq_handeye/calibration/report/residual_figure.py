@@ -51,7 +51,8 @@ def residual_figure(table: PoseTable) -> Figure:
             marks = MARKS[word] | ({"markersize": 1.8} if word == "kept" and len(table) > MANY else {})
             if word != "rejected":
                 marks = marks | {"rasterized": rows.sum() > VERY_MANY}
-            axis.plot(np.flatnonzero(rows), value[rows], linestyle="", label=f"{word} ({rows.sum():,})", **marks)
+            label = f"{word} ({rows.sum():,})" if rows.any() else None
+            axis.plot(np.flatnonzero(rows), value[rows], linestyle="", label=label, **marks)
     axes[2].axhline(table.limit, color=INK, linewidth=1.0, linestyle="--")
     axes[2].set_ylim(top=max(axes[2].get_ylim()[1], 2.0 * table.limit))
     for axis in axes:
@@ -63,10 +64,10 @@ def residual_figure(table: PoseTable) -> Figure:
     margin = 0.02 * max(len(table) - 1, 1) + 0.4
     axes[2].set_xlim(-margin, len(table) - 1 + margin)
     handles, labels = axes[0].get_legend_handles_labels()
-    shown = [(h, label) for h, label in zip(handles, labels, strict=True) if not label.endswith("(0)")]
-    shown.append((Line2D([], [], color=INK, linewidth=1.0, linestyle="--"), f"limit of $d^2$, {table.limit:.3g}"))
+    handles.append(Line2D([], [], color=INK, linewidth=1.0, linestyle="--"))
+    labels.append(f"limit of $d^2$, {table.limit:.3g}")
     figure.legend(
-        [h for h, _ in shown], [label for _, label in shown], loc="outside upper right", ncols=5, frameon=False,
+        handles, labels, loc="outside upper right", ncols=5, frameon=False,
         fontsize=SMALL, columnspacing=1.2, handletextpad=0.4,
     )  # fmt: skip
     return finished(figure)
