@@ -209,4 +209,4 @@ def figures(tables: Tables) -> dict[str, Figure]:
     return {"moves": finished(figure)}
 
 
-STUDY = Study("posterior_moves", measure, findings, figures, packages=("emcee", "arviz"))
+STUDY = Study("posterior_moves", measure, findings, figures, packages=("emcee", "arviz-stats"))

@@ -257,4 +257,4 @@ def wrapped(case: str) -> str:
     return f"{first},\n{second}" if first else case
 
 
-STUDY = Study("simulation_based_calibration", measure, findings, figures, packages=("emcee", "arviz"))
+STUDY = Study("simulation_based_calibration", measure, findings, figures, packages=("emcee", "arviz-stats"))

@@ -1,6 +1,8 @@
 """`sample_posterior` against the bound on problems drawn here, its refusals, and what results give away."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -148,6 +150,26 @@ def test_to_arviz(posterior):
     for k, name in enumerate(posterior.names):
         np.testing.assert_array_equal(data["posterior"][name].values, posterior.chain[..., k].T)
     assert data["sample_stats"]["lp"].shape == (walkers, steps)
+
+
+def test_it_needs_no_extra(tmp_path):
+    """A new interpreter that cannot import ArviZ, xarray or pandas samples and keeps the chain."""
+    done = subprocess.run([sys.executable, "-c", NO_EXTRA, str(tmp_path / "chain.h5")], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "ArviZ is not installed; to_arviz() needs it: pip install arviz.\n")
+
+
+NO_EXTRA = """
+import sys
+for name in ("arviz", "arviz_base", "xarray", "pandas"):
+    sys.modules[name] = None
+import uq_handeye as uq
+noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+result = uq.sample_posterior(uq.simulate(10, noise=noise, seed=1), noise, samples=400, walkers=32, file=sys.argv[1])
+try:
+    result.to_arviz()
+except uq.MissingExtraError as error:
+    print(error)
+"""
 
 
 def test_json_and_text(posterior):
