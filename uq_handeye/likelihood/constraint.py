@@ -38,6 +38,7 @@ from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..propagation.target_pose import loop_derivatives
 
 _EYE = np.eye(3)
 _EYE6 = np.eye(6)
@@ -119,31 +120,26 @@ class OnPoses:
         """r (..., n, 6) at the unknowns and the (measured or corrected) poses."""
         return self._closed(at, first, second)[0]
 
-    def _closed(self, at: Unknowns, first: Array, second: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """r, and of what it is made: R_G, R_G R_X, R_X t_C and R_G (R_X t_C + t_X)."""
+    def _closed(self, at: Unknowns, first: Array, second: Array) -> tuple[Array, Array, Array, Array]:
+        """r, and of what it is made: R_G, R_X t_C and R_G (R_X t_C + t_X)."""
         assert at.W is not None
         X, W = at.X[..., None, :, :], at.W[..., None, :, :]
         G = inverse(first) if self.inverted else first
         R_G, R_X, t_C = G[..., :3, :3], X[..., :3, :3], second[..., :3, 3:]
-        turned = R_G @ R_X
         r = np.empty((*np.broadcast_shapes(G.shape[:-2], X.shape[:-2]), 6))
-        r[..., :3] = logarithm(turned @ second[..., :3, :3] @ W[..., :3, :3].mT)
+        r[..., :3] = logarithm(R_G @ R_X @ second[..., :3, :3] @ W[..., :3, :3].mT)
         arm = R_X @ t_C
         lever = R_G @ (arm + X[..., :3, 3:])
         r[..., 3:] = (lever + G[..., :3, 3:] - W[..., :3, 3:])[..., 0]
-        return r, R_G, turned, arm, lever
+        return r, R_G, arm, lever
 
     def linearise(self, at: Unknowns, first: Array, second: Array) -> Linearised:
         """At the unknowns and the (measured or corrected) poses."""
-        r, R_G, turned, arm, lever = self._closed(at, first, second)
-        J = np.zeros((*r.shape, 12))
-        J[..., :3, :3] = J[..., 3:, 3:6] = R_G
-        J[..., 3:, :3] = -R_G @ skew(arm[..., 0])
-        J[..., :, 6:] = -_EYE6
-        D_G = block(_EYE, 0.0, -skew(lever[..., 0]), _EYE)
-        if self.inverted:
-            D_G = D_G @ inverse_jacobian(first)
-        return Linearised(r, J, (D_G, block(turned, 0.0, 0.0, turned)))
+        r, R_G, arm, lever = self._closed(at, first, second)
+        J = np.empty((*r.shape, 12))
+        J[..., :6], D_G, D_C = loop_derivatives(R_G, at.X[..., None, :3, :3], arm[..., 0], lever[..., 0])
+        J[..., 6:] = -_EYE6
+        return Linearised(r, J, (D_G @ inverse_jacobian(first) if self.inverted else D_G, D_C))
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,22 +34,34 @@ def mean_target(poses: PosePairs, X: Array) -> Array:
     return W
 
 
+def loop_derivatives(R_G: Array, R_X: Array, arm: Array, lever: Array) -> tuple[Array, Array, Array]:
+    """J_X, J_G and J_C (..., n, 6, 6): ``d xi / d (xi_X, xi_G, xi_C)`` of ``G X C``.
+
+    R_G (..., n, 3, 3), R_X (..., 1, 3, 3) or (3, 3), ``arm = R_X t_C`` and ``lever = R_G (R_X t_C + t_X)`` (..., n, 3).
+    """
+    turned = R_G @ R_X
+    return (
+        block(R_G, 0.0, -R_G @ skew(arm), R_G),
+        block(_EYE, 0.0, -skew(lever), _EYE),
+        block(turned, 0.0, 0.0, turned),
+    )
+
+
+def _derivatives(poses: PosePairs, X: Array) -> tuple[Array, Array, Array]:
+    """`loop_derivatives` of poses at X (4, 4), J_G by the robot pose as it is measured."""
+    R_G = poses.effective_robot[:, :3, :3]
+    arm = poses.camera[:, :3, 3] @ X[:3, :3].T
+    J_X, J_G, J_C = loop_derivatives(R_G, X[:3, :3], arm, (R_G @ (arm + X[:3, 3])[..., None])[..., 0])
+    return J_X, J_G @ inverse_jacobian(poses.robot) if poses.setup == "eye-to-hand" else J_G, J_C
+
+
 def target_by_X(poses: PosePairs, X: Array) -> Array:
     """The mean of J_X (6, 6): ``d xi_W / d xi_X`` of `mean_target`."""
-    R_G = poses.effective_robot[:, :3, :3]
-    return np.asarray(block(R_G, 0.0, -R_G @ skew(poses.camera[:, :3, 3] @ X[:3, :3].T), R_G).mean(axis=0))
+    return np.asarray(_derivatives(poses, X)[0].mean(axis=0))
 
 
 def target_sensitivities(poses: PosePairs, X: Array, D: Sequence[Array | None]) -> list[Array | None]:
     """``d xi_W / d xi_k`` (n, 6, 6) of `mean_target`; ``D`` holds those of X, by robot and by camera poses."""
-    G, C, n = poses.effective_robot, poses.camera, poses.n
-    R_G, R_X = G[:, :3, :3], X[:3, :3]
-    lever = C[:, :3, 3] @ R_X.T  # R_X t_C
-    J_X = target_by_X(poses, X)
-    reach = (R_G @ (lever + X[:3, 3])[..., None])[..., 0]
-    J_G = block(_EYE, 0.0, -skew(reach), _EYE)
-    if poses.setup == "eye-to-hand":
-        J_G = J_G @ inverse_jacobian(poses.robot)
-    turned = R_G @ R_X
-    J_C = block(turned, 0.0, 0.0, turned)
-    return [None if by_X is None else J_X @ by_X + J / n for by_X, J in zip(D, (J_G, J_C), strict=True)]
+    J_X, *by_pose = _derivatives(poses, X)
+    mean = J_X.mean(axis=0)
+    return [None if by_X is None else mean @ by_X + J / poses.n for by_X, J in zip(D, by_pose, strict=True)]
