@@ -3,7 +3,8 @@ r"""Trials of `efficient` on motions with noise of their own, at a few times the
 Model, unknowns and steps are those of `likelihood` and `constraint`: ``A X = X B``, independent errors
 ``xi = (theta, tau)`` of the motions (left rotation, additive translation, rad and m) of known covariance, X by two
 Gauss-Helmert steps from 4DPA (T5), and ``I_F^-1`` where the second was taken. Nothing is approximated; only the
-arithmetic differs:
+arithmetic differs. Neither serves both: of 60 motions this one takes 1.6 times as long as `efficient` for one problem,
+0.3 times for a thousand, and it knows no poses, no joint noise and no weights.
 
 - Arrays are (component, pairs, trials) in blocks that stay in the cache; rotations are quaternions ``(w, x, y, z)``.
 - B is seen in the frame of A: turned by the true X to begin with, then by each estimate. X is then a rotation near 1,
