@@ -1,8 +1,8 @@
 """calibrate(): from poses or motions, with or without their noise, to X with its uncertainty.
 
 The estimate is `likelihood` by default, started from 4DPA, whose own X and covariance stay in the result; or a
-published method (`published`). Where no noise is given it is estimated from the data (`noise_estimation`), with gross
-errors weighted down (`robust`). What looks wrong is said (`plausibility`, `pairing`, `diagnostics`, `split_half`).
+published method (`published`). Where no noise is given it is estimated from the data (`noise_estimation`). Outliers
+are down-weighted (`robust`). What looks wrong is said (`plausibility`, `pairing`, `diagnostics`, `split_half`).
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def calibrate(
         Noise of the poses or of the motions. None estimates it from the data (`estimate_noise`): isotropic components
         for rotation and translation of robot and camera. Camera poses from corners (``data.camera_calibration``) bring
         their joint covariance: it is used where `noise` is None, and the robot's noise estimated beside it, or where
-        `noise` has no ``camera``.
+        `noise` has no ``camera``. Otherwise a side that PoseNoise leaves out is exact; where its noise is not known,
+        give that of the other side as ``prior=NoisePrior(robot=(..., ...), factor=1)`` in place of `noise`.
     method : str or None
         ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; ``bundle``, on the corners
         themselves, for camera poses from corners (`rig_bundle`), with `efficient` beside it; a name in `METHODS` or,
