@@ -5,7 +5,6 @@ import inspect
 import re
 import runpy
 import xml.etree.ElementTree as ET
-from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -206,21 +205,6 @@ def test_every_word_of_the_glossary_is_explained_once():
     assert len(words) > 30 and len(set(words)) == len(words)
     for word in ("NEES", "X", "W", "Cramer-Rao bound", "residual", "intrinsics", "4DPA"):
         assert word in words
-
-
-def test_every_module_is_on_the_page_of_the_architecture():
-    page = (DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8")
-    names = [part.rsplit("/", 1)[-1] for part in re.findall(r"`([\w*/.]+\.py)`", page)]
-    folders = re.findall(r"`(\w+)/`", page)
-    package = ROOT / "uq_handeye"
-    modules = [file for file in package.rglob("*.py") if not file.name.startswith("__")]
-    spoken_for = {"estimators", "_closed_form"}  # by their folder: a method per file, generated text
-    left_out = [
-        str(file.relative_to(package))
-        for file in modules
-        if not any(fnmatch(file.name, name) for name in names) and file.parent.name not in spoken_for
-    ]
-    assert left_out == [] and spoken_for <= set(folders)
 
 
 def test_the_pictures_of_the_conventions_are_drawn_by_their_script(tmp_path):

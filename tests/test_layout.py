@@ -1,0 +1,78 @@
+"""The house: imports go down in the order that the page of the architecture gives, and no folder is overcrowded."""
+
+import re
+import runpy
+import tomllib
+from graphlib import TopologicalSorter
+
+import pytest
+from pages import DOCS, ROOT
+
+PAGE = (DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8")
+SCRIPT = runpy.run_path(str(DOCS / "figures" / "architecture.py"))
+SOURCES = SCRIPT["sources"]()
+# Rows of the table of packages, ground floor first; after them the public names and the program.
+ROWS = re.findall(r"^\| (`.*?`) \|", PAGE.partition("## Packages")[2].partition("## ")[0], re.MULTILINE)
+ORDER = [name.removesuffix(".py") for row in ROWS for name in re.findall(r"`([\w.]+)/?`", row)]
+FLOORS = [*ORDER[: ORDER.index("cli")], "__init__", "cli", "__main__"]
+
+
+def package(module):
+    """By name; a module at the top of the whole stands for itself."""
+    return module.removeprefix("uq_handeye").lstrip(".").partition(".")[0] or "__init__"
+
+
+def test_every_package_is_on_the_page_in_its_place():
+    assert len(FLOORS) == len(set(FLOORS))
+    assert {package(module) for module in SOURCES} == set(FLOORS)
+
+
+@pytest.mark.parametrize("name", FLOORS)
+def test_imports_go_down(name):
+    """Those at the top of a module, in functions and for type checkers, but for the door to the report."""
+    upward = [
+        f"{SOURCES[module].relative_to(ROOT)}:{line} imports {other}"
+        for module in SOURCES
+        if package(module) == name
+        for line, other in SCRIPT["imports"](module)
+        if FLOORS.index(package(other)) > FLOORS.index(name)
+    ]
+    assert upward == []
+
+
+def test_no_circle_of_files():
+    TopologicalSorter({m: {other for _, other in SCRIPT["imports"](m)} - {m} for m in SOURCES}).prepare()
+
+
+def test_the_door_to_the_report_is_lazy():
+    result, page = SCRIPT["DOOR"]
+    text = SOURCES[result].read_text(encoding="utf-8")
+    found = re.findall(rf"^( *)from \.{page.removeprefix('uq_handeye')} import (.*)$", text, re.MULTILINE)
+    assert ("        ", "write_report") in found and all(indent for indent, _ in found)
+
+
+def test_few_files_stand_together():
+    folders = {}
+    for path in SOURCES.values():
+        if not path.stem.startswith("__"):
+            folders.setdefault(str(path.parent.relative_to(ROOT)), []).append(path.stem)
+    top = folders.pop("uq_handeye")
+    assert 1 <= len(top) <= 6, top
+    crowded = {folder for folder, names in folders.items() if len(names) > 15}
+    assert crowded <= {"uq_handeye/estimators", "symbolic"}
+
+
+def test_every_folder_is_installed():
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
+    folders = {module if path.name == "__init__.py" else module.rpartition(".")[0] for module, path in SOURCES.items()}
+    assert set(listed) == folders | {"uq_handeye.data", "uq_handeye.symbolic.templates"}  # which hold no Python
+
+
+def test_the_picture_of_the_architecture_is_drawn_from_the_imports():
+    kept = (DOCS / "images" / "architecture.svg").read_text(encoding="utf-8")
+    assert SCRIPT["picture"](SCRIPT["graph"]()) == kept, "run: python docs/figures/architecture.py"
+
+
+def test_every_file_that_the_page_names_is_there():
+    named = {name for name in re.findall(r"`([\w/]+/\w+\.py)`", PAGE) if not name.startswith("tests/")}
+    assert len(named) > 25 and all((ROOT / "uq_handeye" / name).exists() for name in named), named
