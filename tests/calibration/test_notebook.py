@@ -165,4 +165,6 @@ def test_every_other_result_has_a_form_for_notebooks():
     for title, found in results.items():
         html = found._repr_html_()
         assert title in html and "<table" in html
+        if title == "Comparison of methods":  # the verdict is seen at once
+            assert html.index(found.verdict) < html.index("<details")
         Balanced(html)

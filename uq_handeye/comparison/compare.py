@@ -21,7 +21,6 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,9 +43,6 @@ from ..propagation.published_fit import fit_published
 from ..runtime.progress import progress_bar
 from .result import Comparison
 from .row import CHI2_95, Row, against, squared_distance, without_numbers
-
-if TYPE_CHECKING:
-    pass
 
 # All pairs of more poses than make this many are thinned out evenly, the same for every method.
 MOST_PAIRS = 20_000

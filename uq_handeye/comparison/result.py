@@ -63,7 +63,7 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        return to_html("Comparison of methods", document_of(self))
+        return to_html("Comparison of methods", document_of(self), seen=3 if self.warnings else 2)
 
     @property
     def base(self) -> Row | None:

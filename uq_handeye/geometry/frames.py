@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
-
-
 SETUPS = {"eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}
 
 

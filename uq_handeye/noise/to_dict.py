@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..geometry.se3 import Array
 from .joint_covariance import JointCovariance
 from .models import Noise, PairNoise, PoseNoise
-
-if TYPE_CHECKING:
-    pass
 
 
 def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:

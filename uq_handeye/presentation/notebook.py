@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _FRAME = "font-family:system-ui,sans-serif;line-height:1.45;max-width:60em"
 _TABLE = "border-collapse:collapse;font-variant-numeric:tabular-nums;margin:0.4em 0"
 _CELL = "border:1px solid rgba(128,128,128,0.4);padding:0.15em 0.7em"
-_NUMBER = f"{_CELL};text-align:right"
+_NUMBER = f"{_CELL};text-align:right;white-space:nowrap"
 _WARNING = "border-left:4px solid #d55e00;background:rgba(213,94,0,0.12);padding:0.3em 0.7em;margin:0.4em 0"
 _PRE = "font-family:ui-monospace,monospace;font-size:0.9em;line-height:1.3;overflow-x:auto;margin:0.4em 0"
 # Red and blue of equal lightness that colour-blind readers can tell apart; the sign is printed, too.

@@ -6,16 +6,12 @@ import base64
 import hashlib
 import re
 from importlib import resources
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
 from .._version import __version__
 from .document import Drawing, Section
 from .figure_parts import Picture, inline_svg
-
-if TYPE_CHECKING:
-    pass
 
 
 def pretty(text: str) -> str:

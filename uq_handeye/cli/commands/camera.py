@@ -1,7 +1,7 @@
 """The command ``camera``, and the pictures that ``calibrate`` takes as well: from board corners to camera poses."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -10,9 +10,6 @@ from ...runtime.progress import working
 from ..messages import progress_wanted, timed
 from ..options import UNITS, JsonOption, emit, folder_option, made_of, one_of, option
 from ..pictures import BoardOptions, LensOptions, read_two_numbers
-
-if TYPE_CHECKING:
-    pass
 
 TABLES = (".csv", ".txt", ".tsv")
 

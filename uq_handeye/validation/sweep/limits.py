@@ -5,13 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ...errors import InputError
 from .level import KINDS, Level
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        return to_html("Sweep of the noise", document_of(self))
+        return to_html("Sweep of the noise", document_of(self), seen=1 + len(self.methods))
 
     def summary(self) -> str:
         """What holds up to which noise, in words and as a table."""

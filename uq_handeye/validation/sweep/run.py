@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,9 +48,6 @@ from ..monte_carlo.chunks import one_thread
 from .level import KINDS, Level, Task, level_at
 from .limits import MethodSweep, limit_of
 from .result import Sweep
-
-if TYPE_CHECKING:
-    pass
 
 FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0)
 # Ratio of two factors between which no third is looked at.
