@@ -248,7 +248,7 @@ def test_a_page_computes_nothing(quick, tmp_path, monkeypatch):
         "comparison.compare.compare",
         "calibration.analysis.diagnose",
         "calibration.analysis.resampled",
-        "calibration.analysis.split_half",
+        "calibration.analysis.split_fit",
         "calibration.analysis.budget",
     ):
         monkeypatch.setattr(f"uq_handeye.{name}", computes)

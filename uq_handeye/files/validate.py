@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -52,8 +53,13 @@ def misfit(value: Any, hint: Any, path: str) -> str | None:
     if origin is not None or not isinstance(value, hint):
         return path
     names = [field.name for field in fields(hint)] if is_dataclass(hint) else getattr(hint, "_fields", ())
-    hints = get_type_hints(hint) if names else {}
+    hints = _hints(hint) if names else {}
     return _first(((name, getattr(value, name), hints[name]) for name in names), path)
+
+
+@cache
+def _hints(kind: type[Any]) -> dict[str, Any]:
+    return get_type_hints(kind)
 
 
 def _first(parts: Any, path: str) -> str | None:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any, ClassVar
 
+from ..findings import Finding
+
 # Characters on a line of text.
 WIDTH = 118
 
@@ -57,7 +59,14 @@ class Points(Block):
     """A list; those in ``marked`` stand out."""
 
     items: Sequence[str]
-    marked: frozenset[str] = frozenset()
+    marked: frozenset[int] = frozenset()  # numbers of the items, from 0
+
+    @classmethod
+    def of_findings(cls, findings: Sequence[Finding]) -> Points:
+        """A list of findings; those that are more than a note stand out."""
+        marked = frozenset(k for k, finding in enumerate(findings) if finding.severity != "note")
+        return cls([str(finding) for finding in findings], marked)
+
     kind: ClassVar[str] = "points"
 
 

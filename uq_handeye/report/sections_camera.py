@@ -34,7 +34,7 @@ def camera_sections(result: Calibration) -> list[Section]:
     if words := shares_words(result):
         blocks.append(Paragraph(words))
     if cam.warnings:
-        blocks.append(Points(cam.warnings, frozenset(cam.warnings)))
+        blocks.append(Points(cam.warnings, frozenset(range(len(cam.warnings)))))
     return [Section("camera", "The camera", blocks)]
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..calibration.report.analysis import budget_table, covariance_table, noise_blocks, pair_table, pose_table
 from ..calibration.report.time_offset import offset_sentence
-from ..findings import texts
 from ..formatting.numbers import fixed
 from ..presentation.document import Block, Cell, Drawing, Paragraph, Points, Section, Table
 
@@ -151,7 +150,7 @@ def observability_section(result: Calibration) -> Section:
         ["direction", "1 sigma", "unit vector"],
         rows,
     )
-    sentences = Points(found.sentences(), frozenset(found.warnings()))
+    sentences = Points.of_findings(found.findings)
     return Section("observability", title, [table, sentences])
 
 
@@ -185,5 +184,5 @@ def covariances_section(result: Calibration) -> Section:
         text = needs("Other covariances and tests of two halves are worked out", result)
         return Section("covariances", title, [Paragraph(text, empty=True)])
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
-    points = Points([str(finding) for finding in halves], frozenset(texts(halves)))
+    points = Points.of_findings(halves)
     return Section("covariances", title, [table, points])

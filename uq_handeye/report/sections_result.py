@@ -93,7 +93,7 @@ def _pose_cells(T: Array, covariance: Array | None) -> list[str]:
 def warnings_section(result: Calibration) -> Section:
     """What looked wrong, or that nothing did."""
     if result.warnings:
-        return Section("warnings", "Warnings", [Points(result.warnings, frozenset(result.warnings))])
+        return Section("warnings", "Warnings", [Points(result.warnings, frozenset(range(len(result.warnings))))])
     text = "Nothing looked wrong."
     if result.analysis is None:
         text += f" {needs('Residuals and halves of the data are tested', result)}"

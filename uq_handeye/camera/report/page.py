@@ -90,7 +90,7 @@ def _warnings(cam: Calibrated) -> Section:
     if cam.corners.missing:
         found.append(f"No board was found in these pictures: {', '.join(cam.corners.missing)}.")
     if found:
-        return Section("warnings", "Warnings", [Points(found, frozenset(found))])
+        return Section("warnings", "Warnings", [Points(found, frozenset(range(len(found))))])
     text = "Nothing looked wrong: the residuals have no pattern that matters, and hardly a corner was left out."
     return Section("warnings", "Warnings", [Paragraph(text)])
 
