@@ -275,12 +275,12 @@ def test_compare(session, tmp_path):
     names = sorted(file.name for file in (tmp_path / "out").iterdir())
     assert names == [f"comparison.{kind}" for kind in ("csv", "json", "png", "svg")]
     data = json.loads((tmp_path / "out" / "comparison.json").read_text())
-    assert [row["method"] for row in data["methods"]] == list(uq.METHODS)
-    assert done.stdout.startswith(f"gripper_T_camera by {len(uq.METHODS)} methods from 66 pairs of 12 poses")
+    assert [row["method"] for row in data["methods"]] == ["efficient", *uq.METHODS]
+    assert done.stdout.startswith(f"gripper_T_camera by {1 + len(uq.METHODS)} methods from 66 pairs of 12 poses")
     assert data["verdict"] in " ".join(done.stdout.split())
     assert "\x1b" not in done.stdout
     assert max(map(len, done.stdout.splitlines())) <= 120
-    assert (tmp_path / "out" / "comparison.csv").read_text().count("\n") == len(uq.METHODS) + 1
+    assert (tmp_path / "out" / "comparison.csv").read_text().count("\n") == len(uq.METHODS) + 2
     assert (tmp_path / "out" / "comparison.png").read_bytes()[:4] == b"\x89PNG"
 
 
@@ -299,9 +299,9 @@ def test_compare_prints_json_or_csv(session):
     assert [row.split(",")[0] for row in rows] == ["method", "chou", "park", "tsai"]
     for arguments, part in (
         (["--json", "--csv"], "not both"),
-        (["--methods", "park,magic"], "--methods to name methods among tsai"),
+        (["--methods", "park,magic"], "--methods to name methods among efficient, ml, tsai"),
         (["--methods", " , "], "got ' , '"),
-        (["--reference", "magic"], "--reference to name one method among tsai"),
+        (["--reference", "magic"], "--reference to name one method among efficient, ml, tsai"),
         (["--reference", "park,tsai"], "got 'park,tsai'"),
         (["--pairs", "some"], "consecutive"),
         (["--robot-noise", "1,2"], "unit"),
@@ -318,7 +318,7 @@ def test_compare_keeps_its_table_if_every_method_fails(session, tmp_path):
     (tmp_path / "robot.csv").write_text("\n".join([line[0], *rows]) + "\n")
     done = run("compare", tmp_path / "robot.csv", session / "camera.csv", "-o", tmp_path / "out")
     assert done.returncode == 2
-    assert f"None of the {len(uq.METHODS)} methods gave a result" in done.stdout
+    assert f"None of the {1 + len(uq.METHODS)} methods gave a result" in done.stdout
     assert all(f"\n{name} " in done.stdout for name in uq.METHODS)
     errors = [line for line in done.stderr.splitlines() if not line.startswith("uq-handeye: warning: ")]
     assert errors == ["uq-handeye: error: Every method failed; the table says why."]
@@ -333,7 +333,7 @@ def test_compare_prints_its_table_even_if_it_cannot_write(session, tmp_path, mon
     files = session / "robot.csv", session / "camera.csv"
     done = run("compare", *files, *NOISE, "--methods", "park,tsai", "-o", tmp_path / "out")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "4dpa" in done.stdout
+    assert "efficient" in done.stdout
 
 
 def test_no_convergence_is_one_line(monkeypatch, capsys, session):

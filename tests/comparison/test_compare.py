@@ -8,12 +8,13 @@ import warnings
 
 import numpy as np
 import pytest
+from comparison_cases import compare
 from scipy import stats
 from support import difference, exact_motions, moved, noisy_motions, random_covariance, whitened_eigenvalues
 
 import uq_handeye as uq
 from uq_handeye.comparison import compare as module
-from uq_handeye.comparison.compare import CHI2_95, Row, against, compare, squared_distance
+from uq_handeye.comparison.compare import CHI2_95, Row, against, squared_distance
 from uq_handeye.comparison.result import Comparison
 from uq_handeye.errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
 from uq_handeye.estimators.common.method import Estimate
@@ -40,7 +41,7 @@ def replaced(monkeypatch, name, calibration=None, **changes):
     if calibration is not None:
         original = module.calibrate
 
-        def calibrate(data, *, method, **options):
+        def calibrate(data, *, method=None, **options):
             return calibration() if method == name else original(data, method=method, **options)
 
         monkeypatch.setattr(module, "calibrate", calibrate)
@@ -147,10 +148,8 @@ def test_a_shifted_method_differs(poses, monkeypatch):
     [
         (DegenerateMotionError("Axes are\nparallel.", np.eye(6)), "Axes are parallel."),
         (InputError("No."), "No."),
-        (MissingExtraError("pip install 'uq-handeye[sdp]'."), "pip install 'uq-handeye[sdp]'."),
         (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
         (ArithmeticError(), "ArithmeticError: ArithmeticError"),
-        (IndexError("out"), "IndexError: out"),
     ],
 )
 def test_a_failing_method_says_why_in_its_row(poses, monkeypatch, error, text):
@@ -165,13 +164,29 @@ def test_a_failing_method_says_why_in_its_row(poses, monkeypatch, error, text):
     assert json.loads(result.to_json())["methods"][1]["failure"] == text
 
 
+def test_a_method_without_its_extra_is_not_run(poses, monkeypatch):
+    replaced(monkeypatch, "park", solver=Failing(MissingExtraError("pip install 'uq-handeye[sdp]'.")))
+    result = compare(poses, noise=NOISE, methods=FEW)
+    assert (result["park"].status, result["park"].X) == ("not run", None)
+    assert "park not run: pip install 'uq-handeye[sdp]'." in " ".join(result.to_text().split())
+    assert "1 not run: park" in result.verdict and "failed" not in result.verdict
+    assert json.loads(result.to_json())["methods"][1]["status"] == "not run"
+
+
+@pytest.mark.parametrize("error", [IndexError("out"), TypeError("none"), AssertionError()])
+def test_a_fault_of_the_program_is_no_row(poses, monkeypatch, error):
+    replaced(monkeypatch, "park", solver=Failing(error))
+    with pytest.raises(type(error)):
+        compare(poses, noise=NOISE, methods=FEW)
+
+
 def test_a_covariance_that_is_refused_leaves_x(poses, monkeypatch):
     original = module.calibrate
 
-    def calibrate(data, *, method, noise=None):
+    def calibrate(data, *, method=None, noise=None, **options):
         if method == "park" and noise is not None:
             raise InputError("66 pairs are too many.")
-        return original(data, method=method, noise=noise)
+        return original(data, method=method, noise=noise, **options)
 
     monkeypatch.setattr(module, "calibrate", calibrate)
     with pytest.warns(InputWarning, match="park: No covariance, hence no verdict: 66 pairs are too many"):
@@ -271,7 +286,8 @@ def test_refuses_what_no_method_could_use(poses, arguments, match):
 def test_without_noise(poses):
     result = compare(poses, methods=FEW)
     assert result.noise_estimated and not compare(poses, noise=NOISE, methods=FEW).noise_estimated
-    estimated = uq.estimate_noise(poses).noise
+    with pytest.warns(InputWarning):
+        estimated = uq.calibrate(poses).noise
     np.testing.assert_array_equal(result.noise.robot, estimated.robot)
     np.testing.assert_array_equal(result.noise.camera, estimated.camera)
     given = compare(poses, noise=estimated, methods=FEW)
@@ -294,18 +310,16 @@ def test_exact_data_show_no_noise():
 
 
 def test_the_noise_is_estimated_once(poses, monkeypatch):
-    calls = []
-    monkeypatch.setattr(module, "estimate_noise", lambda data: calls.append(data) or uq.estimate_noise(data))
     seen = []
     original = module.calibrate
     monkeypatch.setattr(
         module,
         "calibrate",
-        lambda data, *, noise, method: seen.append(noise) or original(data, noise=noise, method=method),
+        lambda data, *, noise, **options: seen.append(noise) or original(data, noise=noise, **options),
     )
-    compare(poses, methods=FEW)
-    assert len(calls) == 1 and len(seen) == len(FEW)
-    assert all(noise is seen[0] for noise in seen)
+    result = compare(poses, methods=FEW)
+    assert seen[0] is None and len(seen) == 1 + len(FEW)
+    assert all(noise is result.noise for noise in seen[1:])
 
 
 def test_motions_with_noise_of_pairs(rng):
@@ -399,10 +413,7 @@ def test_an_undetermined_method_keeps_its_x(poses, monkeypatch):
 
 def test_failures_are_worded_for_a_table(poses, monkeypatch):
     partial = Estimate(uq.calibrate(poses, method="gwak").X, np.array(False), np.array(100))
-    message = (
-        "It did not converge within 1e2 iterations. METHODS[name].estimate() returns what it reached, with a flag."
-    )
-    replaced(monkeypatch, "gwak", raises(NotConvergedError(message, partial)))
+    replaced(monkeypatch, "gwak", raises(NotConvergedError("It did not converge\nwithin 1e2 iterations.", partial)))
     replaced(monkeypatch, "park", raises(DegenerateMotionError("Parallel.", np.eye(6))))
     result = compare(poses, methods=FEW)
     assert result["gwak"].failure == "It did not converge within 1e2 iterations."
@@ -438,3 +449,35 @@ def test_lookup(everything):
     assert isinstance(caught.value, InputError)
     assert str(caught.value).startswith("Expected the name of a method compared, one of tsai, shiu")
     assert isinstance(everything, Comparison)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("noise", [None, NOISE], ids=["estimated", "given"])
+@pytest.mark.parametrize("wrong", [False, True], ids=["good", "outlier"])
+def test_the_reference_is_the_answer_of_calibrate(poses, noise, wrong):
+    camera = poses.camera.copy()
+    if wrong:
+        camera[4] = moved(camera[4], np.array([0.3, 0, 0, 0.1, 0, 0]))
+    poses = uq.PosePairs(poses.robot, camera)
+    answer = uq.calibrate(poses, noise=noise)
+    result = uq.compare(poses, noise=noise, methods=["park", "ml"])
+    assert [row.method for row in result.rows] == ["efficient", "park", "ml"]
+    assert result.reference == result.asked_reference == "efficient"
+    np.testing.assert_array_equal(result["efficient"].X, answer.X)
+    np.testing.assert_array_equal(result["efficient"].covariance, answer.covariance)
+    # the others get the poses that count in it, and its noise
+    weight = answer.table.weight
+    assert result.n_poses == (weight > 0).sum() and result.n_pairs == result.n_pairs_available
+    assert result.n_pairs == result.n_poses * (result.n_poses - 1) // 2
+    used, noise = answer.used
+    np.testing.assert_allclose(result["park"].X, uq.calibrate(used, noise=noise, method="park").X, atol=1e-9)
+    if not wrong or (weight == 0).any():  # a gross error that counts is beyond first order
+        assert (np.abs(result["ml"].xi) < 0.03 * answer.std).all()
+        assert result["park"].agrees
+
+
+def test_all_methods_stand_beside_the_answer(poses):
+    result = uq.compare(poses, noise=NOISE)
+    assert [row.method for row in result.rows] == ["efficient", *uq.METHODS]
+    assert "methods agree with efficient at 95 %" in result.verdict
+    assert (result["efficient"].year, result["efficient"].to_dict()["year"]) == (None, None)

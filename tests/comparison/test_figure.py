@@ -7,11 +7,12 @@ import sys
 
 import numpy as np
 import pytest
+from comparison_cases import compare
 from matplotlib.text import Annotation
 from support import moved
 
 import uq_handeye as uq
-from uq_handeye.comparison.compare import CHI2_95, Row, against, compare
+from uq_handeye.comparison.compare import CHI2_95, Row, against
 from uq_handeye.comparison.figure import comparison_figure, png
 from uq_handeye.presentation.ellipses import PAIRS_WITHIN, render
 

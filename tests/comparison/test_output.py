@@ -9,12 +9,13 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from comparison_cases import compare
 from pages import DOCS
 from support import difference, moved
 
 import uq_handeye as uq
 from uq_handeye.comparison import compare as module
-from uq_handeye.comparison.compare import Row, against, compare
+from uq_handeye.comparison.compare import Row, against
 from uq_handeye.comparison.verdict import apart, digits
 from uq_handeye.errors import InputError
 
@@ -54,8 +55,8 @@ def test_json(everything, tmp_path):
 def test_infinite_distance_is_no_number_in_json(poses, monkeypatch):
     original = module.calibrate
 
-    def calibrate(data, *, method, noise):
-        found = original(data, method=method, noise=noise)
+    def calibrate(data, *, method=None, **options):
+        found = original(data, method=method, **options)
         return dataclasses.replace(found, covariance=np.zeros((6, 6))) if method == "park" else found
 
     monkeypatch.setattr(module, "calibrate", calibrate)

@@ -15,7 +15,6 @@ an imprecise reference.
 
 from __future__ import annotations
 
-import re
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -33,6 +32,7 @@ from ..estimators.common.method import Estimate, Method
 from ..estimators.common.robot_world import RobotWorldMethod
 from ..geometry.frames import SETUPS
 from ..likelihood.constraint import require_noise_fits
+from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.models import Noise, PairNoise
 from ..noise_estimation.estimate import estimate_noise
 from ..poses.motions import Motions, relative_motions, spread_pairs
@@ -48,6 +48,10 @@ from .row import CHI2_95, Row, against, squared_distance, without_numbers
 MOST_PAIRS = 20_000
 # A method is timed so many times, or until so many seconds are over, and the best counts.
 REPEATS, ENOUGH = 5, 0.25
+# The method whose row is the answer of `calibrate`: the default reference.
+OWN = "efficient"
+# What data can make of a method; any other exception is a fault of the program.
+REFUSALS = (InputError, NotConvergedError, ArithmeticError, np.linalg.LinAlgError)
 __all__ = ["CHI2_95", "Row", "against", "compare", "squared_distance"]
 
 
@@ -57,21 +61,23 @@ def compare(
     noise: Noise | None = None,
     methods: Sequence[str] | None = None,
     pairs: str | ArrayLike = "all",
-    reference: str = "4dpa",
+    reference: str = OWN,
     timed: bool = True,
     progress: bool = False,
 ) -> Comparison:
-    """Every method on the same pairs, each with its own covariance.
+    """Every method on the same pairs, each with its own covariance, beside the answer of `calibrate`.
 
-    A method that fails keeps its row, which says why. All pairs of many poses are thinned out to about 20,000.
+    The row ``efficient`` is what ``calibrate(data, noise=noise)`` gives. All methods get the poses that count in it,
+    and its noise. A method that fails keeps its row, which says why, and so does one whose extra is not installed. All
+    pairs of many poses are thinned out to about 20,000.
 
     Parameters
     ----------
     data : PosePairs or Motions
     noise : PoseNoise, PairNoise or None
-        As in `calibrate`. None estimates it once for all methods; where that fails (exact data, or data that do not fit
+        As in `calibrate`. None takes what `calibrate` estimates; where that fails (exact data, or data that do not fit
         together) there are differences but no standard deviations, hence no agreement.
-    methods : names in `METHODS` or `ROBOT_WORLD_METHODS`, or None for all of `METHODS`
+    methods : "efficient", "ml", names in `METHODS` or `ROBOT_WORLD_METHODS`, or None for "efficient" and `METHODS`
         The reference is added if it is not among them.
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
         Pairs to make of the poses (`relative_motions`); Motions come with theirs.
@@ -99,19 +105,52 @@ def compare(
     >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
     >>> comparison = compare(uq.simulate(n_poses=30, noise=noise, seed=1), noise=noise, methods=["park"])
     >>> [(row.method, row.agrees) for row in comparison.rows]
-    [('4dpa', True), ('park', True)]
+    [('efficient', True), ('park', True)]
     """
     names = _names(methods, reference)
     motions, available = _motions(data, pairs)
     require_noise_fits(noise, motions)
+    answers: list[Calibration] = []
+
+    def answer() -> Calibration:
+        answers.append(calibrate(data, noise=noise, pairs=pairs))
+        return answers[-1]
+
+    own = _row(Row(OWN, None, "simultaneous", "closed form"), answer)
+    used = noise
+    if answers and answers[0].noise is not None:
+        kept, used = _used(answers[0], motions)
+        if kept.N < motions.N:
+            n = len(kept.poses or kept)
+            available = kept.N if available == motions.N else n * (n - 1) // 2
+        motions = kept
+    elif noise is None:
+        used = _estimated(motions)
+    return compare_rows(
+        names, motions, used, {OWN: own}, reference, noise is None and used is not None, available, timed, progress
+    )
+
+
+def compare_rows(
+    names: Sequence[str],
+    motions: Motions,
+    noise: Noise | None,
+    found: dict[str, Row],
+    reference: str,
+    noise_estimated: bool,
+    available: int,
+    timed: bool,
+    progress: bool,
+) -> Comparison:
+    """The comparison of these methods on these motions; the rows that are ``found`` already are taken as they are."""
     poses = motions.poses
-    estimated = noise is None and (noise := _estimated(motions)) is not None
-    found: dict[str, Row] = {}
+    found = dict(found)
     with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
         warnings.simplefilter("always")
         with progress_bar("compare", len(names), "methods", progress) as advance:
             for name in sorted(names, key=lambda name: name != reference):
-                found[name] = _row(_every()[name], motions, noise, timed)
+                if name not in found:
+                    found[name] = _row_of(name, motions, noise, timed)
                 advance(1)
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
@@ -127,14 +166,27 @@ def compare(
         n_pairs=motions.N,
         n_pairs_available=available,
         noise=noise,
-        noise_estimated=estimated,
+        noise_estimated=noise_estimated,
         warnings=common,
     )
     for text in (*common, *result.own_warnings):
-        warnings.warn(text, InputWarning, stacklevel=2)
+        warnings.warn(text, InputWarning, stacklevel=3)
     for message in {(warning.category, str(warning.message)): warning for warning in others}.values():
-        warnings.warn(message.message, message.category, stacklevel=2)
+        warnings.warn(message.message, message.category, stacklevel=3)
     return result
+
+
+def _used(result: Calibration, motions: Motions) -> tuple[Motions, Noise]:
+    """The motions without the poses that the calibration gave no weight, and the noise that it used."""
+    data, noise = result.used
+    if isinstance(data, Motions):
+        return data, noise
+    if result.table is None or data is result.data:
+        return motions, noise
+    kept = result.table.weight > 0
+    assert motions.pairs is not None
+    pairs = motions.pairs[kept[motions.pairs].all(axis=1)]
+    return relative_motions(data, np.cumsum(kept)[pairs] - 1), noise
 
 
 def _estimated(motions: Motions) -> Noise | None:
@@ -150,10 +202,11 @@ def _every() -> dict[str, Method | RobotWorldMethod]:
 
 def _names(methods: Sequence[str] | None, reference: str) -> list[str]:
     """The methods to run, each once and the reference among them."""
-    wanted = list(METHODS) if methods is None else [methods] if isinstance(methods, str) else list(methods)
+    wanted = [OWN, *METHODS] if methods is None else [methods] if isinstance(methods, str) else list(methods)
     for name, argument in (*((name, "methods") for name in wanted), (reference, "reference")):
-        if not isinstance(name, str) or name not in _every():
-            raise InputError(f"Expected `{argument}` to name methods among {', '.join(_every())}, got {name!r}.")
+        if not isinstance(name, str) or name not in (*ESTIMATORS, *_every()):
+            known = ", ".join((*ESTIMATORS, *_every()))
+            raise InputError(f"Expected `{argument}` to name methods among {known}, got {name!r}.")
     return list(dict.fromkeys(wanted if reference in wanted else [reference, *wanted]))
 
 
@@ -174,26 +227,49 @@ def _motions(data: PosePairs | Motions, pairs: str | ArrayLike) -> tuple[Motions
     return motions, available
 
 
-def _row(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | None, timed: bool) -> Row:
-    """The row of one method, without its difference from the reference; never raises on account of the data."""
-    row = Row(method.name, method.year, method.structure, method.form)
+def _row_of(name: str, motions: Motions, noise: Noise | None, timed: bool) -> Row:
+    """The row of one method on these motions; never raises on account of the data."""
+    if name in ESTIMATORS:
+        model = Row(name, None, "simultaneous", "iterative" if name == "ml" else "closed form")
+        return _row(model, lambda: calibrate(motions, noise=noise, method=name, robust=False))
+    method = _every()[name]
+    row = Row(name, method.year, method.structure, method.form)
+    row = _row(
+        row,
+        lambda: calibrate(motions, noise=noise, method=name),
+        lambda error: _without_covariance(row, error, motions, noise, method),
+        motions,
+    )
+    if not timed or row.X is None:
+        return row
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they stand in the row
+        with suppress(*REFUSALS):  # what reached no end is not timed
+            return replace(row, seconds=_seconds(_alone(method, motions, noise)))
+    return row
+
+
+def _row(
+    row: Row,
+    run: Callable[[], Calibration],
+    refused: Callable[[InputError], Row] | None = None,
+    motions: Motions | None = None,
+) -> Row:
+    """The row with what ``run`` finds, or why it finds nothing, but for the difference from the reference."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            row = _filled(row, calibrate(motions, noise=noise, method=method.name))
+            row = _filled(row, run())
         except NotConvergedError as error:
-            row = replace(_reached(row, error, motions), failure=_sentence(error), converged=False)
+            row = replace(_reached(row, error, motions), failure=_said(error), converged=False)
         except DegenerateMotionError as error:
-            row = replace(_undetermined(row, error), failure=_sentence(error))
+            row = replace(_undetermined(row, error), failure=_said(error))
         except MissingExtraError as error:
-            row = replace(row, failure=_sentence(error))
+            row = replace(row, failure=_said(error), not_run=True)
         except InputError as error:
-            row = _without_covariance(row, error, motions, noise, method)
-        except Exception as error:  # whatever goes wrong in one method, the table is not lost
-            row = replace(row, failure=f"{type(error).__name__}: {_sentence(error)}")
-        if timed and row.X is not None:
-            with suppress(Exception):  # what cannot be timed has no time
-                row = replace(row, seconds=_seconds(_alone(method, motions, noise)))
+            row = replace(row, failure=_said(error)) if refused is None else refused(error)
+        except (ArithmeticError, np.linalg.LinAlgError) as error:  # the numbers of these data; any other is a fault
+            row = replace(row, failure=f"{type(error).__name__}: {_said(error)}")
     for warning in caught:
         if not issubclass(warning.category, InputWarning):
             warnings.warn(warning.message, warning.category, stacklevel=2)
@@ -238,22 +314,27 @@ def _without_covariance(
 ) -> Row:
     """The row with X alone where it is the covariance that the method refuses, for example of too many pairs."""
     if noise is None or method.weighted:
-        return replace(row, failure=_sentence(error))
+        return replace(row, failure=_said(error))
     try:
         found = fit_published(motions, None, method.name, None, None)
         if not np.isfinite(found.X).all():
             raise ArithmeticError("the result holds numbers that are not finite.")
         of_pairs = summarise(*residuals(motions.A, motions.B, found.X))
-    except Exception:
-        return replace(row, failure=_sentence(error))
+    except REFUSALS:
+        return replace(row, failure=_said(error))
     row = replace(row, X=found.X, residuals=of_pairs, converged=True, iterations=found.iterations)
-    return replace(row, warnings=(f"No covariance, hence no verdict: {_sentence(error)}",))
+    return replace(row, warnings=(f"No covariance, hence no verdict: {_said(error)}",))
 
 
-def _reached(row: Row, error: NotConvergedError, motions: Motions) -> Row:
+def _reached(row: Row, error: NotConvergedError, motions: Motions | None) -> Row:
     """The row with what an iteration reached before it was given up."""
     partial = error.partial
-    if not isinstance(partial, Estimate) or partial.X.shape != (4, 4) or not np.isfinite(partial.X).all():
+    if (
+        motions is None
+        or not isinstance(partial, Estimate)
+        or partial.X.shape != (4, 4)
+        or not np.isfinite(partial.X).all()
+    ):
         return row
     return replace(
         row,
@@ -271,10 +352,9 @@ def _undetermined(row: Row, error: DegenerateMotionError) -> Row:
         return row
 
 
-def _sentence(error: Exception) -> str:
-    """What went wrong, in words for a table: nothing to call from Python."""
-    sentences = re.split(r"(?<=[.!?])\s+", " ".join(str(error).split()))
-    return " ".join(sentence for sentence in sentences if "METHODS[" not in sentence) or type(error).__name__
+def _said(error: Exception) -> str:
+    """What went wrong, on one line of a table."""
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _seconds(function: Callable[[], object]) -> float:

@@ -154,7 +154,7 @@ def _failures(axis: Axes, comparison: Comparison) -> None:
     for y, row in enumerate(comparison.rows):
         axis.text(-0.01, y, row.method, transform=axis.get_yaxis_transform(), ha="right", va="center", fontsize=7.5)
         like = first.setdefault(without_numbers(str(row.failure)), row.method)
-        reason = f"failed: {row.failure if like == row.method else f'like {like}'}"
+        reason = f"{row.status}: {row.failure if like == row.method else f'like {like}'}"
         text = "\n".join(textwrap.wrap(_short(reason, 380), 190, break_on_hyphens=False))
         axis.text(0.0, y, text, transform=axis.get_yaxis_transform(), va="center", fontsize=6.3, color=WARNING)
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..errors import InputError, NotConvergedError
-from ..poses.motions import spread_pairs
+from ..estimators import METHODS
+from ..poses.motions import relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
-from .compare import compare
+from .compare import compare_rows
 from .result import Comparison
-from .row import Row, against
+from .row import Row
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -46,32 +44,32 @@ def compare_beside(result: Calibration) -> Compared:
         )
     if result.table is not None and result.table.rejected:
         kept = np.flatnonzero(result.table.weight > 0)
-        data, noise = data.rows(kept), None if noise is None else noise.rows(kept)
+        data, noise = (data.rows(kept), None) if noise is None else result.used
         count = len(result.table.rejected)
         note = f" Without the {f'{count} {result.table.item}s' if count > 1 else result.table.item} rejected here."
-    pairs: NDArray[np.intp] | str = "all"
     if isinstance(data, PosePairs):
-        pairs = spread_pairs(data.n, COMPARED_PAIRS)
-    elif data.N > COMPARED_PAIRS:
-        some = np.linspace(0, data.N - 1, COMPARED_PAIRS).astype(np.intp)
-        note += f" They are spread evenly over the {data.N:,} motions."
-        data, noise = data.rows(some), None if noise is None else noise.rows(some)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # those that matter are in the table
-            found = compare(data, noise=noise, pairs=pairs, timed=False)
-    except (InputError, NotConvergedError) as error:
-        return Compared(None, f"Not compared: {error}", "")
-    available = data.n * (data.n - 1) // 2 if isinstance(data, PosePairs) else found.n_pairs
+        available = data.n * (data.n - 1) // 2
+        motions = relative_motions(data, spread_pairs(data.n, COMPARED_PAIRS))
+    else:
+        motions, available = data, min(data.N, COMPARED_PAIRS)
+        if data.N > COMPARED_PAIRS:
+            some = np.linspace(0, data.N - 1, COMPARED_PAIRS).astype(np.intp)
+            note += f" They are spread evenly over the {data.N:,} motions."
+            motions, noise = data.rows(some), None if noise is None else noise.rows(some)
     base = Row(
         f"{result.method} (this result)",
-        0,
+        None,
         "",
         "",
         X=result.X,
         covariance=result.covariance,
         residuals=result.residuals,
+        warnings=result.warnings,
     )
-    rows = [against(row, base) for row in (base, *found.rows)]
-    found = replace(found, rows=tuple(rows), reference=base.method, n_pairs_available=available)
+    names, estimated = [base.method, *METHODS], result.noise_estimate is not None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # those that matter are in the table
+        found = compare_rows(
+            names, motions, noise, {base.method: base}, base.method, estimated, available, timed=False, progress=False
+        )
     return Compared(found, "", note)

@@ -32,7 +32,7 @@ class Row(ReadOnlyArrays):
     """What one method made of the data. Angles in rad, lengths in m."""
 
     method: str
-    year: int
+    year: int | None  # None: of this toolkit
     structure: str  # "separated" or "simultaneous"
     form: str  # "closed form", "iterative" or "convex program"
     X: Array | None = None  # (4, 4); with a failure: what the method came to all the same, if anything
@@ -41,6 +41,7 @@ class Row(ReadOnlyArrays):
     seconds: float | None = None  # of the estimator alone
     converged: bool | None = None
     iterations: int | None = None  # 0 in closed form
+    not_run: bool = False  # its extra is not installed
     failure: str | None = None  # why there is no result, or none to rely on
     warnings: tuple[str, ...] = ()  # beyond those of the comparison
     xi: Array | None = None  # (6,) difference (theta, tau) from the reference
@@ -49,9 +50,12 @@ class Row(ReadOnlyArrays):
 
     @property
     def status(self) -> str:
-        """ok; undetermined, where the noise leaves X open and the covariance means nothing; unconverged; failed."""
+        """What there is: "ok"; "not run", its extra is not installed; "unconverged"; "failed"; or "undetermined", where
+        the noise leaves X open and the covariance means nothing."""
         if self.failure is None:
             return "ok"
+        if self.not_run:
+            return "not run"
         if self.converged is False:
             return "unconverged"
         return "failed" if self.X is None else "undetermined"
@@ -62,7 +66,8 @@ class Row(ReadOnlyArrays):
         if self.xi is not None:
             rotation, translation = np.degrees(np.linalg.norm(self.xi[:3])), 1e3 * np.linalg.norm(self.xi[3:])
             apart = f", {rotation:.3g} deg and {translation:.3g} mm from the reference"
-        return f"Row({self.method} {self.year}, {said}{apart})"
+        name = self.method if self.year is None else f"{self.method} {self.year}"
+        return f"Row({name}, {said}{apart})"
 
     @property
     def std(self) -> Array | None:

@@ -111,7 +111,7 @@ def _table(comparison: Comparison) -> Table:
         if row.X is None:
             like = causes.setdefault(without_numbers(row.failure or ""), row.method)
             reason = row.failure if like == row.method else f"like {like}"
-            rows.append([row.method, (f"failed: {reason}", width)])
+            rows.append([row.method, (f"{row.status}: {reason}", width)])
             continue
         cells: list[Cell] = [show(row) for _, _, show in _COLUMNS]
         cells[_VERDICT] = word(row, comparison.reference)

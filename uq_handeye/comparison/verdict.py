@@ -51,7 +51,12 @@ def verdict(rows: Sequence[Row], reference: str | None, noise_known: bool) -> st
 
 
 # What the verdict calls the rows without a result to rely on.
-_STATUS = {"undetermined": "undetermined", "unconverged": "did not converge", "failed": "failed"}
+_STATUS = {
+    "undetermined": "undetermined",
+    "unconverged": "did not converge",
+    "failed": "failed",
+    "not run": "not run",
+}
 
 
 def to_rely_on(row: Row) -> str:

@@ -8,8 +8,8 @@ from ...errors import InputError
 from ..inputs import PoseFiles, noise_of
 from ..messages import fail, progress_wanted, timed
 from ..options import (
+    EVERY_METHOD,
     OUTPUT,
-    PUBLISHED,
     ROBOT_WORLD,
     JsonOption,
     PairsOption,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
 
-COMPARED = (*PUBLISHED, *ROBOT_WORLD)
+COMPARED = EVERY_METHOD
 
 
 @made_of(given=noise_of, files=PoseFiles)
@@ -39,18 +39,19 @@ def compare_command(
             "--methods",
             of=COMPARED,
             metavar="NAME,NAME,...",
-            help=f"Some of {', '.join(PUBLISHED)}; or {', '.join(ROBOT_WORLD)}, on poses. Left out: the former.",
+            help=f"Some of {', '.join(EVERY_METHOD)}. Left out: efficient, the answer of calibrate, and all but ml, "
+            f"{' and '.join(ROBOT_WORLD)}.",
         ),
     ] = None,
     reference: Annotated[
         str, option("--reference", of=COMPARED, metavar="NAME", help="Method from which differences are taken.")
-    ] = "4dpa",
+    ] = "efficient",
     pairs: PairsOption = "all",
     as_json: JsonOption = False,
     as_csv: Annotated[bool, flag("--csv", panel=OUTPUT, help="Print the table as CSV.")] = False,
     output: Annotated[Path | None, folder_option("Write comparison.json, .csv, .png, .svg.")] = None,
 ) -> int:
-    """All published methods on the same pairs: a table, and a figure of who agrees.
+    """The answer of calibrate and all published methods: a table, and a figure of who agrees.
 
     Example: uq-handeye compare robot.csv camera.csv -o comparison/
 

@@ -193,8 +193,7 @@ def require_converged(method: Method, estimate: Estimate) -> Estimate:
         failed = int(estimate.converged.size - estimate.converged.sum())
         of = "" if estimate.converged.ndim == 0 else f" on {failed} of {estimate.converged.size} problems"
         raise NotConvergedError(
-            f"Method {method.name!r} did not converge{of} within {int(estimate.iterations.max())} iterations. "
-            "METHODS[name].estimate() returns what it reached, with a flag.",
+            f"Method {method.name!r} did not converge{of} within {int(estimate.iterations.max())} iterations.",
             estimate,
         )
     return estimate

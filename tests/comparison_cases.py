@@ -1,0 +1,8 @@
+"""What the tests of comparisons share."""
+
+import uq_handeye as uq
+
+
+def compare(data, **options):
+    """The published methods against 4dpa, which sees the same pairs as the others."""
+    return uq.compare(data, **{"methods": list(uq.METHODS), "reference": "4dpa"} | options)
