@@ -26,10 +26,11 @@ def test_leaving_ends_worker_processes_at_once():
 
 
 def test_workers_have_one_thread_and_no_ctrl_c():
+    program = sys.modules["__main__"]
     with LocalProcesses(1) as pool:
         assert pool.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(60) == "1"
         assert pool.submit(signal.getsignal, signal.SIGINT).result(60) == signal.SIG_IGN
-    assert sys.modules["__main__"].__name__ == "__main__" and hasattr(sys.modules["__main__"], "__file__")
+    assert sys.modules["__main__"] is program
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):
