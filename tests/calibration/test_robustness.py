@@ -355,3 +355,20 @@ def test_what_was_recorded_can_be_repeated(poses, monkeypatch):
     for options in ({"noise": NOISE, "robust": True}, {}):
         with pytest.raises(uq.NotConvergedError, match="take turns"):
             quietly(poses, **options)
+
+
+@pytest.mark.parametrize("n", [5, 6, 7])
+@pytest.mark.parametrize("gross", [False, True])
+def test_few_poses_are_not_refused_and_their_outlier_is_named(n, gross):
+    """The noise of the others is too uncertain to judge one of so few rows by it."""
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    found = 0
+    for seed in range(12):
+        poses = uq.simulate(n, noise=noise, seed=[SEED, n, seed])
+        camera = poses.camera.copy()
+        camera[seed % n, :3, 3] += 0.02 * gross
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", uq.InputWarning)
+            result = uq.calibrate(uq.PosePairs(poses.robot, camera))
+        found += (result.table.weight < 1).nonzero()[0].tolist() == [seed % n]
+    assert found >= 10 if gross else found <= 1

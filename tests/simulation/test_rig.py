@@ -70,7 +70,7 @@ def test_seed():
         ({"n_poses": None}, "`n_poses`"),
         ({"trials": 0}, "`trials`"),
         ({"trials": 2.5}, "`trials` to be an integer"),
-        ({"seed": 1.5}, "`seed` to be an integer"),
+        ({"seed": 1.5}, "`seed` to be what"),
         ({"seed": -1}, "`seed`"),
         ({"noise": "1mm"}, "`noise` to be PoseNoise or None, got str"),
         ({"distance": 0.5}, "`distance` to be .nearest, farthest., got 0.5"),

@@ -1,8 +1,8 @@
 """calibrate(): from poses or motions, with or without their noise, to X with its uncertainty.
 
 The estimate is `likelihood` by default, started from 4DPA, whose own X and covariance stay in the result; or a
-published method (`published`). Where no noise is given it is estimated from the data (`noise_estimation`). Outliers
-are down-weighted (`robust`). What looks wrong is said (`plausibility`, `pairing`, `diagnostics`, `split_half`).
+published method (`published_fit`). Where no noise is given it is estimated from the data (`noise_estimation`). Outliers
+are down-weighted (`robust`). What looks wrong is said (`input_checks`, `diagnostics`, `split_half`).
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ def calibrate(
         How noise is propagated through a published method (`propagate`).
     covariance : "model", "sigma-points", "sandwich", "hac", "jackknife" or "bootstrap"
         ``model``: that of the noise, to first order; ``sigma-points``: the same beyond first order, about the true X
-        and of X alone (`sigma_point_covariance`); the others come from the residuals of the poses and need no noise
-        model (`resampling`).
+        and of X alone (`simulation.sigma_points`); the others come from the residuals of the poses and need no noise
+        model (`empirical_covariance`).
     robust : bool or None
         Down-weight outliers and say which (`robust`), by ``efficient``, ``ml`` and ``bundle``. None does so from 5
         poses (or motions) on. Where no pose stands out the estimate is the plain one. False: all poses count in full.
@@ -85,7 +85,7 @@ def calibrate(
         Input that cannot be used.
     DegenerateMotionError
         The motions do not determine X; or their rotations do not stand out of their noise (`require_signal` in
-        `plausibility`); or with this noise they leave its rotation open by more than 20 degrees, where a
+        `input_checks.checks`); or with this noise they leave its rotation open by more than 20 degrees, where a
         first-order covariance means nothing: only then ``partial`` holds the `Calibration`.
     NotConvergedError
         An iterative method did not converge.

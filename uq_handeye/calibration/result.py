@@ -409,7 +409,7 @@ class Calibration(ReadOnlyArrays):
         comparison: Methods = True,
         cross_check: CrossCheck | None = None,
     ) -> Path:
-        """One self-contained file for people: ``.html``, or ``.pdf``; see `report.html` for the sections.
+        """One self-contained file for people: ``.html``, or ``.pdf``; see `report.page` for the sections.
 
         Parameters
         ----------

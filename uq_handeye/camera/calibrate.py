@@ -49,7 +49,7 @@ def calibrate_camera(
     image_size : (width, height) or None
         Pixels. None: as the corners say (`detect_board`).
     model : "pinhole", "brown", "fisheye" or "auto"
-        "auto" takes the best of several by BIC, see `choice`.
+        "auto" takes the best of several by BIC, see `model_choice`.
     coefficients : names or None
         Which coefficients of the model are estimated; the others are 0. None: k1, k2, p1, p2 of "brown", all of
         "fisheye".
@@ -185,7 +185,7 @@ class _Setting:
 def _chosen(
     corners: Corners, size: tuple[int, int], known: dict[str, Any]
 ) -> tuple[str, tuple[str, ...], tuple[Candidate, ...], Bundle]:
-    """Model and coefficients that `choice.best` takes, all judged on the corners that the fullest Brown model keeps.
+    """Model and coefficients that `model_choice.best` takes, all on the corners that the fullest Brown model keeps.
 
     A candidate starts from the one before; a fisheye, and what does not converge from there, from the corners.
     """

@@ -1,6 +1,6 @@
 """The methods side by side as a figure for a page: their differences from one X, with bars of 1 and 2 sigma.
 
-A lighter `comparison_figure`: one row per method, one panel for each of the six components, no ellipses. This module
+A lighter `comparison.figure`: one row per method, one panel for each of the six components, no ellipses. This module
 imports Matplotlib; import it where it is used.
 """
 

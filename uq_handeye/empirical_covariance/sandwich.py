@@ -27,7 +27,7 @@ rule of 1994 (Review of Economic Studies 61, 631-653).
 Reference distribution. Such a covariance is itself random. Under the working model with Gaussian errors it is close to
 a Wishart matrix of nu degrees of freedom, nu from its second moments, so that for the 6 components of X
 
-    d^2 (nu - 5) / (6 nu)  ~  F(6, nu - 5),        d^2 = xi_X^T Cov_X^-1 xi_X           (`reference`, Hotelling)
+    d^2 (nu - 5) / (6 nu)  ~  F(6, nu - 5),        d^2 = xi_X^T Cov_X^-1 xi_X           (`d2_distribution`, Hotelling)
 
 Source: J. E. Pustejovsky and E. Tipton, J. Business & Economic Statistics 36 (2018) 672-683 (their AHT test, which
 carries the degrees of freedom of Bell and McCaffrey from one component to several). A chi-square with 6 degrees of

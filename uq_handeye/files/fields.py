@@ -1,4 +1,4 @@
-"""Numbers out of trees (`_trees`): every error says where in the file, what was expected and what came."""
+"""Numbers out of trees (`trees`): every error says where in the file, what was expected and what came."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Pose files in CSV: one pose per line under the header ``timestamp,x,y,z,qx,qy,qz,qw``.
 
 A line is a timestamp (seconds, or a row number), a position (metres) and a unit quaternion; the columns may come in any
-order. Other common names of them are taken as well (`_columns`), with units behind them; the timestamp may be left out,
+order. Other common names of them are taken as well (`columns`), with units behind them; the timestamp may be left out,
 and further columns are not used. Fields are separated by commas, or, where the header has none, by semicolons (numbers
 then may have decimal commas) or tabs. Blank lines, comment lines that start with ``#``, spaces and quotes around
 fields, a byte order mark and Windows line ends are tolerated, and so is a header that is a comment; everything else

@@ -67,6 +67,9 @@ SURE = 0.8
 # How small the median of the distances of good poses may be by chance, where the noise is estimated.
 BY_CHANCE = 0.05
 
+# Degrees of freedom of all rows below which the noise of the others is too uncertain to judge one of them by.
+ENOUGH = 36
+
 # Rotation residuals per axis (rad) from which on noise that explains them is not trusted: rows may not belong together.
 LARGE = np.radians(2.0)
 
@@ -241,7 +244,7 @@ def _begin_with_all(
             settled = plain or _settle(constraint, noise, start, everyone, method, most=FREE)
         else:
             assert estimate is not None
-            noise = estimate(constraint, start, everyone)
+            noise = estimate(constraint, start, everyone) if _has_enough(constraint) else None
             if noise is None:
                 return None
             noise, settled = _alternate(constraint, noise, start, everyone, estimate, method, most=FREE)
@@ -279,6 +282,10 @@ def _may_hide_outliers(settled: _Settled) -> bool:
         robust_variance(settled.distances[kept], 6) < gammaincinv(3.0, low) / gammaincinv(3.0, 0.5)
         or np.mean(settled.fit.residual[kept, :3] ** 2) > LARGE**2
     )
+
+
+def _has_enough(constraint: Constraint) -> bool:
+    return 6 * constraint.n - constraint.p >= ENOUGH
 
 
 def _margin(constraint: Constraint) -> float:
@@ -367,6 +374,8 @@ def _alternate(
 
 def _judge_without_itself(constraint: Constraint, distances: Array, sources: NDArray[np.bool_]) -> Array:
     """d^2 of each row by the noise of the other rows (module); ``sources`` are those that the noise comes from."""
+    if not _has_enough(constraint):
+        return distances
     f = 0.5 * (6 * int(sources.sum()) - constraint.p)
     inside = sources & (distances < f)
     judged = np.where(inside, distances * (f - 3.0) / np.where(inside, f - distances, 1.0), distances)

@@ -1,7 +1,7 @@
 """What is known of the noise, before and after it is estimated: data sheets, components, the estimate as a whole.
 
 Units: rad and m, standard deviations per axis; text is in degrees and mm. How it is found: `noise_estimation`, and for
-camera poses from corners `robot_noise`.
+camera poses from corners `noise_estimation.beside_camera`.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class Component:
 
 @dataclass(frozen=True)
 class CameraFactor:
-    """By which the residuals would multiply the covariance of the camera poses: 1 where it is true (`robot_noise`)."""
+    """By which the residuals would multiply the covariance of the camera poses: 1 where it is valid (`beside_camera`)."""
 
     value: float  # kappa, of variances
     dof: float  # kappa times it is chi-square with so many degrees of freedom, if the covariance is true

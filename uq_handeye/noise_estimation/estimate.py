@@ -3,7 +3,7 @@ r"""Noise from the data: how large are the errors of robot and camera, and what 
 Model: the errors ``xi = (theta, tau)`` of the poses (or of motions that come without poses) are independent, Gaussian
 and isotropic, with one standard deviation (rad, m) for each of robot rotation, robot translation, camera rotation and
 camera translation. They are estimated by restricted maximum likelihood on the linearised constraint
-(`noise_components`), which counts the degrees of freedom that X and W take.
+(`restricted_likelihood`), which counts the degrees of freedom that X and W take.
 
 What data can tell. All that an estimate of X sees of the errors is, to first order, the residual r of ``G X C = W`` (or
 ``A X = X B``), and
@@ -22,7 +22,7 @@ A prior says that log of a standard deviation is Gaussian about that of the data
 standard deviation; the estimate is then the maximum of the restricted likelihood times the prior.
 
 Camera poses that come from corners (`calibrate_camera`) bring their joint covariance with them: nothing of it is
-estimated, and the robot's noise is found beside it (`robot_noise`), rotation and translation told apart from the
+estimated, and the robot's noise is found beside it (`beside_camera`), rotation and translation told apart from the
 camera's.
 
 Intervals are 95 % profile intervals of the restricted likelihood; those of sums of two of them are chi-square

@@ -17,10 +17,10 @@ to be made small:
 - ``logdet``: ``log det Sigma``, the volume of the ellipsoid, whatever the units.
 
 Poses are chosen greedily, then exchanged one by one as long as that helps, and put into the order in which each brings
-most (`planning_selection`). That is no proof of the best set; docs/how-to/plan.md has the gap.
+most (`selection`). That is no proof of the best set; docs/how-to/plan.md has the gap.
 
 Poses that leave a part of X open (parallel axes, pure translations) can be planned from: there a weak prior stands in
-(`planning_start`), and `Plan.open_directions` says where.
+(`weak_prior`), and `Plan.open_directions` says where.
 """
 
 from __future__ import annotations

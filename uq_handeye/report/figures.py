@@ -1,6 +1,6 @@
 """All figures of a calibration, each with the words that belong to it.
 
-What cannot be drawn (no covariance, no poses, no noise) is left out; `report.html` says why. This module imports
+What cannot be drawn (no covariance, no poses, no noise) is left out; `report.page` says why. This module imports
 Matplotlib; import it where it is used.
 """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ def simulate(
     tilt: str | float = "35deg",
     roll: str | float = "60deg",
     trials: int | None = None,
-    seed: int | np.random.Generator = 0,
+    seed: int | Sequence[int] | np.random.SeedSequence | np.random.Generator = 0,
 ) -> PosePairs:
     """Poses of a robot that looks at a target from many sides, with noise, and their truth.
 
@@ -76,7 +77,7 @@ def simulate(
         Largest roll of the camera about its line of sight, either way.
     trials : int or None
         Number of independent noise draws on the same true poses, as a leading axis; None is one without it.
-    seed : int or numpy Generator
+    seed : int, sequence of int, SeedSequence or numpy Generator
 
     Returns
     -------
@@ -92,8 +93,12 @@ def simulate(
     require_integer("n_poses", n_poses, 1)
     if trials is not None:
         require_integer("trials", trials, 1)
-    if not isinstance(seed, np.random.Generator):
-        require_integer("seed", seed, 0)
+    try:
+        rng = np.random.default_rng(seed)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"Expected `seed` to be what numpy.random.default_rng takes, got {seed!r}: {error}."
+        ) from error
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError(f"Expected `noise` to be PoseNoise or None, got {type(noise).__name__}.")
     if not isinstance(distance, tuple | list) or len(distance) != 2:
@@ -108,8 +113,6 @@ def simulate(
         default if given is None else as_transforms(given, name, stack=False)
         for given, default, name in zip((X, W), RIGS[setup], "XW", strict=True)
     )
-    rng = np.random.default_rng(seed)
-
     # target_T_camera: back off along -z of a camera that looks at the target's face.
     away = rng.uniform(nearest, farthest, n_poses)
     angles = np.stack(

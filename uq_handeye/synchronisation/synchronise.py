@@ -6,7 +6,7 @@ other (`interpolation`): the error of interpolation grows with the square of the
 gap is bridged.
 
 The offset starts from the correlation of angular speeds (`time_offset`), and is refined jointly with X and W
-(`offset_refinement`). Its uncertainty goes with the poses (`timing`): `calibrate` makes the covariance of X marginal
+(`refinement`). Its uncertainty goes with the poses (`timing`): `calibrate` makes the covariance of X marginal
 over it. An offset error d moves pose i by ``rate_i d``, hence X by ``g d`` with ``g = -C J^T S^-1 j``, ``j_i = D_i
 rate_i``. In the joint fit of (X, W, d) the covariance of X is to first order
 

@@ -2,7 +2,7 @@ r"""Residuals of the corners as figures: picture by picture, all over the pictur
 
 Model: a residual is where a corner was measured less where the camera is predicted to see it, in pixels, u to the right
 and v down. Where the model is right, means of residuals are chance: that of m corners has the deviation
-``s / sqrt(m)`` per coordinate, with s the pixel noise (`camera.pattern`).
+``s / sqrt(m)`` per coordinate, with s the pixel noise (`camera.residual_pattern`).
 This module imports Matplotlib; import it where it is used.
 """
 

@@ -24,7 +24,7 @@ The refined ``R_Ak = exp([a_k]x)`` has the left error ``phi_k``. With ``v = R_Ak
 
 As in the publication, the correlation of rotation and translation within the covariance of a motion is ignored when
 weighting, the pairs are taken as independent, though all q_k share the error of R, and no cross-covariance of rotation
-and translation is given. `nguyen_derivatives` ignores none of the three. The stages themselves are in `nguyen_stages`.
+and translation is given. `derivatives` ignores none of the three. The stages themselves are in `stages`.
 
 Source: H. Nguyen, Q.-C. Pham, "On the covariance of X in AX = XB", IEEE Trans. Robotics 34 (2018),
 doi:10.1109/TRO.2018.2861905, arXiv:1706.03498.

@@ -96,7 +96,7 @@ def monte_carlo(
         What is tested: the first-order covariance of the method at the truth; that which every trial would report of
         itself; or one that is given.
     digits : int or None
-        Stop when the result is stable to so many significant digits (1 to 4), after JCGM 102 (`stable`).
+        Stop when the result is stable to so many significant digits (1 to 4), after JCGM 102 (`stopping`).
     directory : path or None
         Folder for the chunks, from which ``resume=True`` goes on after whatever ended the program (`store`). With
         more ``trials`` than before it extends the run.

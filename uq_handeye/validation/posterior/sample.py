@@ -1,8 +1,8 @@
 r"""The posterior of X by Markov chain Monte Carlo: a test of the bound that does not linearise in X.
 
-Model: `posterior_density` (likelihood of T5, flat prior on the six coordinates of X, W integrated out). For small noise
+Model: `density` (likelihood of T5, flat prior on the six coordinates of X, W integrated out). For small noise
 its covariance is that of the bound (`likelihood.bound`), not 4DPA's, which wastes information (T8). Sampled by emcee
-(Foreman-Mackey et al. 2013, doi:10.1086/670067) with the moves of `posterior_moves`, until `posterior_convergence` says
+(Foreman-Mackey et al. 2013, doi:10.1086/670067) with the moves of `moves`, until `convergence` says
 that there are enough effective samples; before that nothing is reported.
 """
 
