@@ -23,7 +23,8 @@ def pytest_cmdline_main(config):
     Each process takes neighbouring tests (``worksteal``), which share the fixtures of their module.
     """
     option = config.option
-    if config.args_source is pytest.Config.ArgsSource.TESTPATHS and getattr(option, "numprocesses", 0) is None:
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not hasattr(config, "workerinput")
+    if whole and getattr(option, "numprocesses", 0) is None:  # a process of the run comes here, too
         option.numprocesses, option.maxprocesses, option.dist = "logical", 8, "worksteal"
 
 

@@ -38,7 +38,10 @@ def rig(rng, setup):
     return uq.simulate(15, noise=noise, setup=setup, trials=TRIALS, seed=rng)
 
 
-@pytest.fixture(params=[(rig, "eye-in-hand"), (rig, "eye-to-hand"), (wide, "eye-in-hand")], ids=str)
+@pytest.fixture(
+    params=[(rig, "eye-in-hand"), (rig, "eye-to-hand"), (wide, "eye-in-hand")],
+    ids=lambda case: f"{case[0].__name__}-{case[1]}",
+)
 def poses(request, rng):
     make, setup = request.param
     return make(rng, setup)

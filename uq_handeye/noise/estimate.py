@@ -106,7 +106,7 @@ class Component:
 
 @dataclass(frozen=True)
 class CameraFactor:
-    """By which the residuals would multiply the covariance of the camera poses: 1 where it is valid (`beside_camera`)."""
+    """What the residuals scale the covariance of the camera poses: 1 where it is valid (`beside_camera`)."""
 
     value: float  # kappa, of variances
     dof: float  # kappa times it is chi-square with so many degrees of freedom, if the covariance is true
