@@ -233,8 +233,8 @@ def test_ctrl_c_before_the_first_trial(session):
         [*command, "-v"], cwd=session, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     try:
-        while "checking the input" not in process.stderr.readline():
-            time.sleep(0.01)
+        while "calibrating" not in (line := process.stderr.readline()):
+            assert line, "it ended before it was interrupted"
         os.killpg(process.pid, signal.SIGINT)
         _, err = process.communicate(timeout=30)
     finally:

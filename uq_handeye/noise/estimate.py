@@ -106,7 +106,7 @@ class Component:
 
 @dataclass(frozen=True)
 class CameraFactor:
-    """What the residuals scale the covariance of the camera poses: 1 where it is valid (`beside_camera`)."""
+    """Factor on the covariance of the camera poses that the residuals ask for: 1 if it is valid (`beside_camera`)."""
 
     value: float  # kappa, of variances
     dof: float  # kappa times it is chi-square with so many degrees of freedom, if the covariance is true
