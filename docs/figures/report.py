@@ -24,6 +24,7 @@ from selenium.webdriver.chrome.service import Service
 
 import uq_handeye as uq
 from uq_handeye.cli.commands.calibrate import DEMO_NOISE
+from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.io import write_files
 from uq_handeye.presentation.pdf import FLAGS, found_browser, to_pdf
 from uq_handeye.report.page import report_html
@@ -71,7 +72,8 @@ def pages(pdf: Path) -> Image.Image:
 def main(folder: Path) -> None:
     with resources.as_file(resources.files("uq_handeye") / "data") as data:
         poses = uq.read_poses(data / "robot.csv", data / "camera.csv")
-    html = report_html(uq.calibrate(poses, noise=uq.PoseNoise.isotropic(**DEMO_NOISE)))
+    result = uq.calibrate(poses, noise=uq.PoseNoise.isotropic(**DEMO_NOISE))
+    html = report_html(result, comparison=compare_beside(result))
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
         page, pdf = Path(scratch) / "report.html", Path(scratch) / "report.pdf"
         page.write_text(html, encoding="utf-8")
