@@ -372,3 +372,19 @@ def test_few_poses_are_not_refused_and_their_outlier_is_named(n, gross):
             result = uq.calibrate(uq.PosePairs(poses.robot, camera))
         found += (result.table.weight < 1).nonzero()[0].tolist() == [seed % n]
     assert found >= 10 if gross else found <= 1
+
+
+@pytest.mark.parametrize(("n", "wrong"), [(8, 3), (10, 4), (12, 4), (20, 6)])
+def test_several_outliers_do_not_hide_in_the_noise_that_they_make(n, wrong):
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    right = 0
+    for seed in range(6):
+        poses = uq.simulate(n, noise=noise, setup="eye-to-hand", seed=[SEED, n, seed])
+        away = np.random.default_rng([SEED, seed]).normal(size=(wrong, 3))
+        camera = poses.camera.copy()
+        camera[:wrong, :3, 3] += 0.02 * away / np.linalg.norm(away, axis=1, keepdims=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", uq.InputWarning)
+            weight = uq.calibrate(uq.PosePairs(poses.robot, camera, "eye-to-hand")).table.weight
+        right += (weight[:wrong] == 0).all() and (weight[wrong:] > 0).sum() >= n - wrong - 1
+    assert right >= 5

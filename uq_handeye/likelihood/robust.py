@@ -21,15 +21,11 @@ pose's own weight but through the linearisation, so that the iteration settles a
 residuals too, a and b are those quantiles of ``6 F(6, m/2)``, with one factor for both, that of 99.9 %: of the
 ``m = 6 n - p`` degrees of freedom, half tell the noise of rotation and half that of translation.
 
-*Noise from the residuals* is that of the poses kept, in turn with the weights. An outlier hides in noise that it makes
-itself: whether a pose is among those that the noise comes from is decided by the noise without it, by the distance
-``d^2 (f - 3) / (f - d^2)`` with ``f = m/2`` of those poses.
-
-*Start.* First all poses alike: with the noise given they count in full if the largest distance in their fit is one that
-good poses exceed once in 1000 data sets. Else what the iteration settles at from there is taken if at least 80 % of the
-poses are kept by noise that needs no scale: two such X share most of their poses and are the same within the noise.
-Where the noise comes from the residuals, the median of the distances kept must not be smaller than chance makes it, nor
-the rotations be large: several outliers could hide each other. Otherwise the iteration starts from `consensus`.
+*Start.* With the noise given, first all poses alike: they count in full if the largest distance in their fit is one
+that good poses exceed once in 1000 data sets. Else what the iteration settles at from there is taken if at least 80 %
+of the poses are kept by noise that needs no scale: two such X share most of their poses and are the same within the
+noise. Otherwise, and always where the noise comes from the residuals, in which several outliers would hide each other,
+the iteration starts from `consensus`.
 """
 
 from __future__ import annotations
@@ -49,7 +45,7 @@ from ..noise.square_roots import inverse_blocks, joint_residuals, pulled, weighe
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
-from .consensus import NOTHING, consensus, robust_variance
+from .consensus import NOTHING, Consensus, consensus, robust_variance
 from .constraint import Constraint, Unknowns, constraint_of
 from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit, start_of
 
@@ -64,14 +60,6 @@ MOST_ROUNDS = 20
 
 # Share of the poses kept from which on the iteration that starts from all poses alike is relied on.
 SURE = 0.8
-# How small the median of the distances of good poses may be by chance, where the noise is estimated.
-BY_CHANCE = 0.05
-
-# Degrees of freedom of all rows below which the noise of the others is too uncertain to judge one of them by.
-ENOUGH = 36
-
-# Rotation residuals per axis (rad) from which on noise that explains them is not trusted: rows may not belong together.
-LARGE = np.radians(2.0)
 
 # The noise of the constraint near the unknowns, whose rows count with weights (n,); None: the data are exact.
 Estimator = Callable[[Constraint, Unknowns, Array], Noise | None]
@@ -203,16 +191,15 @@ def fit_robustly(
     """As `robust_fit`, of one constraint, from the unknowns that all rows together make."""
     require_enough(constraint)
     subsets = 0
-    found = _begin_with_all(constraint, noise, start, method, estimate)
-    if found is None:
+    settled = None if noise is None else _begin_with_all(constraint, noise, start, method)
+    if settled is None:
         begun = consensus(constraint, noise, seed)
         subsets = begun.subsets
         if noise is not None:
-            found = noise, _settle(constraint, noise, begun.unknowns, begun.inside, method)
+            settled = _settle(constraint, noise, begun.unknowns, begun.inside, method)
         else:
             assert estimate is not None
-            found = _alternate(constraint, begun.noise, begun.unknowns, begun.inside, estimate, method)
-    noise, settled = found
+            noise, settled = _alternate(constraint, begun, estimate, method)
     fitted, distances, leverage, scale, limit, _ = settled
     assert fitted.weights is not None
     weights, n = fitted.weights, constraint.n
@@ -233,27 +220,15 @@ def fit_robustly(
     return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, subsets)
 
 
-def _begin_with_all(
-    constraint: Constraint, noise: Noise | None, start: Unknowns, method: str, estimate: Estimator | None
-) -> tuple[Noise | None, _Settled] | None:
+def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:
     """What the iteration settles at from all rows alike, if it can be relied on (module); else None."""
-    everyone = np.ones(constraint.n)
     try:
-        if noise is not None:
-            plain = _settle_clean(constraint, noise, start, method)
-            settled = plain or _settle(constraint, noise, start, everyone, method, most=FREE)
-        else:
-            assert estimate is not None
-            noise = estimate(constraint, start, everyone) if _has_enough(constraint) else None
-            if noise is None:
-                return None
-            noise, settled = _alternate(constraint, noise, start, everyone, estimate, method, most=FREE)
-            if noise is None or _may_hide_outliers(settled):
-                return None
+        plain = _settle_clean(constraint, noise, start, method)
+        settled = plain or _settle(constraint, noise, start, np.ones(constraint.n), method, most=FREE)
     except (NotConvergedError, DegenerateMotionError):
         return None
     kept = settled.distances <= settled.limit
-    return (noise, settled) if settled.scale == 1.0 and kept.mean() >= SURE else None
+    return settled if settled.scale == 1.0 and kept.mean() >= SURE else None
 
 
 def _settle_clean(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:
@@ -271,21 +246,6 @@ def _settle_clean(constraint: Constraint, noise: Noise, start: Unknowns, method:
 def largest_by_chance(n: int) -> float:
     """The d^2 that the largest of n good poses exceeds once in 1000 data sets."""
     return float(chdtri(6, 1e-3 / max(n, 1)))
-
-
-def _may_hide_outliers(settled: _Settled) -> bool:
-    """Whether the noise of the rows kept, estimated from them, may be that of outliers among them (module)."""
-    kept = settled.distances <= settled.limit
-    n = int(kept.sum())
-    low = float(betaincinv(0.5 * (n + 1), 0.5 * (n + 1), BY_CHANCE))  # so low may the median of n good poses lie
-    return bool(
-        robust_variance(settled.distances[kept], 6) < gammaincinv(3.0, low) / gammaincinv(3.0, 0.5)
-        or np.mean(settled.fit.residual[kept, :3] ** 2) > LARGE**2
-    )
-
-
-def _has_enough(constraint: Constraint) -> bool:
-    return 6 * constraint.n - constraint.p >= ENOUGH
 
 
 def _margin(constraint: Constraint) -> float:
@@ -337,49 +297,31 @@ def _settle(
 
 
 def _alternate(
-    constraint: Constraint,
-    noise: Noise,
-    at: Unknowns,
-    weights: Array,
-    estimate: Estimator,
-    method: str,
-    most: int = MOST_REWEIGHTED,
+    constraint: Constraint, begun: Consensus, estimate: Estimator, method: str
 ) -> tuple[Noise | None, _Settled]:
     """Noise from the residuals of the poses kept, then weights by that noise, until the same poses are flagged.
 
     The noise is None where ``estimate`` finds none: the poses kept fit exactly.
     """
-    begun_with = noise
-    sources = weights == 1 if weights.all() else np.zeros(constraint.n, dtype=bool)  # rows that the noise comes from
-    seen = [sources.tobytes()]
+    noise, at, weights = begun.noise, begun.unknowns, begun.inside
+    seen: list[bytes] = []
     margin = _margin(constraint)
     for _ in range(MOST_ROUNDS):
-        settled = _settle(constraint, noise, at, weights, "efficient", margin, most)
+        settled = _settle(constraint, noise, at, weights, "efficient", margin)
         assert settled.fit.weights is not None
         at, weights = settled.fit.unknowns, settled.fit.weights
-        good = _judge_without_itself(constraint, settled.distances, sources) <= settled.limit
+        good = settled.distances <= settled.limit
         if good.tobytes() in seen:  # the noise is theirs; or a circle of poses on the border: any of it will do
             break
         seen.append(good.tobytes())
-        sources = good
         # Flagged poses would hide themselves in the noise; leaving out a good one in 1000 makes it 0.4 % smaller.
         by_residuals = estimate(constraint, at, good.astype(float))
         if by_residuals is None:  # the poses kept fit exactly: rounding tells them from the others
-            return None, _settle(constraint, begun_with, at, good.astype(float), "efficient")
+            return None, _settle(constraint, begun.noise, at, good.astype(float), "efficient")
         noise = by_residuals
     if method == "ml":
-        settled = _settle(constraint, noise, at, weights, method, margin, most)
+        settled = _settle(constraint, noise, at, weights, method, margin)
     return noise, settled
-
-
-def _judge_without_itself(constraint: Constraint, distances: Array, sources: NDArray[np.bool_]) -> Array:
-    """d^2 of each row by the noise of the other rows (module); ``sources`` are those that the noise comes from."""
-    if not _has_enough(constraint):
-        return distances
-    f = 0.5 * (6 * int(sources.sum()) - constraint.p)
-    inside = sources & (distances < f)
-    judged = np.where(inside, distances * (f - 3.0) / np.where(inside, f - distances, 1.0), distances)
-    return np.where(sources & ~inside, np.inf, judged)
 
 
 def _scale_guard(distances: Array) -> float:

@@ -111,7 +111,7 @@ def test_the_covariance_in_many_digits(language, generated, tmp_path, monkeypatc
 def test_the_rotation_is_one(program):
     for answer in program(list(GOOD.values())):
         R = answer.X[:3, :3]
-        assert np.abs(R.T @ R - np.eye(3)).max() < 4e-15 and np.linalg.det(R) > 0.9
+        assert np.abs(R.T @ R - np.eye(3)).max() < 1e-14 and np.linalg.det(R) > 0.9
 
 
 def test_the_covariance_is_that_of_the_estimates(program):
