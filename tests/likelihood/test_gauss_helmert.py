@@ -74,14 +74,14 @@ def test_one_exact_side_is_the_limit_of_small_noise(setup, joint, rng):
     X, robot, camera = exact_poses(rng, n, setup)
     for side in (0, 1):
         S = random_covariance(rng, 6 * n if joint else 6)
-        tiny = 1e-12 * random_covariance(rng)
+        tiny = 1e-15 * random_covariance(rng)
         xi = draw(rng, S, ()).reshape(n, 6) if joint else draw(rng, S, (n,))
         data = uq.PosePairs(*((moved(robot, xi), camera) if side == 0 else (robot, moved(camera, xi))), setup)
         exact, limit = ((S, None), (S, tiny)) if side == 0 else ((None, S), (tiny, S))
         for method in (efficient, maximum_likelihood):
             found, near = method(data, uq.PoseNoise(*exact)), method(data, uq.PoseNoise(*limit))
-            assert distance(found, near.X, near.W, near.covariance) < 1e-5
-            assert_same_covariance(found.covariance, near.covariance, 1e-5)
+            assert distance(found, near.X, near.W, near.covariance) < 1e-4
+            assert_same_covariance(found.covariance, near.covariance, 1e-4)
             assert np.sqrt(nees(difference(found.X, X)[None], found.covariance_X)[0]) < 6
 
 
