@@ -47,10 +47,14 @@ def assert_as_efficient(X, A, B, noise, tolerance=1e-9):
         assert_same_covariance(covariance, reference, tolerance, symmetry=max(1e-9, tolerance))
 
 
-def noise_of(rng, kinds, N, **kwargs):
+def noise_of(rng, kinds, N, sd=1e-3, **kwargs):
+    """Not nearly singular: beside an exact side the residuals have the noise of one side alone."""
+    floor = (0.1 * sd) ** 2 * np.eye(6)
     return uq.PairNoise(
         *(
-            None if kind == "exact" else random_covariance(rng, 6, (N,) if kind == "per pair" else (), **kwargs)
+            None
+            if kind == "exact"
+            else floor + random_covariance(rng, 6, (N,) if kind == "per pair" else (), sd=sd, **kwargs)
             for kind in kinds
         )
     )
