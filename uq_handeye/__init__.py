@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .io import read_noise_file, read_poses, read_stream
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
+    from .noise.camera_noise import CameraNoise
     from .noise.estimate import NoiseEstimate, NoisePrior
     from .noise.joint_covariance import JointCovariance
     from .noise.models import PairNoise, PoseNoise
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from .planning.plan import plan
     from .planning.result import Plan
     from .poses.board_symmetry import resolve_turns
+    from .poses.camera_noise import camera_noise
     from .poses.motions import Motions, relative_motions
     from .poses.pose_pairs import PosePairs
     from .poses.stream import Stream
@@ -76,6 +78,7 @@ __all__ = [
     "Board",
     "Calibration",
     "CameraCalibration",
+    "CameraNoise",
     "Comparison",
     "Corners",
     "CrossCheck",
@@ -104,6 +107,7 @@ __all__ = [
     "bound",
     "calibrate",
     "calibrate_camera",
+    "camera_noise",
     "compare",
     "cross_check",
     "detect_board",
@@ -192,6 +196,7 @@ _LATER = {
         "maximum_likelihood",
     ),
     "likelihood.rig_bundle": ("Agreement",),
+    "noise.camera_noise": ("CameraNoise",),
     "noise.estimate": (
         "NoiseEstimate",
         "NoisePrior",
@@ -206,6 +211,7 @@ _LATER = {
     "planning.plan": ("plan",),
     "planning.result": ("Plan",),
     "poses.board_symmetry": ("resolve_turns",),
+    "poses.camera_noise": ("camera_noise",),
     "poses.motions": (
         "Motions",
         "relative_motions",

@@ -11,7 +11,8 @@ from studies.camera_covariance import ROBOT, poses_of, recorded
 from uq_handeye.errors import InputError
 from uq_handeye.likelihood.constraint import OnPoses, residual_covariance
 from uq_handeye.likelihood.gauss_helmert import efficient, start_of
-from uq_handeye.likelihood.goodness_of_fit import covariance_derivatives, effective_dof
+from uq_handeye.likelihood.goodness_of_fit import effective_dof
+from uq_handeye.noise.camera_noise import CameraNoise
 from uq_handeye.noise.estimate import CameraFactor, NoiseEstimate, NoisePrior
 from uq_handeye.noise.joint_covariance import JointCovariance
 from uq_handeye.noise.square_roots import cholesky_of, log_determinant
@@ -198,30 +199,31 @@ def test_estimate_noise_takes_the_covariance_of_the_corners(rng):
         estimate_noise(poses, weights=np.full(poses.n, 0.5))
 
 
-@pytest.mark.parametrize("weighted", [False, True])
-def test_degrees_of_freedom_of_a_joint_noise(rng, weighted):
-    """The derivatives of the covariance by the robot's variances are those of differences; nu follows its share."""
+@pytest.mark.parametrize("by_views", [False, True])
+def test_degrees_of_freedom_of_a_joint_noise(rng, by_views):
+    """How uncertain the covariance is follows from its differences; nu follows the robot's share."""
     n = 15
     camera = joint(rng, n)
     poses = poses_with(rng, n, isotropic(2e-4, 3e-4), camera)
-    from uq_handeye.likelihood.gauss_helmert import fit as likelihood_fit
-
     constraint = OnPoses(poses.robot, poses.camera, False)
-    start = start_of(poses, constraint, None)
-    w = np.ones(n)
-    if weighted:
-        w[:4] = [0.0, 0.3, 0.6, 0.9]
+    at = start_of(poses, constraint, None)
+    linear = constraint.linearise(at, poses.robot, poses.camera)
+    open_ = CameraNoise(camera, np.arange(4) < 2) if by_views else camera
+    rows = _Rows.of(linear, open_)
+    v = np.array([4e-8, 9e-8, 1.3][: 3 if by_views else 2])
+    V = random_covariance(rng, shape=(), sd=1.0)[: len(v), : len(v)] * v * v[:, None]
 
     def covariance(v):
-        noise = uq.PoseNoise(np.diag(np.repeat(v, 3)), camera)
-        return likelihood_fit(constraint, noise, start, 1, w if weighted else None)
+        noise = uq.PoseNoise(np.diag(np.repeat(v[:2], 3)), open_.covariance(np.sqrt(v[2])) if by_views else camera)
+        S = np.linalg.inv(residual_covariance(linear.sides, noise.dense()))
+        J = linear.J.reshape(6 * n, 12)
+        return np.linalg.inv(J.T @ S @ J)[:6, :6]
 
-    v = np.array([4e-8, 9e-8])
-    found = covariance_derivatives(covariance(v), robot_alone=True)
-    for k in range(2):
-        h = 1e-4 * v[k] * np.eye(2)[k]
-        expected = (covariance(v + h).covariance_X - covariance(v - h).covariance_X) / (2 * h[k])
-        np.testing.assert_allclose(found[k], expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
+    relative = [
+        np.linalg.solve(covariance(v), covariance(v + h) - covariance(v - h)) / (2 * h.max()) for h in np.diag(1e-4 * v)
+    ]
+    expected = np.einsum("kl,kij,lji->", V, relative, relative)
+    assert rows.spread_of_X(v, V) == pytest.approx(expected, rel=1e-4)
 
     estimate = estimate_robot_noise(poses, camera)
     few = effective_dof(efficient(poses, estimate.noise), estimate)

@@ -41,7 +41,8 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     require_signal(job.motions, job.noise, angle)
     noise, constraint = job.noise, job.constraint
     at = constraint.complete(start.X)
-    source = choose_source(job.data, constraint, job.prior) if noise is None else None
+    beside = job.camera_noise, job.robot_noise
+    source = choose_source(job.data, constraint, job.prior, *beside) if noise is None else None
     exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
     robust: RobustFit | None = None
     found: FoundNoise | None = None

@@ -41,7 +41,8 @@ def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
     noise, estimate, reference = job.noise, None, Reference()
     if noise is None:
         try:
-            estimate = estimate_noise(job.data, job.prior, start=found.X)
+            beside = {"camera": job.camera_noise, "robot": job.robot_noise}
+            estimate = estimate_noise(job.data, job.prior, start=found.X, **beside)
         except (InputError, NotConvergedError) as error:  # X does without
             unknown = Finding("calibration.noise_not_estimated", "caution", {"error": str(error)})
             return estimate_unweighted(job, found, None, [unknown])

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
 from ..findings import Finding, warn
 from ..likelihood.gauss_helmert import ESTIMATORS
+from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
 from ..noise.models import Noise
 from ..poses.motions import Motions
@@ -30,7 +31,7 @@ from .result import Calibration
 def calibrate(
     data: PosePairs | Motions,
     *,
-    noise: Noise | None = None,
+    noise: Noise | CameraNoise | None = None,
     method: str | None = None,
     pairs: str | ArrayLike = "all",
     scale: float | None = None,
@@ -45,12 +46,15 @@ def calibrate(
     Parameters
     ----------
     data : PosePairs or Motions
-    noise : PoseNoise, PairNoise or None
-        Noise of the poses or of the motions. None estimates it from the data (`estimate_noise`): isotropic components
-        for rotation and translation of robot and camera. Camera poses from corners (``data.camera_calibration``) bring
-        their joint covariance: it is used where `noise` is None, and the robot's noise estimated beside it, or where
-        `noise` has no ``camera``. Otherwise a side that PoseNoise leaves out is exact; where its noise is not known,
-        give that of the other side as ``prior=NoisePrior(robot=(..., ...), factor=1)`` in place of `noise`.
+    noise : PoseNoise, PairNoise, CameraNoise or None
+        Noise of the poses or of the motions. `camera_noise`, the covariance of finished camera poses by what they saw,
+        leaves the pixel noise and that of the robot to be estimated; with ``PoseNoise(robot=..., camera=...)`` of it
+        the pixel noise alone, unless its ``pixel_sd`` is given. None estimates it from the data (`estimate_noise`):
+        isotropic components for rotation and translation of robot and camera. Camera poses from corners
+        (``data.camera_calibration``) bring their joint covariance: it is used where `noise` is None, and the robot's
+        noise estimated beside it, or where `noise` has no ``camera``. Otherwise a side that PoseNoise leaves out is
+        exact; where its noise is not known, give that of the other side as
+        ``prior=NoisePrior(robot=(..., ...), factor=1)`` in place of `noise`.
     method : str or None
         ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; ``bundle``, on the corners
         themselves, for camera poses from corners (`rig_bundle`), with `efficient` beside it; a name in `METHODS` or,

@@ -14,8 +14,9 @@ from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
+from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
-from ..noise.models import Noise, PairNoise, PoseNoise, is_joint
+from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
 from ..propagation.all_pairs import AllPairs
@@ -47,6 +48,8 @@ class Job:
     robust: bool
     prior: NoisePrior | None
     seed: int
+    camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
+    robot_noise: Any = None  # covariance beside it, where it is known
 
     @property
     def poses(self) -> PosePairs | None:
@@ -84,6 +87,15 @@ def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance:
         )
 
 
+def _open_noise(noise: Any) -> tuple[Noise | None, CameraNoise | None, Any]:
+    """The noise where it is known; else that of the camera but for its pixels, and the robot's if it is known."""
+    if isinstance(noise, CameraNoise):
+        return None, noise, None
+    if isinstance(noise, PoseNoise) and isinstance(noise.camera, CameraNoise):
+        return None, noise.camera, noise.robot
+    return noise, None, None
+
+
 def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
     """Beside noise of the robot alone, the covariance that camera poses from corners come with."""
     seen = None if motions.poses is None else motions.poses.camera_calibration
@@ -94,7 +106,7 @@ def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
 
 def request(
     data: Any,
-    noise: Noise | None,
+    noise: Noise | CameraNoise | None,
     method: str | None,
     pairs: str | ArrayLike,
     scale: float | None,
@@ -107,6 +119,7 @@ def request(
     """The arguments of `calibrate`, checked; raises `InputError`."""
     if not isinstance(data, PosePairs | Motions):
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    noise, camera, robot = _open_noise(noise)
     if method is None:
         method = "efficient" if scale is None and kind in (None, "poses") else "4dpa"
     known = [*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS]
@@ -122,7 +135,7 @@ def request(
     if robust and not bound:
         raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
     if method == BUNDLE:
-        _require_corners(data, noise, covariance)
+        _require_corners(data, noise if camera is None else PoseNoise(camera=camera), covariance)
     if covariance not in COVARIANCES:
         raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {covariance!r}.")
     if covariance == "sigma-points" and kind is not None:
@@ -130,7 +143,7 @@ def request(
     require_integer("seed", seed, 0)
     if prior is not None and not isinstance(prior, NoisePrior):
         raise InputError(f"Expected `prior` to be a NoisePrior or None, got {type(prior).__name__}.")
-    if prior is not None and noise is not None:
+    if prior is not None and (noise is not None or robot is not None):
         raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
     everything = None
     if isinstance(data, PosePairs):
@@ -150,8 +163,14 @@ def request(
         if motions.A.ndim != 3:
             raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
     require_noise_fits(noise, motions)
-    noise = _with_corners(noise, motions)
+    if camera is not None:
+        if motions.poses is None or camera.n != motions.poses.n:
+            given = "motions" if motions.poses is None else f"{motions.poses.n} poses"
+            raise InputError(f"Expected camera noise of the data given, {given}, got that of {camera.n} poses.")
+        require_count(robot, camera.n, "robot", "poses")
+    noise = _with_corners(noise, motions) if camera is None else None
     if robust is None:
         count = motions.N if motions.poses is None else motions.poses.n
         robust = bound and count >= FEWEST_FOR_ROBUST
-    return Job(motions, everything, noise, method, scale, kind, covariance, bool(robust), prior, int(seed))
+    beside = (camera, robot)
+    return Job(motions, everything, noise, method, scale, kind, covariance, bool(robust), prior, int(seed), *beside)

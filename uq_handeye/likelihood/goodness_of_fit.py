@@ -111,22 +111,19 @@ def effective_dof(fit: Fit, estimate: NoiseEstimate) -> float:
     without bound as their share of Sigma_X falls.
     """
     _require_one(fit)
-    A = float(spread_of(fit, estimate.covariance))
+    A = float(spread_of(fit, estimate.covariance)) if estimate.spread is None else estimate.spread
     return float("inf") if A <= 0 else 12.0 / A
 
 
 def spread_of(fit: Fit, covariance: Array) -> Array:
-    """A (...) of the module, for the covariance (..., 3, 3) of the variances, (..., 2, 2) of the robot's alone."""
-    derivatives = covariance_derivatives(fit, robot_alone=covariance.shape[-1] == 2)
+    """A (...) of the module, for the covariance (..., 3, 3) of the variances."""
+    derivatives = covariance_derivatives(fit)
     relative = np.linalg.solve(fit.covariance_X[..., None, :, :], derivatives)
     return np.asarray(np.einsum("...kl,...kij,...lji->...", covariance, relative, relative))
 
 
-def covariance_derivatives(fit: Fit, robot_alone: bool = False) -> Array:
-    """``d Sigma_X / d phi_k`` (..., 3, 6, 6) = ``C J^T S^-1 V_k S^-1 J C`` by the variances of `NoiseEstimate`.
-
-    ``robot_alone``: by those of the robot's rotation and translation, (..., 2, 6, 6).
-    """
+def covariance_derivatives(fit: Fit) -> Array:
+    """``d Sigma_X / d phi_k`` (..., 3, 6, 6) = ``C J^T S^-1 V_k S^-1 J C`` by the variances of `NoiseEstimate`."""
     J, C = fit.linear.J, fit.covariance[..., None, :, :6]
     if joint_residuals(fit.S):  # S has V_k divided by the weight of each pose in it
         factor = fit.weighted_factor
@@ -138,9 +135,8 @@ def covariance_derivatives(fit: Fit, robot_alone: bool = False) -> Array:
         if fit.weights is not None:
             pull = np.sqrt(fit.weights)[..., None, None] * pull
     first, second = fit.linear.sides
-    parts = (first[..., :3], first[..., 3:]) if robot_alone else (first[..., :3], second[..., :3], second[..., 3:])
     found = []
-    for U in parts:
+    for U in (first[..., :3], second[..., :3], second[..., 3:]):
         part = U.mT @ pull
         flat = part.reshape(*part.shape[:-3], -1, 6)
         found.append(flat.mT @ flat)

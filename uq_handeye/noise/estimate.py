@@ -20,6 +20,9 @@ from ..runtime.read_only import ReadOnlyArrays
 from .joint_covariance import JointCovariance
 from .models import Noise, PairNoise, PoseNoise
 
+# Units of components, and the factor to those that people read.
+SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
+
 PartlyKnown = tuple[str | float | None, str | float | None]
 
 
@@ -85,20 +88,25 @@ class Component:
 
     ``status``: "estimated"; "zero" (the estimate is 0, on the edge of what is possible); "prior" (estimated with its
     data sheet); "fixed" (given); "not told apart" (between ``low`` and ``high``, the data say no more); "exact" (the
-    residuals are rounding errors; ``high`` is then not determined: None); "from corners" (of the camera poses, from
-    their own covariance: root of the mean variance).
+    residuals are rounding errors; ``high`` is then not determined: None); "from corners", "by geometry" (of the camera
+    poses, from their own covariance: root of the mean variance); "given" (the pixel noise of it).
     """
 
     name: str
-    unit: str  # "rad" or "m"
+    unit: str  # "rad", "m" or "px"
     value: float
     low: float
     high: float | None
     status: str
 
+    @property
+    def is_given(self) -> bool:
+        """Whether it has no interval: it was not estimated."""
+        return self.status in ("fixed", "exact", "given", "from corners", "by geometry")
+
     def __str__(self) -> str:
-        scale, unit = (180 / np.pi, "deg") if self.unit == "rad" else (1e3, "mm")
-        if self.status in ("fixed", "exact", "from corners"):
+        scale, unit = SHOWN[self.unit]
+        if self.is_given:
             return f"{self.name}: {self.value * scale:.3g} {unit} ({self.status})"
         high = "?" if self.high is None else f"{self.high * scale:.3g}"
         return f"{self.name}: {self.value * scale:.3g} {unit} ({self.low * scale:.3g} to {high}; {self.status})"
@@ -118,17 +126,18 @@ class NoiseEstimate(ReadOnlyArrays):
     """The noise that a data set shows; see `estimate_noise`.
 
     ``variances`` and ``covariance`` (of their estimates) are of side 1 rotation, side 2 rotation (rad^2) and of the
-    translations together (m^2): what S is made of. Beside a camera covariance from corners there are two: of the
-    robot's rotation and translation.
+    translations together (m^2): what S is made of. Beside a covariance of the camera poses they are of the robot's
+    rotation and translation, and of the pixels (pixels^2), as far as they are not given.
     """
 
     noise: PoseNoise | PairNoise | None  # None: exact data
     components: tuple[Component, ...]
     findings: tuple[Finding, ...]  # what the data can and cannot tell
-    variances: Array  # (3,), beside a camera covariance from corners (2,)
-    covariance: Array  # (3, 3) or (2, 2)
+    variances: Array  # (3,), beside a camera covariance (1,) to (3,)
+    covariance: Array  # (m, m)
     dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
-    camera_factor: CameraFactor | None = None  # beside a camera covariance from corners, where the data can tell
+    camera_factor: CameraFactor | None = None  # beside a camera covariance that is known, where the data can tell
+    spread: float | None = None  # beside the camera's: A of `likelihood.goodness_of_fit`, how uncertain Sigma_X is
 
     @property
     def statement(self) -> tuple[str, ...]:
@@ -144,6 +153,11 @@ class NoiseEstimate(ReadOnlyArrays):
     def from_corners(self) -> bool:
         """Whether the noise of the camera poses comes from their corners, and the robot's alone was estimated."""
         return any(component.status == "from corners" for component in self.components)
+
+    @property
+    def by_geometry(self) -> bool:
+        """Whether the covariance of the camera poses has the shape that their views give it (`CameraNoise`)."""
+        return any(component.status == "by geometry" for component in self.components)
 
     @property
     def tested(self) -> bool:
@@ -173,6 +187,7 @@ class NoiseEstimate(ReadOnlyArrays):
             "covariance": self.covariance.tolist(),
             "dof": self.dof,
             **({} if self.camera_factor is None else {"camera_factor": asdict(self.camera_factor)}),
+            **({} if self.spread is None else {"spread": self.spread}),
         }
 
     @classmethod
@@ -184,7 +199,7 @@ class NoiseEstimate(ReadOnlyArrays):
             if given is not None:
                 kind = PairNoise if "A" in given else PoseNoise
                 noise = kind(**{name: _side_from_dict(side) for name, side in given.items()})
-            factor, size = values.get("camera_factor"), len(values["variances"])
+            factor, spread, size = values.get("camera_factor"), values.get("spread"), len(values["variances"])
             return cls(
                 noise,
                 tuple(Component(**component) for component in values["components"]),
@@ -193,6 +208,7 @@ class NoiseEstimate(ReadOnlyArrays):
                 array_of(values["covariance"], (size, size), "noise_estimate.covariance"),
                 float(values["dof"]),
                 None if factor is None else CameraFactor(**factor),
+                None if spread is None else float(spread),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"Expected the values of a noise estimate as `to_dict` writes them: {error}.") from error

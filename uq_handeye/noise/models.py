@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..formatting.units import parse_deviations
 from ..geometry.se3 import Array
+from .camera_noise import CameraNoise
 from .joint_covariance import JointCovariance
 from .square_roots import weighted
 
@@ -117,16 +118,19 @@ class PoseNoise:
 
     Either is 6x6 (the same for every pose), (n, 6, 6) (per pose), or (6n, 6n): the joint covariance of all
     poses, pose by pose, for errors that poses share; a `JointCovariance` is such a one whose cost grows with n only.
-    None means exact.
+    None means exact. ``camera`` may be a `CameraNoise`: that which `calibrate` estimates the pixel noise of, and the
+    robot's if it is None, unless its ``pixel_sd`` is known.
     """
 
     robot: Any = None  # array or JointCovariance
-    camera: Any = None
+    camera: Any = None  # also CameraNoise, of unknown pixel noise
 
     def __post_init__(self) -> None:
+        if isinstance(self.camera, CameraNoise) and self.camera.pixel_sd is not None:
+            object.__setattr__(self, "camera", self.camera.covariance())
         for name in ("robot", "camera"):
             value = getattr(self, name)
-            if value is not None:
+            if value is not None and not (name == "camera" and isinstance(value, CameraNoise)):
                 checked = (
                     _checked_joint if isinstance(value, JointCovariance) else partial(checked_covariance, joint=True)
                 )
@@ -186,7 +190,7 @@ def rows_of(covariance: Any, index: NDArray[Any]) -> Any:
     """The covariance of some poses or motions: their own, or their part of a joint one."""
     if covariance is None or covariance.shape == (6, 6):
         return covariance
-    if isinstance(covariance, JointCovariance):
+    if isinstance(covariance, JointCovariance | CameraNoise):
         return covariance.rows(index)
     if not is_joint(covariance):
         return np.asarray(covariance[index])
@@ -198,6 +202,8 @@ def rows_of(covariance: Any, index: NDArray[Any]) -> Any:
 
 def require_count(covariance: Any, count: int, name: str, what: str) -> None:
     """Raise unless ``covariance`` fits ``count`` poses or motions."""
+    if isinstance(covariance, CameraNoise):
+        covariance = covariance.covariance()  # which says what to do where its pixel noise is not known
     if covariance is None or covariance.shape == (6, 6):
         return
     found = covariance.shape[0] // 6 if covariance.ndim == 2 else covariance.shape[0]

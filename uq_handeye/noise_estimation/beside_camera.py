@@ -1,22 +1,30 @@
-r"""The robot's noise beside a camera covariance that is known, as from corners (T4b): two variance components.
+r"""The robot's noise beside the covariance of the camera poses, known or but for the pixel noise: variance components.
 
-Model (`constraint`, on poses): the errors of the camera poses have the known covariance Sigma_C, in general joint over
-the poses; those of the robot are independent and isotropic, with the variances phi_1 of rotation (rad^2) and phi_2 of
-translation (m^2). With ``D_C``, ``D_G = [U_1, U_2]`` the derivatives of the residuals r by both, J that by X and W,
+Model (`constraint`, on poses): the errors of the camera poses have the covariance Sigma_C, in general joint over the
+poses; those of the robot are independent and isotropic, with the variances phi_1 of rotation (rad^2) and phi_2 of
+translation (m^2), or have a covariance that is given. Sigma_C is known where the poses come from corners (T4b). By the
+geometry of the views (T11, `CameraNoise`) it is ``phi_3 (blkdiag(own) + F_1 F_1^T) + F_0 F_0^T`` with the variance
+phi_3 of the pixels one more unknown. With ``D_C``, ``D_G = [U_1, U_2]`` the derivatives of the residuals r by both, J
+that by X and W,
 
-    S(phi) = D_C Sigma_C D_C^T + phi_1 V_1 + phi_2 V_2,      V_k = blkdiag(U_k U_k^T)
+    S(phi) = K + sum_k phi_k V_k,      V_1, V_2 = blkdiag(U_k U_k^T),   V_3 = D_C (blkdiag(own) + F_1 F_1^T) D_C^T
 
-and ``P = S^-1 - S^-1 J (J^T S^-1 J)^-1 J^T S^-1``, minus twice the restricted log-likelihood, its derivatives and the
-expected information are (Patterson and Thompson 1971; Harville 1977)
+K what is known of both sides, and ``P = S^-1 - S^-1 J (J^T S^-1 J)^-1 J^T S^-1``, minus twice the restricted
+log-likelihood, its derivatives and the expected information are (Patterson and Thompson 1971; Harville 1977)
 
     d = log|S| + log|J^T S^-1 J| + r^T P r,     dd/dphi_k = tr(P V_k) - r^T P V_k P r,     I_kl = tr(P V_k P V_l) / 2
 
-V_k is block diagonal, so that ``tr(P V_k)`` needs the diagonal blocks of P alone: O(n) for a `JointCovariance`. The
+V_k is block diagonal plus a few columns, so that ``tr(P V_k)`` needs the diagonal blocks of P and its product with the
+columns alone: O(n) for a `JointCovariance`. The
 minimum is found over the logarithms of the deviations; a variance whose best value is 0 is 0 and said so: unlike the
 camera's, the robot's poses may be exact. Intervals are profile intervals of d, 95 %.
 
-Whether Sigma_C is true. One more component, a factor kappa on Sigma_C, is not estimated but tested at kappa = 1. As
-``P S P = P``, all that its score and information need is known already: with ``q_k = r^T P V_k P r``, ``t_k =
+Pixel noise. log of its standard deviation is Gaussian about that of PIXEL pixels, with ``log(PIXEL_FACTOR)`` as its
+standard deviation: what detectors do, from 0.02 to 2 pixels, at 95 %. Residuals of a few poses need it: where they are
+the robot's as well as the camera's, d alone may have its minimum at a camera without noise.
+
+Whether a known Sigma_C is true. One more component, a factor kappa on Sigma_C, is not estimated but tested at kappa =
+1. As ``P S P = P``, all that its score and information need is known already: with ``q_k = r^T P V_k P r``, ``t_k =
 tr(P V_k)`` and ``dof = 6 n - 12``
 
     q_kappa = r^T P r - sum phi_k q_k,   t_kappa = dof - sum phi_k t_k,   score = (q_kappa - t_kappa) / 2
@@ -32,6 +40,8 @@ Assoc. 72 (1977), doi:10.1080/01621459.1977.10480998.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,6 +60,7 @@ from ..likelihood.constraint import (
     residual_covariance,
 )
 from ..likelihood.gauss_helmert import inverse_information, start_of
+from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import CameraFactor, Component, NoiseEstimate, NoisePrior
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, marginals, rows_of
@@ -62,49 +73,84 @@ from .restricted_likelihood import QUANTILE
 NOTHING = 1e-3
 # The first search starts from the best of so many deviations of each, over this range times that of the camera.
 TRIED, RANGE = 4, (0.1, 1e3)
+PIXELS_TRIED = (0.2, 1.0, 5.0)  # times PIXEL
 # The end of a profile interval is not looked for beyond this multiple of the camera's deviation.
 FARTHEST = 1e5
 # Linearised again until X and W move by less, in standard deviations; and how often at most.
 STILL, MOST_ROUNDS = 1e-2, 8
 # Relative step of the differences that give the information.
 STEP = 1e-4
+# What is known of the pixel noise beforehand: its standard deviation (pixels) within this factor.
+PIXEL, PIXEL_FACTOR = 0.2, 3.0
+PIXEL_ENDS = (0.005, 20.0)  # pixels between which it is looked for
+# The data tell the pixel noise if they leave less than this share of that deviation.
+TOLD = 0.5
+FROM_CORNERS, BY_VIEWS = "from corners", "by geometry"
 _KINDS = (("robot rotation", "rad"), ("robot translation", "m"))
+_PIXEL_KIND = ("pixel noise", "px")
 
 
 class _At(NamedTuple):
-    """At given variances (2,)."""
+    """At given variances (m,)."""
 
     deviance: float
-    quadratic: Array  # (2,) q_k
-    trace: Array  # (2,) t_k
+    quadratic: Array  # (m,) q_k
+    trace: Array  # (m,) t_k
     squares: float  # r^T P r
     step: Array  # (12,) generalised least squares, of X and W
     moved: float  # its length in standard deviations, squared
 
 
+class _Part(NamedTuple):
+    """A variance component, ``V = blkdiag(U U^T) + F F^T``."""
+
+    kind: tuple[str, str]  # name and unit
+    U: Array  # (n, 6, a)
+    F: Array  # (n, 6, b)
+
+
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """The linearised constraint and what of its covariance does not depend on the robot."""
+    """The linearised constraint, its m variance components, and the covariance that does not depend on them."""
 
     y: Array  # (n, 6, 13): J and r
-    U: tuple[Array, Array]  # (n, 6, 3)
-    camera: Covariance
+    parts: tuple[_Part, ...]
+    known: Covariance | None
 
     @classmethod
-    def of(cls, linear: Linearised, camera: Any) -> _Rows:
-        first = linear.sides[0]
+    def of(cls, linear: Linearised, camera: Any, robot: Any = None) -> _Rows:
+        """The robot's two variances, unless its covariance is given, and that of the pixels of a `CameraNoise`."""
+        first, second = linear.sides
         y = np.concatenate([linear.J, linear.r[..., None]], axis=-1)
-        known = residual_covariance(linear.sides, PoseNoise(camera=camera))
-        return cls(y, (first[..., :3], first[..., 3:]), known)
+        none = np.zeros((*y.shape[:-1], 0))
+        parts = []
+        if robot is None:
+            parts += [_Part(kind, U, none) for kind, U in zip(_KINDS, (first[..., :3], first[..., 3:]), strict=True)]
+        if isinstance(camera, CameraNoise):
+            own, scaled = camera.scaled()
+            parts.append(_Part(_PIXEL_KIND, second @ np.linalg.cholesky(own), second @ scaled))
+            fixed = camera.fixed()
+            camera = JointCovariance(np.zeros_like(own), fixed) if fixed.shape[-1] else None
+        given = robot is not None or camera is not None
+        known = residual_covariance(linear.sides, PoseNoise(robot, camera)) if given else None
+        return cls(y, tuple(parts), known)
+
+    def covariance(self, variances: Array) -> Covariance:
+        """S."""
+        blocks = np.asarray(sum(v * part.U @ part.U.mT for v, part in zip(variances, self.parts, strict=True)))
+        shared = [np.sqrt(v) * part.F for v, part in zip(variances, self.parts, strict=True) if part.F.shape[-1]]
+        added = JointCovariance(blocks, np.concatenate(shared, axis=-1)) if shared else blocks
+        S = self.known
+        if S is None:
+            return added
+        if isinstance(S, JointCovariance):
+            return S.plus(added)
+        if S.ndim == 3:
+            return added.plus(S) if isinstance(added, JointCovariance) else S + added
+        return S + (np.asarray(added) if isinstance(added, JointCovariance) else block_diagonal(added))
 
     def at(self, variances: Array) -> _At:
-        blocks = sum(v * U @ U.mT for v, U in zip(variances, self.U, strict=True))
-        S = self.camera
-        if isinstance(S, JointCovariance):
-            S = S.plus(np.asarray(blocks))
-        else:
-            S = S + (blocks if S.shape[-1] == 6 and S.ndim == 3 else block_diagonal(np.asarray(blocks)))
-        factor = cholesky_of(S)
+        factor = cholesky_of(self.covariance(variances))
         white = whiten(factor, self.y)
         sums = gram(white)
         information = sums[:-1, :-1]
@@ -114,45 +160,68 @@ class _Rows:
         back = pulled(factor, white)
         Q, g = back[..., :-1], back[..., -1]
         P = inverse_blocks(factor) - Q @ C @ Q.mT
-        quadratic = np.array([np.sum((U.mT @ g[..., None]) ** 2) for U in self.U])
-        trace = np.array([np.sum((P @ U) * U) for U in self.U])
+        quadratic, trace = np.empty(len(self.parts)), np.empty(len(self.parts))
+        for k, (_, U, F) in enumerate(self.parts):
+            quadratic[k] = np.sum((U.mT @ g[..., None]) ** 2)
+            trace[k] = np.sum((P @ U) * U)
+            if F.shape[-1]:
+                seen = whiten(factor, F)
+                mixed = np.einsum("nij,nik->jk", white[..., :-1], seen)
+                quadratic[k] += np.sum(np.einsum("nij,ni->j", F, g) ** 2)
+                trace[k] += np.sum(seen**2) - np.sum(mixed * (C @ mixed))
         squares = float(np.sum(white[..., -1] ** 2))
         deviance = float(log_determinant(factor)) + float(np.linalg.slogdet(information)[1]) + squares
         return _At(deviance, quadratic, trace, squares, step, float(step @ information @ step))
 
     def information(self, variances: Array, at: _At) -> Array:
-        """I (2, 2): ``d t_k / d phi_l = -2 I_kl``, by differences."""
-        found = np.empty((2, 2))
-        for k in range(2):
+        """I (m, m): ``d t_k / d phi_l = -2 I_kl``, by differences."""
+        m = len(variances)
+        found = np.empty((m, m))
+        for k in range(m):
             h = STEP * (variances[k] + 3 * len(self.y) / at.trace[k])
-            ends = variances + h * np.eye(2)[k], variances - min(h, variances[k]) * np.eye(2)[k]
+            ends = variances + h * np.eye(m)[k], variances - min(h, variances[k]) * np.eye(m)[k]
             found[k] = -0.5 * (self.at(ends[0]).trace - self.at(ends[1]).trace) / (ends[0] - ends[1])[k]
         return 0.5 * (found + found.T)
+
+    def spread_of_X(self, variances: Array, covariance: Array) -> float:
+        """A of `goodness_of_fit`: how uncertain Sigma_X is, for the covariance (m, m) of the variances."""
+        factor = cholesky_of(self.covariance(variances))
+        white = whiten(factor, self.y[..., :-1])
+        C = inverse_information(gram(white))[:, :6]
+        pull = pulled(factor, white) @ C
+        derivatives = []
+        for _, U, F in self.parts:
+            own = U.mT @ pull
+            of_all = np.einsum("nij,nik->jk", F, pull)
+            derivatives.append(np.einsum("nij,nik->jk", own, own) + of_all.T @ of_all)
+        relative = np.linalg.solve(C[:6], np.array(derivatives))
+        return float(np.einsum("kl,kij,lji->", covariance, relative, relative))
 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Deviations as logarithms x (2,), which of them are free, and what is known of them beforehand."""
+    """Deviations as logarithms x (m,), which of them are free, and what is known of them beforehand."""
 
     rows: _Rows
     free: NDArray[np.bool_]
-    given: Array  # (2,) variances where not free
-    prior: tuple[Array, Array]  # mean and deviation (2,) of x, infinite where there is none
-    scale: Array  # (2,) x at which the robot's noise would be as large as the camera's
-    unit: Array  # (2,) by which x is known about, so that steps of the search have the right length
+    given: Array  # (m,) variances where not free
+    prior: tuple[Array, Array]  # mean and deviation (m,) of x, infinite where there is none
+    scale: Array  # (m,) x at which noise would be as large as the camera's, of pixels that known
+    ends: tuple[Array, Array]  # (m,) between which x is looked for
+    unit: Array  # (m,) by which x is known about, so that steps of the search have the right length
 
     def measured(self, x: Array) -> _Search:
         """With the unit at x."""
-        v = self.variances(x, np.zeros(2, dtype=bool))
+        v = self.variances(x, np.zeros(len(x), dtype=bool))
         own = np.diag(self.rows.information(v, self.rows.at(v)))
         return replace(self, unit=np.clip(0.5 / (np.maximum(v, 1e-300) * np.sqrt(np.maximum(own, 1e-300))), 0.01, 1.0))
 
     def variances(self, x: Array, zero: NDArray[np.bool_]) -> Array:
-        """(2,) with 0 where that is the answer."""
+        """(m,) with 0 where that is the answer."""
         return np.where(self.free, np.where(zero, 0.0, np.exp(2 * x)), self.given)
 
     def objective(self, x: Array, zero: NDArray[np.bool_]) -> tuple[float, Array]:
-        """d with the prior, and its derivative (2,) by x."""
+        """d with the prior, and its derivative (m,) by x."""
         v = self.variances(x, zero)
         at = self.rows.at(v)
         off = (x - self.prior[0]) / self.prior[1]
@@ -172,8 +241,7 @@ class _Search:
             return value, slope[moving] * unit
 
         unit = self.unit[moving]
-        low = (self.scale[moving] + np.log(1e-2 * np.sqrt(NOTHING))) / unit
-        high = (self.scale[moving] + np.log(FARTHEST)) / unit
+        low, high = (end[moving] / unit for end in self.ends)
         start = np.clip(x[moving] / unit, low, high)
         options: Any = {"ftol": 1e-9, "gtol": 1e-2}
         found = minimize(
@@ -197,8 +265,9 @@ def estimate_robot_noise(
     ----------
     data : PosePairs
         n poses, no leading axes.
-    camera : JointCovariance or array (6, 6), (n, 6, 6), (6n, 6n)
-        Covariance of the camera poses, taken as true; positive definite.
+    camera : JointCovariance, array (6, 6), (n, 6, 6), (6n, 6n), or CameraNoise
+        Covariance of the camera poses, taken as true; positive definite. Of a `CameraNoise` without ``pixel_sd`` the
+        pixel noise is estimated as well.
     prior : NoisePrior or None
         What a data sheet says of the robot.
     start : (4, 4) or None
@@ -207,9 +276,9 @@ def estimate_robot_noise(
     Returns
     -------
     NoiseEstimate
-        ``noise`` holds the robot's covariance (None where it is exact) and ``camera`` as given; ``variances`` and
-        ``covariance`` are of the robot's rotation and translation; ``camera_factor`` says whether the residuals
-        contradict ``camera``.
+        ``noise`` holds the robot's covariance (None where it is exact) and that of the camera; ``variances`` and
+        ``covariance`` are of the robot's rotation and translation, and of the pixels (pixels^2) where they are
+        estimated; ``camera_factor`` says whether the residuals contradict a known ``camera``.
 
     Raises
     ------
@@ -232,31 +301,35 @@ def estimate_robot_noise(
 
 @dataclass(frozen=True, eq=False)
 class BesideCamera:
-    """The robot's variances beside the covariance of the camera poses of one data set; see the module."""
+    """The variances of one data set that the covariance of its camera poses leaves open; see the module."""
 
     constraint: Constraint
-    camera: Any
+    camera: Any  # covariance, or CameraNoise
     prior: NoisePrior
+    robot: Any = None  # covariance, where it is known
 
     def find(self, at: Unknowns, weights: Array | None = None) -> FoundRobotNoise:
         """The variances near the unknowns; ``weights`` (n,) of 0 leave poses out. Raises as `estimate_robot_noise`."""
         if not np.isnan(self.prior.values[2:]).all():
-            raise InputError(
-                "Expected a `prior` for the robot alone: the noise of the camera poses is known from their corners."
-            )
-        constraint, camera = self.constraint, self.camera
+            how = "but for that of their pixels" if isinstance(self.camera, CameraNoise) else "from their corners"
+            raise InputError(f"Expected a `prior` for the robot alone: the noise of the camera poses is known {how}.")
+        constraint, camera, robot = self.constraint, self.camera, self.robot
+        if isinstance(camera, CameraNoise) and camera.pixel_sd is not None:
+            camera = camera.covariance()
         if weights is not None and not (weights == 1).all():
             kept = np.flatnonzero(weights)
             if (weights[kept] < 1).any():
                 raise InputError(
                     "Expected `weights` of 0 or 1 beside the joint covariance of camera poses, got others."
                 )
-            constraint, camera = constraint.rows(kept), rows_of(camera, kept)
+            constraint = constraint.rows(kept)
+            camera = camera.rows(kept) if isinstance(camera, CameraNoise) else rows_of(camera, kept)
+            robot = rows_of(robot, kept)
         n = constraint.n
         if 6 * n - 12 <= 0:
-            raise InputError(f"Expected residuals to estimate the robot's noise from, got {n} poses. Give more poses.")
+            raise InputError(f"Expected residuals to estimate the noise from, got {n} poses. Give more poses.")
         for done in range(MOST_ROUNDS):
-            rows = _Rows.of(constraint.linearise(at, constraint.first, constraint.second), camera)
+            rows = _Rows.of(constraint.linearise(at, constraint.first, constraint.second), camera, robot)
             search = _search(rows, self.prior)
             if done == 0:
                 x = _first(search)
@@ -264,10 +337,10 @@ class BesideCamera:
             best, x, zero = _best(search, x)
             found = search.rows.at(search.variances(x, zero))
             if found.moved < STILL**2 and done > 0:
-                return FoundRobotNoise(search, best, x, zero, found, self.camera, camera)
+                return FoundRobotNoise(self, search, best, x, zero, found)
             at = at.moved(found.step)
         raise NotConvergedError(
-            "The noise of the robot did not stand still: the residuals are too large for a linear model. Look at the "
+            "The noise did not stand still: the residuals are too large for a linear model. Look at the "
             "setup, at the pairing of the poses and for outliers; or give the noise of the robot.",
             found,
         )
@@ -277,19 +350,30 @@ class BesideCamera:
 class FoundRobotNoise:
     """Variances of one problem; `describe` adds intervals and words."""
 
+    source: BesideCamera
     search: _Search
     deviance: float
     x: Array
     zero: NDArray[np.bool_]
     at: _At
-    camera: Any  # of all poses
-    camera_used: Any  # of those that counted
 
-    @property
-    def noise(self) -> PoseNoise:
-        """That of the robot beside the camera's."""
+    @cached_property
+    def variances(self) -> dict[str, float]:
+        """By the names of the components."""
         v = self.search.variances(self.x, self.zero)
-        return PoseNoise(np.diag(np.repeat(v, 3)) if v.any() else None, self.camera)
+        return {part.kind[0]: float(value) for part, value in zip(self.search.rows.parts, v, strict=True)}
+
+    @cached_property
+    def noise(self) -> PoseNoise:
+        """Of all poses."""
+        robot, camera = self.source.robot, self.source.camera
+        if robot is None:
+            v = np.array([self.variances[name] for name, _ in _KINDS])
+            robot = np.diag(np.repeat(v, 3)) if v.any() else None
+        if isinstance(camera, CameraNoise):
+            pixels = self.variances.get(_PIXEL_KIND[0])
+            camera = camera.covariance(None if pixels is None else float(np.sqrt(pixels)))
+        return PoseNoise(robot, camera)
 
     def describe(self) -> NoiseEstimate:
         """Components with intervals and what can be said of them."""
@@ -297,31 +381,39 @@ class FoundRobotNoise:
 
 
 def _search(rows: _Rows, prior: NoisePrior) -> _Search:
-    values = prior.values[:2]
-    known, fixed = ~np.isnan(values), prior.factor == 1
+    robot = len(rows.parts) > 1  # its variances are among the components
+    pixels = rows.parts[-1].kind == _PIXEL_KIND
+    values = np.append(prior.values[:2] if robot else np.zeros(0), [PIXEL] if pixels else [])
+    factor = np.append(np.full(2 if robot else 0, prior.factor), [PIXEL_FACTOR] if pixels else [])
+    known, fixed = ~np.isnan(values), factor == 1
     some = np.where(known & (values > 0), values, 1.0)
     mean = np.where(known, np.log(some), 0.0)
-    deviation = np.where(known & (not fixed), np.log(prior.factor) if not fixed else 1.0, np.inf)
-    scale = 0.5 * np.log(3 * len(rows.y) / rows.at(np.zeros(2)).trace)
-    free = ~known if fixed else np.ones(2, dtype=bool)
-    return _Search(rows, free, np.where(known, values, 0.0) ** 2, (mean, deviation), scale, np.ones(2))
+    deviation = np.where(known & ~fixed, np.log(np.where(fixed, 2.0, factor)), np.inf)
+    usual = np.zeros(len(values))
+    if pixels:
+        usual[-1] = PIXEL**2
+    scale = 0.5 * np.log(3 * len(rows.y) / rows.at(usual).trace)
+    low, high = scale + np.log(1e-2 * np.sqrt(NOTHING)), scale + np.log(FARTHEST)
+    if pixels:
+        scale[-1], low[-1], high[-1] = np.log([PIXEL, *PIXEL_ENDS])
+    given = np.where(known, values, 0.0) ** 2
+    return _Search(rows, ~(known & fixed), given, (mean, deviation), scale, (low, high), np.ones_like(scale))
 
 
 def _first(search: _Search) -> Array:
     """The best of a few deviations of each."""
     steps = np.log(np.geomspace(*RANGE, TRIED))
-    none = np.zeros(2, dtype=bool)
-    tried = [
-        search.scale + np.array([a, b])
-        for a in (steps if search.free[0] else steps[:1])
-        for b in (steps if search.free[1] else steps[:1])
+    none = np.zeros(len(search.scale), dtype=bool)
+    starts = [
+        np.log(PIXELS_TRIED) if part.kind == _PIXEL_KIND else steps if free else steps[:1]
+        for part, free in zip(search.rows.parts, search.free, strict=True)
     ]
-    return min(tried, key=lambda x: search.objective(x, none)[0])
+    return min((search.scale + np.array(step) for step in product(*starts)), key=lambda x: search.objective(x, none)[0])
 
 
 def _best(search: _Search, x: Array) -> tuple[float, Array, NDArray[np.bool_]]:
     """Least d, x there, and which variances are 0."""
-    zero = np.zeros(2, dtype=bool)
+    zero = np.zeros(len(x), dtype=bool)
     may = search.free & np.isinf(search.prior[1])
     for _ in range(3):
         best, x = search.minimum(x, search.free & ~zero, zero)
@@ -336,16 +428,16 @@ def _interval(search: _Search, best: float, x: Array, zero: NDArray[np.bool_], k
     """95 % profile interval of deviation k; None: no upper end."""
     from scipy.optimize import brentq
 
-    other = search.free & (np.arange(2) != k)
+    other = search.free & (np.arange(len(x)) != k)
     begin = np.where(zero, search.scale + np.log(0.1), x)
 
     def grown(value: float, at_zero: bool = False) -> float:
         """Growth of d beyond its limit with deviation k held; always from the same start, so that it is a function."""
-        at, own = begin.copy(), (np.arange(2) == k) & at_zero
+        at, own = begin.copy(), (np.arange(len(x)) == k) & at_zero
         at[k] = value
         least, _ = search.minimum(at, other, own)
-        if zero[other].any():  # the best of the other one may be 0 again
-            least = min(least, search.objective(at, own | other)[0])
+        if zero[other].any():  # the best of those that were 0 may be it again
+            least = min(least, search.minimum(at, other & ~zero, own | (other & zero))[0])
         return least - best - QUANTILE
 
     def end(inside: float, step: float) -> float | None:
@@ -354,7 +446,7 @@ def _interval(search: _Search, best: float, x: Array, zero: NDArray[np.bool_], k
         outside = inside + step
         while grown(outside) < 0:
             inside, outside = outside, outside + 2 * step
-            if not abs(outside - search.scale[k]) < np.log(FARTHEST):
+            if not search.ends[0][k] < outside < search.ends[1][k]:
                 return None
         return float(np.exp(brentq(grown, inside, outside, xtol=5e-3)))
 
@@ -399,28 +491,38 @@ def _above_zero(v: Array, covariance: Array) -> Array:
 
 def _report(of: FoundRobotNoise) -> NoiseEstimate:
     search, best, x, zero, found = of.search, of.deviance, of.x, of.zero, of.at
-    n = len(search.rows.y)
+    rows, camera = search.rows, of.source.camera
+    n = len(rows.y)
     v = search.variances(x, zero)
-    information = search.rows.information(v, found)
+    information = rows.information(v, found)
     known = np.isfinite(search.prior[1])
     by_prior = np.where(known, 0.25 / (np.where(v > 0, v, 1.0) * search.prior[1]) ** 2, 0.0)
-    factor = _camera_factor(found, v, information, by_prior, search.free & ~zero, n)
-    covariance = np.zeros((2, 2))
+    pixels = rows.parts[-1].kind == _PIXEL_KIND
+    factor = None if pixels else _camera_factor(found, v, information, by_prior, search.free & ~zero, n)
+    covariance = np.zeros_like(information)
     free = np.ix_(search.free, search.free)
     covariance[free] = np.linalg.inv((information + np.diag(by_prior))[free])
-    covariance *= _above_zero(v, covariance)
+    spread = np.diag(covariance)
+    covariance = covariance * _above_zero(v, covariance)
     components = []
-    for k, (name, unit) in enumerate(_KINDS):
+    for k, part in enumerate(rows.parts):
         value = float(np.sqrt(v[k]))
         if not search.free[k]:
-            components.append(Component(name, unit, value, value, value, "fixed"))
+            components.append(Component(*part.kind, value, value, value, "fixed"))
             continue
         low, high = _interval(search, best, x, zero, k)
         status = "prior" if known[k] else "zero" if zero[k] else "estimated"
-        components.append(Component(name, unit, value, low, high, status))
-    variances = np.diagonal(marginals(of.camera_used), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
+        if part.kind == _PIXEL_KIND:
+            status = "estimated" if np.sqrt(spread[k]) / (2 * v[k]) < TOLD * search.prior[1][k] else "not told apart"
+        components.append(Component(*part.kind, value, low, high, status))
+    if isinstance(camera, CameraNoise) and camera.pixel_sd is not None:
+        s = camera.pixel_sd
+        components.append(Component(*_PIXEL_KIND, s, s, s, "given"))
+    how = BY_VIEWS if isinstance(camera, CameraNoise) else FROM_CORNERS
+    variances = np.diagonal(marginals(of.noise.camera), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
     for what, unit, variance in zip(("rotation", "translation"), ("rad", "m"), variances, strict=True):
         sd = float(np.sqrt(variance))
-        components.append(Component(f"camera {what}", unit, sd, sd, sd, "from corners"))
+        components.append(Component(f"camera {what}", unit, sd, sd, sd, how))
     findings = beside_camera_findings({part.name: part for part in components}, factor)
-    return NoiseEstimate(of.noise, tuple(components), findings, v, covariance, 6.0 * n - 12, factor)
+    of_X = rows.spread_of_X(v, covariance)
+    return NoiseEstimate(of.noise, tuple(components), findings, v, covariance, 6.0 * n - 12, factor, of_X)

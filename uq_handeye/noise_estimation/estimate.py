@@ -23,7 +23,8 @@ standard deviation; the estimate is then the maximum of the restricted likelihoo
 
 Camera poses that come from corners (`calibrate_camera`) bring their joint covariance with them: nothing of it is
 estimated, and the robot's noise is found beside it (`beside_camera`), rotation and translation told apart from the
-camera's.
+camera's. The same holds for a `CameraNoise`, the covariance of finished camera poses by the geometry of what they saw,
+whose pixel noise is estimated with it.
 
 Intervals are 95 % profile intervals of the restricted likelihood; those of sums of two of them are chi-square
 intervals with Satterthwaite's degrees of freedom ``2 sigma^4 / Var(sigma^2)``. Where the data cannot tell a component
@@ -38,7 +39,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,7 @@ from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
 from ..likelihood.constraint import Constraint, Unknowns, constraint_of
 from ..likelihood.gauss_helmert import start_of
+from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import Component, NoiseEstimate, NoisePrior, together
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..poses.motions import Motions
@@ -113,6 +115,8 @@ def estimate_noise(
     *,
     start: Array | None = None,
     weights: Array | None = None,
+    camera: CameraNoise | None = None,
+    robot: Any = None,
 ) -> NoiseEstimate:
     """Variance components of robot and camera from the residuals of the data themselves.
 
@@ -131,6 +135,10 @@ def estimate_noise(
         In [0, 1]; a pose of weight w counts as w poses in the likelihood and in the degrees of freedom, 0 leaves it
         out; 0 or 1 beside a joint covariance. Weights that were made from the residuals make the noise look smaller:
         correct for it where they were made.
+    camera : CameraNoise or None
+        The covariance of the camera poses but for their pixel noise (`camera_noise`).
+    robot : covariance or None
+        Of the robot poses beside `camera`; None: estimated too.
 
     Raises
     ------
@@ -157,16 +165,26 @@ def estimate_noise(
         weights = np.asarray(weights, dtype=float)
         if weights.shape != (n,) or not ((weights >= 0) & (weights <= 1)).all():
             raise InputError(f"Expected `weights` to be {n} numbers in [0, 1], got shape {weights.shape}.")
-    source = choose_source(data, constraint, prior)
+    source = choose_source(data, constraint, prior, camera, robot)
     _require_freedom(constraint, weights)
     X = None if start is None else as_transforms(start, "start", stack=False)
     return source.find(start_of(data, constraint, X), weights).describe()
 
 
-def choose_source(data: PosePairs | Motions, constraint: Constraint, prior: NoisePrior | None) -> NoiseSource:
-    """The residuals; for camera poses from corners the residuals beside the joint covariance that they come with."""
+def choose_source(
+    data: PosePairs | Motions,
+    constraint: Constraint,
+    prior: NoisePrior | None,
+    camera: CameraNoise | None = None,
+    robot: Any = None,
+) -> NoiseSource:
+    """The residuals; beside the covariance of camera poses by geometry, or that which those from corners come with."""
     prior = NoisePrior() if prior is None else prior
     poses = data if isinstance(data, PosePairs) else data.poses
+    if camera is not None:
+        if camera.n != constraint.n or poses is None:
+            raise InputError(f"Expected `camera` noise of these {constraint.n} poses, got that of {camera.n}.")
+        return BesideCamera(constraint, camera, prior, robot)
     if poses is not None and poses.camera_calibration is not None:
         return BesideCamera(constraint, poses.camera_calibration.covariance, prior)
     return FromResiduals(constraint, prior)

@@ -12,6 +12,8 @@ from .sentences import CONTRADICTION
 
 # Fewer degrees of freedom than this tell nothing worth saying of the camera's covariance.
 TELLING = 4.0
+# Pixel noise above this, in pixels, is none.
+MOST_PIXELS = 1.5
 
 
 def noise_findings(
@@ -49,15 +51,32 @@ def noise_findings(
 
 
 def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | None) -> tuple[Finding, ...]:
-    """Of the robot's noise beside a camera covariance from corners."""
-    camera, robot = ([parts[f"{side} {what}"] for what in ("rotation", "translation")] for side in ("camera", "robot"))
-    found = [_note("camera_from_corners", rotation=camera[0].value, translation=camera[1].value)]
+    """Of the robot's noise beside the covariance of the camera poses, and of their pixels."""
+    camera, robot = (
+        [parts[f"{side} {what}"] for what in ("rotation", "translation") if f"{side} {what}" in parts]
+        for side in ("camera", "robot")
+    )
+    pixels = parts.get("pixel noise")
+    if pixels is None:
+        found = [_note("camera_from_corners", rotation=camera[0].value, translation=camera[1].value)]
+    else:
+        found = [_note("camera_by_geometry", component=asdict(pixels), components=_plain(camera))]
+        found += [unusual_pixels(pixels)] if pixels.low > MOST_PIXELS else []
+    if not robot:
+        return tuple(found)
     if all(part.status == "zero" for part in robot):
         found.append(_note("robot_shows_none", rotation=robot[0].high, translation=robot[1].high))
     else:
         found.append(_note("robot_shows", components=_plain(robot)))
         found += [_note("near_zero", name=part.name) for part in robot if part.low == 0 and part.status == "estimated"]
-    return (*found, against_camera(factor))
+    if pixels is None or pixels.status == "given":
+        found.append(against_camera(factor))
+    return tuple(found)
+
+
+def unusual_pixels(pixels: Component) -> Finding:
+    """Noise that no detector has: a caution."""
+    return Finding("noise_estimation.unusual_pixels", "caution", {"component": asdict(pixels)})
 
 
 def against_camera(factor: CameraFactor | None) -> Finding:

@@ -100,6 +100,31 @@ def _(rotation: float, translation: float) -> str:
     )
 
 
+@sentence("noise_estimation.camera_by_geometry")
+def _(component: Part, components: Sequence[Part]) -> str:
+    how = {
+        "given": "as given",
+        "not told apart": "not told apart from the robot's noise: assumed, within a factor of 3 of 0.2 px",
+    }.get(component["status"], "estimated")
+    between = (
+        "" if component["status"] == "given" else f", 95 %: {_digits(component['low'])} to {_digits(component['high'])}"
+    )
+    rotation, translation = (_amount(part["value"], part["unit"]) for part in components)
+    return (
+        "The covariance of the camera poses comes from the geometry of the views, for a pixel noise of "
+        f"{_digits(component['value'])} px ({how}{between}); of a pose by itself: rotation {rotation}, translation "
+        f"{translation}."
+    )
+
+
+@sentence("noise_estimation.unusual_pixels")
+def _(component: Part) -> str:
+    return (
+        f"The residuals ask for a pixel noise of {_digits(component['value'])} px, and corners are found to 0.02 "
+        "to 0.5 px: the board, the unit of its squares, the camera matrix or the pairing of the poses is wrong."
+    )
+
+
 @sentence("noise_estimation.robot_shows_none")
 def _(rotation: float | None, translation: float | None) -> str:
     return (
@@ -144,6 +169,10 @@ def _(factor: float, p_value: float, dof: float) -> str:
         if times > 1
         else "The corners are better than their residuals say. The standard deviations of X are too large."
     )
+
+
+def _digits(pixels: float | None) -> str:
+    return "?" if pixels is None else digits(pixels, 2)
 
 
 def _amount(value: float | None, unit: str) -> str:

@@ -12,7 +12,7 @@ from ...formatting.numbers import column, digits, fixed, pose_rows, probability
 from ...geometry.pose_numbers import pose_numbers
 from ...geometry.se3 import Array
 from ...likelihood.goodness_of_fit import GoodnessOfFit
-from ...noise.estimate import Component
+from ...noise.estimate import SHOWN, Component
 from ...noise.models import Noise, PairNoise, is_joint, marginals
 from ...presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
 from ..result import Calibration
@@ -30,8 +30,11 @@ def noise_blocks(result: Calibration) -> list[Block]:
     blocks: list[Block] = []
     estimate = result.noise_estimate
     if estimate is not None:
-        whose = "Noise of the robot, estimated beside that of the camera, which corners give"
-        caption = f"{whose if estimate.from_corners else 'Noise, estimated from the residuals'}:"
+        caption = "Noise, estimated from the residuals:"
+        if estimate.from_corners:
+            caption = "Noise of the robot, estimated beside that of the camera, which corners give:"
+        if estimate.by_geometry:
+            caption = "Noise, estimated from the residuals beside what the geometry of the views says of the camera:"
         head = ["source", "1 sigma per axis", "95 % interval", "how it is known"]
         blocks.append(Table(caption, head, list(map(_component, estimate.components)), frozenset({3})))
         if estimate.statement:
@@ -53,12 +56,12 @@ NO_NOISE = "Not known: no noise was given, and none could be estimated from the 
 
 
 def _component(component: Component) -> list[str]:
-    factor, unit = (_DEG, "deg") if component.unit == "rad" else (_MM, "mm")
+    factor, unit = SHOWN[component.unit]
     high = "not determined" if component.high is None else f"{fixed(factor * component.high)} {unit}"
     if component.high is not None and not np.isfinite(component.high):
         high = "not limited"
     between = f"{fixed(factor * component.low)} to {high}"
-    if component.status in ("fixed", "exact", "from corners"):
+    if component.is_given:
         between = ""
     return [component.name, f"{fixed(factor * component.value)} {unit}", between, component.status]
 
