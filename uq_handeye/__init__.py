@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .io import read_noise_file, read_poses, read_stream
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
+    from .likelihood.shared_estimates import SharedEstimate
     from .noise.camera_noise import CameraNoise
     from .noise.estimate import NoiseEstimate, NoisePrior
     from .noise.joint_covariance import JointCovariance
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from .procrustes.registration import register
     from .procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
     from .propagation.propagate import propagate
+    from .shared_errors.shared_error import SharedError
     from .simulation.rig import simulate
     from .simulation.sigma_points import SigmaPoints, sigma_points
     from .synchronisation.result import Synchronised
@@ -99,6 +101,8 @@ __all__ = [
     "PosePairs",
     "Posterior",
     "ScalePrior",
+    "SharedError",
+    "SharedEstimate",
     "SigmaPoints",
     "SingularNoiseError",
     "Stream",
@@ -196,6 +200,7 @@ _LATER = {
         "maximum_likelihood",
     ),
     "likelihood.rig_bundle": ("Agreement",),
+    "likelihood.shared_estimates": ("SharedEstimate",),
     "noise.camera_noise": ("CameraNoise",),
     "noise.estimate": (
         "NoiseEstimate",
@@ -229,6 +234,7 @@ _LATER = {
         "so4_covariance",
     ),
     "propagation.propagate": ("propagate",),
+    "shared_errors.shared_error": ("SharedError",),
     "simulation.rig": ("simulate",),
     "simulation.sigma_points": (
         "SigmaPoints",

@@ -20,7 +20,7 @@ from ..empirical_covariance.resampled import KINDS, resampled
 from ..errors import DegenerateMotionError, InputError
 from ..files.validate import array_of, unequal
 from ..geometry.se3 import Array
-from ..likelihood.gauss_helmert import Fit, offset_sensitivity
+from ..likelihood.gauss_helmert import Fit
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, checked_covariance
 from ..poses.motions import Motions
@@ -39,6 +39,8 @@ class Analysis:
     estimate: NoiseEstimate | None = field(default=None, repr=False)  # where the noise comes from the data
     dof: float | None = None  # degrees of freedom of the covariance then
     seed: int = 0
+    # How X and W move (p,) with errors that are beside the noise, by name: one standard deviation each.
+    beside: dict[str, Array] = field(default_factory=dict, repr=False)
 
     @cached_property
     def diagnostics(self) -> Diagnostics:
@@ -64,19 +66,9 @@ class Analysis:
                 found[kind] = resampled(self.data, self.method, kind, fit=self.fit, seed=self.seed).covariance_X
             except (InputError, DegenerateMotionError) as error:
                 found[kind], reasons[kind] = None, str(error)
-        of_offset = self._of_offset
-        if of_offset is not None:
-            found = {name: S if S is None else S + of_offset for name, S in found.items()}
+        more = [np.outer(move[:6], move[:6]) for move in self.beside.values()]
+        found = {name: S if S is None else np.asarray(sum(more, S)) for name, S in found.items()}
         return read_only(found), reasons
-
-    @property
-    def _of_offset(self) -> Array | None:
-        """What the time offset of interpolated poses adds to each covariance of X."""
-        timing = self.data.timing if isinstance(self.data, PosePairs) else None
-        if timing is None or not timing.matters or self.fit.W is None:
-            return None
-        move = timing.std * offset_sensitivity(self.fit, timing)[:6]
-        return np.outer(move, move)
 
     @cached_property
     def split_half(self) -> SplitHalf:
@@ -94,7 +86,8 @@ class Analysis:
     @cached_property
     def budget(self) -> Budget:
         """Shares of the variance by noise source; sources that the data cannot tell apart are one."""
-        return budget(self.fit, self.noise, merged=() if self.estimate is None else _not_told_apart(self.estimate))
+        merged = () if self.estimate is None else _not_told_apart(self.estimate)
+        return budget(self.fit, self.noise, merged=merged, beside=self.beside)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text."""

@@ -12,9 +12,11 @@ from ..findings import Finding
 from ..geometry.se3 import Array
 from ..input_checks.checks import check_fit, check_motions, require_signal
 from ..likelihood.constraint import Constraint, Unknowns
-from ..likelihood.gauss_helmert import FITS, Fit, offset_sensitivity
+from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, FITS, MOST_STEPS, Fit, offset_sensitivity
+from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
 from ..likelihood.robust import RobustFit, fit_robustly
+from ..likelihood.shared_estimates import moves_left_open, resolve_doubts, shared_estimates
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise_estimation.estimate import FoundNoise, choose_source
@@ -23,6 +25,7 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
 from ..poses.timing import TimeOffset
 from ..propagation.published_fit import Published, fit_published
+from ..shared_errors.shared_error import CLOCK_OFFSET
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
 from .findings import against_corners, against_data_sheet, wrong_poses
@@ -42,7 +45,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     noise, constraint = job.noise, job.constraint
     at = constraint.complete(start.X)
     beside = job.camera_noise, job.robot_noise
-    source = choose_source(job.data, constraint, job.prior, *beside) if noise is None else None
+    source = choose_source(job.data, constraint, job.prior, *beside, columns=job.columns) if noise is None else None
     exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
     robust: RobustFit | None = None
     found: FoundNoise | None = None
@@ -69,7 +72,15 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
             return replace(result, table=table), [*table.findings, *findings]
         return estimate_unweighted(job, start, estimate)
     fit = FITS[job.method](constraint, noise, at) if robust is None else robust.fit
-    return _assembled(job, noise, fit, start, estimate, robust)
+    left_open: dict[str, float] = {}
+    if any(error.doubt is not None for error in job.shared):
+        resolved = resolve_doubts(fit, noise, job.shared)
+        job, noise, left_open = replace(job, shared=resolved.errors), resolved.noise, resolved.left_open
+        steps = CLOSED_FORM_STEPS if job.method == "efficient" else MOST_STEPS
+        fit = refit(constraint, noise, fit.unknowns, steps, fit.weights)
+        estimate = None if estimate is None else replace(estimate, noise=noise)
+        robust = None if robust is None else replace(robust, fit=fit, noise=noise)
+    return _assembled(job, noise, fit, start, estimate, robust, left_open)
 
 
 def _longest(motions: Motions) -> float:
@@ -79,7 +90,13 @@ def _longest(motions: Motions) -> float:
 
 
 def _assembled(
-    job: Job, noise: Noise, fit: Fit, start: Published, estimate: NoiseEstimate | None, robust: RobustFit | None
+    job: Job,
+    noise: Noise,
+    fit: Fit,
+    start: Published,
+    estimate: NoiseEstimate | None,
+    robust: RobustFit | None,
+    left_open: dict[str, float],
 ) -> tuple[Calibration, list[Finding]]:
     data, motions, poses = job.data, job.motions, job.poses
     reference = of_model = reference_for(fit, estimate)
@@ -89,15 +106,17 @@ def _assembled(
     elif job.covariance != "model":
         found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
         covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
+    beside = moves_left_open(fit, noise, job.shared, left_open)
     time_offset, move = _time_offset(poses, fit, covariance)
     if move is not None:
-        of_offset = np.outer(move, move)
-        covariance = covariance + of_offset[:6, :6]
-        covariance_W = None if covariance_W is None else covariance_W + of_offset[6:, 6:]
+        beside[CLOCK_OFFSET] = move
+    for move in beside.values():
+        covariance = covariance + np.outer(move[:6], move[:6])
+        covariance_W = None if covariance_W is None else covariance_W + np.outer(move[6:], move[6:])
     table = pose_table(fit, robust)
     # Beside a camera covariance from corners the noise counts as known: most of it, or the test errs on the safe side.
     dof = None if estimate is not None and estimate.from_corners else of_model.dof
-    analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed)
+    analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, beside)
     angle, distance = residuals(motions.A, motions.B, fit.X)
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
@@ -112,6 +131,7 @@ def _assembled(
         fit=goodness_of_fit(fit),
         table=table,
         time_offset=time_offset,
+        shared=shared_estimates(fit, noise, job.shared, left_open),
         analysis=analysis,
     )
     findings = table.findings if robust else wrong_poses(job, noise, table)

@@ -7,6 +7,7 @@ are down-weighted (`robust`). What looks wrong is said (`input_checks`, `diagnos
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 from numpy.typing import ArrayLike
@@ -19,6 +20,7 @@ from ..noise.estimate import NoisePrior
 from ..noise.models import Noise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..shared_errors.shared_error import SharedError
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood
 from .by_published import by_published
@@ -40,6 +42,7 @@ def calibrate(
     robust: bool | None = None,
     prior: NoisePrior | None = None,
     seed: int = 0,
+    shared: Sequence[SharedError] | None = None,
 ) -> Calibration:
     """X with its covariance, residuals and warnings.
 
@@ -79,6 +82,12 @@ def calibrate(
     seed : int
         Of the random subsets and bootstrap replicates.
 
+    shared : sequence of SharedError or None
+        Errors that all poses share, such as ``SharedError.focal_length(0.001)``: unknowns with a prior, whose effect is
+        part of the covariance (``result.shared`` says what the data tell of each). None: for finished camera poses
+        whose noise is estimated, focal length, principal point and target scale with default standard deviations
+        (`shared_error.DEFAULT_SD`); otherwise none. ``[]``: none.
+
     Where poses are given, W comes with X (for a published method the mean of ``G X C``, `robot_world`), with its
     covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the
     covariance of each pair that PoseNoise makes.
@@ -107,7 +116,7 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.34, 0.34, 0.28])
     """
-    job = request(data, noise, method, pairs, scale, kind, covariance, robust, prior, seed)
+    job = request(data, noise, method, pairs, scale, kind, covariance, robust, prior, seed, shared)
     findings = look_at(job)
     try:
         try:
@@ -138,6 +147,7 @@ def calibrate(
         "robust": job.robust,
         "prior": None if prior is None else asdict(prior),
         "seed": job.seed,
+        "shared": [f"{part}: {sd:.6g}" for error in job.shared for part, sd in zip(error.parts, error.sd, strict=True)],
     }
     result = replace(result, findings=tuple(findings), provenance=provenance(data, options))
     warn(findings)

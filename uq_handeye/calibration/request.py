@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,10 +17,12 @@ from ..likelihood.constraint import Constraint, constraint_of, require_noise_fit
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
+from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
 from ..propagation.all_pairs import AllPairs
+from ..shared_errors.shared_error import SharedError, checked_errors, default_errors, shared_columns, with_shared
 
 # Covariances of the result: of the noise, to first order and beyond; and of the residuals.
 COVARIANCES = ("model", "sigma-points", *OF_RESIDUALS)
@@ -50,6 +53,7 @@ class Job:
     seed: int
     camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
     robot_noise: Any = None  # covariance beside it, where it is known
+    shared: tuple[SharedError, ...] = ()  # what all poses share
 
     @property
     def poses(self) -> PosePairs | None:
@@ -59,6 +63,11 @@ class Job:
     def constraint(self) -> Constraint:
         """What the likelihood is of: the residual rows of the data."""
         return constraint_of(self.data, self.noise)
+
+    @cached_property
+    def columns(self) -> dict[str, JointCovariance]:
+        """What the shared errors make of the poses of each side."""
+        return {} if self.poses is None else shared_columns(self.shared, self.poses)
 
     @property
     def data(self) -> PosePairs | Motions:
@@ -115,6 +124,7 @@ def request(
     robust: bool | None,
     prior: NoisePrior | None,
     seed: int,
+    shared: Sequence[SharedError] | None = None,
 ) -> Job:
     """The arguments of `calibrate`, checked; raises `InputError`."""
     if not isinstance(data, PosePairs | Motions):
@@ -172,5 +182,47 @@ def request(
     if robust is None:
         count = motions.N if motions.poses is None else motions.poses.n
         robust = bound and count >= FEWEST_FOR_ROBUST
-    beside = (camera, robot)
-    return Job(motions, everything, noise, method, scale, kind, covariance, bool(robust), prior, int(seed), *beside)
+    errors = _shared_of(shared, motions.poses, noise, method, camera)
+    if errors and noise is not None:
+        assert isinstance(noise, PoseNoise) and motions.poses is not None
+        noise = with_shared(noise, shared_columns(errors, motions.poses))
+    return Job(
+        motions,
+        everything,
+        noise,
+        method,
+        scale,
+        kind,
+        covariance,
+        bool(robust),
+        prior,
+        int(seed),
+        camera,
+        robot,
+        errors,
+    )
+
+
+def _shared_of(
+    shared: Sequence[SharedError] | None,
+    poses: PosePairs | None,
+    noise: Noise | None,
+    method: str,
+    camera: CameraNoise | None,
+) -> tuple[SharedError, ...]:
+    """What was given; else the defaults of finished camera poses, where the noise is to be estimated."""
+    if shared is None:
+        by_default = noise is None and camera is None and poses is not None and method in ESTIMATORS
+        return default_errors(poses) if by_default and poses is not None else ()
+    errors = tuple(shared) if poses is None else checked_errors(shared, poses)
+    if not errors:
+        return ()
+    if poses is None or isinstance(noise, PairNoise):
+        raise InputError("Expected poses and PoseNoise beside `shared`: what errors do to motions alone is not known.")
+    if method == BUNDLE:
+        raise InputError("Method 'bundle' takes no `shared` errors. Use method 'efficient'.")
+    if noise is None and method not in ESTIMATORS:
+        raise InputError(
+            f"Expected `noise` beside `shared` with method {method!r}: only efficient and ml estimate it from the data."
+        )
+    return errors

@@ -29,6 +29,7 @@ from ..geometry.se3 import Array, inverse, inverse_jacobian
 from ..likelihood.d2_distribution import Reference
 from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.rig_bundle import Agreement
+from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise
 from ..noise.to_dict import noise_to_dict
@@ -114,6 +115,9 @@ class Calibration(ReadOnlyArrays):
         Residual, distance, leverage, weight and flag of each pose.
     time_offset : TimeOffset or None
         Of interpolated poses: the offset and its share of the covariance.
+    shared : tuple of SharedEstimate
+        Errors that all poses share: assumed standard deviation, estimate and standard deviation after the fit, share
+        of the variance of X.
     agreement : Agreement or None
         Of method "bundle": how far it is from `efficient`, and the time of each.
     provenance : Provenance or None
@@ -146,6 +150,7 @@ class Calibration(ReadOnlyArrays):
     fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
     table: PoseTable | None = None  # residual, leverage and flag of each pose
     time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
+    shared: tuple[SharedEstimate, ...] = ()  # errors that all poses share
     agreement: Agreement | None = None  # of method "bundle" with `efficient`
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
     data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of; not in the JSON file
@@ -489,6 +494,7 @@ class Calibration(ReadOnlyArrays):
             "analysis": None if self.analysis is None else self.analysis.to_dict(),
             "provenance": None if self.provenance is None else self.provenance.to_dict(),
             "time_offset": None if self.time_offset is None else self.time_offset.to_dict(),
+            "shared": [error.to_dict() for error in self.shared],
             **({} if self.agreement is None else {"agreement": self.agreement.to_dict()}),
             "residuals": self.residuals._asdict(),
             "findings": [finding.to_dict() for finding in self.findings],

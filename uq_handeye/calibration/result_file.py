@@ -23,6 +23,7 @@ from ..likelihood.d2_distribution import Reference
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.rig_bundle import Agreement
+from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import checked_covariance
 from ..noise.to_dict import noise_from_dict
@@ -135,6 +136,7 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "analysis": _read(data, "analysis", lambda part: StoredAnalysis.from_dict(part, X)),
         "provenance": _read(data, "provenance", Provenance.from_dict),
         "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
+        "shared": tuple(map(SharedEstimate.from_dict, data.get("shared", ()))),
         "agreement": None if data.get("agreement") is None else Agreement.from_dict(data["agreement"]),
         "noise": _read(data, "noise", noise_from_dict),
         "residuals": Residuals(**data["residuals"]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,6 +111,17 @@ class Budget(ReadOnlyArrays):
                 parts.append(part)
         return Budget(tuple(names), np.stack(parts), self.by_pose, self.X)
 
+    def plus(self, name: str, covariance: Array) -> Budget:
+        """With the covariance (p, p) of one more source, or more of one that is there; each pose gets its n-th part."""
+        by_pose = self.by_pose + covariance / max(len(self.by_pose), 1)
+        if name in self.sources:
+            k = self.sources.index(name)
+            parts = np.concatenate(
+                [self.covariances[:k], [self.covariances[k] + covariance], self.covariances[k + 1 :]]
+            )
+            return Budget(self.sources, parts, by_pose, self.X)
+        return Budget((*self.sources, name), np.concatenate([self.covariances, [covariance]]), by_pose, self.X)
+
     def table(self) -> str:
         """Shares in percent, one row per source and one column per group, as text."""
         width = max(len(name) for name in ("source", *self.sources))
@@ -132,10 +143,17 @@ class Budget(ReadOnlyArrays):
         }
 
 
-def budget(fit: Fit, noise: Noise, *, merged: Sequence[Sequence[str]] = ()) -> Budget:
+def budget(
+    fit: Fit,
+    noise: Noise,
+    *,
+    merged: Sequence[Sequence[str]] = (),
+    beside: Mapping[str, Array] | None = None,
+) -> Budget:
     """The budget of X (and of W) of one fit; see `budget_of_sensitivities`.
 
-    With robust weights it is the covariance that this noise gives the weighted estimate.
+    With robust weights it is the covariance that this noise gives the weighted estimate. ``beside`` are moves (p,) of X
+    and W by one standard deviation of errors that the noise does not hold, by name.
     """
     if fit.covariance.ndim != 2:
         raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
@@ -143,7 +161,10 @@ def budget(fit: Fit, noise: Noise, *, merged: Sequence[Sequence[str]] = ()) -> B
     factor = fit.weighted_factor
     gain = -fit.covariance @ pulled(factor, whiten(factor, J)).mT  # (n, p, 6)
     first, second = (gain @ D for D in fit.linear.sides)
-    return budget_of_sensitivities(first, second, noise, fit.X, merged=merged)
+    found = budget_of_sensitivities(first, second, noise, fit.X, merged=merged)
+    for name, move in (beside or {}).items():
+        found = found.plus(name, np.outer(move, move))
+    return found
 
 
 def budget_of_sensitivities(
@@ -166,7 +187,7 @@ def budget_of_sensitivities(
     merged : groups of names
         See `Budget.merged`. Sources are named "robot rotation", "robot translation", "robot coupling", and so for
         "camera"; on motions "A" and "B". A coupling that is zero is left out. Of a `JointCovariance` they are instead
-        what each pose has by itself, "camera (each pose)", and what all share, "camera (shared)".
+        what each pose has by itself, "camera (each pose)", the shared errors by name, and "camera (shared)".
 
     Raises
     ------
@@ -187,27 +208,47 @@ def budget_of_sensitivities(
         if isinstance(S, JointCovariance):
             together = D @ S.shared  # of the errors that all poses share
             whole = together.sum(axis=0)
-            sources += [f"{name} {EACH}", f"{name} {SHARED}"]
-            parts += [_summed(D, D @ S.own), whole @ whole.T]
+            if all(S.names):  # declared errors beside a noise of its own
+                own_names, own_parts = _by_kind(name, D, S.own)
+                sources += own_names
+                parts += own_parts
+            else:
+                sources.append(f"{name} {EACH}")
+                parts.append(_summed(D, D @ S.own))
+            for label in dict.fromkeys(S.names):  # the columns of each error that has a name, and the others
+                of_error = whole[:, [known == label for known in S.names]]
+                sources.append(label or f"{name} {SHARED}")
+                parts.append(of_error @ of_error.T)
             of_pose = together @ whole.T
             by_pose = by_pose + D @ S.own @ D.mT + 0.5 * (of_pose + of_pose.mT)
             continue
-        kinds = []
-        for rows in (slice(0, 3), slice(3, 6)):
-            E = np.zeros_like(D)
-            E[..., rows] = D[..., rows]
-            kinds.append((E, _pulled(E, S)))
-        rotation, translation = (_summed(E, ES) for E, ES in kinds)
-        cross = _summed(kinds[0][0], kinds[1][1])
-        sources += [f"{name} rotation", f"{name} translation"]
-        parts += [rotation, translation]
-        if _has_coupling(S):
-            sources.append(f"{name} coupling")
-            parts.append(cross + cross.T)
-        own = D @ (kinds[0][1] + kinds[1][1]).mT
+        names_of, parts_of = _by_kind(name, D, S)
+        sources += names_of
+        parts += parts_of
+        own = D @ _pulled(D, S).mT
         by_pose = by_pose + 0.5 * (own + own.mT)
     result = Budget(tuple(sources), np.stack(parts), np.asarray(by_pose), np.asarray(X, dtype=float))
     return result.merged(*merged) if merged else result
+
+
+def _by_kind(name: str, D: Array, S: Any) -> tuple[list[str], list[Array]]:
+    """Sources and covariances of rotation, translation and, where there is one, their coupling."""
+    halves = []
+    for rows in (slice(0, 3), slice(3, 6)):
+        E = np.zeros_like(D)
+        E[..., rows] = D[..., rows]
+        halves.append(E)
+    turn, shift = halves
+    of_shift = _pulled(shift, S)
+    sources, parts = (
+        [f"{name} rotation", f"{name} translation"],
+        [_summed(turn, _pulled(turn, S)), _summed(shift, of_shift)],
+    )
+    if _has_coupling(S):
+        cross = _summed(turn, of_shift)
+        sources.append(f"{name} coupling")
+        parts.append(cross + cross.T)
+    return sources, parts
 
 
 def _summed(D: Array, E: Array) -> Array:

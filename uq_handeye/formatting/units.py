@@ -12,6 +12,8 @@ from ..errors import InputError
 ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180, "°": math.pi / 180,
                "arcmin": math.pi / 10800, "arcsec": math.pi / 648000}  # fmt: skip
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6, "in": 0.0254}
+RATIO_UNITS = {"%": 1e-2, "ppm": 1e-6}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "\u03bcs": 1e-6}
 
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s.+-]*)\s*")
 
@@ -53,6 +55,24 @@ def parse_length(value: str | float, name: str = "length") -> float:
     0.0005
     """
     return _parse(value, LENGTH_UNITS, "a length", name)
+
+
+def parse_ratio(value: str | float, name: str = "ratio") -> float:
+    """A ratio, from a number or text with ``%`` or ``ppm``.
+
+    >>> parse_ratio("0.1%")
+    0.001
+    """
+    return _parse(value, RATIO_UNITS, "a ratio", name)
+
+
+def parse_time(value: str | float, name: str = "time") -> float:
+    """A time in seconds, from a number (seconds) or text with its unit.
+
+    >>> parse_time("5ms")
+    0.005
+    """
+    return _parse(value, TIME_UNITS, "a time", name)
 
 
 def parse_deviations(value: tuple[str | float, str | float], name: str) -> tuple[float, float]:

@@ -10,7 +10,7 @@ B of the blocks and ``V = B^-1 F = Q diag(s) Y^T`` (thin SVD)
 
     Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - Q diag(1 - 1/sqrt(1 + s^2)) Q^T) B^-1
 
-which `JointFactor` applies without forming it.
+which `JointFactor` applies without forming it. A column may have a name: that of the error whose effect it is.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from ..runtime.read_only import ReadOnlyArrays
 class JointCovariance(ReadOnlyArrays):
     """``blkdiag(own) + F F^T`` of n poses: own (..., n, 6, 6) and the n blocks of F, shared (..., n, 6, q).
 
+    ``names`` (q) of the columns: one standard deviation of the error so named; empty text where a column has none.
     It stands where a (6n, 6n) array may stand, has its shape, multiplies like it, and ``np.asarray`` forms it.
 
     >>> S = JointCovariance(np.tile(np.eye(6), (3, 1, 1)), np.ones((3, 6, 1)))
@@ -40,6 +41,7 @@ class JointCovariance(ReadOnlyArrays):
 
     own: Array
     shared: Array
+    names: tuple[str, ...] = ()
 
     __array_ufunc__ = None  # `array @ S` comes here
 
@@ -51,6 +53,10 @@ class JointCovariance(ReadOnlyArrays):
             )
         object.__setattr__(self, "own", own)
         object.__setattr__(self, "shared", shared)
+        names = tuple(self.names) or ("",) * shared.shape[-1]
+        if len(names) != shared.shape[-1]:
+            raise InputError(f"Expected a name for each of {shared.shape[-1]} shared columns, got {len(names)}.")
+        object.__setattr__(self, "names", names)
         super().__post_init__()
 
     @property
@@ -96,7 +102,7 @@ class JointCovariance(ReadOnlyArrays):
         return (self @ values.mT).mT
 
     def __mul__(self, factor: float) -> JointCovariance:
-        return JointCovariance(factor * self.own, np.sqrt(factor) * self.shared)
+        return JointCovariance(factor * self.own, np.sqrt(factor) * self.shared, self.names)
 
     __rmul__ = __mul__
 
@@ -111,34 +117,37 @@ class JointCovariance(ReadOnlyArrays):
 
     def rows(self, index: NDArray[Any]) -> JointCovariance:
         """That of some of the poses."""
-        return JointCovariance(self.own[..., index, :, :], self.shared[..., index, :, :])
+        return JointCovariance(self.own[..., index, :, :], self.shared[..., index, :, :], self.names)
 
     def carried(self, D: Array) -> JointCovariance:
         """Of ``D_i xi_i``, D (..., n, 6, 6)."""
-        return JointCovariance(D @ self.own @ D.mT, D @ self.shared)
+        return JointCovariance(D @ self.own @ D.mT, D @ self.shared, self.names)
 
     def weighted(self, scale: Array) -> JointCovariance:
         """With what each pose has of its own times ``scale`` (..., n), and what they share as it is.
 
         Scaling the whole of each block would make an error that all poses share look like one that averages out.
         """
-        return JointCovariance(scale[..., None, None] * self.own, self.shared)
+        return JointCovariance(scale[..., None, None] * self.own, self.shared, self.names)
 
     def plus(self, other: Array | JointCovariance) -> JointCovariance:
         """And independent errors of each pose (..., n, 6, 6), or of another joint covariance."""
         if isinstance(other, JointCovariance):
-            return JointCovariance(self.own + other.own, np.concatenate([self.shared, other.shared], axis=-1))
-        return JointCovariance(self.own + other, self.shared)
+            shared = np.concatenate([self.shared, other.shared], axis=-1)
+            return JointCovariance(self.own + other.own, shared, self.names + other.names)
+        return JointCovariance(self.own + other, self.shared, self.names)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for files; `from_dict` reads them."""
-        return {"own": self.own.tolist(), "shared": self.shared.tolist()}
+        named = {"names": list(self.names)} if any(self.names) else {}
+        return {"own": self.own.tolist(), "shared": self.shared.tolist(), **named}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> JointCovariance:
         """What `to_dict` wrote; KeyError for parts that are missing."""
         own = np.asarray(values["own"], dtype=float)
-        return cls(own, np.asarray(values["shared"], dtype=float).reshape(*own.shape[:-1], -1))
+        shared = np.asarray(values["shared"], dtype=float).reshape(*own.shape[:-1], -1)
+        return cls(own, shared, tuple(map(str, values.get("names", ()))))
 
     def factor(self) -> JointFactor:
         """L with ``Sigma = L L^T``; raises `numpy.linalg.LinAlgError` where a block of ``own`` is singular."""

@@ -76,7 +76,7 @@ def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
         raise InputError(f"Expected the covariance `{name}` to be that of one set of poses, got {value.shape}.")
     if not np.isfinite(value.shared).all():
         raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
-    return JointCovariance(checked_covariance(value.own, name, joint=False), value.shared)
+    return JointCovariance(checked_covariance(value.own, name, joint=False), value.shared, value.names)
 
 
 @dataclass(frozen=True, eq=False)

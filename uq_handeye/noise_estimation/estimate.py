@@ -37,7 +37,7 @@ Units: rad and m, standard deviations per axis; text is in degrees and mm.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -48,13 +48,15 @@ from ..errors import InputError, NotConvergedError
 from ..findings import Finding
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
-from ..likelihood.constraint import Constraint, Unknowns, constraint_of
+from ..likelihood.constraint import Constraint, Linearised, Unknowns, constraint_of
 from ..likelihood.gauss_helmert import start_of
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import Component, NoiseEstimate, NoisePrior, together
+from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..shared_errors.shared_error import SharedError, add_columns, checked_errors, shared_columns
 from .beside_camera import BesideCamera
 from .findings import noise_findings
 from .restricted_likelihood import (
@@ -117,6 +119,7 @@ def estimate_noise(
     weights: Array | None = None,
     camera: CameraNoise | None = None,
     robot: Any = None,
+    shared: Sequence[SharedError] = (),
 ) -> NoiseEstimate:
     """Variance components of robot and camera from the residuals of the data themselves.
 
@@ -139,6 +142,8 @@ def estimate_noise(
         The covariance of the camera poses but for their pixel noise (`camera_noise`).
     robot : covariance or None
         Of the robot poses beside `camera`; None: estimated too.
+    shared : sequence of SharedError
+        Errors that all poses share, unknowns with a prior beside X and W; the noise that is returned contains them.
 
     Raises
     ------
@@ -165,7 +170,11 @@ def estimate_noise(
         weights = np.asarray(weights, dtype=float)
         if weights.shape != (n,) or not ((weights >= 0) & (weights <= 1)).all():
             raise InputError(f"Expected `weights` to be {n} numbers in [0, 1], got shape {weights.shape}.")
-    source = choose_source(data, constraint, prior, camera, robot)
+    poses = data if isinstance(data, PosePairs) else data.poses
+    if shared and poses is None:
+        raise InputError("Expected poses beside `shared`: what an error does to motions alone is not known.")
+    columns = {} if poses is None else shared_columns(checked_errors(shared, poses), poses)
+    source = choose_source(data, constraint, prior, camera, robot, columns=columns)
     _require_freedom(constraint, weights)
     X = None if start is None else as_transforms(start, "start", stack=False)
     return source.find(start_of(data, constraint, X), weights).describe()
@@ -177,8 +186,14 @@ def choose_source(
     prior: NoisePrior | None,
     camera: CameraNoise | None = None,
     robot: Any = None,
+    *,
+    columns: dict[str, JointCovariance] | None = None,
 ) -> NoiseSource:
-    """The residuals; beside the covariance of camera poses by geometry, or that which those from corners come with."""
+    """The residuals; beside the covariance of camera poses by geometry, or that which those from corners come with.
+
+    ``columns`` by side are the errors that all poses share (`shared_columns`).
+    """
+    columns = columns or {}
     prior = NoisePrior() if prior is None else prior
     poses = data if isinstance(data, PosePairs) else data.poses
     if camera is not None:
@@ -187,7 +202,7 @@ def choose_source(
         return BesideCamera(constraint, camera, prior, robot)
     if poses is not None and poses.camera_calibration is not None:
         return BesideCamera(constraint, poses.camera_calibration.covariance, prior)
-    return FromResiduals(constraint, prior)
+    return FromResiduals(constraint, prior, columns)
 
 
 def _require_freedom(constraint: Constraint, weights: Array | None) -> float:
@@ -207,6 +222,7 @@ class FromResiduals:
 
     constraint: Constraint
     prior: NoisePrior
+    columns: dict[str, JointCovariance] = field(default_factory=dict)  # errors that all rows share, by side
 
     @cached_property
     def model(self) -> tuple[Model, tuple[str, ...]]:
@@ -217,7 +233,7 @@ class FromResiduals:
         """The components near the unknowns; raises as `estimate_noise`."""
         dof = _require_freedom(self.constraint, weights)
         model, _ = self.model
-        found = variance_components(self.constraint, at, model, weights)
+        found = variance_components(self.constraint, at, model, weights, self.columns)
         if not found.converged.all():
             turn, shift = np.sqrt(found.rows.size)
             raise NotConvergedError(
@@ -261,8 +277,12 @@ class FoundComponents:
             return None
         sides = self.source.constraint.sides
         kind = PoseNoise if self.source.constraint.item == "pose" else PairNoise
+        columns = self.source.columns
         return kind(**{
-            side: np.diag(np.repeat([self.deviations[f"{side} {what}"] for what in KINDS], 3) ** 2) for side in sides
+            side: add_columns(
+                np.diag(np.repeat([self.deviations[f"{side} {what}"] for what in KINDS], 3) ** 2), columns.get(side)
+            )
+            for side in sides
         })  # fmt: skip
 
     def describe(self) -> NoiseEstimate:
@@ -297,13 +317,20 @@ def model_of(prior: NoisePrior, sides: tuple[str, str]) -> tuple[Model, tuple[st
     return Model(mixing, offset, np.array(means), np.array(deviations)), tuple(names)
 
 
-def variance_components(constraint: Constraint, at: Unknowns, model: Model, weights: Array | None = None) -> Components:
+def variance_components(
+    constraint: Constraint,
+    at: Unknowns,
+    model: Model,
+    weights: Array | None = None,
+    columns: dict[str, JointCovariance] | None = None,
+) -> Components:
     """The estimates of `estimate_noise`, linearised near the unknowns; leading axes are independent problems."""
     longest = [np.abs(T[..., :3, 3]).max() for T in (constraint.first, constraint.second)]
     least = ROUNDING * np.array([1.0, max(1e-300, *longest)])
     v: Array | None = None
     for done in range(_ROUNDS):
-        rows = paired_rows(constraint.linearise(at, constraint.first, constraint.second), weights)
+        linear = constraint.linearise(at, constraint.first, constraint.second)
+        rows = paired_rows(linear, weights, _effects(linear, constraint, columns or {}))
         exact = rows.size < least**2
         if v is None:
             v = _first_guess(rows, model)
@@ -316,8 +343,16 @@ def variance_components(constraint: Constraint, at: Unknowns, model: Model, weig
         v = state.v
         if (done > 0 and converged.all()) or done == _ROUNDS - 1:
             break
-        at = at.moved(state.data.step)
+        at = at.moved(state.data.step[..., : constraint.p])
     return Components(state, rows, at, exact, converged)
+
+
+def _effects(linear: Linearised, constraint: Constraint, columns: dict[str, JointCovariance]) -> Array | None:
+    """(..., n, 6, k) of shared errors on the residuals, per standard deviation; None where there are none."""
+    found = [
+        D @ columns[side].shared for side, D in zip(constraint.sides, linear.sides, strict=True) if side in columns
+    ]
+    return np.concatenate(found, axis=-1) if found else None
 
 
 def _first_guess(rows: Rows, model: Model) -> Array:

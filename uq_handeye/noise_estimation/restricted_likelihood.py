@@ -29,6 +29,10 @@ largest at ``b = 0``, where the translation residuals along the levers would be 
 covariance of X that is far too small. A weak prior, density proportional to the standard deviation (Chung et al.
 2013), keeps b away from 0; it enlarges b by one part in its degrees of freedom. A pose of weight w counts as w poses.
 Leading axes are independent problems.
+
+What is known of unknowns beforehand. Errors e ~ N(0, I) that all rows share (T10, columns F scaled by their standard
+deviations) are further unknowns, ``J -> [J, F]``, whose prior adds ``blkdiag(0, I)`` to ``J^T S^-1 J``. With
+``S -> S + F F^T`` and X and W alone d is the same number, and all else above holds as it stands.
 """
 
 from __future__ import annotations
@@ -78,12 +82,13 @@ class Rows:
     weight: Array  # (..., n)
     unit: Array  # (..., p)
     size: Array  # (..., 2): mean squares of the rows of r in rotation and in translation, with no fit
+    known: Array  # (p,) information on the unknowns before the rows: 0, and 1 for errors that all share
 
     def spread(self) -> Rows:
         """For several variances on the same data: those have one more leading axis, the last one."""
         return Rows(
             self.table, self.lever[..., None, :], self.weight[..., None, :], self.unit[..., None, :],
-            self.size[..., None, :],
+            self.size[..., None, :], self.known,
         )  # fmt: skip
 
 
@@ -94,7 +99,7 @@ class Restricted(NamedTuple):
     score: Array  # (..., 3)
     information: Array  # (..., 3, 3), expected
     average: Array  # (..., 3, 3): mean of the expected and the observed information
-    step: Array  # (..., p): the generalised-least-squares step of the unknowns
+    step: Array  # (..., p): the generalised-least-squares step of the unknowns, shared errors last
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +136,11 @@ class State(NamedTuple):
     data: Restricted
 
 
-def paired_rows(linear: Linearised, weights: Array | None) -> Rows:
+def paired_rows(linear: Linearised, weights: Array | None, shared: Array | None = None) -> Rows:
     """The n poses or motions of ``linear`` in axes along each lever, with ``weights`` (..., n) or None.
 
-    Raises `DegenerateMotionError` where the data do not determine the unknowns.
+    ``shared`` (..., n, 6, k) are the effects on r of errors that all share, per standard deviation. Raises
+    `DegenerateMotionError` where the data do not determine the unknowns.
     """
     D = linear.sides[0]
     K = D[..., 3:, :3] @ D[..., :3, :3].mT  # [q]x
@@ -143,6 +149,10 @@ def paired_rows(linear: Linearised, weights: Array | None) -> Rows:
     third = np.where(lever[..., None] > 0, q / np.where(lever > 0, lever, 1.0)[..., None], [0.0, 0.0, 1.0])
     w = np.broadcast_to(np.ones(lever.shape[-1]) if weights is None else weights, lever.shape)
     r, J = linear.r, linear.J
+    known = np.zeros(J.shape[-1])
+    if shared is not None:
+        J = np.concatenate([J, np.broadcast_to(shared, (*J.shape[:-1], shared.shape[-1]))], axis=-1)
+        known = np.concatenate([known, np.ones(shared.shape[-1])])
     total = np.maximum(3.0 * w.sum(axis=-1), 1e-300)
     squares = w[..., None] * r * r
     size = np.stack([squares[..., part].sum(axis=(-2, -1)) for part in (slice(3), slice(3, 6))], axis=-1)
@@ -167,15 +177,15 @@ def paired_rows(linear: Linearised, weights: Array | None) -> Rows:
         *(((flat := root[..., 0] * part).mT @ flat)[..., None, :, :] for part in (along_turn, along_shift)),
     ]
     table = np.concatenate([part[..., i, j] for part in parts], axis=-2)
-    _require_rank(parts, unit)
-    return Rows(table, lever, w, unit, size)
+    _require_rank(parts, unit, known)
+    return Rows(table, lever, w, unit, size, known)
 
 
-def _require_rank(parts: list[Array], unit: Array) -> None:
-    """Raise where rotation and translation rows together do not determine the unknowns."""
+def _require_rank(parts: list[Array], unit: Array, known: Array) -> None:
+    """Raise where rotation and translation rows, and what is known, together do not determine the unknowns."""
     total = parts[0].sum(axis=-3) + parts[2].sum(axis=-3) + parts[3][..., 0, :, :] + parts[4][..., 0, :, :]
     by = 1.0 / unit
-    inverse_information(total[..., :-1, :-1] * by[..., :, None] * by[..., None, :])
+    inverse_information(total[..., :-1, :-1] * by[..., :, None] * by[..., None, :] + np.diag(known))
 
 
 def restricted(rows: Rows, variances: Array) -> Restricted:
@@ -221,6 +231,9 @@ def restricted(rows: Rows, variances: Array) -> Restricted:
     flat = np.einsum("...ij,...jk->...ik", factors.reshape(*rows.table.shape[:-2], -1, factors.shape[-1]), rows.table)
     sums = _unpacked(flat.reshape(*factors.shape[:-1], -1))
     F, N, L = sums[..., 0, :, :], sums[..., 1:4, :, :], sums[..., 4:, :, :]
+    if rows.known.any():
+        p = np.arange(len(rows.known))
+        F[..., p, p] += rows.known * rows.unit**2
     scale = 1.0 / np.sqrt(np.einsum("...ii->...i", F[..., :-1, :-1]))
     unit = F[..., :-1, :-1] * scale[..., :, None] * scale[..., None, :]
     factor = np.linalg.cholesky(unit + _RIDGE * np.eye(unit.shape[-1]))

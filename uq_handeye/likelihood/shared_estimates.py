@@ -1,0 +1,205 @@
+r"""What data say of the errors that all poses share, and what these do to X.
+
+Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled by their standard deviations, so that
+``e = sd z``, ``z ~ N(0, I)``. With ``f = D F`` their effect on the residuals, r the residuals after the fit and
+``M = S^-1 - S^-1 J C J^T S^-1``, S with the columns in it,
+
+    z = f^T S^-1 r,    Cov(z) = I - f^T M f,    d x = -C J^T S^-1 f  for z = 1
+
+z and its covariance are those of the joint fit of (x, z) with the prior (Woodbury). What the residuals alone say of one
+of them, without its prior but with those of the others, is ``z / (1 - v) +- sqrt(v / (1 - v))``, v its variance: the
+score test of one more unknown.
+
+*Doubt.* Of an error with a prior of two parts, ``N(0, t_0^2)`` and with probability q ``N(0, t_1^2)``, the residuals
+say ``a +- s`` alone. The posterior is a mixture: its second part has the weight v with
+
+    v / (1 - v) = q / (1 - q) N(a; 0, s^2 + t_1^2) / N(a; 0, s^2 + t_0^2)
+
+With ``k_j = t_j^2 / (t_j^2 + s^2)`` its mean is ``k a``, ``k = (1 - v) k_0 + v k_1``, that of one Gaussian prior of
+variance ``t^2 = s^2 k / (1 - k)``, which takes its place; its variance is ``k s^2 + v (1 - v) (k_1 - k_0)^2 a^2``. The
+last term, that the data leave open which of the two it is, moves X and W along ``dx/de``, and is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import erfc
+
+from ..files.validate import array_of
+from ..geometry.se3 import Array
+from ..noise.joint_covariance import JointCovariance
+from ..noise.models import Noise, PairNoise, PoseNoise
+from ..noise.square_roots import pulled, whiten
+from ..runtime.read_only import ReadOnlyArrays
+from ..shared_errors.shared_error import SharedError
+from .gauss_helmert import Fit
+
+# A share of the prior variance below which the data have said nothing of an error: rounding.
+NOTHING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SharedEstimate(ReadOnlyArrays):
+    """One number that all poses share: what was assumed of it, what the data say, what it does to X.
+
+    ``estimate`` is the error of the value that was used (``used / true - 1`` for lengths, else ``used - true``).
+    """
+
+    name: str
+    error: str  # the name of the `SharedError` that it is a part of
+    side: str  # "robot" or "camera"
+    unit: str  # "" for relative ones, else such as "rad" or "s"
+    prior_sd: float  # where there was doubt, the one that the data settle on
+    estimate: float
+    sd: float  # after the fit
+    alone: float | None  # what the residuals say without the prior; None: nothing
+    alone_sd: float | None
+    effect: Array  # (6,) of X (rad, m) for an error of one prior standard deviation, once the fit has done its best
+    share: float  # of the variance of X, in the direction where it matters most
+
+    @property
+    def p_value(self) -> float | None:
+        """Of the prior: the probability of an estimate at least as far from 0; None where the data say nothing."""
+        if self.alone is None or self.alone_sd is None:
+            return None
+        spread = float(np.hypot(self.alone_sd, self.prior_sd))
+        return float(erfc(abs(self.alone) / spread / np.sqrt(2.0)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and text."""
+        return asdict(self) | {"effect": self.effect.tolist()}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> SharedEstimate:
+        """The inverse of `to_dict`."""
+        result = cls(**data | {"effect": array_of(data["effect"], (6,), "shared.effect")})
+        if not (result.prior_sd > 0 and result.sd >= 0 and 0 <= result.share <= 1):
+            raise ValueError(f"the shared error {result.name!r} has numbers that cannot be")
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Resolved(ReadOnlyArrays):
+    """What the data make of errors with doubt: the noise with one prior for each, and what that leaves out."""
+
+    noise: Noise
+    errors: tuple[SharedError, ...]
+    left_open: dict[str, float]  # standard deviation of the error, by its name: which of the two parts it is
+
+
+def resolve_doubts(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> Resolved:
+    """One Gaussian prior in place of each mixture; see the module. ``fit`` is that with the wide ones."""
+    resolved, factors, left_open = list(errors), {}, {}
+    found = {estimate.name: estimate for estimate in shared_estimates(fit, noise, errors)}
+    for k, error in enumerate(errors):
+        if error.doubt is None:
+            continue
+        t, wide = float(error.sd[0]), error.doubt.sd
+        estimate = found[error.name]
+        variance = t * t
+        if estimate.alone is not None and estimate.alone_sd is not None:
+            a, s2 = estimate.alone, estimate.alone_sd**2
+            spread = np.array([s2 + t * t, s2 + wide * wide])
+            logs = -0.5 * (np.log(spread) + a * a / spread) + np.log(
+                [1 - error.doubt.probability, error.doubt.probability]
+            )
+            v = float(1.0 / (1.0 + np.exp(np.clip(logs[0] - logs[1], -700, 700))))
+            shrink = np.array([t * t, wide * wide]) / spread
+            one = float((1.0 - v) * shrink[0] + v * shrink[1])
+            variance = s2 * one / (1.0 - one)
+            left_open[error.name] = float(np.sqrt(v * (1.0 - v)) * (shrink[1] - shrink[0]) * abs(a))
+        sd = float(np.sqrt(variance))
+        resolved[k] = replace(error, sd=np.array([sd]), doubt=None)
+        factors[error.name] = sd / wide
+    if factors:
+        assert isinstance(noise, PoseNoise)
+        noise = PoseNoise(*(_rescaled(S, factors) for S in (noise.robot, noise.camera)))
+    return Resolved(noise, tuple(resolved), left_open)
+
+
+def _rescaled(S: Any, factors: dict[str, float]) -> Any:
+    """A covariance with its named columns times the factors."""
+    if not isinstance(S, JointCovariance):
+        return S
+    return JointCovariance(S.own, S.shared * np.array([factors.get(name, 1.0) for name in S.names]), S.names)
+
+
+class _Joint(NamedTuple):
+    """The joint fit of (x, z) at the named columns, in the order of the errors; see the module."""
+
+    parts: list[tuple[SharedError, str, float]]  # of which error, name, prior standard deviation
+    z: Array  # (q,)
+    told: Array  # (q,) 1 - Var(z)
+    response: Array  # (p, q) Cov(x, z), which is also -C J^T S^-1 f
+
+
+def _joint(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> _Joint | None:
+    if isinstance(noise, PairNoise):
+        return None
+    named: dict[str, Array] = {}
+    for S, D in zip((noise.robot, noise.camera), fit.linear.sides, strict=True):
+        if isinstance(S, JointCovariance):
+            named |= {name: (D @ S.shared[..., j, None])[..., 0] for j, name in enumerate(S.names) if name}
+    parts = [
+        (error, name, float(sd))
+        for error in errors
+        for name, sd in zip(error.parts, error.widest, strict=True)
+        if name in named
+    ]
+    if not parts:
+        return None
+    f = np.stack([named[name] for _, name, _ in parts], axis=-1)  # (n, 6, q)
+    J, C = fit.linear.J, fit.covariance
+    factor = fit.weighted_factor
+    back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
+    p, flat = J.shape[-1], f.reshape(-1, f.shape[-1])
+    by = flat.T @ back.reshape(len(flat), -1)  # f^T S^-1 (J, r, f)
+    response = -C @ by[:, :p].T
+    explained = np.diag(by[:, p + 1 :] + by[:, :p] @ response)
+    return _Joint(parts, by[:, p], np.clip(explained, 0.0, 1.0), response)
+
+
+def shared_estimates(
+    fit: Fit, noise: Noise, errors: Sequence[SharedError], left_open: Mapping[str, float] | None = None
+) -> tuple[SharedEstimate, ...]:
+    """Those of the errors that the noise of this fit has columns of, in the order of ``errors``.
+
+    ``left_open`` are standard deviations that `resolve_doubts` leaves beside the noise.
+    """
+    joint = _joint(fit, noise, errors)
+    if joint is None:
+        return ()
+    to_unit = np.linalg.inv(np.linalg.cholesky(fit.covariance[:6, :6]))
+    found = []
+    for k, (error, name, sd) in enumerate(joint.parts):
+        told, value, effect = float(joint.told[k]), sd * float(joint.z[k]), joint.response[:6, k]
+        left = 1.0 - told
+        more = 0.0 if left_open is None else left_open.get(name, 0.0)
+        says = told > NOTHING
+        found.append(
+            SharedEstimate(
+                name, error.name, error.side, error.unit, sd, value,
+                float(np.hypot(sd * np.sqrt(left), more)),
+                value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
+                effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def moves_left_open(
+    fit: Fit, noise: Noise, errors: Sequence[SharedError], left_open: Mapping[str, float]
+) -> dict[str, Array]:
+    """By name how X and W move (p,), ``Cov(x, e) / Var(e)``, times the standard deviation of what was left open."""
+    joint = _joint(fit, noise, errors)
+    if joint is None:
+        return {}
+    found = {}
+    for k, (_, name, sd) in enumerate(joint.parts):
+        if left_open.get(name, 0.0) > 0:
+            found[name] = joint.response[:, k] / (sd * max(1.0 - float(joint.told[k]), NOTHING)) * left_open[name]
+    return found

@@ -1,0 +1,279 @@
+r"""Errors that all poses share, as unknowns with a prior (T10).
+
+Noise differs from pose to pose. A focal length that is 0.1 % too long moves every camera pose, always along the optical
+axis; it does not average out, and residuals show only what X and W cannot absorb of it. With e the k numbers of such an
+error, the error ``xi = (theta, tau)`` of pose i of its side is to first order
+
+    xi_i = eta_i + F_i e,      e ~ N(0, diag(sd^2)),      F_i (6, k)
+
+eta_i the pose's own noise. An error is that of the value which was *used*: ``e = used / true - 1`` for lengths and
+scales, ``used - true`` for others.
+
+| error | side | F_i | unit of e |
+|---|---|---|---|
+| focal length | camera | ``(0; 0, 0, t_z)`` | relative |
+| principal point | camera | ``(w; w x t)``, ``w`` about -y and +x | rad: pixels over focal length |
+| target scale | camera | ``(0; t)`` | relative |
+| robot scale | robot | ``(0; t)`` | relative |
+| clock offset | robot | ``rate_i``, velocity between its neighbours in time | s |
+
+t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). A principal point that is wrong by d pixels turns
+the rays, and with them the whole target, about the camera by d / f (exactly so for a target that is small in the
+picture). The columns are taken at the poses as measured, which changes them by the noise: of second order.
+
+*Doubt.* A square is what the drawing says, to 0.02 %; or somebody measured it wrong. Such an error has a prior of two
+parts, ``N(0, sd^2)`` with the probability ``1 - q`` and ``N(0, wide^2)`` with the probability q; the data say which
+(`likelihood.shared_estimates.resolve_doubts`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..errors import InputError
+from ..formatting.units import parse_angle, parse_ratio, parse_time
+from ..geometry.checks import as_numbers
+from ..geometry.se3 import Array
+from ..noise.joint_covariance import JointCovariance
+from ..noise.models import PoseNoise, is_joint, require_count
+from ..poses.pose_pairs import PosePairs
+from ..poses.timing import SIDES
+from ..runtime.read_only import ReadOnlyArrays
+
+FOCAL_LENGTH = "focal length"
+PRINCIPAL_POINT = "principal point"
+TARGET_SCALE = "target scale"
+ROBOT_SCALE = "robot scale"
+CLOCK_OFFSET = "clock offset"
+
+# Of finished camera poses about which nothing is said (docs/explanation/shared_errors.md has the reasons): relative for
+# lengths and scales, rad for the principal point, s for the clock offset.
+DEFAULT_SD = {FOCAL_LENGTH: 1e-3, PRINCIPAL_POINT: 1e-3, TARGET_SCALE: 2e-4, ROBOT_SCALE: 1e-4, CLOCK_OFFSET: 1e-3}
+
+
+class Doubt(NamedTuple):
+    """The other part of a prior of two: see the module."""
+
+    probability: float
+    sd: float
+
+
+# That the target is not of the size that was given.
+WRONG_SIZE = Doubt(0.05, 0.02)
+
+
+@dataclass(frozen=True, eq=False)
+class SharedError(ReadOnlyArrays):
+    """One error of all poses of a side, with the standard deviations ``sd`` (k) that are assumed for its k numbers.
+
+    Made by `focal_length`, `principal_point`, `target_scale`, `robot_scale`, `clock_offset` or `columns`.
+    """
+
+    name: str
+    unit: str  # "" (relative), "rad", "s", or that of the user's columns
+    side: str  # "robot" or "camera"
+    sd: Array  # (k,)
+    parts: tuple[str, ...]  # the name of each of the k numbers
+    effect: Callable[[PosePairs], Array]  # (n, 6, k) per unit
+    doubt: Doubt | None = None  # that its one number is that small
+
+    @property
+    def widest(self) -> Array:
+        """(k,) the standard deviations with doubt taken for certain."""
+        return self.sd if self.doubt is None else np.full(1, self.doubt.sd)
+
+    @classmethod
+    def focal_length(cls, sd: float | str = DEFAULT_SD[FOCAL_LENGTH]) -> SharedError:
+        """Relative standard deviation of the focal length, as a number or ``"0.1%"``."""
+        return cls(FOCAL_LENGTH, "", "camera", _sd(sd, FOCAL_LENGTH, parse_ratio), (FOCAL_LENGTH,), _depth)
+
+    @classmethod
+    def principal_point(
+        cls, sd: float | str = DEFAULT_SD[PRINCIPAL_POINT], *, focal_length_px: float | None = None
+    ) -> SharedError:
+        """Standard deviation of each coordinate over the focal length (rad), or ``"1px"`` with the focal length."""
+        names = (f"{PRINCIPAL_POINT} x", f"{PRINCIPAL_POINT} y")
+        if isinstance(sd, str) and sd.strip().endswith("px"):
+            try:
+                pixels = float(sd.strip()[:-2])
+            except ValueError:
+                raise InputError(
+                    f"Expected {PRINCIPAL_POINT} to be such as '1px' or 0.001 (rad), got {sd!r}."
+                ) from None
+            if focal_length_px is None:
+                raise InputError(
+                    f"Expected the focal length in pixels beside a {PRINCIPAL_POINT} of {sd!r}: give it over the focal "
+                    "length instead, such as 0.001 (rad; 1 px at a focal length of 1000 px)."
+                )
+            sd = pixels / focal_length_px
+        each = _sd(sd, PRINCIPAL_POINT, parse_angle)
+        return cls(PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), names, _rays)
+
+    @classmethod
+    def target_scale(cls, sd: float | str = DEFAULT_SD[TARGET_SCALE]) -> SharedError:
+        """Relative standard deviation of the size of the target (its squares), as a number or ``"0.02%"``."""
+        return cls(TARGET_SCALE, "", "camera", _sd(sd, TARGET_SCALE, parse_ratio), (TARGET_SCALE,), _scale("camera"))
+
+    @classmethod
+    def robot_scale(cls, sd: float | str = DEFAULT_SD[ROBOT_SCALE]) -> SharedError:
+        """Relative standard deviation of the robot's lengths, as a number or ``"0.01%"``."""
+        return cls(ROBOT_SCALE, "", "robot", _sd(sd, ROBOT_SCALE, parse_ratio), (ROBOT_SCALE,), _scale("robot"))
+
+    @classmethod
+    def clock_offset(cls, sd: float | str = DEFAULT_SD[CLOCK_OFFSET]) -> SharedError:
+        """Standard deviation of the offset between the clocks (s, or ``"1ms"``), for poses with timestamps."""
+        return cls(CLOCK_OFFSET, "s", "robot", _sd(sd, CLOCK_OFFSET, parse_time), (CLOCK_OFFSET,), _rate)
+
+    @classmethod
+    def columns(cls, name: str, F: Any, sd: Any, side: str, *, unit: str = "") -> SharedError:
+        """An error of the user's own: ``F`` (n, 6, k) is its effect on ``side`` per unit, ``sd`` one or (k,).
+
+        ``F`` holds (theta, tau) per unit, rad and m, in the parent frame of the poses: base or camera.
+        """
+        if not isinstance(name, str) or not name.strip():
+            raise InputError(f"Expected the `name` of a shared error to be text, got {name!r}.")
+        if side not in SIDES:
+            raise InputError(f"Expected `side` of the shared error {name!r} to be robot or camera, got {side!r}.")
+        given = np.array(as_numbers(F, f"F of the shared error {name!r}"))
+        given = given[..., None] if given.ndim == 2 else given
+        if given.ndim != 3 or given.shape[1] != 6 or given.shape[2] == 0 or not np.isfinite(given).all():
+            raise InputError(
+                f"Expected the columns `F` of the shared error {name!r} to be finite numbers (n, 6, k), got shape "
+                f"{np.shape(F)}."
+            )
+        k = given.shape[2]
+        each = np.array(as_numbers(sd, f"sd of the shared error {name!r}"))
+        if each.shape not in ((), (k,)):
+            raise InputError(f"Expected `sd` of the shared error {name!r} to be one number or {k}, got {each.shape}.")
+        each = np.broadcast_to(each, (k,)).copy()
+        _require_sd(each, name)
+        parts = (name,) if k == 1 else tuple(f"{name} {j + 1}" for j in range(k))
+        return cls(name, unit, side, each, parts, lambda poses: given)
+
+    def at(self, poses: PosePairs) -> Array:
+        """F (n, 6, k) at these poses; raises `InputError` where they do not tell it."""
+        F = self.effect(poses)
+        if F.shape[0] != poses.n:
+            raise InputError(
+                f"Expected the columns of the shared error {self.name!r} to cover {poses.n} poses, got {F.shape[0]}."
+            )
+        return F
+
+    def __repr__(self) -> str:
+        return (
+            f"SharedError({self.name!r}, sd={', '.join(f'{sd:.3g}' for sd in self.sd)}{self.unit and ' '}{self.unit})"
+        )
+
+
+def default_errors(poses: PosePairs) -> tuple[SharedError, ...]:
+    """What finished camera poses, of which no covariance is known, are taken to share; poses from corners: nothing."""
+    if poses.camera_calibration is not None:
+        return ()
+    size = replace(SharedError.target_scale(), doubt=WRONG_SIZE)
+    return (SharedError.focal_length(), SharedError.principal_point(), size)
+
+
+def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
+    """The errors, if they are some, no two of one name, and the poses tell what they do."""
+    if isinstance(errors, SharedError) or not isinstance(errors, Iterable):
+        raise InputError(f"Expected `shared` to be a list of SharedError, got {type(errors).__name__}.")
+    found = tuple(errors)
+    for error in found:
+        if not isinstance(error, SharedError):
+            raise InputError(f"Expected `shared` to be a list of SharedError, got one of {type(error).__name__}.")
+    names = [error.name for error in found]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise InputError(f"Expected one shared error of each name, got more than one {sorted(twice)[0]!r}.")
+    for error in found:
+        error.at(poses)
+    return found
+
+
+def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str, JointCovariance]:
+    """By side what the errors make of its poses: a covariance without noise of its own."""
+    found: dict[str, JointCovariance] = {}
+    for side in SIDES:
+        of_side = [error for error in errors if error.side == side and (error.widest > 0).any()]
+        if of_side:
+            F = np.concatenate([error.at(poses) * error.widest for error in of_side], axis=-1)
+            names = tuple(name for error in of_side for name in error.parts)
+            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F, names)
+    return found
+
+
+def with_shared(noise: PoseNoise, columns: dict[str, JointCovariance]) -> PoseNoise:
+    """The noise and, beside it, the `shared_columns`."""
+    sides = {side: add_columns(getattr(noise, side), columns.get(side)) for side in SIDES}
+    return PoseNoise(sides["robot"], sides["camera"])
+
+
+def add_columns(covariance: Any, columns: JointCovariance | None) -> Any:
+    """A covariance of n poses, or None, with the columns."""
+    if columns is None:
+        return covariance
+    if covariance is None:
+        return columns
+    require_count(covariance, columns.n, "of a side with shared errors", "poses")
+    if isinstance(covariance, JointCovariance):
+        return covariance.plus(columns)
+    if is_joint(covariance):
+        return np.asarray(covariance) + np.asarray(columns)
+    return columns.plus(np.broadcast_to(covariance, (columns.n, 6, 6)))
+
+
+def _sd(value: float | str, name: str, parse: Callable[[str | float, str], float]) -> Array:
+    sd = np.array([parse(value, f"the standard deviation of the {name}")])
+    _require_sd(sd, name)
+    return sd
+
+
+def _require_sd(sd: Array, name: str) -> None:
+    if not (np.isfinite(sd) & (sd >= 0)).all():
+        raise InputError(f"Expected the standard deviation of the {name} to be finite and >= 0, got {sd.tolist()}.")
+
+
+def _depth(poses: PosePairs) -> Array:
+    F = np.zeros((poses.n, 6, 1))
+    F[:, 5, 0] = poses.camera[:, 2, 3]
+    return F
+
+
+def _rays(poses: PosePairs) -> Array:
+    F = np.zeros((poses.n, 6, 2))
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # by errors of x and of y
+    for k in range(2):
+        F[:, :3, k] = turn[k]
+        F[:, 3:, k] = np.cross(turn[k], poses.camera[:, :3, 3])
+    return F
+
+
+def _scale(side: str) -> Callable[[PosePairs], Array]:
+    def effect(poses: PosePairs) -> Array:
+        F = np.zeros((poses.n, 6, 1))
+        F[:, 3:, 0] = getattr(poses, side)[:, :3, 3]
+        return F
+
+    return effect
+
+
+def _rate(poses: PosePairs) -> Array:
+    """Mean velocity (rad/s, m/s) between the robot poses before and after: that of a recording on the move."""
+    if poses.timestamps is None or poses.n < 3:
+        raise InputError(
+            f"Expected poses with timestamps for the shared error {CLOCK_OFFSET!r}, got "
+            + ("none." if poses.timestamps is None else f"{poses.n} poses.")
+        )
+    order = np.argsort(poses.timestamps)
+    t, T = poses.timestamps[order], poses.robot[order]
+    before, after = np.maximum(np.arange(poses.n) - 1, 0), np.minimum(np.arange(poses.n) + 1, poses.n - 1)
+    span = (t[after] - t[before])[:, None]
+    turn = Rotation.from_matrix(T[after, :3, :3] @ T[before, :3, :3].mT).as_rotvec()
+    rate = np.empty((poses.n, 6, 1))
+    rate[order, :3, 0] = turn / span
+    rate[order, 3:, 0] = (T[after, :3, 3] - T[before, :3, 3]) / span
+    return rate
