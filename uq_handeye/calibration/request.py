@@ -210,10 +210,11 @@ def _shared_of(
     method: str,
     camera: CameraNoise | None,
 ) -> tuple[SharedError, ...]:
-    """What was given; else the defaults of finished camera poses, where the noise is to be estimated."""
+    """What was given; else the defaults, where the noise is to be estimated."""
     if shared is None:
-        by_default = noise is None and camera is None and poses is not None and method in ESTIMATORS
-        return default_errors(poses) if by_default and poses is not None else ()
+        if noise is not None or poses is None or method not in ESTIMATORS:
+            return ()
+        return default_errors(camera is not None or poses.camera_calibration is not None)
     errors = tuple(shared) if poses is None else checked_errors(shared, poses)
     if not errors:
         return ()

@@ -39,7 +39,8 @@ Assoc. 72 (1977), doi:10.1080/01621459.1977.10480998.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from typing import Any, NamedTuple
@@ -66,6 +67,7 @@ from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, marginals, rows_of
 from ..noise.square_roots import Covariance, cholesky_of, gram, inverse_blocks, log_determinant, pulled, whiten
 from ..poses.pose_pairs import PosePairs
+from ..shared_errors.shared_error import add_columns, with_shared
 from .findings import beside_camera_findings
 from .restricted_likelihood import QUANTILE
 
@@ -118,8 +120,13 @@ class _Rows:
     known: Covariance | None
 
     @classmethod
-    def of(cls, linear: Linearised, camera: Any, robot: Any = None) -> _Rows:
-        """The robot's two variances, unless its covariance is given, and that of the pixels of a `CameraNoise`."""
+    def of(
+        cls, linear: Linearised, camera: Any, robot: Any = None, columns: Mapping[str, JointCovariance] | None = None
+    ) -> _Rows:
+        """The robot's two variances, unless its covariance is given, and that of the pixels of a `CameraNoise`.
+
+        ``columns`` are errors that all poses of a side share (`shared_columns`).
+        """
         first, second = linear.sides
         y = np.concatenate([linear.J, linear.r[..., None]], axis=-1)
         none = np.zeros((*y.shape[:-1], 0))
@@ -131,6 +138,8 @@ class _Rows:
             parts.append(_Part(_PIXEL_KIND, second @ np.linalg.cholesky(own), second @ scaled))
             fixed = camera.fixed()
             camera = JointCovariance(np.zeros_like(own), fixed) if fixed.shape[-1] else None
+        columns = columns or {}
+        robot, camera = add_columns(robot, columns.get("robot")), add_columns(camera, columns.get("camera"))
         given = robot is not None or camera is not None
         known = residual_covariance(linear.sides, PoseNoise(robot, camera)) if given else None
         return cls(y, tuple(parts), known)
@@ -307,13 +316,14 @@ class BesideCamera:
     camera: Any  # covariance, or CameraNoise
     prior: NoisePrior
     robot: Any = None  # covariance, where it is known
+    columns: Mapping[str, JointCovariance] = field(default_factory=dict)  # errors that all poses of a side share
 
     def find(self, at: Unknowns, weights: Array | None = None) -> FoundRobotNoise:
         """The variances near the unknowns; ``weights`` (n,) of 0 leave poses out. Raises as `estimate_robot_noise`."""
         if not np.isnan(self.prior.values[2:]).all():
             how = "but for that of their pixels" if isinstance(self.camera, CameraNoise) else "from their corners"
             raise InputError(f"Expected a `prior` for the robot alone: the noise of the camera poses is known {how}.")
-        constraint, camera, robot = self.constraint, self.camera, self.robot
+        constraint, camera, robot, columns = self.constraint, self.camera, self.robot, self.columns
         if isinstance(camera, CameraNoise) and camera.pixel_sd is not None:
             camera = camera.covariance()
         if weights is not None and not (weights == 1).all():
@@ -325,11 +335,12 @@ class BesideCamera:
             constraint = constraint.rows(kept)
             camera = camera.rows(kept) if isinstance(camera, CameraNoise) else rows_of(camera, kept)
             robot = rows_of(robot, kept)
+            columns = {side: of_side.rows(kept) for side, of_side in columns.items()}
         n = constraint.n
         if 6 * n - 12 <= 0:
             raise InputError(f"Expected residuals to estimate the noise from, got {n} poses. Give more poses.")
         for done in range(MOST_ROUNDS):
-            rows = _Rows.of(constraint.linearise(at, constraint.first, constraint.second), camera, robot)
+            rows = _Rows.of(constraint.linearise(at, constraint.first, constraint.second), camera, robot, columns)
             search = _search(rows, self.prior)
             if done == 0:
                 x = _first(search)
@@ -373,7 +384,7 @@ class FoundRobotNoise:
         if isinstance(camera, CameraNoise):
             pixels = self.variances.get(_PIXEL_KIND[0])
             camera = camera.covariance(None if pixels is None else float(np.sqrt(pixels)))
-        return PoseNoise(robot, camera)
+        return with_shared(PoseNoise(robot, camera), self.source.columns)
 
     def describe(self) -> NoiseEstimate:
         """Components with intervals and what can be said of them."""

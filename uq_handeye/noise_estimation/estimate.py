@@ -199,9 +199,9 @@ def choose_source(
     if camera is not None:
         if camera.n != constraint.n or poses is None:
             raise InputError(f"Expected `camera` noise of these {constraint.n} poses, got that of {camera.n}.")
-        return BesideCamera(constraint, camera, prior, robot)
+        return BesideCamera(constraint, camera, prior, robot, columns)
     if poses is not None and poses.camera_calibration is not None:
-        return BesideCamera(constraint, poses.camera_calibration.covariance, prior)
+        return BesideCamera(constraint, poses.camera_calibration.covariance, prior, None, columns)
     return FromResiduals(constraint, prior, columns)
 
 

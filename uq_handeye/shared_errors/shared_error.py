@@ -28,7 +28,7 @@ parts, ``N(0, sd^2)`` with the probability ``1 - q`` and ``N(0, wide^2)`` with t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -170,12 +170,13 @@ class SharedError(ReadOnlyArrays):
         )
 
 
-def default_errors(poses: PosePairs) -> tuple[SharedError, ...]:
-    """What finished camera poses, of which no covariance is known, are taken to share; poses from corners: nothing."""
-    if poses.camera_calibration is not None:
-        return ()
+def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
+    """What camera poses are taken to share: the size of the target, and finished ones what the intrinsics do to them.
+
+    ``intrinsics_known``: the covariance of the camera poses holds that already, as from corners.
+    """
     size = replace(SharedError.target_scale(), doubt=WRONG_SIZE)
-    return (SharedError.focal_length(), SharedError.principal_point(), size)
+    return (size,) if intrinsics_known else (SharedError.focal_length(), SharedError.principal_point(), size)
 
 
 def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
@@ -206,7 +207,7 @@ def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str,
     return found
 
 
-def with_shared(noise: PoseNoise, columns: dict[str, JointCovariance]) -> PoseNoise:
+def with_shared(noise: PoseNoise, columns: Mapping[str, JointCovariance]) -> PoseNoise:
     """The noise and, beside it, the `shared_columns`."""
     sides = {side: add_columns(getattr(noise, side), columns.get(side)) for side in SIDES}
     return PoseNoise(sides["robot"], sides["camera"])
