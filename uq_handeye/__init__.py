@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .calibration.calibrate import calibrate
     from .calibration.result import Calibration
-    from .camera.board import Board, detect_board
+    from .camera.board import Board, detect_board, tag_points
     from .camera.calibrate import calibrate_camera
     from .camera.corners import Corners
     from .camera.files.corner_file import read_corners
@@ -146,6 +146,7 @@ __all__ = [
     "solve",
     "sweep",
     "synchronise",
+    "tag_points",
     "theta_from_paper",
     "to_convention",
 ]
@@ -158,6 +159,7 @@ _LATER = {
     "camera.board": (
         "Board",
         "detect_board",
+        "tag_points",
     ),
     "camera.calibrate": ("calibrate_camera",),
     "camera.corners": ("Corners",),

@@ -217,7 +217,7 @@ CAMERA = (1100, 1100, 640, 480)
         ({"points": POINTS[:9]}, "not on one line"),
         ({"points": POINTS[:, :2]}, r"\(m, 3\)"),
         ({"points": POINTS[:, [0, 2, 1]] - [0, 0, 0.3]}, "is behind|edge-on|does not fit"),
-        ({"intrinsics": "known"}, "estimated, exact or a covariance"),
+        ({"intrinsics": "known"}, "estimated, pinhole, exact or a covariance"),
         ({"intrinsics": np.zeros((4, 4))}, "positive definite"),
         ({"intrinsics": np.diag([1.0, 1, -1, 1])}, "positive definite"),
         ({"intrinsics": np.triu(np.ones((4, 4)))}, "symmetric"),
@@ -258,3 +258,30 @@ def test_poses_that_do_not_fit_are_refused(views, rng):
         uq.estimate_noise(poses, uq.NoisePrior(camera=(1e-3, None)), camera=noise)
     with pytest.raises(InputError, match="do not determine the intrinsics"):
         uq.camera_noise(np.tile(poses.camera[:1], (3, 1, 1)), POINTS, rounded)
+
+
+def test_a_board_of_another_size_is_said(views):
+    """A wrong unit of the squares shows as a pixel noise that no detector has."""
+    poses, rounded, _, _ = views
+    for factor, seen in ((0.05, True), (1.0, False)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", uq.InputWarning)
+            noise = uq.camera_noise(poses, factor * POINTS + (1 - factor) * POINTS.mean(axis=0), rounded, "exact")
+        found = uq.estimate_noise(poses, camera=noise)
+        assert any(finding.code == "noise_estimation.unusual_pixels" for finding in found.findings) is seen
+
+
+def test_a_pinhole_has_four_unknowns(views):
+    poses, rounded, _, _ = views
+    whole, four = (uq.camera_noise(poses, POINTS, rounded, given) for given in ("estimated", "pinhole"))
+    assert len(four.scales) == 4 and four.scales.all()
+    smaller = whole.joint.shared @ whole.joint.shared.mT - four.joint.shared @ four.joint.shared.mT
+    assert np.linalg.eigvalsh(smaller).min() > -1e-9 * np.abs(smaller).max()
+
+
+def test_the_corners_of_a_tag():
+    points = uq.tag_points("40mm")
+    np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=0), axis=1), 0.04)
+    np.testing.assert_allclose(points.mean(axis=0), 0, atol=1e-12)
+    with pytest.raises(InputError, match="side"):
+        uq.tag_points(-1)

@@ -123,6 +123,12 @@ class Board:
         return f"{self.kind} of {self.columns} x {self.rows} {what}"
 
 
+def tag_points(side: float | str) -> Array:
+    """(4, 3) the corners of a single tag of this side (m, or text such as "40mm"), whose frame is in its middle."""
+    half = 0.5 * _positive(side, "side")
+    return half * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+
+
 def _positive(value: Any, name: str) -> float:
     length = parse_length(value, f"`{name}`")
     if not length > 0:

@@ -14,14 +14,17 @@ from .options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
+    from ..noise.camera_noise import CameraNoise
     from ..noise.estimate import NoisePrior
-    from ..noise.models import Noise
+    from ..noise.models import Noise, PoseNoise
     from ..poses.pose_pairs import PosePairs
     from ..synchronisation.result import Synchronised
     from .pictures import Pictures
+    from .views import Views
 
 # Panels of the help.
 INPUT, NOISE = "Pose files", "Noise"
+BOTH_EXACT = "Both sides cannot be exact: give the standard deviations of one, or neither option."
 # In place of standard deviations: a side that has no noise.
 EXACT = "exact"
 
@@ -179,17 +182,21 @@ class PoseFiles(StreamFiles):
     ] = None
 
     def read(
-        self, noise: "Noise | NoisePrior | None", pictures: "Pictures | None" = None
+        self,
+        noise: "Noise | NoisePrior | None",
+        pictures: "Pictures | None" = None,
+        views: "Views | None" = None,
     ) -> "tuple[PosePairs, Noise | None]":
         """At least three pairs of poses, and their noise where that of the samples is given.
 
-        Where it is given for one side, that of the other is estimated beside it.
+        Where it is given for one side, or by what the camera saw, the rest of it is estimated.
         """
         from ..noise.estimate import NoisePrior
 
-        if isinstance(noise, NoisePrior):
+        if isinstance(noise, NoisePrior) or views is not None:
             poses, _ = self.read(None, pictures)
-            return poses, _complete_noise(poses, noise)
+            given, prior = (None, noise) if isinstance(noise, NoisePrior) else (noise, None)
+            return poses, _complete_noise(poses, prior, None if views is None else views.beside(poses, given, prior))
         how = one_of(self.pair, "--pair", PAIRINGS)
         if pictures is not None or (self.camera is not None and self.camera.is_dir()):
             self._refuse_of_files("--images" if pictures is not None else f"the folder {self.camera}", how)
@@ -322,10 +329,11 @@ def noise_of(
         None if value in (None, EXACT) else _deviations(value, name)
         for value, name in ((robot_noise, "--robot-noise"), (camera_noise, "--camera-noise"))
     )
-    if robot is None and camera is None:
-        raise InputError("Both sides cannot be exact: give the standard deviations of one, or neither option.")
     if robot_noise is None or camera_noise is None:
-        return NoisePrior(robot, camera, 1.0)
+        nothing = (0.0, 0.0)
+        return NoisePrior(robot if robot_noise != EXACT else nothing, camera if camera_noise != EXACT else nothing, 1.0)
+    if robot is None and camera is None:
+        raise InputError(BOTH_EXACT)
     return PoseNoise.isotropic(robot, camera)
 
 
@@ -334,19 +342,21 @@ def exact_beside(known: "NoisePrior") -> "Noise":
     from ..noise.models import PoseNoise
 
     rotation, translation, *camera = known.values.tolist()
+    if not any(value > 0 for value in known.values.tolist()):
+        raise InputError(BOTH_EXACT)
     robot = None if known.robot is None else (rotation, translation)
     return PoseNoise.isotropic(robot, None if known.camera is None else (camera[0], camera[1]))
 
 
-def _complete_noise(poses: "PosePairs", known: "NoisePrior") -> "Noise":
-    """The noise known of one side, with that of the other estimated as `calibrate` does."""
+def _complete_noise(poses: "PosePairs", prior: "NoisePrior | None", given: "CameraNoise | PoseNoise | None") -> "Noise":
+    """The noise known of one side, or but for its size, with the rest estimated as `calibrate` does."""
     from ..calibration.calibrate import calibrate
 
     with timed("estimating the other noise"), warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used
-        found = calibrate(poses, prior=known).noise
+        found = calibrate(poses, noise=given, prior=prior).noise
     if found is None:
-        open_side = "--camera-noise" if known.camera is None else "--robot-noise"
+        open_side = "--robot-noise" if prior is not None and prior.camera is not None else "--camera-noise"
         raise InputError(
             f"The residuals are at rounding level: no noise can be estimated beside the one given. Give {open_side}, "
             f"or {open_side} {EXACT}."

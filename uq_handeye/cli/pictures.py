@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ..errors import InputError
 from ..runtime.progress import working
 from .messages import LOG, progress_wanted, timed
-from .options import made_of, one_of, option
+from .options import one_of, option
 
 if TYPE_CHECKING:
     from ..camera.board import Board
@@ -37,7 +37,8 @@ class BoardOptions:
             "--board",
             metavar="COLUMNSxROWS",
             panel=BOARD,
-            help="Inner corners of a chessboard, e.g. 9x6, one less than squares; squares of a ChArUco board.",
+            help="Inner corners of a chessboard, e.g. 9x6, one less than squares; squares of a ChArUco board. Beside "
+            "--camera-matrix also a file of points, x,y,z.",
         ),
     ] = None
     square: Annotated[
@@ -99,13 +100,14 @@ class LensOptions:
         ),
     ] = None
     intrinsics: Annotated[
-        Path | None,
+        str | None,
         option(
             "--intrinsics",
             metavar="FILE",
             panel=LENS,
             help='What is known beforehand: JSON such as {"fx": [1080.0, 2.0], "k1": 0.0}, a value exact, two a value '
-            "and its standard deviation; or YAML of OpenCV or ROS, exact.",
+            "and its standard deviation; or YAML of OpenCV or ROS, exact. Beside --camera-matrix: estimated, pinhole "
+            "or exact.",
         ),
     ] = None
 
@@ -165,28 +167,6 @@ class Pictures:
         LOG.info("the camera: %s, pixel noise %.3g pixels", model_name(seen), seen.pixel_noise)
         poses = resolve_turns(read_poses(robot, seen, **how), board)
         return replace(poses, sources=(*poses.sources, source_of(self.images, board)))
-
-
-@made_of(board=BoardOptions, lens=LensOptions)
-def pictures_of(
-    board: "BoardOptions",
-    lens: "LensOptions",
-    images: Annotated[
-        str | None,
-        option(
-            "--images",
-            metavar="'PATTERN'",
-            panel=BOARD,
-            help="Pictures instead of CAMERA, e.g. 'img/*.png': one per row of ROBOT, in the order of their names.",
-        ),
-    ] = None,
-) -> Pictures | None:
-    """The pictures of the options, or None if none are given."""
-    if images is not None:
-        return Pictures(images, board, lens)
-    if given := board.given + lens.given:
-        raise InputError(f"{', '.join(given)} are about pictures: give --images 'PATTERN', too.")
-    return None
 
 
 def read_two_numbers(text: str, name: str, example: str) -> tuple[int, int]:

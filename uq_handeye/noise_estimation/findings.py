@@ -12,8 +12,8 @@ from .sentences import CONTRADICTION
 
 # Fewer degrees of freedom than this tell nothing worth saying of the camera's covariance.
 TELLING = 4.0
-# Pixel noise above this, in pixels, is none.
-MOST_PIXELS = 1.5
+# Pixel noise above or below these, in pixels, is none.
+MOST_PIXELS, LEAST_PIXELS = 1.5, 0.01
 
 
 def noise_findings(
@@ -61,7 +61,9 @@ def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | N
         found = [_note("camera_from_corners", rotation=camera[0].value, translation=camera[1].value)]
     else:
         found = [_note("camera_by_geometry", component=asdict(pixels), components=_plain(camera))]
-        found += [unusual_pixels(pixels)] if pixels.low > MOST_PIXELS else []
+        high = float("inf") if pixels.high is None else pixels.high
+        if pixels.status == "estimated" and (pixels.low > MOST_PIXELS or high < LEAST_PIXELS):
+            found.append(unusual_pixels(pixels))
     if not robot:
         return tuple(found)
     if all(part.status == "zero" for part in robot):

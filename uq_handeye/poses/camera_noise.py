@@ -14,15 +14,15 @@ intrinsics k say. With the derivatives A_i of the pixels by k and B_i by the err
 
 and the covariance Sigma_k of the intrinsics is
 
-- ``estimated`` from these pictures: ``s^2 (sum_i (A_i + B_i G_i)^T (A_i + B_i G_i))^-1``, the inverse of the Schur
+- estimated from these pictures: ``s^2 (sum_i (A_i + B_i G_i)^T (A_i + B_i G_i))^-1``, the inverse of the Schur
   complement; it grows with the pixel noise;
 - that of another calibration: as given, whatever the pixel noise is here;
 - 0 where they are exact.
 
 The first is the covariance that a bundle adjustment of the corners has (`camera.bundle`, T4b), without its corners:
-pixels are compared with the same model at the same place. Intrinsics that are estimated are fx, fy, cx, cy and, as
-pictures are calibrated with them, the first two radial coefficients, about 0 where none are known: poses share their
-errors as well.
+pixels are compared with the same model at the same place. Intrinsics that are estimated are fx, fy, cx, cy and, as most
+pictures are calibrated with them, k1, k2, p1, p2, about 0 where none are known: poses share their errors as well, those
+of the tangential ones with the centre's. Pictures that were calibrated as those of a pinhole have the first four.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from ..noise.camera_noise import CameraNoise, checked_pixels
 from ..noise.joint_covariance import JointCovariance
 from .pose_pairs import PosePairs
 
-ESTIMATED, EXACT = "estimated", "exact"
+ESTIMATED, PINHOLE, EXACT = "estimated", "pinhole", "exact"
 # Coefficients that are estimated with the linear intrinsics.
 DISTORTION = ("k1", "k2", "p1", "p2")
 # A focal length below this is not in pixels.
@@ -92,9 +92,10 @@ def camera_noise(
         matters: the first corner, the middle, a corner of a tag. All points are taken as seen in every picture.
     camera_matrix : (3, 3), (fx, fy, cx, cy), KnownIntrinsics or CameraCalibration
         In pixels; `read_intrinsics` and `read_camera` read files. They may bring a covariance of their own.
-    intrinsics : "estimated", "exact", covariance or None
-        ``estimated`` from the same pictures, so that their errors go with the pixel noise; or a covariance, (4, 4) of
-        fx, fy, cx, cy or (1, 1) of one focal length (pixels^2), from another calibration. None: the covariance that
+    intrinsics : "estimated", "pinhole", "exact", covariance or None
+        ``estimated`` from the same pictures, so that their errors go with the pixel noise, ``pinhole`` without any
+        distortion; or a covariance, (4, 4) of fx, fy, cx, cy or (1, 1) of one focal length (pixels^2), from another
+        calibration. None: the covariance that
         the `camera_matrix` brings, and ``estimated`` where it brings none.
     pixel_sd : float, text or None
         Standard deviation of a pixel coordinate, pixels; None: `calibrate` estimates it.
@@ -221,10 +222,14 @@ def _unknowns(lens: Lens, given: Any) -> tuple[Lens, Array, Array | None]:
     if given is None:
         given = ESTIMATED if lens.covariance is None else lens.covariance
     if isinstance(given, str):
-        if given not in (ESTIMATED, EXACT):
-            raise InputError(f"Expected `intrinsics` to be {ESTIMATED}, {EXACT} or a covariance, got {given!r}.")
+        if given not in (ESTIMATED, PINHOLE, EXACT):
+            raise InputError(
+                f"Expected `intrinsics` to be {ESTIMATED}, {PINHOLE}, {EXACT} or a covariance, got {given!r}."
+            )
         if given == EXACT:
             return lens, np.zeros((len(lens.parameters), 0)), np.zeros((0, 0))
+        if given == PINHOLE:
+            return lens, np.eye(len(lens.parameters))[:, : len(LINEAR)], None
         if lens.model.name == "pinhole":  # undistorted pictures were looked at for distortion all the same
             model = MODELS["brown"]
             lens = replace(lens, model=model, parameters=np.append(lens.parameters, np.zeros(len(model.coefficients))))

@@ -21,8 +21,8 @@ from ..models import LINEAR, MODELS
 FORMAT = "uq-handeye camera 1"
 
 # Names of the camera matrix and the coefficients in OpenCV's samples, ROS and programs of people.
-_MATRIX = ("camera_matrix", "cameraMatrix", "K")
-_COEFFICIENTS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D")
+_MATRIX = ("camera_matrix", "cameraMatrix", "K", "k")
+_COEFFICIENTS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d")
 # What files call the models.
 _MODELS = {
     "pinhole": "pinhole",
@@ -120,6 +120,8 @@ def _size(tree: dict[str, Any], name: str) -> tuple[int, int] | None:
             raise InputError(f"{name}, image_size: expected width and height, got {got(value)}.")
     elif {"image_width", "image_height"} <= set(tree):
         value = [tree["image_width"], tree["image_height"]]
+    elif {"width", "height"} <= set(tree):  # a message of ROS
+        value = [tree["width"], tree["height"]]
     else:
         return None
     width, height = (number(part, f"{name}, image size") for part in value)

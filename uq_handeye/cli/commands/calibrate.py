@@ -29,7 +29,7 @@ from ..options import (
     option,
     require_writable,
 )
-from ..pictures import pictures_of
+from ..views import Views, pictures_of
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
@@ -69,7 +69,7 @@ ReportFile = Annotated[
 @made_of(noise=noise_of, prior=prior_of, files=PoseFiles, pictures=pictures_of)
 def calibrate_command(
     files: "PoseFiles",
-    pictures: "Pictures | None",
+    pictures: "Pictures | Views | None",
     noise: "Noise | NoisePrior | None",
     prior: "NoisePrior | None",
     method: Annotated[
@@ -140,6 +140,10 @@ def calibrate_command(
     CAMERA may be the folder of uq-handeye camera -o, whose joint covariance is
     used; or go from pictures to X at once:
     uq-handeye calibrate robot.csv --images 'img/*.png' --board 9x6 --square 20mm
+
+    With finished camera poses say what they saw: their noise follows from it.
+    uq-handeye calibrate robot.csv camera.csv --board 9x6 --square 20mm
+    --camera-matrix 1080,1080,960,540
     """
     require_writable(report, "--report", REPORTS)
     for name, given in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
@@ -154,12 +158,17 @@ def calibrate_command(
         if prior is not None:
             raise InputError("Give either the noise or, for noise that is to be estimated, a prior; not both.")
         noise, prior = None, noise
-    poses, noise = files.read(noise, pictures)
+    known: Any
+    if isinstance(pictures, Views):
+        poses, _ = files.read(None)
+        known = pictures.beside(poses, noise, prior)
+    else:
+        poses, known = files.read(noise, pictures)
 
     with timed("calibrating"):
         result = calibrate(
             poses,
-            noise=noise,
+            noise=known,
             method=method,
             pairs=pairs,
             scale=scale,
@@ -169,7 +178,7 @@ def calibrate_command(
             prior=prior,
             seed=seed,
         )
-    check = _cross_check(problem_for(result, poses, noise, pairs), seed) if with_cross_check else None
+    check = _cross_check(problem_for(result, poses, known, pairs), seed) if with_cross_check else None
     _deliver(result, as_json, output, report, threshold, not no_compare, check)
 
 

@@ -20,19 +20,22 @@ from ..options import (
     methods_of,
     option,
 )
+from ..views import views_of
 
 if TYPE_CHECKING:
     from ...comparison.result import Comparison
     from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
+    from ..views import Views
 
 COMPARED = EVERY_METHOD
 
 
-@made_of(given=noise_of, files=PoseFiles)
+@made_of(given=noise_of, files=PoseFiles, views=views_of)
 def compare_command(
     files: "PoseFiles",
     given: "Noise | NoisePrior | None",
+    views: "Views | None",
     methods: Annotated[
         str | None,
         option(
@@ -63,7 +66,7 @@ def compare_command(
         raise InputError("Give either --json or --csv, not both.")
     names = None if methods is None else methods_of(methods, "--methods", COMPARED)
     (base,) = methods_of(reference, "--reference", COMPARED, most=1)
-    poses, noise = files.read(given)
+    poses, noise = files.read(given, views=views)
     from ...comparison.compare import compare
     from ...comparison.text import comparison_document
     from ...presentation.document import to_text

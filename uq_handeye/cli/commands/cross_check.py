@@ -17,18 +17,21 @@ from ..options import (
     option,
     require_writable,
 )
+from ..views import views_of
 from .calibrate import REPORTS, ReportFile, write_report
 from .validate import INTERRUPTED, NOT_COMPLETE
 
 if TYPE_CHECKING:
     from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
+    from ..views import Views
 
 
-@made_of(given=noise_of, files=PoseFiles)
+@made_of(given=noise_of, files=PoseFiles, views=views_of)
 def cross_check_command(
     files: "PoseFiles",
     given: "Noise | NoisePrior | None",
+    views: "Views | None",
     trials: Annotated[int, option("--trials", help="Monte Carlo trials of each method.")] = 10_000,
     posterior: Annotated[bool, flag("--posterior/--no-posterior", help="Sample the posterior too.")] = True,
     pairs: PairsOption = "all",
@@ -51,7 +54,7 @@ def cross_check_command(
     far (exit status 130); so does a run that lost its workers (exit status 1).
     """
     require_writable(report, "--report", REPORTS)
-    poses, noise = files.read(given)
+    poses, noise = files.read(given, views=views)
     from ...io import write_files
     from ...validation.cross_check.run import cross_check
     from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND

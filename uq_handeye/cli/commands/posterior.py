@@ -7,18 +7,21 @@ from ...errors import InputError
 from ..inputs import PoseFiles, calibrated, noise_of, problem_for
 from ..messages import progress_wanted, timed
 from ..options import JsonOption, emit, flag, folder_option, made_of, option
+from ..views import views_of
 
 if TYPE_CHECKING:
     from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
+    from ..views import Views
 
 CHAIN = "chain.h5"
 
 
-@made_of(given=noise_of, files=PoseFiles)
+@made_of(given=noise_of, files=PoseFiles, views=views_of)
 def posterior_command(
     files: "PoseFiles",
     given: "Noise | NoisePrior | None",
+    views: "Views | None",
     pairs: Annotated[
         str,
         option(
@@ -63,7 +66,7 @@ def posterior_command(
     """
     if resume and output is None:
         raise InputError("--resume needs -o DIR, the folder of the run to go on with.")
-    poses, noise = files.read(given)
+    poses, noise = files.read(given, views=views)
     from ...io import write_files
     from ...noise.models import PairNoise
     from ...validation.posterior.sample import sample_posterior

@@ -22,6 +22,7 @@ from ..options import (
     option,
     require_writable,
 )
+from ..views import views_of
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -29,15 +30,17 @@ if TYPE_CHECKING:
     from ...noise.estimate import NoisePrior
     from ...noise.models import Noise
     from ...validation.monte_carlo.run import MonteCarlo
+    from ..views import Views
 
 # What the shell expects of a program that Ctrl-C ended; of a run that ended otherwise before its time.
 INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
-@made_of(given=noise_of, files=PoseFiles)
+@made_of(given=noise_of, files=PoseFiles, views=views_of)
 def validate_command(
     files: "PoseFiles",
     given: "Noise | NoisePrior | None",
+    views: "Views | None",
     method: Annotated[
         list[str] | None,
         option(
@@ -112,7 +115,7 @@ def validate_command(
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
-    poses, noise = files.read(given)
+    poses, noise = files.read(given, views=views)
     problem = problem_for(calibrated(poses, noise, pairs), poses, noise, pairs)
     if workers is None:
         workers = cores()
