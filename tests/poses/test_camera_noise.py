@@ -266,7 +266,7 @@ def test_a_board_of_another_size_is_said(views):
     for factor, seen in ((0.05, True), (1.0, False)):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", uq.InputWarning)
-            noise = uq.camera_noise(poses, factor * POINTS + (1 - factor) * POINTS.mean(axis=0), rounded, "exact")
+            noise = uq.camera_noise(poses, factor * POINTS + (1 - factor) * POINTS.mean(axis=0), rounded)
         found = uq.estimate_noise(poses, camera=noise)
         assert any(finding.code == "noise_estimation.unusual_pixels" for finding in found.findings) is seen
 
@@ -285,3 +285,14 @@ def test_the_corners_of_a_tag():
     np.testing.assert_allclose(points.mean(axis=0), 0, atol=1e-12)
     with pytest.raises(InputError, match="side"):
         uq.tag_points(-1)
+
+
+def test_the_share_of_the_intrinsics_is_in_the_budget(views):
+    poses, rounded, _, _ = views
+    result = calibrate(poses, noise=uq.camera_noise(poses, POINTS, rounded))
+    budget = result.analysis.budget
+    assert "intrinsics" in budget.sources
+    assert result.analysis.diagnostics.focal_covered
+    # what is declared beside it, here the size of the board, is no part of what the views say of the camera
+    wide = calibrate(poses, noise=uq.camera_noise(poses, POINTS, rounded), shared=[uq.SharedError.target_scale("5%")])
+    assert wide.noise_estimate["camera translation"].value < 1.5 * result.noise_estimate["camera translation"].value

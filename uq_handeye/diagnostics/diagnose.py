@@ -26,6 +26,7 @@ from ..errors import InputError
 from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array, skew
 from ..likelihood.gauss_helmert import Fit, corrected
+from ..noise.camera_noise import INTRINSICS
 from ..noise.models import Noise, PairNoise, is_joint
 from ..noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
 from ..poses.motions import Motions
@@ -100,7 +101,9 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
         normality=tests[1],
         regression=tests[2],
         probes=scale_errors(fit, factor, white, lengths, max(1.0, sigma_0) * inflation(tests[0])),
-        focal_covered=camera is not None and is_joint(camera) and seen is not None and "fx" in seen.estimated,
+        focal_covered=camera is not None
+        and is_joint(camera)
+        and (INTRINSICS in getattr(camera, "names", ()) or (seen is not None and "fx" in seen.estimated)),
     )
 
 

@@ -22,6 +22,9 @@ from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
 from .joint_covariance import JointCovariance
 
+# The name of the shared columns, in the budget of X.
+INTRINSICS = "intrinsics"
+
 
 @dataclass(frozen=True, eq=False)
 class CameraNoise(ReadOnlyArrays):

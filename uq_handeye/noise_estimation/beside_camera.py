@@ -377,14 +377,20 @@ class FoundRobotNoise:
     @cached_property
     def noise(self) -> PoseNoise:
         """Of all poses."""
-        robot, camera = self.source.robot, self.source.camera
+        robot = self.source.robot
         if robot is None:
             v = np.array([self.variances[name] for name, _ in _KINDS])
             robot = np.diag(np.repeat(v, 3)) if v.any() else None
-        if isinstance(camera, CameraNoise):
-            pixels = self.variances.get(_PIXEL_KIND[0])
-            camera = camera.covariance(None if pixels is None else float(np.sqrt(pixels)))
-        return with_shared(PoseNoise(robot, camera), self.source.columns)
+        return with_shared(PoseNoise(robot, self.camera), self.source.columns)
+
+    @cached_property
+    def camera(self) -> Any:
+        """The covariance of all camera poses, without errors that are declared beside it."""
+        camera = self.source.camera
+        if not isinstance(camera, CameraNoise):
+            return camera
+        pixels = self.variances.get(_PIXEL_KIND[0])
+        return camera.covariance(None if pixels is None else float(np.sqrt(pixels)))
 
     def describe(self) -> NoiseEstimate:
         """Components with intervals and what can be said of them."""
@@ -530,7 +536,7 @@ def _report(of: FoundRobotNoise) -> NoiseEstimate:
         s = camera.pixel_sd
         components.append(Component(*_PIXEL_KIND, s, s, s, "given"))
     how = BY_VIEWS if isinstance(camera, CameraNoise) else FROM_CORNERS
-    variances = np.diagonal(marginals(of.noise.camera), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
+    variances = np.diagonal(marginals(of.camera), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
     for what, unit, variance in zip(("rotation", "translation"), ("rad", "m"), variances, strict=True):
         sd = float(np.sqrt(variance))
         components.append(Component(f"camera {what}", unit, sd, sd, sd, how))

@@ -13,7 +13,7 @@ from .sentences import CONTRADICTION
 # Fewer degrees of freedom than this tell nothing worth saying of the camera's covariance.
 TELLING = 4.0
 # Pixel noise above or below these, in pixels, is none.
-MOST_PIXELS, LEAST_PIXELS = 1.5, 0.01
+MOST_PIXELS, LEAST_PIXELS = 1.5, 0.015
 
 
 def noise_findings(

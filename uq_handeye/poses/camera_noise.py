@@ -39,7 +39,7 @@ from ..camera.result import CameraCalibration
 from ..errors import InputError
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, skew
-from ..noise.camera_noise import CameraNoise, checked_pixels
+from ..noise.camera_noise import INTRINSICS, CameraNoise, checked_pixels
 from ..noise.joint_covariance import JointCovariance
 from .pose_pairs import PosePairs
 
@@ -136,7 +136,7 @@ def camera_noise(
             np.einsum("nij,nik->jk", rest, rest),
             "These views do not determine the intrinsics, which they are said to be estimated from",
         )
-    joint = JointCovariance(0.5 * (own + own.mT), G @ np.linalg.cholesky(Sigma))
+    joint = JointCovariance(0.5 * (own + own.mT), G @ np.linalg.cholesky(Sigma), (INTRINSICS,) * len(Sigma))
     return CameraNoise(joint, scales, None if pixel_sd is None else checked_pixels(pixel_sd))
 
 
