@@ -16,6 +16,7 @@ from uq_handeye.likelihood.gauss_helmert import bound, efficient, maximum_likeli
 from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.likelihood.robust import pose_distances
 from uq_handeye.noise.joint_covariance import JointCovariance
+from uq_handeye.noise.serial_errors import SerialErrors
 from uq_handeye.noise.square_roots import cholesky_of, inverse_blocks, own_blocks, pulled, weighted, whiten
 from uq_handeye.noise.to_dict import noise_from_dict, noise_to_dict
 from uq_handeye.simulation.rig import disturbed
@@ -23,21 +24,37 @@ from uq_handeye.simulation.rig import disturbed
 ROBOT = np.diag([1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 2e-4]) ** 2
 
 
-def structured(rng, n, q=4, sd=1e-3):
-    return JointCovariance(random_covariance(rng, shape=(n,), sd=sd), 2 * sd * rng.normal(size=(n, 6, q)))
+@pytest.fixture(params=["shared", "shared and serial"])
+def structured(request):
+    """Makes joint covariances of one kind."""
+
+    def make(rng, n, q=4, sd=1e-3, alone=False):
+        serial = None
+        if request.param != "shared" and not alone:
+            time = rng.permutation(np.cumsum(rng.uniform(0.2, 2.0, n)))
+            serial = SerialErrors(time, rng.normal(size=(n, 6, 6)), random_covariance(rng, sd=sd), 3.0)
+        own = random_covariance(rng, shape=(n,), sd=sd)
+        return JointCovariance(own, 2 * sd * rng.normal(size=(n, 6, q)), serial=serial)
+
+    return make
 
 
-def both_ways(rng, n=12, setup="eye-in-hand"):
+@pytest.fixture
+def both_ways(structured):
     """Poses with joint noise on the camera, and the noise as structure and as array."""
-    S = structured(rng, n)
-    exact = uq.simulate(n, setup=setup, seed=3)
-    camera = disturbed(exact.camera, S, (), rng)
-    robot = disturbed(exact.robot, ROBOT, (), rng)
-    poses = uq.PosePairs(robot, camera, setup)
-    return poses, uq.PoseNoise(ROBOT, S), uq.PoseNoise(ROBOT, np.asarray(S))
+
+    def make(rng, n=12, setup="eye-in-hand"):
+        S = structured(rng, n)
+        exact = uq.simulate(n, setup=setup, seed=3)
+        camera = disturbed(exact.camera, S, (), rng)
+        robot = disturbed(exact.robot, ROBOT, (), rng)
+        poses = uq.PosePairs(robot, camera, setup)
+        return poses, uq.PoseNoise(ROBOT, S), uq.PoseNoise(ROBOT, np.asarray(S))
+
+    return make
 
 
-def test_it_multiplies_like_the_array(rng):
+def test_it_multiplies_like_the_array(rng, structured):
     S = structured(rng, 5)
     whole = np.asarray(S)
     assert S.shape == whole.shape == (30, 30) and S.ndim == 2 and len(S) == 30 and S.any()
@@ -53,10 +70,12 @@ def test_it_multiplies_like_the_array(rng):
     D = rng.normal(size=(5, 6, 6))
     wide = block_diag(*D)
     np.testing.assert_allclose(np.asarray(S.carried(D)), wide @ whole @ wide.T, atol=1e-17)
-    np.testing.assert_allclose(np.asarray(S.plus(S)), 2 * whole, atol=1e-18)
+    alone = structured(rng, 5, alone=True)
+    np.testing.assert_allclose(np.asarray(S.plus(alone)), whole + np.asarray(alone), atol=1e-18)
+    np.testing.assert_allclose(np.asarray(alone.plus(S)), whole + np.asarray(alone), atol=1e-18)
 
 
-def test_the_square_root_is_one(rng):
+def test_the_square_root_is_one(rng, structured):
     S = structured(rng, 7, q=5)
     L, whole = cholesky_of(S), np.asarray(S)
     values = rng.normal(size=(7, 6, 4))
@@ -68,13 +87,13 @@ def test_the_square_root_is_one(rng):
     np.testing.assert_allclose(inverse_blocks(L), own_blocks(np.linalg.inv(whole)), rtol=1e-8)
     w = rng.uniform(0.1, 1.0, 7)
     # what poses share is no error of their own that a weight could enlarge
-    expected = block_diag(*(S.own / w[:, None, None])) + S.flat @ S.flat.T
+    expected = whole + block_diag(*(S.own / w[:, None, None] - S.own))
     np.testing.assert_allclose(np.asarray(weighted(S, w)), expected, rtol=1e-9, atol=1e-18)
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("estimate", [efficient, maximum_likelihood])
-def test_estimates_are_those_of_the_whole_array(rng, setup, estimate):
+def test_estimates_are_those_of_the_whole_array(rng, setup, estimate, both_ways):
     poses, noise, dense = both_ways(rng, setup=setup)
     found, expected = estimate(poses, noise), estimate(poses, dense)
     assert_same_covariance(found.covariance, expected.covariance, 1e-7)
@@ -92,7 +111,7 @@ def test_estimates_are_those_of_the_whole_array(rng, setup, estimate):
     assert_same_covariance(bound(poses, noise, found.X), bound(poses, dense, found.X), 1e-7)
 
 
-def test_first_order_covariances_of_other_methods(rng):
+def test_first_order_covariances_of_other_methods(rng, both_ways):
     poses, noise, dense = both_ways(rng)
     motions = uq.relative_motions(poses, "all")
     for method in ("4dpa", "park", "daniilidis"):
@@ -101,9 +120,9 @@ def test_first_order_covariances_of_other_methods(rng):
         )
 
 
-def test_on_both_sides_and_beside_an_array(rng):
+def test_on_both_sides_and_beside_an_array(rng, structured):
     n = 9
-    one, other = structured(rng, n), structured(rng, n, q=2)
+    one, other = structured(rng, n), structured(rng, n, q=2, alone=True)
     exact = uq.simulate(n, seed=3)
     poses = uq.PosePairs(disturbed(exact.robot, one, (), rng), disturbed(exact.camera, other, (), rng))
     expected = efficient(poses, uq.PoseNoise(np.asarray(one), np.asarray(other))).covariance
@@ -111,7 +130,7 @@ def test_on_both_sides_and_beside_an_array(rng):
     assert_same_covariance(efficient(poses, uq.PoseNoise(np.asarray(one), other)).covariance, expected, 1e-7)
 
 
-def test_draws_have_the_covariance(rng):
+def test_draws_have_the_covariance(rng, structured):
     n = 3
     S = structured(rng, n)
     T = uq.simulate(n, seed=1).camera
@@ -121,7 +140,7 @@ def test_draws_have_the_covariance(rng):
         assert_same_covariance(np.cov(xi.T), np.kron(np.eye(n), np.ones((6, 6))) * np.asarray(S), 0.07)
 
 
-def test_calibrate_validate_and_files_take_it(rng, tmp_path):
+def test_calibrate_validate_and_files_take_it(rng, tmp_path, both_ways):
     poses, noise, dense = both_ways(rng, n=15)
     result, expected = uq.calibrate(poses, noise=noise), uq.calibrate(poses, noise=dense)
     assert_same_covariance(result.covariance, expected.covariance, 1e-6)
@@ -136,7 +155,7 @@ def test_calibrate_validate_and_files_take_it(rng, tmp_path):
         assert run.consistency.consistent, run.summary()
 
 
-def test_what_makes_no_sense_is_refused(rng):
+def test_what_makes_no_sense_is_refused(rng, structured):
     with pytest.raises(InputError, match=r"Expected `own` \(n, 6, 6\) and `shared` \(n, 6, q\) of one n"):
         JointCovariance(np.zeros((3, 6, 6)), np.zeros((4, 6, 1)))
     with pytest.raises(InputError, match="cover 5 poses, got 4"):
@@ -150,7 +169,7 @@ def test_what_makes_no_sense_is_refused(rng):
         efficient(uq.simulate(5, seed=0), uq.PoseNoise(camera=nothing_of_its_own))
 
 
-def test_a_thousand_poses_take_little_memory(rng):
+def test_a_thousand_poses_take_little_memory(rng, structured):
     n = 1000
     S = structured(rng, n, q=8)
     exact = uq.simulate(n, seed=3)

@@ -20,6 +20,7 @@ from ..likelihood.shared_estimates import moves_left_open, resolve_doubts, share
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise_estimation.estimate import FoundNoise, choose_source
+from ..noise_estimation.serial_correlation import account_for_correlation, correlation_finding
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
@@ -29,7 +30,7 @@ from ..shared_errors.shared_error import CLOCK_OFFSET
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
 from .findings import against_corners, against_data_sheet, wrong_poses
-from .request import FEWEST_FOR_ROBUST, Job
+from .request import FEWEST_FOR_ROBUST, OF_NOISE, Job
 from .result import Calibration
 from .result_file import FourDPA
 
@@ -72,15 +73,41 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
             return replace(result, table=table), [*table.findings, *findings]
         return estimate_unweighted(job, start, estimate)
     fit = FITS[job.method](constraint, noise, at) if robust is None else robust.fit
+    correlated = _correlated(job, noise, fit, estimate)
+    if correlated is not None:
+        assert isinstance(correlated.noise, PoseNoise)
+        independent, noise = fit, correlated.noise
+        fit = _fitted_again(job, noise, fit)
+        finding = _correlation_finding(job, correlated, independent, fit)
+        estimate = replace(correlated, findings=(*correlated.findings, finding))
     left_open: dict[str, float] = {}
     if any(error.doubt is not None for error in job.shared):
         resolved = resolve_doubts(fit, noise, job.shared)
         job, noise, left_open = replace(job, shared=resolved.errors), resolved.noise, resolved.left_open
-        steps = CLOSED_FORM_STEPS if job.method == "efficient" else MOST_STEPS
-        fit = refit(constraint, noise, fit.unknowns, steps, fit.weights)
+        fit = _fitted_again(job, noise, fit)
         estimate = None if estimate is None else replace(estimate, noise=noise)
-        robust = None if robust is None else replace(robust, fit=fit, noise=noise)
+    robust = None if robust is None else replace(robust, fit=fit, noise=noise)
     return _assembled(job, noise, fit, start, estimate, robust, left_open)
+
+
+def _fitted_again(job: Job, noise: Noise, found: Fit) -> Fit:
+    """The fit with other noise, from the unknowns and with the weights that were found."""
+    steps = CLOSED_FORM_STEPS if job.method == "efficient" else MOST_STEPS
+    return refit(job.constraint, noise, found.unknowns, steps, found.weights)
+
+
+def _correlated(job: Job, noise: Noise, fit: Fit, estimate: NoiseEstimate | None) -> NoiseEstimate | None:
+    """The noise estimate with what neighbouring poses have in common; None where there is nothing, or none wanted."""
+    wanted = job.correlation == "auto" and job.covariance in OF_NOISE
+    if estimate is None or job.poses is None or not isinstance(noise, PoseNoise) or not wanted:
+        return None
+    return account_for_correlation(fit, job.poses, noise, estimate)
+
+
+def _correlation_finding(job: Job, estimate: NoiseEstimate, independent: Fit, fit: Fit) -> Finding:
+    assert estimate.correlation is not None and job.poses is not None
+    ratio = np.linalg.solve(independent.covariance_X, fit.covariance_X)
+    return correlation_finding(estimate.correlation, job.poses.setup, float(np.sqrt(np.trace(ratio) / 6)))
 
 
 def _longest(motions: Motions) -> float:
@@ -99,7 +126,7 @@ def _assembled(
     left_open: dict[str, float],
 ) -> tuple[Calibration, list[Finding]]:
     data, motions, poses = job.data, job.motions, job.poses
-    reference = of_model = reference_for(fit, estimate)
+    reference = reference_for(fit, estimate)
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
     if job.covariance == "sigma-points":
         covariance, covariance_W = by_sigma_points(job, noise, robust), None
@@ -115,7 +142,9 @@ def _assembled(
         covariance_W = None if covariance_W is None else covariance_W + np.outer(move[6:], move[6:])
     table = pose_table(fit, robust)
     # Beside a camera covariance from corners the noise counts as known: most of it, or the test errs on the safe side.
-    dof = None if estimate is not None and estimate.from_corners else of_model.dof
+    # A drift does not count in halves: the test is of the noise that both were made of.
+    alone = None if estimate is None else replace(estimate, correlation=None)
+    dof = None if estimate is not None and estimate.from_corners else reference_for(fit, alone).dof
     analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, beside)
     angle, distance = residuals(motions.A, motions.B, fit.X)
     result = replace(

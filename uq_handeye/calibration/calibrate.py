@@ -43,6 +43,7 @@ def calibrate(
     prior: NoisePrior | None = None,
     seed: int = 0,
     shared: Sequence[SharedError] | None = None,
+    correlation: str = "auto",
 ) -> Calibration:
     """X with its covariance, residuals and warnings.
 
@@ -81,12 +82,15 @@ def calibrate(
         What is known of the noise to be estimated, for example from a data sheet.
     seed : int
         Of the random subsets and bootstrap replicates.
-
     shared : sequence of SharedError or None
         Errors that all poses share, such as ``SharedError.focal_length(0.001)``: unknowns with a prior, whose effect is
         part of the covariance (``result.shared`` says what the data tell of each). None: for finished camera poses
         whose noise is estimated, focal length, principal point and target scale with default standard deviations
         (`shared_error.DEFAULT_SD`); otherwise none. ``[]``: none.
+    correlation : "auto" or "none"
+        Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
+        in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model" and
+        "sigma-points") contains it (`noise_estimation.serial_correlation`). With `noise` given it is tested, no more.
 
     Where poses are given, W comes with X (for a published method the mean of ``G X C``, `robot_world`), with its
     covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the
@@ -116,7 +120,7 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.34, 0.34, 0.28])
     """
-    job = request(data, noise, method, pairs, scale, kind, covariance, robust, prior, seed, shared)
+    job = request(data, noise, method, pairs, scale, kind, covariance, robust, prior, seed, shared, correlation)
     findings = look_at(job)
     try:
         try:
@@ -147,6 +151,7 @@ def calibrate(
         "robust": job.robust,
         "prior": None if prior is None else asdict(prior),
         "seed": job.seed,
+        "correlation": correlation,
         "shared": [f"{part}: {sd:.6g}" for error in job.shared for part, sd in zip(error.parts, error.sd, strict=True)],
     }
     result = replace(result, findings=tuple(findings), provenance=provenance(data, options))

@@ -25,7 +25,10 @@ from ..propagation.all_pairs import AllPairs
 from ..shared_errors.shared_error import SharedError, checked_errors, default_errors, shared_columns, with_shared
 
 # Covariances of the result: of the noise, to first order and beyond; and of the residuals.
-COVARIANCES = ("model", "sigma-points", *OF_RESIDUALS)
+OF_NOISE = ("model", "sigma-points")
+COVARIANCES = (*OF_NOISE, *OF_RESIDUALS)
+# What neighbouring poses have in common: looked for where the noise is estimated, or not.
+CORRELATIONS = ("auto", "none")
 
 # All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
 DIAGNOSED_PAIRS = 200_000
@@ -54,6 +57,7 @@ class Job:
     camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
     robot_noise: Any = None  # covariance beside it, where it is known
     shared: tuple[SharedError, ...] = ()  # what all poses share
+    correlation: str = "auto"  # one of CORRELATIONS
 
     @property
     def poses(self) -> PosePairs | None:
@@ -125,6 +129,7 @@ def request(
     prior: NoisePrior | None,
     seed: int,
     shared: Sequence[SharedError] | None = None,
+    correlation: str = "auto",
 ) -> Job:
     """The arguments of `calibrate`, checked; raises `InputError`."""
     if not isinstance(data, PosePairs | Motions):
@@ -150,6 +155,8 @@ def request(
         raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {covariance!r}.")
     if covariance == "sigma-points" and kind is not None:
         raise InputError(f"Expected no kind={kind!r} with covariance='sigma-points': it is of first order alone.")
+    if correlation not in CORRELATIONS:
+        raise InputError(f"Expected `correlation` to be one of {', '.join(CORRELATIONS)}, got {correlation!r}.")
     require_integer("seed", seed, 0)
     if prior is not None and not isinstance(prior, NoisePrior):
         raise InputError(f"Expected `prior` to be a NoisePrior or None, got {type(prior).__name__}.")
@@ -200,6 +207,7 @@ def request(
         camera,
         robot,
         errors,
+        correlation,
     )
 
 

@@ -19,7 +19,7 @@ from ..runtime.read_only import ReadOnlyArrays
 from .task_space import _by_pose, _points
 
 # Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
-EACH, SHARED = "(each pose)", "(shared)"
+EACH, SHARED, IN_TIME = "(each pose)", "(shared)", "(correlated in time)"
 
 
 _COMPONENTS = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
@@ -187,7 +187,8 @@ def budget_of_sensitivities(
     merged : groups of names
         See `Budget.merged`. Sources are named "robot rotation", "robot translation", "robot coupling", and so for
         "camera"; on motions "A" and "B". A coupling that is zero is left out. Of a `JointCovariance` they are instead
-        what each pose has by itself, "camera (each pose)", the shared errors by name, and "camera (shared)".
+        what each pose has by itself, "camera (each pose)", the shared errors by name, "camera (shared)", and what
+        passes on from pose to pose.
 
     Raises
     ------
@@ -221,6 +222,12 @@ def budget_of_sensitivities(
                 parts.append(of_error @ of_error.T)
             of_pose = together @ whole.T
             by_pose = by_pose + D @ S.own @ D.mT + 0.5 * (of_pose + of_pose.mT)
+            if S.serial is not None:
+                passed_on = S.serial.times(D.swapaxes(0, 1).reshape(D.shape[1], 6 * n).T).reshape(n, 6, -1)
+                sources.append(S.serial.name or f"{name} {IN_TIME}")
+                parts.append(_summed(D, passed_on.mT))
+                of_pose = D @ passed_on
+                by_pose = by_pose + 0.5 * (of_pose + of_pose.mT)
             continue
         names_of, parts_of = _by_kind(name, D, S)
         sources += names_of

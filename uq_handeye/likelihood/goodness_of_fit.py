@@ -21,6 +21,7 @@ Degrees of freedom. Where the noise was estimated, ``e^T Sigma_X^-1 e`` is not c
 
 which is exact where all variances have one unknown factor (nu is then the degrees of freedom of its estimate), and for
 6 = 1 is Satterthwaite's rule (Fai and Cornelius 1996; Kenward and Roger 1997).
+Errors that pass on from pose to pose (`serial_errors`) add the term of the logarithm of their variances.
 The 95 % ellipsoids by F hold the truth as often as they say with 30 and with 8 poses; with 8, those by chi-square too
 seldom (tests/noise_estimation/test_estimate.py, 1,000 sets each, one noise each). Not accounted for, and felt with
 few poses: weights from estimated noise are not the best ones (Kackar and Harville 1984).
@@ -36,7 +37,16 @@ from scipy.special import gammainc, gammaincc
 
 from ..errors import InputError
 from ..geometry.se3 import Array
-from ..noise.square_roots import inverse_blocks, joint_residuals, own_blocks, pulled, weighed_blocks, whiten
+from ..noise.joint_covariance import JointCovariance
+from ..noise.square_roots import (
+    inverse_blocks,
+    joint_residuals,
+    least_weight,
+    own_blocks,
+    pulled,
+    weighed_blocks,
+    whiten,
+)
 from .gauss_helmert import Fit
 
 if TYPE_CHECKING:
@@ -112,7 +122,19 @@ def effective_dof(fit: Fit, estimate: NoiseEstimate) -> float:
     """
     _require_one(fit)
     A = float(spread_of(fit, estimate.covariance)) if estimate.spread is None else estimate.spread
+    if estimate.correlation is not None:
+        A += estimate.correlation.spread**2 * _share_of_process(fit)
     return float("inf") if A <= 0 else 12.0 / A
+
+
+def _share_of_process(fit: Fit) -> float:
+    """``tr((Sigma_X^-1 Sigma_z)^2)`` with Sigma_z what the serial errors bring: its derivative by log variance."""
+    assert isinstance(fit.S, JointCovariance) and fit.S.serial is not None
+    factor = fit.weighted_factor
+    pull = pulled(factor, whiten(factor, fit.linear.J)) @ fit.covariance[:, :6]
+    flat = pull.reshape(-1, 6)
+    relative = np.linalg.solve(fit.covariance_X, flat.T @ fit.S.serial.times(flat))
+    return float(np.trace(relative @ relative))
 
 
 def spread_of(fit: Fit, covariance: Array) -> Array:
@@ -129,7 +151,7 @@ def covariance_derivatives(fit: Fit) -> Array:
         factor = fit.weighted_factor
         pull = pulled(factor, whiten(factor, J)) @ C
         if fit.weights is not None:
-            pull = pull / np.sqrt(np.maximum(fit.weights, 1e-12))[..., None, None]
+            pull = pull / np.sqrt(np.maximum(fit.weights, least_weight(fit.S)))[..., None, None]
     else:
         pull = pulled(fit.factor, fit.white[1]) @ C
         if fit.weights is not None:

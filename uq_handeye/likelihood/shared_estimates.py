@@ -125,7 +125,7 @@ def _rescaled(S: Any, factors: dict[str, float]) -> Any:
     """A covariance with its named columns times the factors."""
     if not isinstance(S, JointCovariance):
         return S
-    return JointCovariance(S.own, S.shared * np.array([factors.get(name, 1.0) for name in S.names]), S.names)
+    return replace(S, shared=S.shared * np.array([factors.get(name, 1.0) for name in S.names]))
 
 
 class _Joint(NamedTuple):

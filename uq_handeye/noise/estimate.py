@@ -121,6 +121,22 @@ class CameraFactor:
     p_value: float  # two-sided
 
 
+@dataclass(frozen=True)
+class SerialCorrelation:
+    """What the errors of neighbouring poses have in common: a drift, or noise that is correlated in time.
+
+    A stationary process of rotation and translation, whose correlation of poses k apart is ``exp(-k / length)``.
+    """
+
+    way: str  # "camera" or "target" that moves, "camera noise" or "robot noise" that is correlated
+    rotation: float  # standard deviation per axis, rad
+    translation: float  # m
+    length: float  # in poses
+    drift: bool  # as long as the data: a random walk about a mean that is not known
+    odds: float  # of the data, against independent poses
+    spread: float  # standard deviation of the logarithm of its variances
+
+
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate(ReadOnlyArrays):
     """The noise that a data set shows; see `estimate_noise`.
@@ -138,6 +154,7 @@ class NoiseEstimate(ReadOnlyArrays):
     dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
     camera_factor: CameraFactor | None = None  # beside a camera covariance that is known, where the data can tell
     spread: float | None = None  # beside the camera's: A of `likelihood.goodness_of_fit`, how uncertain Sigma_X is
+    correlation: SerialCorrelation | None = None  # of neighbouring poses, where the data show some
 
     @property
     def statement(self) -> tuple[str, ...]:
@@ -188,6 +205,7 @@ class NoiseEstimate(ReadOnlyArrays):
             "dof": self.dof,
             **({} if self.camera_factor is None else {"camera_factor": asdict(self.camera_factor)}),
             **({} if self.spread is None else {"spread": self.spread}),
+            **({} if self.correlation is None else {"correlation": asdict(self.correlation)}),
         }
 
     @classmethod
@@ -200,6 +218,7 @@ class NoiseEstimate(ReadOnlyArrays):
                 kind = PairNoise if "A" in given else PoseNoise
                 noise = kind(**{name: _side_from_dict(side) for name, side in given.items()})
             factor, spread, size = values.get("camera_factor"), values.get("spread"), len(values["variances"])
+            correlation = values.get("correlation")
             return cls(
                 noise,
                 tuple(Component(**component) for component in values["components"]),
@@ -209,6 +228,7 @@ class NoiseEstimate(ReadOnlyArrays):
                 float(values["dof"]),
                 None if factor is None else CameraFactor(**factor),
                 None if spread is None else float(spread),
+                None if correlation is None else SerialCorrelation(**correlation),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"Expected the values of a noise estimate as `to_dict` writes them: {error}.") from error

@@ -10,7 +10,9 @@ B of the blocks and ``V = B^-1 F = Q diag(s) Y^T`` (thin SVD)
 
     Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - Q diag(1 - 1/sqrt(1 + s^2)) Q^T) B^-1
 
-which `JointFactor` applies without forming it. A column may have a name: that of the error whose effect it is.
+which `JointFactor` applies without forming it. Errors that pass on from pose to pose (`SerialErrors`) may come beside
+those of each pose; B is then the square root of the sum of both, in O(n), too. A column may bear the name of what it is
+the error of (a focal length); what an estimate says of it is told by that name.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
+from .serial_errors import SerialErrors, SerialFactor
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,7 @@ class JointCovariance(ReadOnlyArrays):
     own: Array
     shared: Array
     names: tuple[str, ...] = ()
+    serial: SerialErrors | None = None  # drift, or noise that is correlated in time
 
     __array_ufunc__ = None  # `array @ S` comes here
 
@@ -57,6 +61,8 @@ class JointCovariance(ReadOnlyArrays):
         if len(names) != shared.shape[-1]:
             raise InputError(f"Expected a name for each of {shared.shape[-1]} shared columns, got {len(names)}.")
         object.__setattr__(self, "names", names)
+        if self.serial is not None and self.serial.n != own.shape[-3]:
+            raise InputError(f"Expected `serial` errors of {own.shape[-3]} poses, got those of {self.serial.n}.")
         super().__post_init__()
 
     @property
@@ -67,7 +73,8 @@ class JointCovariance(ReadOnlyArrays):
     @property
     def shape(self) -> tuple[int, ...]:
         """That of the array, (..., 6n, 6n)."""
-        return (*np.broadcast_shapes(self.own.shape[:-3], self.shared.shape[:-3]), 6 * self.n, 6 * self.n)
+        parts = [self.own, self.shared] + ([] if self.serial is None else [self.serial.by_state])
+        return (*np.broadcast_shapes(*(part.shape[:-3] for part in parts)), 6 * self.n, 6 * self.n)
 
     @property
     def ndim(self) -> int:
@@ -86,6 +93,8 @@ class JointCovariance(ReadOnlyArrays):
         blocks = dense.reshape(*dense.shape[:-2], self.n, 6, self.n, 6)
         index = np.arange(self.n)
         blocks[..., index, :, index, :] += np.moveaxis(self.own, -3, 0)
+        if self.serial is not None:
+            dense += self.serial.times(np.eye(6 * self.n))
         return dense
 
     def __matmul__(self, values: Array) -> Array:
@@ -93,66 +102,87 @@ class JointCovariance(ReadOnlyArrays):
         if values.ndim == 1:
             return np.asarray((self @ values[:, None])[..., 0])
         by_pose = self.own @ values.reshape(*values.shape[:-2], self.n, 6, values.shape[-1])
-        return np.asarray(
-            by_pose.reshape(*by_pose.shape[:-3], *values.shape[-2:]) + self.flat @ (self.flat.mT @ values)
-        )
+        found = by_pose.reshape(*by_pose.shape[:-3], *values.shape[-2:]) + self.flat @ (self.flat.mT @ values)
+        return np.asarray(found if self.serial is None else found + self.serial.times(values))
 
     def __rmatmul__(self, values: Array) -> Array:
         """(..., p, 6n) times it."""
         return (self @ values.mT).mT
 
     def __mul__(self, factor: float) -> JointCovariance:
-        return JointCovariance(factor * self.own, np.sqrt(factor) * self.shared, self.names)
+        return JointCovariance(
+            factor * self.own,
+            np.sqrt(factor) * self.shared,
+            self.names,
+            None if self.serial is None else self.serial.scaled(factor),
+        )
 
     __rmul__ = __mul__
 
     def any(self) -> bool:
         """Whether it is not zero."""
-        return bool(self.own.any() or self.shared.any())
+        return bool(self.own.any() or self.shared.any() or (self.serial is not None and self.serial.state.any()))
 
     @property
     def blocks(self) -> Array:
         """(..., n, 6, 6) the covariance of each pose by itself."""
-        return np.asarray(self.own + self.shared @ self.shared.mT)
+        passed_on = 0.0 if self.serial is None else self.serial.blocks
+        return np.asarray(self.own + self.shared @ self.shared.mT + passed_on)
 
     def rows(self, index: NDArray[Any]) -> JointCovariance:
         """That of some of the poses."""
-        return JointCovariance(self.own[..., index, :, :], self.shared[..., index, :, :], self.names)
+        return JointCovariance(
+            self.own[..., index, :, :],
+            self.shared[..., index, :, :],
+            self.names,
+            None if self.serial is None else self.serial.rows(index),
+        )
 
     def carried(self, D: Array) -> JointCovariance:
         """Of ``D_i xi_i``, D (..., n, 6, 6)."""
-        return JointCovariance(D @ self.own @ D.mT, D @ self.shared, self.names)
+        serial = None if self.serial is None else self.serial.carried(D)
+        return JointCovariance(D @ self.own @ D.mT, D @ self.shared, self.names, serial)
 
     def weighted(self, scale: Array) -> JointCovariance:
         """With what each pose has of its own times ``scale`` (..., n), and what they share as it is.
 
         Scaling the whole of each block would make an error that all poses share look like one that averages out.
         """
-        return JointCovariance(scale[..., None, None] * self.own, self.shared, self.names)
+        return JointCovariance(scale[..., None, None] * self.own, self.shared, self.names, self.serial)
 
     def plus(self, other: Array | JointCovariance) -> JointCovariance:
         """And independent errors of each pose (..., n, 6, 6), or of another joint covariance."""
         if isinstance(other, JointCovariance):
             shared = np.concatenate([self.shared, other.shared], axis=-1)
-            return JointCovariance(self.own + other.own, shared, self.names + other.names)
-        return JointCovariance(self.own + other, self.shared, self.names)
+            if self.serial is not None and other.serial is not None:
+                raise InputError("Expected serial errors on one side, got them on robot and camera.")
+            serial = other.serial if self.serial is None else self.serial
+            return JointCovariance(self.own + other.own, shared, self.names + other.names, serial)
+        return JointCovariance(self.own + other, self.shared, self.names, self.serial)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for files; `from_dict` reads them."""
         named = {"names": list(self.names)} if any(self.names) else {}
-        return {"own": self.own.tolist(), "shared": self.shared.tolist(), **named}
+        serial = {} if self.serial is None else {"serial": self.serial.to_dict()}
+        return {"own": self.own.tolist(), "shared": self.shared.tolist(), **named, **serial}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> JointCovariance:
         """What `to_dict` wrote; KeyError for parts that are missing."""
         own = np.asarray(values["own"], dtype=float)
         shared = np.asarray(values["shared"], dtype=float).reshape(*own.shape[:-1], -1)
-        return cls(own, shared, tuple(map(str, values.get("names", ()))))
+        serial = SerialErrors.from_dict(values["serial"]) if "serial" in values else None
+        return cls(own, shared, tuple(map(str, values.get("names", ()))), serial)
 
     def factor(self) -> JointFactor:
         """L with ``Sigma = L L^T``; raises `numpy.linalg.LinAlgError` where a block of ``own`` is singular."""
-        B = np.asarray(np.linalg.cholesky(self.own))
-        V = np.linalg.solve(B, self.shared)
+        B: Array | SerialFactor
+        if self.serial is None:
+            B = np.asarray(np.linalg.cholesky(self.own))
+            V = np.linalg.solve(B, self.shared)
+        else:
+            B = self.serial.factor(self.own)
+            V = B.whiten(self.shared)
         Q, s, _ = np.linalg.svd(V.reshape(*V.shape[:-3], 6 * self.n, V.shape[-1]), full_matrices=False)
         return JointFactor(B, Q, 1.0 - 1.0 / np.sqrt(1.0 + s * s))
 
@@ -161,32 +191,42 @@ class JointCovariance(ReadOnlyArrays):
 class JointFactor:
     """``L^-1 = (I - Q diag(c) Q^T) B^-1`` of a `JointCovariance`; L is square, not triangular."""
 
-    B: Array  # (..., n, 6, 6)
+    B: Array | SerialFactor  # (..., n, 6, 6), or of what passes on from pose to pose, too
     Q: Array  # (..., 6n, q)
     c: Array  # (..., q)
 
     def _reflected(self, values: Array) -> Array:
         """``(I - Q c Q^T)`` times (..., n, 6, p)."""
-        flat = values.reshape(*values.shape[:-3], -1, values.shape[-1])
+        flat = values.reshape(*values.shape[:-3], 6 * values.shape[-3], values.shape[-1])
         flat = flat - self.Q @ (self.c[..., None] * (self.Q.mT @ flat))
         return np.asarray(flat.reshape(*flat.shape[:-2], *values.shape[-3:]))
 
     def whiten(self, values: Array) -> Array:
         """``L^-1 values`` (..., n, 6, p)."""
-        return self._reflected(np.asarray(np.linalg.solve(self.B, values)))
+        of_each = self.B.whiten(values) if isinstance(self.B, SerialFactor) else np.linalg.solve(self.B, values)
+        return self._reflected(np.asarray(of_each))
 
     def pull(self, white: Array) -> Array:
         """``L^-T white`` (..., n, 6, p)."""
-        return np.asarray(np.linalg.solve(self.B.mT, self._reflected(white)))
+        reflected = self._reflected(white)
+        if isinstance(self.B, SerialFactor):
+            return self.B.pull(reflected)
+        return np.asarray(np.linalg.solve(self.B.mT, reflected))
 
     def log_determinant(self) -> Array:
         """(...) ``log|Sigma|``: of the blocks, and of what is shared ``log(1 + s^2)``, ``1 + s^2 = (1 - c)^-2``."""
-        own = 2.0 * np.log(np.diagonal(self.B, axis1=-2, axis2=-1)).sum(axis=(-2, -1))
+        if isinstance(self.B, SerialFactor):
+            own = self.B.log_determinant()
+        else:
+            own = 2.0 * np.log(np.diagonal(self.B, axis1=-2, axis2=-1)).sum(axis=(-2, -1))
         return np.asarray(own - 2.0 * np.log1p(-self.c).sum(axis=-1))
 
     def inverse_blocks(self) -> Array:
         """(..., n, 6, 6) diagonal blocks of ``Sigma^-1 = B^-T (I - Q c(2 - c) Q^T) B^-1``."""
-        n = self.B.shape[-3]
-        own = np.linalg.inv(self.B)
-        left = own.mT @ self.Q.reshape(*self.Q.shape[:-2], n, 6, self.Q.shape[-1])
-        return np.asarray(own.mT @ own - (left * (self.c * (2.0 - self.c))[..., None, None, :]) @ left.mT)
+        Q = self.Q.reshape(*self.Q.shape[:-2], self.Q.shape[-2] // 6, 6, self.Q.shape[-1])
+        if isinstance(self.B, SerialFactor):
+            own, left = self.B.inverse_blocks(), self.B.pull(Q)
+        else:
+            half = np.linalg.inv(self.B)
+            own, left = half.mT @ half, half.mT @ Q
+        return np.asarray(own - (left * (self.c * (2.0 - self.c))[..., None, None, :]) @ left.mT)

@@ -8,7 +8,7 @@ camera. The frames are those of the quantity itself: for ``base_T_gripper`` the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -76,7 +76,7 @@ def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
         raise InputError(f"Expected the covariance `{name}` to be that of one set of poses, got {value.shape}.")
     if not np.isfinite(value.shared).all():
         raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
-    return JointCovariance(checked_covariance(value.own, name, joint=False), value.shared, value.names)
+    return replace(value, own=checked_covariance(value.own, name, joint=False))
 
 
 @dataclass(frozen=True, eq=False)

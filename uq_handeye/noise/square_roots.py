@@ -115,9 +115,18 @@ def weighed_blocks(S: Covariance) -> Array:
     return S.own if isinstance(S, JointCovariance) else own_blocks(S)
 
 
+def least_weight(S: Covariance) -> float:
+    """What a weight of 0 becomes.
+
+    A pose of no weight stays a link of the chain of serial errors, where a larger variance would leave nothing but
+    rounding of what its neighbours have in common.
+    """
+    return 1e-7 if isinstance(S, JointCovariance) and S.serial is not None else 1e-12
+
+
 def weighted(S: Covariance, weights: Array) -> Covariance:
-    """S with `weighed_blocks` divided by the weights; a weight of 0 becomes 1e-12."""
-    scale = 1.0 / np.maximum(weights, 1e-12)
+    """S with `weighed_blocks` divided by the weights; a weight of 0 becomes `least_weight`."""
+    scale = 1.0 / np.maximum(weights, least_weight(S))
     if isinstance(S, JointCovariance):
         return S.weighted(scale)
     if S.shape[-1] == 6:

@@ -89,6 +89,29 @@ def _(names: Sequence[str]) -> str:
     )
 
 
+_PARENT = {"eye-in-hand": ("gripper", "base"), "eye-to-hand": ("base", "gripper")}
+
+
+@sentence("noise_estimation.correlated")
+def _(
+    way: str, setup: str, rotation: float, translation: float, length: float, drift: bool, odds: float, growth: float
+) -> str:
+    size = f"{_amount(rotation, 'rad')} and {_amount(translation, 'm')}"
+    if way in ("camera", "target"):
+        against = _PARENT[setup][way == "target"]
+        moves = f"the {way} drifts against the {against}" if drift else f"the {way} moves against the {against}"
+        what = f"{moves}, by {size} (1 sigma"
+    else:
+        what = f"the {way} is correlated, {size} of it (1 sigma"
+    over = "slowly, as a random walk" if drift else f"over {digits(length, 2)} poses"
+    sure = f"odds {digits(odds, 2)} : 1" if odds < 1e6 else "beyond doubt"
+    wider = f"{digits(growth, 2)} times as wide as" if growth >= 1.05 else "hardly wider than"
+    return (
+        f"Errors of neighbouring poses are correlated: {what}, {over}; {sure}). The covariance of X contains it: its "
+        f"standard deviations are {wider} those of independent poses."
+    )
+
+
 # ------------------------------------------------------------------------------- beside a covariance from corners
 
 

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...diagnostics.budget import SHARED
 from ...diagnostics.pose_table import PoseTable
 from ...formatting.numbers import column, digits, fixed, pose_rows, probability
 from ...geometry.pose_numbers import pose_numbers
 from ...geometry.se3 import Array
 from ...likelihood.goodness_of_fit import GoodnessOfFit
 from ...noise.estimate import SHOWN, Component
+from ...noise.joint_covariance import JointCovariance
 from ...noise.models import Noise, PairNoise, is_joint, marginals
 from ...presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
 from ..result import Calibration
@@ -236,8 +236,8 @@ def budget_shares(result: Calibration) -> dict[str, Array]:
 
 def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:
     S = getattr(result.noise, side, None)
-    split = f"{side} {SHARED}" in sources  # into what has no coupling
-    return f"{side} coupling" in sources or (S is not None and is_joint(S) and not split)
+    dense = S is not None and is_joint(S) and not isinstance(S, JointCovariance)
+    return f"{side} coupling" in sources or dense
 
 
 # The directions stand among the numbers of the summary, what is not covered at its end.

@@ -113,6 +113,16 @@ def calibrate_command(
             help="Down-weight outliers and name them, or count all poses in full. Left out: down-weight from 5 poses.",
         ),
     ] = None,
+    correlation: Annotated[
+        str,
+        option(
+            "--correlation",
+            of=("auto", "none"),
+            metavar="NAME",
+            help="Errors of neighbouring poses that are correlated, by drift or in time: auto estimates them with the "
+            "noise and has them in the covariance, none takes poses as independent.",
+        ),
+    ] = "auto",
     seed: Annotated[int, option("--seed", help="Seed of random subsets, bootstrap and cross-check.")] = 0,
     threshold: Annotated[float, typer.Option(min=0.0, max=1.0, help="List correlations from here up.")] = 0.5,
     report: ReportFile = None,
@@ -177,6 +187,7 @@ def calibrate_command(
             robust=robust,
             prior=prior,
             seed=seed,
+            correlation=one_of(correlation, "--correlation", ("auto", "none")),
         )
     check = _cross_check(problem_for(result, poses, known, pairs), seed) if with_cross_check else None
     _deliver(result, as_json, output, report, threshold, not no_compare, check)
