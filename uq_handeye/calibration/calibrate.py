@@ -90,7 +90,8 @@ def calibrate(
     correlation : "auto" or "none"
         Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
         in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model" and
-        "sigma-points") contains it (`noise_estimation.serial_correlation`). With `noise` given it is tested, no more.
+        "sigma-points") contains it (`noise_estimation.serial_correlation`). With `noise` given it is tested, no more;
+        ``bundle`` takes the poses as independent.
 
     Where poses are given, W comes with X (for a published method the mean of ``G X C``, `robot_world`), with its
     covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the
