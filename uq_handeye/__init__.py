@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from .planning.plan import plan
     from .planning.result import Plan
     from .poses.board_symmetry import resolve_turns
-    from .poses.camera_noise import camera_noise
     from .poses.motions import Motions, relative_motions
     from .poses.pose_pairs import PosePairs
     from .poses.stream import Stream
@@ -57,6 +56,7 @@ if TYPE_CHECKING:
     from .procrustes.registration import register
     from .procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
     from .propagation.propagate import propagate
+    from .shared_errors.camera_noise import camera_noise
     from .shared_errors.shared_error import SharedError
     from .simulation.rig import simulate
     from .simulation.sigma_points import SigmaPoints, sigma_points
@@ -218,7 +218,7 @@ _LATER = {
     "planning.plan": ("plan",),
     "planning.result": ("Plan",),
     "poses.board_symmetry": ("resolve_turns",),
-    "poses.camera_noise": ("camera_noise",),
+    "shared_errors.camera_noise": ("camera_noise",),
     "poses.motions": (
         "Motions",
         "relative_motions",

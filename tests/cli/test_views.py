@@ -14,7 +14,7 @@ from uq_handeye.camera.files.board_file import read_board_points
 from uq_handeye.cli.views import INTRINSICS
 from uq_handeye.errors import InputError
 from uq_handeye.io import write_pose_file
-from uq_handeye.poses import camera_noise
+from uq_handeye.shared_errors import camera_noise
 
 BOARD = ("--board", "9x6", "--square", "30mm")
 FAR = stats.chi2.ppf(CONFIDENCE, 6)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # Panel of the help.
 VIEWS = "Noise of finished camera poses by what they saw"
-# Of `poses.camera_noise`, written down once more to be quick.
+# Of `shared_errors.camera_noise`, written down once more to be quick.
 INTRINSICS = ("estimated", "pinhole", "exact")
 
 
@@ -77,7 +77,7 @@ class Views:
 
     def noise(self, poses: "PosePairs") -> "CameraNoise":
         """That of the camera, from what it saw."""
-        from ..poses.camera_noise import camera_noise
+        from ..shared_errors.camera_noise import camera_noise
 
         if self.options.camera_matrix is None:
             given = ", ".join([*self.board.given, *self.options.given]) or "--intrinsics"

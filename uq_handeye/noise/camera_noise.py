@@ -1,7 +1,7 @@
 r"""The noise of camera poses whose pixel noise is still to be found: their joint covariance for one pixel.
 
-Camera poses that come without corners have a covariance of known shape (`poses.camera_noise`): with s the standard
-deviation of the pixels of the corners they were made from,
+Camera poses that come without corners have a covariance of known shape (`shared_errors.camera_noise`): with s the
+standard deviation of the pixels of the corners they were made from,
 
     Sigma(s) = s^2 (blkdiag(own) + F_1 F_1^T) + F_0 F_0^T
 

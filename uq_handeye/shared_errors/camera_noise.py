@@ -41,11 +41,14 @@ from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, skew
 from ..noise.camera_noise import INTRINSICS, CameraNoise, checked_pixels
 from ..noise.joint_covariance import JointCovariance
-from .pose_pairs import PosePairs
+from ..poses.pose_pairs import PosePairs
+from .shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
 
 ESTIMATED, PINHOLE, EXACT = "estimated", "pinhole", "exact"
 # Coefficients that are estimated with the linear intrinsics.
 DISTORTION = ("k1", "k2", "p1", "p2")
+# Points of a target from which on a camera is calibrated with it.
+FEWEST = 8
 # A focal length below this is not in pixels.
 SHORTEST = 10.0
 # The board spans between these shares of its distance; and rises at least by this angle from its plane.
@@ -96,7 +99,9 @@ def camera_noise(
         ``estimated`` from the same pictures, so that their errors go with the pixel noise, ``pinhole`` without any
         distortion; or a covariance, (4, 4) of fx, fy, cx, cy or (1, 1) of one focal length (pixels^2), from another
         calibration. None: the covariance that
-        the `camera_matrix` brings, and ``estimated`` where it brings none.
+        the `camera_matrix` brings; where it brings none ``estimated``, and of fewer than 8 points, such as a single
+        tag, which no camera is calibrated with, a focal length within 0.1 % and a centre within 0.001 of it
+        (`SharedError`).
     pixel_sd : float, text or None
         Standard deviation of a pixel coordinate, pixels; None: `calibrate` estimates it.
     image_size : (width, height) or None
@@ -124,7 +129,7 @@ def camera_noise(
     lens = _lens_of(camera_matrix, image_size)
     _require_scale(C, P)
     _require_in_view(C, P, lens)
-    lens, directions, Sigma = _unknowns(lens, intrinsics)
+    lens, directions, Sigma = _unknowns(lens, intrinsics, len(P))
     A, B = _derivatives(lens, C, P)
     A = A @ directions
     own = _inverse(B.mT @ B, "The views do not determine the pose of the board")
@@ -217,8 +222,14 @@ def _of_known(given: KnownIntrinsics, image_size: tuple[int, int] | None) -> Len
     return Lens(model, mean, np.diag(sd**2) if sd.any() else None, image_size or given.image_size)
 
 
-def _unknowns(lens: Lens, given: Any) -> tuple[Lens, Array, Array | None]:
+def _unknowns(lens: Lens, given: Any, points: int) -> tuple[Lens, Array, Array | None]:
     """The lens, the directions (k, p) in which its intrinsics are open, their covariance; None: to be estimated."""
+    k = len(lens.parameters)
+    if given is None and lens.covariance is None and points < FEWEST:
+        f = lens.parameters[:2].mean()
+        directions = np.stack([np.eye(k)[:2].sum(axis=0), *np.eye(k)[2:4]], axis=-1)
+        sd = f * np.array([DEFAULT_SD[FOCAL_LENGTH], DEFAULT_SD[PRINCIPAL_POINT], DEFAULT_SD[PRINCIPAL_POINT]])
+        return lens, directions, np.diag(sd**2)
     if given is None:
         given = ESTIMATED if lens.covariance is None else lens.covariance
     if isinstance(given, str):
@@ -235,7 +246,6 @@ def _unknowns(lens: Lens, given: Any) -> tuple[Lens, Array, Array | None]:
             lens = replace(lens, model=model, parameters=np.append(lens.parameters, np.zeros(len(model.coefficients))))
         free = np.isin(lens.model.names, [*LINEAR, *DISTORTION]) | (lens.parameters != 0)
         return lens, np.eye(len(free))[:, free], None
-    k = len(lens.parameters)
     try:
         S = np.atleast_2d(np.array(given, dtype=float))
     except (TypeError, ValueError) as error:
