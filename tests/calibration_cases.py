@@ -20,7 +20,6 @@ FITS = {"efficient": efficient, "ml": maximum_likelihood}
 # Two starts of the same iteration, or JSON's digits, are this close.
 CLOSE = 1e-6
 # Said of every estimated noise where a common error of 0.1 % would show.
-LOWER_LIMIT = "The standard deviations are a lower limit"
 
 
 def motions_alone(n=30, seed=SEED):

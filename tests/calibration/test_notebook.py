@@ -82,7 +82,7 @@ def test_html_needs_nothing_else_and_sets_no_colours_of_the_page(result):
     html = result._repr_html_()
     parsed = Balanced(html)
     assert not parsed.seen & {"script", "link", "style", "img", "iframe"}
-    assert {name for name, _ in parsed.attributes} <= {"style", "scope"}
+    assert {name for name, _ in parsed.attributes} <= {"style", "scope", "colspan"}
     assert "http" not in html and "url(" not in html
     assert not re.search(r"[;\"]color:", html)  # the text keeps the colour of a light or a dark page
     assert all("rgba(" in tint for tint in re.findall(r"background:[^;\"]*", html))

@@ -201,11 +201,12 @@ def test_the_summary_has_every_section(given, estimated, poses):
         "Share of the variance of X by its source (%)",
         "Diagnostics:",
         "95 % of all errors lie within d^2",
-        "Systematic errors (wrong",
+        "Errors that all poses share: standard deviation assumed",
     )
     for result in (given, estimated):
         for part in everywhere:
             assert part in result.summary(), part
+        assert "Not covered: " in " ".join(result.summary().split())
     assert "Noise as given" in given.summary() and "robot           0.0200            0.0500" in given.summary()
     assert "chi-square with 6 degrees of freedom" in given.summary()
     assert "Noise, estimated from the residuals" in estimated.summary() and "6 F(6, " in estimated.summary()

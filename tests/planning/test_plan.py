@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import os
-import warnings
 from itertools import combinations
 from pathlib import Path
 
@@ -400,9 +399,7 @@ def test_bad_arguments(change, message):
 
 def test_noise_from_the_poses_so_far(monkeypatch):
     data = simulate(30, noise=NOISE, seed=SEED)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "The standard deviations are a lower limit")  # said of estimated noise
-        found = plan(data, k=2)
+    found = plan(data, k=2)
     given = plan(data, k=2, noise=NOISE)
     assert (found.noise_estimated, given.noise_estimated) == (True, False)
     assert (np.abs(np.log(found.std / given.std)) < np.log(2.5)).all()

@@ -20,8 +20,8 @@ pytestmark = pytest.mark.skipif(
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 ANCHORS = [
-    "answer", "warnings", "ellipses", "rig", "residuals", "budget", "task-space", "methods", "observability", "noise",
-    "covariances", "forms", "repeat", "scope",
+    "answer", "warnings", "ellipses", "rig", "residuals", "budget", "shared", "task-space", "methods", "observability",
+    "noise", "covariances", "forms", "repeat", "scope",
 ]  # fmt: skip
 WIDTHS = (1280, 390)
 

@@ -16,7 +16,7 @@ from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, FITS, MOST_STEPS, Fit,
 from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
 from ..likelihood.robust import RobustFit, fit_robustly
-from ..likelihood.shared_estimates import moves_left_open, resolve_doubts, shared_estimates
+from ..likelihood.shared_estimates import Resolved, moves_left_open, resolve_doubts, shared_estimates
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise_estimation.estimate import FoundNoise, choose_source
@@ -29,7 +29,7 @@ from ..propagation.published_fit import Published, fit_published
 from ..shared_errors.shared_error import CLOCK_OFFSET
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
-from .findings import against_corners, against_data_sheet, wrong_poses
+from .findings import against_corners, against_data_sheet, shared_findings, wrong_poses
 from .request import FEWEST_FOR_ROBUST, OF_NOISE, Job
 from .result import Calibration
 from .result_file import FourDPA
@@ -80,14 +80,14 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         fit = _fitted_again(job, noise, fit)
         finding = _correlation_finding(job, correlated, independent, fit)
         estimate = replace(correlated, findings=(*correlated.findings, finding))
-    left_open: dict[str, float] = {}
+    resolved: Resolved | None = None
     if any(error.doubt is not None for error in job.shared):
         resolved = resolve_doubts(fit, noise, job.shared)
-        job, noise, left_open = replace(job, shared=resolved.errors), resolved.noise, resolved.left_open
+        job, noise = replace(job, shared=resolved.errors), resolved.noise
         fit = _fitted_again(job, noise, fit)
         estimate = None if estimate is None else replace(estimate, noise=noise)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
-    return _assembled(job, noise, fit, start, estimate, robust, left_open)
+    return _assembled(job, noise, fit, start, estimate, robust, resolved)
 
 
 def _fitted_again(job: Job, noise: Noise, found: Fit) -> Fit:
@@ -123,7 +123,7 @@ def _assembled(
     start: Published,
     estimate: NoiseEstimate | None,
     robust: RobustFit | None,
-    left_open: dict[str, float],
+    resolved: Resolved | None,
 ) -> tuple[Calibration, list[Finding]]:
     data, motions, poses = job.data, job.motions, job.poses
     reference = reference_for(fit, estimate)
@@ -133,7 +133,7 @@ def _assembled(
     elif job.covariance != "model":
         found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
         covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
-    beside = moves_left_open(fit, noise, job.shared, left_open)
+    beside = {} if resolved is None else moves_left_open(fit, noise, job.shared, resolved.left_open)
     time_offset, move = _time_offset(poses, fit, covariance)
     if move is not None:
         beside[CLOCK_OFFSET] = move
@@ -160,7 +160,7 @@ def _assembled(
         fit=goodness_of_fit(fit),
         table=table,
         time_offset=time_offset,
-        shared=shared_estimates(fit, noise, job.shared, left_open),
+        shared=shared_estimates(fit, noise, job.shared, resolved),
         analysis=analysis,
     )
     findings = table.findings if robust else wrong_poses(job, noise, table)
@@ -176,9 +176,9 @@ def _assembled(
         findings += check_fit(rest, fit.X, known, None if known is None else fit.covariance_X)
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
+    findings += shared_findings(result)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate)
-        findings += analysis.diagnostics.shared_errors
         if len(data) < FEWEST_FOR_ROBUST:
             values = {"item": table.item, "count": len(data), "needed": FEWEST_FOR_ROBUST}
             findings.append(Finding("calibration.few_for_outliers", "caution", values))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
 from ..diagnostics.pose_table import PoseTable, pose_table
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
@@ -15,12 +18,14 @@ from ..input_checks.checks import check_fit, check_poses, check_rotations
 from ..input_checks.shifted_rows import find_shift, shifted_run
 from ..likelihood.constraint import Unknowns
 from ..likelihood.robust import robust_fit
+from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import rotation_angles
 from ..propagation.published_fit import fit_published
+from ..shared_errors.shared_error import TARGET_SCALE
 from .request import FEWEST_FOR_ROBUST, Job, request
 from .result import Calibration
 
@@ -76,6 +81,62 @@ def against_data_sheet(result: Calibration) -> list[Finding]:
 def against_corners(estimate: NoiseEstimate) -> list[Finding]:
     """Whether the residuals contradict the covariance of camera poses from corners."""
     return [found for found in estimate.findings if found.severity != "note"]
+
+
+# Probability below which an estimate contradicts its prior; a standard deviation, as a share of the one assumed, from
+# which on the data say nothing; the share of the variance along one direction from which on an error makes it up; and
+# the size (rad, or relative to the distance of the target) from which on that leaves X hardly determined.
+CONTRADICTED, UNTOLD, ALL_OF_IT, HARDLY = 1e-3, 0.95, 0.8, 0.02
+
+
+def shared_findings(result: Calibration) -> list[Finding]:
+    """Shared errors that contradict what was assumed of them, that show a wrong size, that X cannot be told from."""
+    found = []
+    for error in result.shared:
+        if error.alone is not None and error.alone_sd is not None and (error.p_value or 0) < CONTRADICTED:
+            factor, unit = error.shown
+            numbers = {"estimate": error.alone, "sd": error.alone_sd, "assumed": error.prior_sd}
+            shown = {name: factor * number for name, number in numbers.items()}
+            values = {"name": error.name, "unit": unit, "p_value": error.p_value} | shown
+            found.append(Finding("calibration.shared_contradicted", "caution", values))
+        if error.name == TARGET_SCALE and error.wide is not None and error.wide > 0.5:
+            size = {"estimate": error.estimate, "sd": error.sd, "square": square_of(result.data)}
+            found.append(Finding("calibration.target_size", "caution", size))
+    groups: dict[str, list[SharedEstimate]] = {}
+    for error in result.shared:
+        if error.share > ALL_OF_IT:
+            groups.setdefault(error.error, []).append(error)
+    return found + [finding for name, errors in groups.items() for finding in _confounded(result, name, errors)]
+
+
+def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]) -> list[Finding]:
+    """That most of an error goes into X, along which directions; a caution where X is hardly determined then."""
+    assert result.covariance is not None and result.analysis is not None
+    S, R = result.covariance, result.X[:3, :3]
+    distance, directions, hardly = result.analysis.diagnostics.spectrum.length_m, [], False
+    for error in errors:
+        parts = {"rotation": error.effect[:3], "translation": error.effect[3:]}
+        blocks = {"rotation": S[:3, :3], "translation": S[3:, 3:]}
+        kind = max(parts, key=lambda part: float(parts[part] @ np.linalg.solve(blocks[part], parts[part])))
+        size = float(np.linalg.norm(parts[kind]))
+        directions.append({"what": kind, "axis": R.T @ parts[kind] / size, "size": size})
+        hardly |= size > (HARDLY if kind == "rotation" else HARDLY * distance)
+    factor, unit = errors[0].shown
+    values = {"name": name, "unit": unit, "assumed": factor * errors[0].prior_sd, "directions": directions}
+    if hardly and not errors[0].default:
+        return [Finding("calibration.shared_opens", "caution", values)]
+    untold = all(error.sd > UNTOLD * error.prior_sd for error in errors)
+    return [Finding("calibration.shared_confounded", "note", values)] if untold else []
+
+
+def square_of(data: Any) -> float | None:
+    """The side of the squares (m) of the board whose corners were seen; None where that is not known."""
+    camera = getattr(data, "camera_calibration", None)
+    points = np.zeros((0, 3)) if camera is None else np.unique(camera.corners.points, axis=0)
+    if len(points) < 4:
+        return None
+    nearest = np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]
+    return float(np.min(nearest)) if np.ptp(nearest) < 1e-3 * np.min(nearest) else None
 
 
 def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from ..diagnostics.sentences import along
 from ..findings import sentence
-from ..formatting.numbers import digits
+from ..formatting.numbers import concise, digits, probability, signed
 
 
 @sentence("calibration.data_sheet_contradicted")
@@ -19,6 +22,65 @@ def _(rotation: float, translation: float, p_value: float) -> str:
 
 def _times(ratio: float) -> str:
     return f"{ratio:.2g} times larger" if ratio > 1 else f"{1 / ratio:.2g} times smaller"
+
+
+@sentence("calibration.shared_contradicted")
+def _(name: str, unit: str, estimate: float, sd: float, assumed: float, p_value: float) -> str:
+    return (
+        f"The residuals contradict what was assumed of the {name}: they ask for {signed(concise(estimate, sd, unit))}, "
+        f"the standard deviation assumed is {f'{digits(assumed, 2)} {unit}'.rstrip()} ({probability(p_value)}). "
+        "Correct its value, or declare it wider."
+    )
+
+
+@sentence("calibration.target_size")
+def _(estimate: float, sd: float, square: float | None) -> str:
+    # Used / true - 1 = e, so that the true size is that used, over 1 + e.
+    true, deviation = 1 / (1 + estimate), sd / (1 + estimate) ** 2
+    if square is not None:
+        found = concise(1e3 * square * true, 1e3 * square * deviation, "mm")
+        return f"The squares measure {found}, not {digits(1e3 * square, 4)}: measure them, and give their size."
+    way = "smaller" if true < 1 else "larger"
+    found = concise(100 * abs(true - 1), 100 * deviation, "%")
+    return f"The target is {found} {way} than assumed: measure it, and give its size."
+
+
+def _directions(directions: Sequence[Mapping[str, Any]]) -> str:
+    """``the rotation of X about the camera's y and x axes``."""
+    ways: dict[str, list[str]] = {}  # axes by what X does
+    for of in directions:
+        turns = of["what"] == "rotation"
+        ways.setdefault("the rotation of X about" if turns else "the translation of X along", []).append(
+            along(of["axis"], "camera")
+        )
+    found = []
+    for way, axes in ways.items():
+        named = all(axis.startswith("camera ") for axis in axes)
+        letters = " and ".join(axis[-1] for axis in axes)
+        named_axes = f"the camera's {letters} {'axis' if len(axes) == 1 else 'axes'}"
+        found.append(f"{way} {named_axes if named else ' and '.join(axes)}")
+    return " and ".join(found)
+
+
+@sentence("calibration.shared_confounded")
+def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, Any]]) -> str:
+    size = f"{digits(assumed, 2)} {unit}".rstrip()
+    return (
+        f"{name[0].upper()}{name[1:]}: cannot be separated from {_directions(directions)}; its assumed {size} goes "
+        "into X in full."
+    )
+
+
+@sentence("calibration.shared_opens")
+def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, Any]]) -> str:
+    turns = directions[0]["what"] == "rotation"
+    most = max(of["size"] for of in directions if of["what"] == directions[0]["what"])
+    open_by = f"{digits(math.degrees(most), 2)} deg" if turns else f"{digits(1e3 * most, 2)} mm"
+    size = f"{digits(assumed, 2)} {unit}".rstrip()
+    return (
+        f"The {name} can hardly be separated from {_directions(directions)}, and its declared {size} leaves that open "
+        f"by {open_by}: X is hardly determined there. Declare what is known of it."
+    )
 
 
 @sentence("calibration.bundle_differs")

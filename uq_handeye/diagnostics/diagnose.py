@@ -27,13 +27,15 @@ from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array, skew
 from ..likelihood.gauss_helmert import Fit, corrected
 from ..noise.camera_noise import INTRINSICS
+from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, is_joint
 from ..noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..shared_errors.shared_error import FOCAL_LENGTH
 from .residual_patterns import residual_tests
 from .result import UNKNOWN_FRAME, Diagnostics, Diversity, Influence, Spectrum
-from .scale_errors import inflation, scale_errors, shared_lengths
+from .scale_errors import PROBED, inflation, scale_errors, shared_lengths
 
 _MM, _DEG = 1e3, 180.0 / np.pi
 
@@ -85,14 +87,11 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
     first, second = corrected(fit, noise, *measured)
     lengths = shared_lengths(first, second, data, poses, on_poses)
     tests = residual_tests(fit, poses if on_poses else None, second, joint)
-    camera = noise.B if isinstance(noise, PairNoise) else noise.camera
     frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
     distance = float(np.sqrt(np.mean(np.sum(second[:, :3, 3] ** 2, axis=-1))))
-    seen = None if poses is None else poses.camera_calibration
     return Diagnostics(
         n=n,
         item="pose" if on_poses else "motion",
-        independent_camera=camera is not None and not is_joint(camera),
         sigma_0=sigma_0,
         spectrum=_spectrum(fit.covariance_X, frame, distance, on_poses),
         influence=_influence(fit.covariance, *_own_parts(white, factor, joint)),
@@ -100,11 +99,22 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
         autocorrelation=tests[0],
         normality=tests[1],
         regression=tests[2],
-        probes=scale_errors(fit, factor, white, lengths, max(1.0, sigma_0) * inflation(tests[0])),
-        focal_covered=camera is not None
-        and is_joint(camera)
-        and (INTRINSICS in getattr(camera, "names", ()) or (seen is not None and "fx" in seen.estimated)),
+        probes=scale_errors(
+            fit, factor, white, lengths, max(1.0, sigma_0) * inflation(tests[0]), _covered(noise, poses)
+        ),
     )
+
+
+def _covered(noise: Noise, poses: PosePairs | None) -> set[str]:
+    """Those of `PROBED` that the noise holds: columns of that name, or of all intrinsics."""
+    if isinstance(noise, PairNoise):
+        return set()
+    joint = [S for S in (noise.robot, noise.camera) if isinstance(S, JointCovariance)]
+    found = {name for S in joint for name in S.names} & set(PROBED)
+    seen = None if poses is None else poses.camera_calibration
+    by_views = isinstance(noise.camera, JointCovariance) and INTRINSICS in noise.camera.names
+    by_corners = is_joint(noise.camera) and seen is not None and "fx" in seen.estimated
+    return found | {FOCAL_LENGTH} if by_views or by_corners else found
 
 
 # ------------------------------------------------------------------------------------------- what X is known to

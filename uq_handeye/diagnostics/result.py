@@ -17,7 +17,7 @@ from ..findings import Finding, texts
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
 from .residual_patterns import RARE, RARE_PATTERN, Autocorrelation, Normality, Regression
-from .scale_errors import FOCAL, ROBOT, SCALE, SCORE, TARGET, ScaleError
+from .scale_errors import PROBED, ScaleError
 
 _MM, _DEG = 1e3, 180.0 / np.pi
 # Of motions that come without poses.
@@ -115,7 +115,6 @@ class Diagnostics:
 
     n: int
     item: str  # "pose" or "motion"
-    independent_camera: bool  # the camera has noise, taken as independent from row to row
     sigma_0: float  # root of chi-square of the fit by its degrees of freedom
     spectrum: Spectrum
     influence: Influence
@@ -124,7 +123,6 @@ class Diagnostics:
     normality: Normality
     regression: Regression
     probes: tuple[ScaleError, ...]
-    focal_covered: bool = False  # the noise contains the error of a focal length estimated with the camera poses
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -139,13 +137,9 @@ class Diagnostics:
         )
 
     @property
-    def shared_errors(self) -> tuple[Finding, ...]:
-        """What noise that is estimated from one camera's poses cannot contain; nothing where it would hardly matter."""
-        focal = self.probes[0]
-        if not self.independent_camera or focal.reason is not None or focal.shift_sd < 1:
-            return ()
-        move = np.linalg.norm(focal.shift[3:])
-        return (_caution("lower_bound", translation=move, shift_sd=focal.shift_sd),)
+    def asked_for(self) -> tuple[ScaleError, ...]:
+        """Shared errors that were not declared and that the residuals ask for."""
+        return tuple(probe for probe in self.probes if probe.asked_for)
 
     @property
     def correlated(self) -> bool:
@@ -180,8 +174,8 @@ class Diagnostics:
         parts = {name: section(kind, data[name], shapes, name, _INFINITE) for name, (kind, shapes) in sizes.items()}
         values = data | parts
         values["probes"] = tuple(section(ScaleError, probe, {"shift": (6,)}) for probe in data["probes"])
-        if tuple(probe.name for probe in values["probes"]) != (FOCAL, TARGET, ROBOT):
-            raise InputError(f"Expected the errors of {FOCAL}, {TARGET} and {ROBOT} among the diagnostics.")
+        if tuple(probe.name for probe in values["probes"]) != PROBED:
+            raise InputError(f"Expected the errors of {', '.join(PROBED)} among the diagnostics.")
         if lags == 0 and values["autocorrelation"].reason is None:
             raise InputError("Expected autocorrelations among the diagnostics, or the reason why there are none.")
         return cls(**values)
@@ -219,28 +213,9 @@ class Diagnostics:
         return found
 
     def _of_shared_errors(self) -> list[Finding]:
-        found, focal = [_note("systematic")], self.probes[0]
-        if self.independent_camera:
-            found.append(_note("independent_camera", item=self.item))
-        for probe in self.probes:
-            if probe.name == FOCAL and self.focal_covered:
-                found.append(_note("focal_covered"))
-            elif probe.reason is not None:
-                found.append(probe.reason)
-            else:
-                turn, move = np.linalg.norm(probe.shift[:3]), np.linalg.norm(probe.shift[3:])
-                values = {"rotation": turn, "translation": move, "shift_sd": probe.shift_sd}
-                found.append(_note("scale_error", name=probe.name, **values))
-        if self.independent_camera and focal.visible:
-            span = focal.sd / SCALE
-            move = span * np.linalg.norm(focal.shift[3:])
-            found.append(_note("focal_range", sd=focal.sd, translation=move, shift_sd=span * focal.shift_sd))
-        wrong = [probe for probe in self.probes if probe.visible and abs(probe.z) > SCORE]
-        for probe in wrong:
-            found.append(_caution("scale_shows", name=probe.name, estimate=probe.estimate, sd=probe.sd, z=probe.z))
-        if {TARGET, ROBOT} <= {probe.name for probe in wrong}:
-            found.append(_note("scales_alike"))
-        return found
+        names = ("name", "estimate", "sd")
+        errors = [{name: getattr(probe, name) for name in names} for probe in self.asked_for]
+        return [_caution("undeclared", errors=errors)] if errors else []
 
 
 _INFINITE = ("shift", "shift_sd", "cook", "condition")

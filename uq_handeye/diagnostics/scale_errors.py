@@ -1,13 +1,15 @@
-r"""Errors that all rows share (focal length, target size, robot scale): what they do to X, and whether they show.
+r"""Errors that all rows share (focal length, target scale, robot scale): what they do to X, and whether they show.
 
 Model: a `Fit`, in the notation of `diagnostics`. The relative error s of a length that all rows share adds ``k s`` to
 r. It moves X by ``-C J^T S^-1 k s``; as one more unknown it is estimated by ``s = k' . r' / |k'|^2`` with the deviation
 ``1 / |k'|``, where k' is the whitened k less what X and W can explain of it (a score test). The lengths are those of
-the poses as the fit corrects them, whose noise is independent of r.
+the poses as the fit corrects them, whose noise is independent of r. Columns of errors that were declared are in S: the
+score of another is beside theirs.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +21,7 @@ from ..noise.square_roots import Factor, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
+from ..shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
 from .residual_patterns import RARE, Autocorrelation
 
 # Estimates of a scale error beyond so many standard deviations are findings.
@@ -28,9 +31,7 @@ SIGNAL = 10.0
 # The error whose effect is stated.
 SCALE = 1e-3
 
-FOCAL = "focal length"
-TARGET = "target size"
-ROBOT = "robot scale"
+PROBED = (FOCAL_LENGTH, TARGET_SCALE, ROBOT_SCALE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,12 @@ class ScaleError(ReadOnlyArrays):
     estimate: float  # relative error of the lengths as given
     sd: float
     z: float
+    covered: bool  # the noise holds it: declared, or the focal length estimated with the camera poses
+
+    @property
+    def asked_for(self) -> bool:
+        """Whether the residuals ask for it beyond chance."""
+        return not self.covered and self.visible and abs(self.z) > SCORE
 
 
 def inflation(found: Autocorrelation) -> float:
@@ -66,15 +73,21 @@ def shared_lengths(
         i, j = data.pairs.T
         depth = along[j] - (second[:, :3, :3] @ along[i, :, None])[..., 0]
     return {
-        FOCAL: None if depth is None else (1, depth),  # the distances from camera to target
-        TARGET: (1, second[:, :3, 3]),
-        ROBOT: (0, first[:, :3, 3]),
+        FOCAL_LENGTH: None if depth is None else (1, depth),  # the distances from camera to target
+        TARGET_SCALE: (1, second[:, :3, 3]),
+        ROBOT_SCALE: (0, first[:, :3, 3]),
     }
 
 
 def scale_errors(
-    fit: Fit, factor: Factor, white: Array, lengths: dict[str, tuple[int, Array] | None], inflation: float
+    fit: Fit,
+    factor: Factor,
+    white: Array,
+    lengths: dict[str, tuple[int, Array] | None],
+    inflation: float,
+    covered: Collection[str] = (),
 ) -> tuple[ScaleError, ...]:
+    """What each of the ``lengths`` does and shows; ``covered`` are those that the noise holds."""
     C, J, r = fit.covariance, white[..., :-1], white[..., -1]
     known = {name: value for name, value in lengths.items() if value is not None}
     changes = [(fit.linear.sides[side][..., 3:] @ change[..., None]) for side, change in known.values()]
@@ -87,14 +100,14 @@ def scale_errors(
     for name, value in lengths.items():
         if value is None:
             reason = Finding("diagnostics.scale_unknown", "note", {"name": name})
-            found.append(ScaleError(name, reason, np.zeros(6), 0.0, False, 0.0, 0.0, 0.0))
+            found.append(ScaleError(name, reason, np.zeros(6), 0.0, False, 0.0, 0.0, 0.0, name in covered))
             continue
         m = list(known).index(name)
         shift = SCALE * response[:6, m]
         size = float(np.linalg.norm(to_unit @ shift))
         if not after[m] > max(1e-9 * before[m], SIGNAL * 3 * len(r)):
-            found.append(ScaleError(name, None, shift, size, False, 0.0, 0.0, 0.0))
+            found.append(ScaleError(name, None, shift, size, False, 0.0, 0.0, 0.0, name in covered))
             continue
         estimate, sd = float(np.sum(rest[..., m] * r) / after[m]), inflation / float(np.sqrt(after[m]))
-        found.append(ScaleError(name, None, shift, size, True, estimate, sd, estimate / sd))
+        found.append(ScaleError(name, None, shift, size, True, estimate, sd, estimate / sd, name in covered))
     return tuple(found)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..findings import sentence
-from ..formatting.numbers import digits, probability
+from ..formatting.numbers import concise, digits, probability, signed
 
 _MM, _DEG = 1e3, 180.0 / math.pi
 # An axis within 25 degrees of a direction gives it its name.
@@ -38,7 +38,7 @@ def direction_words(what: str, largest: float, smallest: float, axis: Sequence[f
         return f"{what} is about equally certain in all directions ({sizes} {unit})"
     ratio = f"{digits(largest / smallest, 2)} times" if smallest > 0 else "infinitely"
     return (
-        f"{what} {way} {_along(axis, frame)} is {ratio} less certain than {way} its best direction ({most} against "
+        f"{what} {way} {along(axis, frame)} is {ratio} less certain than {way} its best direction ({most} against "
         f"{least} {unit})"
     )
 
@@ -64,11 +64,12 @@ def _(length_m: float, length_of: str, largest: float, smallest: float) -> str:
 def _(share: Sequence[float], axis: Sequence[float], frame: str) -> str:
     text = f"The robot turns about three axes: shares {', '.join(f'{round(x, 2):.2g}' for x in share)} of the turning"
     if share[0] > _ONE_AXIS:
-        text += f", nearly all of it about {_along(axis, frame)}: add motions that turn about other axes"
+        text += f", nearly all of it about {along(axis, frame)}: add motions that turn about other axes"
     return f"{text}."
 
 
-def _along(axis: Sequence[float], frame: str) -> str:
+def along(axis: Sequence[float], frame: str) -> str:
+    """The name of an axis of a frame, or its components: ``gripper z``."""
     k, name = max(range(3), key=lambda k: abs(axis[k])), frame if "frame" in frame else f"{frame} frame"
     if abs(axis[k]) > _NEAR:
         return f"{'xyz'[k]} of the {name}" if name == frame else f"{frame} {'xyz'[k]}"
@@ -182,75 +183,24 @@ def _(item: str) -> str:
 # -------------------------------------------------------------------------------------- errors that all rows share
 
 
-@sentence("diagnostics.systematic")
-def _() -> str:
-    return (
-        "Systematic errors (wrong camera intrinsics, wrong robot kinematics, a wrong target) are not covered by the "
-        "covariance."
-    )
-
-
-@sentence("diagnostics.independent_camera")
-def _(item: str) -> str:
-    return (
-        f"The camera noise is taken as independent from {item} to {item}, but all poses of one camera share the error "
-        "of its intrinsics: a focal length error moves all of them along the optical axis. It averages out nowhere and "
-        "hides from the residuals, so the covariance is too optimistic, typically by factors of several. Use the joint "
-        "covariance of the camera poses."
-    )
-
-
-@sentence("diagnostics.lower_bound")
-def _(translation: float, shift_sd: float) -> str:
-    return (
-        "The standard deviations are a lower limit. Noise that is estimated from the poses does not contain what all "
-        "of them share: the error of the camera's intrinsics, of the robot's kinematics. 0.1 % of focal length would "
-        f"move X by {digits(_MM * translation, 2)} mm, {digits(shift_sd, 2)} of its standard deviations. The joint "
-        "covariance of the camera poses would cover it."
-    )
-
-
-@sentence("diagnostics.focal_covered")
-def _() -> str:
-    return "What an error of the focal length does to X is in its covariance."
-
-
 @sentence("diagnostics.scale_unknown")
 def _(name: str) -> str:
     return f"The effect of the {name} is not known: the distances from camera to target are not known."
 
 
-@sentence("diagnostics.scale_error")
-def _(name: str, rotation: float, translation: float, shift_sd: float) -> str:
-    text = (
-        f"An error of 0.1 % in the {name} moves X by {digits(_MM * translation, 2)} mm and "
-        f"{digits(_DEG * rotation, 2)} deg, {digits(shift_sd, 2)} of its standard deviations"
-    )
-    return f"{text}; an error of {digits(0.1 / shift_sd, 2)} % moves it by one." if shift_sd > 1e-6 else f"{text}."
-
-
-@sentence("diagnostics.focal_range")
-def _(sd: float, translation: float, shift_sd: float) -> str:
+@sentence("diagnostics.undeclared")
+def _(errors: Sequence[Mapping[str, Any]]) -> str:
+    asked = [f"{error['name']} {relative(error['estimate'], error['sd'])}" for error in errors]
+    one = len(asked) == 1
     return (
-        f"The residuals tell the focal length only to +- {digits(100 * sd, 2)} %. Over that range X moves by "
-        f"{digits(_MM * translation, 2)} mm, {digits(shift_sd, 2)} of its standard deviations, which do not include it."
+        f"The residuals ask for {'a shared error that was' if one else 'shared errors that were'} not declared: "
+        f"{' or '.join(asked)}. Measure {'it' if one else 'them'}, or declare {'it' if one else 'them'} (shared=[...])."
     )
 
 
-@sentence("diagnostics.scale_shows")
-def _(name: str, estimate: float, sd: float, z: float) -> str:
-    # Lengths that came out too long by s: focal length, target or robot steps are really shorter by s.
-    way = "shorter" if estimate > 0 else "longer"
-    what = {"focal length": "a focal length", "target size": "a target", "robot scale": "robot motions"}[name]
-    return (
-        f"The residuals ask for {what} {digits(100 * abs(estimate), 2)} % {way} (+- {digits(100 * sd, 2)} %, "
-        f"z = {z:.1f})."
-    )
-
-
-@sentence("diagnostics.scales_alike")
-def _() -> str:
-    return "Target size and robot scale act on the residuals alike: which of the two is wrong the data cannot tell."
+def relative(estimate: float, sd: float) -> str:
+    """A relative error with its standard deviation, in percent: ``-4.3(2) %``."""
+    return signed(concise(100 * estimate, 100 * sd, "%"))
 
 
 # --------------------------------------------------------------------------------------------------- split halves

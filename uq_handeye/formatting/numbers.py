@@ -110,6 +110,11 @@ def concise(value: float, std: float | None, unit: str = "") -> str:
     return f"{text}{scale} {unit}".rstrip()
 
 
+def signed(number: str) -> str:
+    """A number as text, with a plus where it has no minus."""
+    return number if number.startswith("-") else f"+{number}"
+
+
 def row(label: str, names: str, values: Array | None, std: Array | None, decimals: int, width: int = 22) -> str:
     """A line of named values with their standard deviations."""
     parts = []

@@ -15,6 +15,9 @@ LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "
 RATIO_UNITS = {"%": 1e-2, "ppm": 1e-6}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "\u03bcs": 1e-6}
 
+# Factor and unit in which people read relative numbers, angles and times that are small.
+_SMALL = {"": (1e2, "%"), "rad": (1e3, "mrad"), "s": (1e3, "ms")}
+
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s.+-]*)\s*")
 
 
@@ -91,3 +94,12 @@ def parse_deviations(value: tuple[str | float, str | float], name: str) -> tuple
         if number > 1e9:
             raise InputError(f"Expected the standard deviations of {name} to be below 1e9, got {text!r}.")
     return rotation, translation
+
+
+def small_unit(unit: str) -> tuple[float, str]:
+    """Factor and name of the unit in which a small number is read: %, mrad, ms; another unit is left.
+
+    >>> small_unit("")
+    (100.0, '%')
+    """
+    return _SMALL.get(unit, (1.0, unit))

@@ -30,6 +30,7 @@ import numpy as np
 from scipy.special import erfc
 
 from ..files.validate import array_of
+from ..formatting.units import small_unit
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise
@@ -60,6 +61,14 @@ class SharedEstimate(ReadOnlyArrays):
     alone_sd: float | None
     effect: Array  # (6,) of X (rad, m) for an error of one prior standard deviation, once the fit has done its best
     share: float  # of the variance of X, in the direction where it matters most
+    default: bool = False  # assumed, not declared
+    wide: float | None = None  # where there was doubt: the probability of the wider prior
+    focal_length_px: float | None = None  # of a principal point, where it is known
+
+    @property
+    def shown(self) -> tuple[float, str]:
+        """Factor and unit in which people read it."""
+        return small_unit(self.unit) if self.focal_length_px is None else (self.focal_length_px, "px")
 
     @property
     def p_value(self) -> float | None:
@@ -77,7 +86,10 @@ class SharedEstimate(ReadOnlyArrays):
     def from_dict(cls, data: dict[str, Any]) -> SharedEstimate:
         """The inverse of `to_dict`."""
         result = cls(**data | {"effect": array_of(data["effect"], (6,), "shared.effect")})
-        if not (result.prior_sd > 0 and result.sd >= 0 and 0 <= result.share <= 1):
+        known = (result.alone is None) == (result.alone_sd is None) and (result.alone_sd is None or result.alone_sd > 0)
+        focal = result.focal_length_px is None or result.focal_length_px > 0
+        sizes = result.prior_sd > 0 and result.sd >= 0 and 0 <= result.share <= 1 and 0 <= (result.wide or 0) <= 1
+        if not (known and focal and sizes):
             raise ValueError(f"the shared error {result.name!r} has numbers that cannot be")
         return result
 
@@ -89,18 +101,19 @@ class Resolved(ReadOnlyArrays):
     noise: Noise
     errors: tuple[SharedError, ...]
     left_open: dict[str, float]  # standard deviation of the error, by its name: which of the two parts it is
+    wide: dict[str, float]  # the probability of the wider prior, by the name of the error
 
 
 def resolve_doubts(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> Resolved:
     """One Gaussian prior in place of each mixture; see the module. ``fit`` is that with the wide ones."""
-    resolved, factors, left_open = list(errors), {}, {}
+    resolved, factors, left_open, wider = list(errors), {}, {}, {}
     found = {estimate.name: estimate for estimate in shared_estimates(fit, noise, errors)}
     for k, error in enumerate(errors):
         if error.doubt is None:
             continue
         t, wide = float(error.sd[0]), error.doubt.sd
         estimate = found[error.name]
-        variance = t * t
+        variance, wider[error.name] = t * t, error.doubt.probability
         if estimate.alone is not None and estimate.alone_sd is not None:
             a, s2 = estimate.alone, estimate.alone_sd**2
             spread = np.array([s2 + t * t, s2 + wide * wide])
@@ -108,6 +121,7 @@ def resolve_doubts(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> Res
                 [1 - error.doubt.probability, error.doubt.probability]
             )
             v = float(1.0 / (1.0 + np.exp(np.clip(logs[0] - logs[1], -700, 700))))
+            wider[error.name] = v
             shrink = np.array([t * t, wide * wide]) / spread
             one = float((1.0 - v) * shrink[0] + v * shrink[1])
             variance = s2 * one / (1.0 - one)
@@ -118,7 +132,7 @@ def resolve_doubts(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> Res
     if factors:
         assert isinstance(noise, PoseNoise)
         noise = PoseNoise(*(_rescaled(S, factors) for S in (noise.robot, noise.camera)))
-    return Resolved(noise, tuple(resolved), left_open)
+    return Resolved(noise, tuple(resolved), left_open, wider)
 
 
 def _rescaled(S: Any, factors: dict[str, float]) -> Any:
@@ -164,11 +178,11 @@ def _joint(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> _Joint | No
 
 
 def shared_estimates(
-    fit: Fit, noise: Noise, errors: Sequence[SharedError], left_open: Mapping[str, float] | None = None
+    fit: Fit, noise: Noise, errors: Sequence[SharedError], resolved: Resolved | None = None
 ) -> tuple[SharedEstimate, ...]:
     """Those of the errors that the noise of this fit has columns of, in the order of ``errors``.
 
-    ``left_open`` are standard deviations that `resolve_doubts` leaves beside the noise.
+    ``resolved``: what `resolve_doubts` made of those with doubt.
     """
     joint = _joint(fit, noise, errors)
     if joint is None:
@@ -178,7 +192,7 @@ def shared_estimates(
     for k, (error, name, sd) in enumerate(joint.parts):
         told, value, effect = float(joint.told[k]), sd * float(joint.z[k]), joint.response[:6, k]
         left = 1.0 - told
-        more = 0.0 if left_open is None else left_open.get(name, 0.0)
+        more = 0.0 if resolved is None else resolved.left_open.get(name, 0.0)
         says = told > NOTHING
         found.append(
             SharedEstimate(
@@ -186,6 +200,7 @@ def shared_estimates(
                 float(np.hypot(sd * np.sqrt(left), more)),
                 value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
                 effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
+                error.default, None if resolved is None else resolved.wide.get(name), error.focal_length_px,
             )
         )  # fmt: skip
     return tuple(found)

@@ -29,6 +29,7 @@ from .sections_data import (
     observability_section,
     residuals_section,
     rig_section,
+    shared_section,
 )
 from .sections_repeat import repeat_section
 from .sections_result import (
@@ -114,6 +115,7 @@ def report_html(
         *camera_sections(result),
         residuals_section(result, drawings),
         budget_section(result, drawings),
+        shared_section(result, drawings),
         task_space_section(result, drawings),
         methods_section(found.comparison, found.reason, found.note, drawings.get("methods")),
         observability_section(result),

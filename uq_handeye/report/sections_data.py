@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..calibration.report.analysis import budget_table, covariance_table, noise_blocks, pair_table, pose_table
-from ..calibration.report.time_offset import offset_sentence
+from ..calibration.report.shared_errors import included_words, shared_blocks
 from ..formatting.numbers import fixed
 from ..presentation.document import Block, Cell, Drawing, Paragraph, Points, Section, Table
 
@@ -74,6 +74,14 @@ def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Sect
         text = needs("The budget is worked out", result)
         return Section("budget", title, [Paragraph(text, empty=True)])
     return Section("budget", title, [drawings["budget"], table])
+
+
+def shared_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """Errors that all poses share: what was assumed, what was found."""
+    blocks: list[Block] = [drawings[stem] for stem in ("shared",) if stem in drawings]
+    return Section(
+        "shared", "Errors that all poses share", [Paragraph(included_words(result)), *blocks, *shared_blocks(result)]
+    )
 
 
 def methods_section(comparison: Comparison | None, reason: str, note: str, drawing: Drawing | None) -> Section:
@@ -171,8 +179,6 @@ def noise_section(result: Calibration) -> Section:
     blocks = noise_blocks(result)
     if result.fit is None and result.noise is not None:
         blocks.append(Paragraph(needs("The chi-square test of the residuals is made", result), empty=True))
-    if text := offset_sentence(result):
-        blocks.append(Paragraph(text))
     return Section("noise", "The noise", blocks)
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..calibration.points_ahead import ahead
-from ..calibration.report.text import answer, directions, ellipsoid_words, of_corners, parent_frame, source_words
+from ..calibration.report.shared_errors import included_words
+from ..calibration.report.text import answer, directions, ellipsoid_words, not_covered, parent_frame, source_words
 from ..formatting.numbers import concise, fixed
 from ..geometry.pose_numbers import pose_numbers
 from ..geometry.se3 import Array
@@ -172,20 +173,19 @@ def scope_section(result: Calibration, convention: str) -> Section:
     blocks: list[Block] = []
     if result.std is not None:
         order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
-        blocks.append(Paragraph(f"All standard deviations are 1 sigma, {order}, of {source_words(result)}."))
+        blocks.append(
+            Paragraph(
+                f"All standard deviations are 1 sigma, {order}, of {source_words(result)}. {included_words(result)}"
+            )
+        )
         blocks.append(Paragraph(ellipsoid_words(result)))
-    known = of_corners(result)
-    camera = "a wrong model of the camera" if known else "wrong intrinsics of the camera"
-    not_covered: Sequence[str] = (
-        f"Systematic errors: {camera}, wrong kinematics of the robot, a wrong size of the target. All poses share "
-        "them, they do not average out, and residuals hardly show them.",
-        "Errors of the robot that are common to many poses. Those of the camera's intrinsics are in the numbers, by "
-        "the joint covariance of the camera poses."
-        if known
-        else "Errors that are common to many poses, unless the noise was given as a joint covariance over the poses.",
+    missing: Sequence[str] = (
+        f"Systematic errors: {', '.join(not_covered(result))}. All poses share them, they do not average out, and "
+        "residuals hardly show them.",
+        "Errors that are common to many poses but not to all, such as those of one part of the workspace.",
         "What changed during or after the recording: a camera or target that was moved, temperature, a wrong time.",
         "Residuals are no accuracy: they say how well the data fit together, not how near X is to the truth.",
     )
-    blocks += [Paragraph("The numbers do not contain:"), Points(not_covered)]
+    blocks += [Paragraph("The numbers do not contain:"), Points(missing)]
     blocks.append(Paragraph(f"Convention of every covariance: {convention}."))
     return Section("scope", "What the numbers cover", blocks)

@@ -81,6 +81,8 @@ class SharedError(ReadOnlyArrays):
     parts: tuple[str, ...]  # the name of each of the k numbers
     effect: Callable[[PosePairs], Array]  # (n, 6, k) per unit
     doubt: Doubt | None = None  # that its one number is that small
+    default: bool = False  # assumed, not declared
+    focal_length_px: float | None = None  # of a principal point in pixels
 
     @property
     def widest(self) -> Array:
@@ -112,7 +114,9 @@ class SharedError(ReadOnlyArrays):
                 )
             sd = pixels / focal_length_px
         each = _sd(sd, PRINCIPAL_POINT, parse_angle)
-        return cls(PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), names, _rays)
+        return cls(
+            PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), names, _rays, focal_length_px=focal_length_px
+        )  # fmt: skip
 
     @classmethod
     def target_scale(cls, sd: float | str = DEFAULT_SD[TARGET_SCALE]) -> SharedError:
@@ -176,7 +180,8 @@ def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
     ``intrinsics_known``: the covariance of the camera poses holds that already, as from corners.
     """
     size = replace(SharedError.target_scale(), doubt=WRONG_SIZE)
-    return (size,) if intrinsics_known else (SharedError.focal_length(), SharedError.principal_point(), size)
+    errors = (size,) if intrinsics_known else (SharedError.focal_length(), SharedError.principal_point(), size)
+    return tuple(replace(error, default=True) for error in errors)
 
 
 def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:

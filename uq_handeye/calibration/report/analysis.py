@@ -240,8 +240,8 @@ def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:
     return f"{side} coupling" in sources or dense
 
 
-# The directions stand among the numbers of the summary, what is not covered at its end.
-_SAID_ELSEWHERE = {"diagnostics.direction", "diagnostics.systematic"}
+# The directions stand among the numbers of the summary.
+_SAID_ELSEWHERE = {"diagnostics.direction"}
 
 
 def diagnosis_blocks(result: Calibration) -> list[Block]:
@@ -249,9 +249,7 @@ def diagnosis_blocks(result: Calibration) -> list[Block]:
     analysis = result.analysis
     if analysis is None:
         return []
-    lower_bound = any(finding.code == "diagnostics.lower_bound" for finding in result.findings)
-    elsewhere = _SAID_ELSEWHERE | ({"diagnostics.independent_camera"} if lower_bound else set())
-    found = [f for f in analysis.diagnostics.findings if f.code not in elsewhere]
+    found = [f for f in analysis.diagnostics.findings if f.code not in _SAID_ELSEWHERE]
     found.sort(key=lambda f: f.code != "diagnostics.joint_spectrum")  # that one first
     found += [analysis.split_half.finding, analysis.split_in_time.finding]
     below = [f for f in found if f not in result.findings]

@@ -7,6 +7,7 @@ from ...geometry.pose_numbers import POSE_NUMBERS, pose_numbers
 from ...presentation.document import Caution, Paragraph, Table
 from ...presentation.notebook import heat_html, html_of, matrix_html, to_html
 from ..result import Calibration
+from .shared_errors import shared_blocks
 from .text import answer, directions
 
 
@@ -31,8 +32,13 @@ def calibration_html(result: Calibration) -> str:
         ]
     return to_html(
         f"{result.frame} by {result.method}",
-        [Paragraph(answer(result)), *map(Caution, result.warnings), [table, *map(Paragraph, directions(result))]],
+        [
+            Paragraph(answer(result)),
+            *map(Caution, result.warnings),
+            [table, *map(Paragraph, directions(result))],
+            shared_blocks(result),
+        ],
         beside=f"{origin}{setup}",
-        seen=len(result.warnings) + 2,
+        seen=len(result.warnings) + 3,
         folded=folded,
     )

@@ -14,9 +14,8 @@ from ...geometry.conventions import COMPONENTS
 from ...geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...geometry.principal_axes import principal_axes
 from ...geometry.se3 import Array
-from ...noise.joint_covariance import JointCovariance
-from ...noise.models import PoseNoise
 from ...presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
+from ...shared_errors.shared_error import FOCAL_LENGTH, TARGET_SCALE
 from ..result import Calibration
 from .analysis import (
     beside_blocks,
@@ -27,12 +26,8 @@ from .analysis import (
     noise_blocks,
     pair_table,
 )
-from .time_offset import offset_sentence
+from .shared_errors import included_words, of_camera, shared_blocks
 
-_NOT_COVERED = (
-    "The standard deviations are 1 sigma, to first order, of {source}. Systematic errors ({errors}) are not "
-    "covered{but}."
-)
 _SOURCES = {
     "model": "the noise given",
     "sigma-points": "the noise given",
@@ -62,7 +57,7 @@ def calibration_document(result: Calibration, threshold: float = 0.5) -> Documen
         *([beside] if (beside := beside_blocks(result)) else []),
         noise_blocks(result),
         pair_table(result),
-        Paragraph(offset_sentence(result)),
+        shared_blocks(result),
         flagged_blocks(result),
         *tables,
         diagnosis_blocks(result),
@@ -82,11 +77,7 @@ def answer(result: Calibration) -> str:
     text = f"{digits(move, 2)} mm and {digits(turn, 2)} deg (1 sigma, worst axis)"
     order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
     source = f"{order} of {source_words(result)}"
-    if any(finding.code == "diagnostics.lower_bound" for finding in result.findings):
-        text = f"{result.frame} is known at best to {text}, {source}: that does not contain the errors that all poses "
-        text += "share, such as those of the camera's intrinsics."
-    else:
-        text = f"{result.frame} is known to {text}, {source}."
+    text = f"{result.frame} is known to {text}, {source}. {included_words(result)}"
     if result.analysis is not None and result.covariance_kind != "hac":
         found = result.analysis.diagnostics
         if found.correlated and found.autocorrelation.growth > 1.1:
@@ -145,17 +136,17 @@ def _scope(result: Calibration) -> list[Block]:
     within = ellipsoid_words(result)
     if result.analysis is not None:
         within += " Moves of X above are such a d, in standard deviations."
-    known = of_corners(result)
-    errors = f"{'a wrong camera model' if known else 'wrong intrinsics'}, wrong robot kinematics, a wrong target"
-    but = "; the uncertainty of the intrinsics is" if known else ""
-    scope = _NOT_COVERED.format(source=source_words(result), errors=errors, but=but)
-    return [Paragraph(within), Paragraph(scope)]
+    shared = " and of the shared errors in the table" if result.shared else ""
+    scope = f"The standard deviations are 1 sigma, to first order, of {source_words(result)}{shared}."
+    return [Paragraph(within), Paragraph(f"{scope} Not covered: {', '.join(not_covered(result))}.")]
 
 
-def of_corners(result: Calibration) -> bool:
-    """Whether the noise of the camera poses is the joint covariance that their corners give."""
-    noise = result.noise
-    return isinstance(noise, PoseNoise) and isinstance(noise.camera, JointCovariance)
+def not_covered(result: Calibration) -> list[str]:
+    """Systematic errors that the covariance does not include."""
+    names = {error.error for error in result.shared}
+    camera = "a wrong model of the camera" if of_camera(result) or FOCAL_LENGTH in names else "wrong intrinsics"
+    target = "a bent target" if TARGET_SCALE in names else "a wrong size of the target"
+    return [camera, "wrong robot kinematics", target]
 
 
 def _other_forms(result: Calibration) -> list[Block | list[Block]]:

@@ -1,0 +1,145 @@
+"""Errors that all poses share, as people read them: the table, the total, what contradicts or opens X; the file."""
+
+import json
+
+import numpy as np
+import pytest
+from calibration_cases import quietly
+from support import SEED
+
+import uq_handeye as uq
+from uq_handeye.calibration.report.shared_errors import included_words, shared_table
+from uq_handeye.findings import Finding
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.03deg", "0.1mm"))
+SHARED = uq.SharedError
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return uq.simulate(25, noise=NOISE, seed=SEED)
+
+
+@pytest.fixture(scope="module")
+def by_default(poses):
+    return quietly(poses)
+
+
+def with_size(poses, factor):
+    camera = poses.camera.copy()
+    camera[:, :3, 3] *= factor
+    return uq.PosePairs(poses.robot, camera, poses.setup)
+
+
+def codes(result):
+    return {finding.code: finding.severity for finding in result.findings}
+
+
+def flat(text):
+    return " ".join(text.split())
+
+
+def test_the_total_says_what_it_includes(poses, by_default):
+    sigma = 1e3 * by_default.weakest_translation[1]
+    first = flat(by_default.summary())
+    assert f"is known to {sigma:.2g} mm and " in first
+    said = "This total includes what all poses share: focal length 0.1 %, principal point 1 mrad, target scale 0.02"
+    assert said in first and "% (defaults)." in first
+    without = quietly(poses, shared=[])
+    assert included_words(without) == "Errors that all poses share are not included."
+    assert included_words(without) in flat(without.summary()) and included_words(without) in flat(without._repr_html_())
+    assert without.weakest_rotation[1] < by_default.weakest_rotation[1]
+    in_pixels = SHARED.principal_point("1px", focal_length_px=800)
+    one = quietly(poses, noise=NOISE, shared=[SHARED.focal_length("0.05%"), in_pixels])
+    assert included_words(one).endswith("share: focal length 0.05 %, principal point 1 px.")
+
+
+def test_one_table_has_those_assumed_and_those_that_are_not(by_default, poses):
+    rows = {row[0]: row[1:] for row in shared_table(by_default).rows}
+    assert list(rows) == ["focal length", "principal point x", "principal point y", "target scale", "robot scale"]
+    focal = by_default.shared[0]
+    assert rows["focal length"][0] == "0.1 % (default)" and rows["focal length"][2] == f"{100 * focal.share:.1f} %"
+    assert rows["focal length"][1].endswith(") %") and rows["principal point x"][0] == "1 mrad (default)"
+    assert rows["robot scale"][0][0].startswith("not declared: the residuals ask for ")
+    declared = quietly(poses, noise=NOISE, shared=[SHARED.robot_scale("0.01%")])
+    found = {row[0]: row[1:] for row in shared_table(declared).rows}
+    assert found["robot scale"][0] == "0.01 % (declared)" and found["focal length"][0][0].startswith("not declared")
+
+
+@pytest.mark.parametrize("factor", [1.01, 0.99])
+def test_a_wrong_size_is_said_with_its_way_and_that_scales_look_alike(poses, factor):
+    result = quietly(with_size(poses, factor))
+    assert codes(result)["calibration.target_size"] == "caution"
+    cautions = [text for text in result.warnings if text.startswith("The target is")]
+    assert len(cautions) == 1 and f"% {'smaller' if factor > 1 else 'larger'} than assumed" in cautions[0]
+    error = next(error for error in result.shared if error.name == "target scale")
+    assert error.wide > 0.99 and abs(error.estimate - (factor - 1)) < 5 * error.sd
+    assert "the data cannot tell which is wrong" in flat(result.summary())
+
+
+def test_what_is_not_declared_is_asked_for_once(poses):
+    result = quietly(with_size(poses, 1.01), noise=NOISE)
+    said = [text for text in result.warnings if "not declared" in text]
+    assert len(said) == 1 and "target scale +1.0" in said[0] and "robot scale -1.0" in said[0]
+    assert flat(result.summary()).count("shared errors that were not declared") == 1
+    assert "diagnostics.undeclared" not in codes(quietly(poses, noise=NOISE))
+
+
+def test_the_squares_are_measured():
+    values = {"estimate": 30 / 29.7 - 1, "sd": 0.04 / 29.7 * 30 / 29.7, "square": 0.03}
+    said = str(Finding("calibration.target_size", "caution", values))
+    assert said.startswith("The squares measure 29.700(40) mm, not 30:")
+    assert "1.00(13) % smaller" in str(
+        Finding("calibration.target_size", "caution", values | {"square": None, "sd": 1.3e-3})
+    )
+
+
+def test_a_prior_that_the_data_contradict_is_said(poses):
+    result = quietly(with_size(poses, 1.01), noise=NOISE, shared=[SHARED.target_scale("0.01%")])
+    said = [text for text in result.warnings if "contradict what was assumed of the target scale" in text]
+    assert len(said) == 1 and "ask for +1.0" in said[0] and "assumed is 0.01 %" in said[0]
+    assert "calibration.shared_contradicted" not in codes(
+        quietly(poses, noise=NOISE, shared=[SHARED.target_scale("1%")])
+    )
+
+
+def test_what_X_cannot_be_told_from_is_named_with_its_direction(by_default, poses):
+    assert codes(by_default)["calibration.shared_confounded"] == "note"
+    said = "Principal point: cannot be separated from the rotation of X about the camera's y and x axes; its assumed 1"
+    assert said in flat(by_default.summary()) and not any("Principal" in text for text in by_default.warnings)
+    wide = quietly(poses, noise=NOISE, shared=[SHARED.principal_point("5deg")])
+    assert codes(wide)["calibration.shared_opens"] == "caution"
+    assert any("its declared 87 mrad leaves that open by" in text for text in wide.warnings)
+
+
+def test_shared_errors_and_their_table_survive_a_file(by_default, poses):
+    px = quietly(poses, noise=NOISE, shared=[SHARED.principal_point("1px", focal_length_px=800)])
+    for result in (by_default, px, quietly(with_size(poses, 1.01))):
+        again = uq.Calibration.from_dict(json.loads(result.to_json()))
+        assert again.to_json() == result.to_json() and again.summary() == result.summary()
+        assert shared_table(again) == shared_table(result)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"prior_sd": 0.0}, {"sd": -1e-3}, {"share": 1.5}, {"wide": 2.0}, {"effect": [0.0] * 5}, {"name": 3},
+        {"alone_sd": None}, {"focal_length_px": -1.0}, {"default": "yes"}, {"unknown": 1},
+    ],
+)  # fmt: skip
+def test_damaged_shared_errors_are_refused_by_one_line(by_default, change):
+    data = json.loads(by_default.to_json())
+    data["shared"][0] |= change
+    with pytest.raises(uq.InputError, match="damaged") as error:
+        uq.Calibration.from_dict(data)
+    assert "\n" not in str(error.value)
+
+
+def test_an_offset_between_clocks_is_a_row():
+    rng = np.random.default_rng(SEED)
+    poses = uq.simulate(25, noise=NOISE, seed=SEED)
+    timing = uq.poses.timing.Timing(0.0123, 4e-4, 0.1 * rng.normal(size=(25, 6)), "robot")
+    result = quietly(uq.PosePairs(poses.robot, poses.camera, poses.setup, np.arange(25.0), None, (), timing))
+    row = next(row for row in shared_table(result).rows if row[0] == "clock offset")
+    assert row[1:] == ["estimated from the streams", "12.30(40) ms", f"{100 * result.time_offset.share:.1f} %"]
+    assert "clock offset 0.4 ms" in included_words(result)

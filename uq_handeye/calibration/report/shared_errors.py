@@ -1,0 +1,130 @@
+"""Errors that all poses share, as a table, and in words what the total includes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...diagnostics.scale_errors import ScaleError
+from ...diagnostics.sentences import relative
+from ...formatting.numbers import concise, digits
+from ...likelihood.shared_estimates import SharedEstimate
+from ...noise.camera_noise import INTRINSICS
+from ...noise.joint_covariance import JointCovariance
+from ...noise.models import PoseNoise, is_joint
+from ...presentation.document import Block, Cell, Points, Table
+from ...shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
+from ..result import Calibration
+from .time_offset import offset_sentence
+
+CAPTION = (
+    "Errors that all poses share: standard deviation assumed, estimate with its standard deviation in brackets after "
+    "the fit, and share of the variance of X in the direction where it counts most. An error is used / true - 1 for "
+    "lengths: +1 % says that the true value is 1 % smaller than the one used."
+)
+# Findings that belong to the table.
+SHARED_CODES = ("calibration.shared_confounded", "calibration.shared_opens")
+
+
+def shared_table(result: Calibration) -> Table | None:
+    """One row for each error that was declared or assumed, then those that were not; None where nothing is known."""
+    rows: list[list[Cell]] = [_declared(error) for error in result.shared]
+    if (found := result.time_offset) is not None and found.std > 0:
+        known = concise(1e3 * found.offset, 1e3 * found.std, "ms")
+        rows.append([CLOCK_OFFSET, "estimated from the streams", known, f"{100 * found.share:.1f} %"])
+    if result.analysis is not None:
+        names = {error.name for error in result.shared}
+        rows += [
+            [probe.name, (_undeclared(probe), 3)] for probe in result.analysis.diagnostics.probes
+            if probe.name not in names
+        ]  # fmt: skip
+    return Table(CAPTION, ["error", "assumed", "found", "share"], rows, frozenset({1})) if rows else None
+
+
+def shared_blocks(result: Calibration) -> list[Block]:
+    """The table, and what is to be known beside it."""
+    table = shared_table(result)
+    notes = [str(found) for found in result.findings if found.code in SHARED_CODES and found.severity == "note"]
+    if look_alike(result):
+        notes.append("Target scale and robot scale act on the residuals alike: the data cannot tell which is wrong.")
+    if text := offset_sentence(result):
+        notes.append(text)
+    return [*([] if table is None else [table]), *([Points(notes)] if notes else [])]
+
+
+def look_alike(result: Calibration) -> bool:
+    """Whether the residuals ask for a scale, of which they cannot say whether it is the target's or the robot's."""
+    asked = {probe.name for probe in _probes(result) if probe.asked_for}
+    asked |= {error.name for error in result.shared if error.wide is not None and error.wide > 0.5}
+    return bool(asked & {TARGET_SCALE, ROBOT_SCALE})
+
+
+def _probes(result: Calibration) -> Sequence[ScaleError]:
+    return () if result.analysis is None else result.analysis.diagnostics.probes
+
+
+def _declared(error: SharedEstimate) -> list[Cell]:
+    factor, unit = error.shown
+    assumed = f"{amount(error)} ({'default' if error.default else 'declared'})"
+    found = concise(factor * error.estimate, factor * error.sd, unit)
+    return [error.name, assumed, found, f"{100 * error.share:.1f} %"]
+
+
+def _undeclared(probe: ScaleError) -> str:
+    if probe.covered:
+        return "in the covariance of the camera poses, with the other intrinsics"
+    if probe.reason is not None:
+        return "not declared: the distances from camera to target are not known"
+    move = f"0.1 % moves X by {digits(probe.shift_sd, 2)} of its standard deviations"
+    if not probe.visible:
+        return f"not declared: the residuals do not show it; {move}"
+    return f"not declared: the residuals ask for {relative(probe.estimate, probe.sd)}; {move}"
+
+
+def amount(error: SharedEstimate) -> str:
+    """The standard deviation assumed, in the unit that people read."""
+    factor, unit = error.shown
+    return f"{digits(factor * error.prior_sd, 2)} {unit}".rstrip()
+
+
+# -------------------------------------------------------------------------------------------- what the total includes
+
+
+def included_words(result: Calibration) -> str:
+    """Which shared errors the covariance of X includes, as a sentence."""
+    parts, defaults = _included(result)
+    if not parts:
+        return "Errors that all poses share are not included."
+    said = {0: "", len(parts): " (defaults)" if len(parts) > 1 else " (default)"}.get(defaults)
+    named = [part if said is not None or not default else f"{part} (default)" for part, default in parts]
+    return f"This total includes what all poses share: {', '.join(named)}{said or ''}."
+
+
+def _included(result: Calibration) -> tuple[list[tuple[str, bool]], int]:
+    """What is included, whether by default; and how many are by default."""
+    parts: list[tuple[str, bool]] = []
+    if result.covariance_kind in ("model", "sigma-points"):
+        if of_camera(result):
+            parts.append(("errors of the intrinsics", False))
+        elif isinstance(result.noise, PoseNoise) and _unnamed(result.noise):
+            parts.append(("the joint covariance of the noise", False))
+        groups: dict[str, list[SharedEstimate]] = {}
+        for error in result.shared:
+            groups.setdefault(error.error, []).append(error)
+        for name, errors in groups.items():
+            sizes = list(dict.fromkeys(map(amount, errors)))
+            parts.append((f"{name} {' and '.join(sizes)}", errors[0].default))
+    if result.time_offset is not None and result.time_offset.std > 0:
+        parts.append((f"{CLOCK_OFFSET} {digits(1e3 * result.time_offset.std, 2)} ms", False))
+    return parts, sum(default for _, default in parts)
+
+
+def of_camera(result: Calibration) -> bool:
+    """Whether the noise of the camera poses holds the errors of the intrinsics, from corners or by geometry."""
+    S = result.noise.camera if isinstance(result.noise, PoseNoise) else None
+    return isinstance(S, JointCovariance) and bool({INTRINSICS, ""} & set(S.names))
+
+
+def _unnamed(noise: PoseNoise) -> bool:
+    """Whether a side has a joint covariance that was given as such."""
+    joint = [S for S in (noise.robot, noise.camera) if is_joint(S)]
+    return any(not isinstance(S, JointCovariance) or "" in S.names for S in joint)
