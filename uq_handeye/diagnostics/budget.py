@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..geometry.se3 import Array
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit
+from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, is_joint, require_count
 from ..noise.square_roots import pulled, whiten
@@ -209,7 +210,7 @@ def budget_of_sensitivities(
         if isinstance(S, JointCovariance):
             together = D @ S.shared  # of the errors that all poses share
             whole = together.sum(axis=0)
-            if all(S.names):  # declared errors beside a noise of its own
+            if all(S.names) and INTRINSICS not in S.names:  # declared errors beside a noise of its own
                 own_names, own_parts = _by_kind(name, D, S.own)
                 sources += own_names
                 parts += own_parts
