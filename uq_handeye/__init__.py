@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .estimators.nguyen import nguyen
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .geometry.nearest_rotation import orthonormalise
-    from .io import read_noise_file, read_poses, read_stream
+    from .io import read_noise_file, read_poses, read_shared_errors, read_stream
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
     from .likelihood.shared_estimates import SharedEstimate
@@ -133,6 +133,7 @@ __all__ = [
     "read_intrinsics",
     "read_noise_file",
     "read_poses",
+    "read_shared_errors",
     "read_stream",
     "register",
     "relative_motions",
@@ -194,6 +195,7 @@ _LATER = {
     "io": (
         "read_noise_file",
         "read_poses",
+        "read_shared_errors",
         "read_stream",
     ),
     "likelihood.gauss_helmert": (

@@ -139,7 +139,7 @@ def test_parallel_axes_are_where_it_helps_most(run, tmp_path):
         (["--setup", "eye"], ["eye-in-hand"]),
         (["--camera-noise", "1mm,2deg"], ["look swapped"]),
         (["--units", "mile"], ["mile"]),
-        (["--noise", "no.toml"], ["not both"]),
+        (["--noise", "no.toml"], ["no.toml", "no such file"]),
         (["-o", "missing/next.csv"], ["missing"]),
         (["--frobnicate"], ["--frobnicate"]),
     ],

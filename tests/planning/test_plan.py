@@ -27,6 +27,8 @@ from uq_handeye import (
     PairNoise,
     PoseNoise,
     PosePairs,
+    SharedError,
+    calibrate,
     read_poses,
     simulate,
 )
@@ -38,6 +40,7 @@ from uq_handeye.planning.candidates import sample_candidates
 from uq_handeye.planning.plan import CRITERIA, plan
 from uq_handeye.planning.selection import after, covariance_of, exchanged, greedy, value
 from uq_handeye.planning.weak_prior import OPEN, PRIOR
+from uq_handeye.shared_errors.shared_error import shared_columns, with_shared
 from uq_handeye.simulation.rig import RIGS
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -397,9 +400,41 @@ def test_bad_arguments(change, message):
         plan(given.pop("data"), **given)
 
 
+@pytest.mark.parametrize("setup", SETUPS)
+def test_more_poses_do_not_average_out_what_all_share(setup):
+    data, others = simulate(6, setup=setup, seed=1), simulate(30, setup=setup, seed=2)
+    errors = [SharedError.focal_length("0.2%"), SharedError.robot_scale("0.1%"), SharedError.principal_point("2mrad")]
+    found = plan(data, others.truth.robot, 4, noise=NOISE, shared=[*errors, SharedError.target_scale("none")])
+    assert found.shared == tuple(error.name for error in errors) == tuple(found.to_dict()["shared"])
+    assert "for what all poses share of focal length, robot scale" in " ".join(found.to_text().split())
+    for steps, covariance in enumerate([found.covariance_before, *found.covariances]):
+        everything = enlarged(data, found, steps)
+        noise = with_shared(NOISE, shared_columns(errors, everything))
+        assert_same_covariance(covariance, efficient(everything, noise).covariance_X, 1e-8)
+    assert (found.std > 1.05 * plan(data, others.truth.robot, 4, noise=NOISE).std).any(axis=1).all()
+
+
+def test_shared_errors_by_default():
+    data = simulate(20, noise=NOISE, seed=SEED)
+    found = plan(data, k=1)
+    assert found.shared == ("focal length", "principal point", "target scale")
+    result = calibrate(data)
+    np.testing.assert_allclose(found.std[0], np.sqrt(np.diag(result.bound)), rtol=0.01)
+    own = SharedError.columns("bend", np.ones((20, 6, 1)), 1e-4, "robot")
+    with pytest.raises(InputError, match="without 'bend'"):
+        plan(data, k=1, noise=NOISE, shared=[own])
+
+
+def test_the_robot_stands_still_at_new_poses():
+    data = simulate(8, noise=NOISE, seed=1)
+    found = plan(data, k=2, noise=NOISE, shared=[SharedError.clock_offset("20ms"), SharedError.focal_length()])
+    noise = with_shared(NOISE, shared_columns([SharedError.clock_offset("20ms"), SharedError.focal_length()], data))
+    assert_same_covariance(found.covariance_before, efficient(data, noise).covariance_X, 5e-3)  # linearised elsewhere
+
+
 def test_noise_from_the_poses_so_far(monkeypatch):
     data = simulate(30, noise=NOISE, seed=SEED)
-    found = plan(data, k=2)
+    found = plan(data, k=2, shared=[])
     given = plan(data, k=2, noise=NOISE)
     assert (found.noise_estimated, given.noise_estimated) == (True, False)
     assert (np.abs(np.log(found.std / given.std)) < np.log(2.5)).all()
@@ -407,7 +442,7 @@ def test_noise_from_the_poses_so_far(monkeypatch):
         plan(simulate(10))
     for error in (DegenerateMotionError("open", np.eye(6)), NotConvergedError("no end")):
 
-        def fail(_, error=error):
+        def fail(_, shared, error=error):
             raise error
 
         monkeypatch.setattr(planning, "calibrate", fail)

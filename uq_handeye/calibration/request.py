@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,7 +22,15 @@ from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
 from ..propagation.all_pairs import AllPairs
-from ..shared_errors.shared_error import SharedError, checked_errors, default_errors, shared_columns, with_shared
+from ..shared_errors.shared_error import (
+    CLOCK_OFFSET,
+    SharedError,
+    checked_errors,
+    default_errors,
+    listed_errors,
+    shared_columns,
+    with_shared,
+)
 
 # Covariances of the result: of the noise, to first order and beyond; and of the residuals.
 OF_NOISE = ("model", "sigma-points")
@@ -134,6 +142,8 @@ def request(
     """The arguments of `calibrate`, checked; raises `InputError`."""
     if not isinstance(data, PosePairs | Motions):
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if shared is not None:
+        data, shared = take_offset(data, listed_errors(shared))
     noise, camera, robot = _open_noise(noise)
     if method is None:
         method = "efficient" if scale is None and kind in (None, "poses") else "4dpa"
@@ -209,6 +219,19 @@ def request(
         errors,
         correlation,
     )
+
+
+def take_offset(
+    data: PosePairs | Motions, shared: tuple[SharedError, ...]
+) -> tuple[PosePairs | Motions, tuple[SharedError, ...]]:
+    """Of synchronised poses the clock offset is that of their `timing`, whose standard deviation is replaced."""
+    poses = data if isinstance(data, PosePairs) else data.poses
+    offset = next((error for error in shared if error.name == CLOCK_OFFSET), None)
+    if offset is None or poses is None or poses.timing is None:
+        return data, shared
+    poses = replace(poses, timing=replace(poses.timing, std=float(offset.sd[0])))
+    rest = tuple(error for error in shared if error is not offset)
+    return (poses if isinstance(data, PosePairs) else replace(data, poses=poses)), rest
 
 
 def _shared_of(

@@ -10,7 +10,8 @@ import typer
 
 from ..errors import InputError, InputWarning, NotConvergedError
 from .messages import LOG, timed
-from .options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, one_of, option
+from .options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, made_of, one_of, option
+from .shared_options import SharedOptions
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from ..noise.estimate import NoisePrior
     from ..noise.models import Noise, PoseNoise
     from ..poses.pose_pairs import PosePairs
+    from ..shared_errors.shared_error import SharedError
     from ..synchronisation.result import Synchronised
     from .pictures import Pictures
     from .views import Views
@@ -27,6 +29,90 @@ INPUT, NOISE = "Pose files", "Noise"
 BOTH_EXACT = "Both sides cannot be exact: give the standard deviations of one, or neither option."
 # In place of standard deviations: a side that has no noise.
 EXACT = "exact"
+
+
+# ------------------------------------------------------------------------------------------------------- noise
+
+
+@dataclass(frozen=True)
+class NoiseOptions:
+    """What is known of the noise, as the command line says."""
+
+    robot_noise: Annotated[
+        str | None,
+        option(
+            "--robot-noise",
+            metavar="ROT,TRANS|exact",
+            panel=NOISE,
+            help="Standard deviations, e.g. 0.02deg,0.05mm. Left out beside --camera-noise: estimated.",
+        ),
+    ] = None
+    camera_noise: Annotated[
+        str | None,
+        option(
+            "--camera-noise",
+            metavar="ROT,TRANS|exact",
+            panel=NOISE,
+            help="Standard deviations, e.g. 0.1deg,0.5mm. Left out beside --robot-noise: estimated.",
+        ),
+    ] = None
+    noise: Annotated[
+        Path | None,
+        option(
+            "--noise",
+            metavar="FILE.toml",
+            panel=NOISE,
+            help="Noise with full 6x6 covariances, instead; shared errors in its table [shared].",
+        ),
+    ] = None
+
+    def read(self) -> "Noise | NoisePrior | None":
+        """The noise of the three options, None if none of them says any; of one side alone what is known of it."""
+        from ..io import read_noise_file
+        from ..noise.estimate import NoisePrior
+        from ..noise.models import PoseNoise
+
+        if self.noise is not None:
+            noise = read_noise_file(self.noise)
+            if noise is not None and (self.robot_noise is not None or self.camera_noise is not None):
+                raise InputError("Give either --noise FILE or --robot-noise and --camera-noise, not both.")
+            if noise is not None:
+                return noise
+        if self.robot_noise is None and self.camera_noise is None:
+            return None
+        robot, camera = (
+            None if value in (None, EXACT) else _deviations(value, name)
+            for value, name in ((self.robot_noise, "--robot-noise"), (self.camera_noise, "--camera-noise"))
+        )
+        if self.robot_noise is None or self.camera_noise is None:
+            robot, camera = (
+                (0.0, 0.0) if value == EXACT else found
+                for value, found in ((self.robot_noise, robot), (self.camera_noise, camera))
+            )
+            return NoisePrior(robot, camera, 1.0)
+        if robot is None and camera is None:
+            raise InputError(BOTH_EXACT)
+        return PoseNoise.isotropic(robot, camera)
+
+
+@dataclass(frozen=True)
+class Given:
+    """What is known of the noise and of what all poses share."""
+
+    noise: "Noise | None"
+    one_side: "NoisePrior | None"  # where that of one side alone is known
+    shared: SharedOptions
+    file: Path | None  # that may hold shared errors too
+
+
+@made_of(options=NoiseOptions, shared=SharedOptions)
+def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
+    """Noise and shared errors of the options."""
+    from ..noise.estimate import NoisePrior
+
+    noise = options.read()
+    one_side = noise if isinstance(noise, NoisePrior) else None
+    return Given(None if isinstance(noise, NoisePrior) else noise, one_side, shared, options.noise)
 
 
 # -------------------------------------------------------------------------------------------------- pose files
@@ -182,21 +268,37 @@ class PoseFiles(StreamFiles):
     ] = None
 
     def read(
-        self,
-        noise: "Noise | NoisePrior | None",
-        pictures: "Pictures | None" = None,
-        views: "Views | None" = None,
-    ) -> "tuple[PosePairs, Noise | None]":
-        """At least three pairs of poses, and their noise where that of the samples is given.
+        self, given: Given, views: "Views | None" = None
+    ) -> "tuple[PosePairs, Noise | None, list[SharedError] | None]":
+        """At least three pairs of poses, their noise where it is given, and the `shared` of `calibrate` beside it.
 
-        Where it is given for one side, or by what the camera saw, the rest of it is estimated.
+        Where the noise is given for one side, or by what the camera saw, the rest of it is estimated.
         """
-        from ..noise.estimate import NoisePrior
+        poses, noise, shared = self.read_open(given, views, given.one_side)
+        if given.one_side is None and views is None:
+            return poses, noise, shared
+        return poses, *_complete_noise(poses, given.one_side, noise, shared)
 
-        if isinstance(noise, NoisePrior) or views is not None:
-            poses, _ = self.read(None, pictures)
-            given, prior = (None, noise) if isinstance(noise, NoisePrior) else (noise, None)
-            return poses, _complete_noise(poses, prior, None if views is None else views.beside(poses, given, prior))
+    def read_open(
+        self, given: Given, seen: "Pictures | Views | None", prior: "NoisePrior | None"
+    ) -> "tuple[PosePairs, Any, list[SharedError] | None]":
+        """The same with the noise as `calibrate` takes it, beside the prior of what is to be estimated."""
+        from .views import Views
+
+        if self.offset is not None and "," in self.offset and given.shared.offset_sd is not None:
+            raise InputError(f"Give the standard deviation of the offset once: --offset {self.offset} or --offset-sd.")
+        noise: Any
+        if isinstance(seen, Views):
+            poses, _ = self._poses_and_noise(None, None)
+            noise = seen.beside(poses, given.noise, prior)
+            shared = given.shared.errors(poses, None, given.file, seen)
+        else:
+            poses, noise = self._poses_and_noise(given.noise, seen)
+            shared = given.shared.errors(poses, noise, given.file)
+        return poses, noise, shared
+
+    def _poses_and_noise(self, noise: "Noise | None", pictures: "Pictures | None") -> "tuple[PosePairs, Noise | None]":
+        """The poses, and their noise where that of the samples is given."""
         how = one_of(self.pair, "--pair", PAIRINGS)
         if pictures is not None or (self.camera is not None and self.camera.is_dir()):
             self._refuse_of_files("--images" if pictures is not None else f"the folder {self.camera}", how)
@@ -265,7 +367,9 @@ class PoseFiles(StreamFiles):
         )
 
 
-def calibrated(poses: "PosePairs", noise: "Noise | None", pairs: str = "all") -> "Calibration | None":
+def calibrated(
+    poses: "PosePairs", noise: "Noise | None", shared: "list[SharedError] | None", pairs: str = "all"
+) -> "Calibration | None":
     """What `calibrate` makes of the input, and warns of: every other command starts from its poses, noise and X.
 
     Data that `calibrate` refuses are left to the command, which may do with them or say itself why not.
@@ -273,68 +377,27 @@ def calibrated(poses: "PosePairs", noise: "Noise | None", pairs: str = "all") ->
     from ..calibration.calibrate import calibrate
 
     with timed("calibrating"), suppress(InputError, NotConvergedError):
-        return calibrate(poses, noise=noise, pairs=pairs)
+        return calibrate(poses, noise=noise, pairs=pairs, shared=shared)
     return None
 
 
-def problem_for(result: "Calibration | None", poses: "PosePairs", noise: "Noise | None", pairs: str) -> dict[str, Any]:
+def problem_for(
+    result: "Calibration | None",
+    poses: "PosePairs",
+    noise: "Noise | None",
+    shared: "list[SharedError] | None",
+    pairs: str,
+) -> dict[str, Any]:
     """The arguments ``data`` and ``noise`` of what is asked about X: the calibration, or else what was read."""
-    from ..noise.models import PairNoise
+    from ..noise.models import PairNoise, PoseNoise
     from ..poses.motions import relative_motions
+    from ..shared_errors.shared_error import shared_columns, with_shared
 
     if result is not None and result.noise is not None:
         return {"data": result}
+    if isinstance(noise, PoseNoise) and shared:
+        noise = with_shared(noise, shared_columns(shared, poses))
     return {"data": relative_motions(poses, pairs) if isinstance(noise, PairNoise) else poses, "noise": noise}
-
-
-# ------------------------------------------------------------------------------------------------------- noise
-
-
-def noise_of(
-    robot_noise: Annotated[
-        str | None,
-        option(
-            "--robot-noise",
-            metavar="ROT,TRANS|exact",
-            panel=NOISE,
-            help="Standard deviations, e.g. 0.02deg,0.05mm. Left out beside --camera-noise: estimated.",
-        ),
-    ] = None,
-    camera_noise: Annotated[
-        str | None,
-        option(
-            "--camera-noise",
-            metavar="ROT,TRANS|exact",
-            panel=NOISE,
-            help="Standard deviations, e.g. 0.1deg,0.5mm. Left out beside --robot-noise: estimated.",
-        ),
-    ] = None,
-    noise: Annotated[
-        Path | None,
-        option("--noise", metavar="FILE.toml", panel=NOISE, help="Noise with full 6x6 covariances, instead."),
-    ] = None,
-) -> "Noise | NoisePrior | None":
-    """The noise of the three options, None if none of them is given; of one side alone what is known of it."""
-    from ..io import read_noise_file
-    from ..noise.estimate import NoisePrior
-    from ..noise.models import PoseNoise
-
-    if noise is not None:
-        if robot_noise is not None or camera_noise is not None:
-            raise InputError("Give either --noise FILE or --robot-noise and --camera-noise, not both.")
-        return read_noise_file(noise)
-    if robot_noise is None and camera_noise is None:
-        return None
-    robot, camera = (
-        None if value in (None, EXACT) else _deviations(value, name)
-        for value, name in ((robot_noise, "--robot-noise"), (camera_noise, "--camera-noise"))
-    )
-    if robot_noise is None or camera_noise is None:
-        nothing = (0.0, 0.0)
-        return NoisePrior(robot if robot_noise != EXACT else nothing, camera if camera_noise != EXACT else nothing, 1.0)
-    if robot is None and camera is None:
-        raise InputError(BOTH_EXACT)
-    return PoseNoise.isotropic(robot, camera)
 
 
 def exact_beside(known: "NoisePrior") -> "Noise":
@@ -348,20 +411,32 @@ def exact_beside(known: "NoisePrior") -> "Noise":
     return PoseNoise.isotropic(robot, None if known.camera is None else (camera[0], camera[1]))
 
 
-def _complete_noise(poses: "PosePairs", prior: "NoisePrior | None", given: "CameraNoise | PoseNoise | None") -> "Noise":
-    """The noise known of one side, or but for its size, with the rest estimated as `calibrate` does."""
+def _complete_noise(
+    poses: "PosePairs",
+    prior: "NoisePrior | None",
+    given: "CameraNoise | PoseNoise | None",
+    shared: "list[SharedError] | None",
+) -> "tuple[Noise, list[SharedError]]":
+    """The noise known of one side, or but for its size, with the rest estimated as `calibrate` does.
+
+    And the errors that are shared beside it.
+    """
     from ..calibration.calibrate import calibrate
+    from ..noise.models import PoseNoise
+    from ..shared_errors.shared_error import default_errors, without_shared
 
     with timed("estimating the other noise"), warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used
-        found = calibrate(poses, noise=given, prior=prior).noise
-    if found is None:
+        found = calibrate(poses, noise=given, prior=prior, shared=shared).noise
+    if not isinstance(found, PoseNoise):
         open_side = "--robot-noise" if prior is not None and prior.camera is not None else "--camera-noise"
         raise InputError(
             f"The residuals are at rounding level: no noise can be estimated beside the one given. Give {open_side}, "
             f"or {open_side} {EXACT}."
         )
-    return found
+    known = given is not None or poses.camera_calibration is not None
+    errors = list(default_errors(known)) if shared is None else shared
+    return without_shared(found, errors), errors
 
 
 def prior_of(

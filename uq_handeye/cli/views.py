@@ -90,6 +90,18 @@ class Views:
             pixel_sd=self.options.pixel_noise,
         )
 
+    @property
+    def focal_length_px(self) -> float | None:
+        """Of the camera matrix, the mean of both."""
+        if self.options.camera_matrix is None:
+            return None
+        camera = _camera(self.options.camera_matrix)
+        if isinstance(camera, list):
+            return float(0.5 * (camera[0] + camera[1]))
+        values = getattr(camera, "values", None) or camera.intrinsics
+        fx, fy = (value[0] if isinstance(value, tuple) else value for value in (values["fx"], values["fy"]))
+        return float(0.5 * (fx + fy))
+
     def _points(self) -> Any:
         tag, board = self.options.tag, self.board
         if tag is not None:

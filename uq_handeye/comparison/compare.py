@@ -41,6 +41,7 @@ from ..poses.residuals import residuals, summarise
 from ..propagation.noise_transport import noise_of_pairs
 from ..propagation.published_fit import fit_published
 from ..runtime.progress import progress_bar
+from ..shared_errors.shared_error import SharedError
 from .result import Comparison
 from .row import CHI2_95, Row, against, squared_distance, without_numbers
 
@@ -64,6 +65,7 @@ def compare(
     reference: str = OWN,
     timed: bool = True,
     progress: bool = False,
+    shared: Sequence[SharedError] | None = None,
 ) -> Comparison:
     """Every method on the same pairs, each with its own covariance, beside the answer of `calibrate`.
 
@@ -87,6 +89,8 @@ def compare(
         Measure the time of each method; False leaves it out and is about twice as fast.
     progress : bool
         Show a bar on stderr if that is a terminal.
+    shared : sequence of SharedError or None
+        As in `calibrate`.
 
     Raises
     ------
@@ -113,7 +117,7 @@ def compare(
     answers: list[Calibration] = []
 
     def answer() -> Calibration:
-        answers.append(calibrate(data, noise=noise, pairs=pairs))
+        answers.append(calibrate(data, noise=noise, pairs=pairs, shared=shared))
         return answers[-1]
 
     own = _row(Row(OWN, None, "simultaneous", "closed form"), answer)

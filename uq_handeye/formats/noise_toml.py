@@ -7,7 +7,9 @@
     [camera]
     covariance = [[...], ...]    # 6 x 6, or n x 6 x 6: one per pose; [robot] and [camera] also 6n x 6n: joint
 
-A table that is left out means that the quantity is exact. Frames as in `uq_handeye.noise.models`.
+A table that is left out means that the quantity is exact. Frames as in `uq_handeye.noise.models`. The table [shared]
+holds errors that all poses share and is read by `uq_handeye.shared_errors.shared_toml`; beside it alone the noise is
+to be estimated.
 """
 
 from __future__ import annotations
@@ -26,12 +28,15 @@ from ..noise.models import PairNoise, PoseNoise, checked_covariance
 
 MAX_BYTES = 50_000_000
 POSES, MOTIONS = ("robot", "camera"), ("A", "B")
+SHARED = "shared"
 KEYS = ("rotation", "translation", "covariance")
 EXPECTED = "expected rotation and translation, or covariance"
 
 
-def read_noise_file(path: StrPath) -> PoseNoise | PairNoise:
+def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
     """The noise model in a TOML file: `PoseNoise` from [robot], [camera]; `PairNoise` from [A], [B].
+
+    None for a file with [shared] alone, which `read_shared_errors` reads: the noise is then to be estimated.
 
     Raises
     ------
@@ -41,8 +46,10 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise:
         covariances of the wrong shape, not finite, not symmetric or not positive semidefinite.
     """
     path = as_path(path)
-    tables = _parse(path)
+    tables = parse_tables(path)
     name, expected = shown(path), "the tables [robot] and [camera], or [A] and [B]"
+    if tables.pop(SHARED, None) is not None and not tables:
+        return None
     for table in tables:
         if table not in (*POSES, *MOTIONS):
             raise InputError(f"{name}: unknown table {table!a}; expected {expected}.")
@@ -58,7 +65,8 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise:
     return PoseNoise(**covariances) if on_poses else PairNoise(**covariances)
 
 
-def _parse(path: Path) -> dict[str, Any]:
+def parse_tables(path: Path) -> dict[str, Any]:
+    """All of a TOML file; raises `InputError`."""
     with opened(path, MAX_BYTES) as file:
         data = file.read()
     try:

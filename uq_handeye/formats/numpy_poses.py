@@ -38,14 +38,29 @@ def read_npy(data: bytes, name: str) -> Contents:
     return Contents(only=_side(_array(io.BytesIO(data), len(data), name), name, name, None, None))
 
 
-def read_npz(data: bytes, name: str) -> Contents:
-    """Arrays by name."""
+def read_one_array(data: bytes, name: str) -> Array:
+    """The numbers of a ``.npy``, or of a ``.npz`` that holds a single array."""
+    if not data.startswith(b"PK"):
+        return _numbers(_array(io.BytesIO(data), len(data), name), name)
+    arrays = _unpacked(data, name)
+    if len(arrays) != 1:
+        raise InputError(f"{name}: expected one array, got {short(', '.join(arrays))}.")
+    (only,) = arrays.values()
+    return _numbers(only, name)
+
+
+def _unpacked(data: bytes, name: str) -> dict[str, NDArray[Any]]:
     try:
-        arrays = members(data, name)
+        return members(data, name)
     except InputError:
         raise
     except Exception as error:  # zipfile and zlib raise many kinds for damaged files
         raise InputError(f"{name}: the archive is damaged: {one_line(str(error) or type(error).__name__)}.") from error
+
+
+def read_npz(data: bytes, name: str) -> Contents:
+    """Arrays by name."""
+    arrays = _unpacked(data, name)
     keys = short(", ".join(arrays))
     setup, notes = None, []
     if "setup" in arrays:

@@ -4,6 +4,7 @@ from ..files.atomic import json_text, write_atomically, write_files
 from ..formats.csv_poses import pose_text, read_pose_file, write_pose_file
 from ..formats.detect import FORMATS
 from ..formats.noise_toml import read_noise_file
+from ..shared_errors.shared_toml import read_shared_errors
 from .poses import read_poses, read_stream
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "read_noise_file",
     "read_pose_file",
     "read_poses",
+    "read_shared_errors",
     "read_stream",
     "write_atomically",
     "write_files",

@@ -7,7 +7,10 @@ inverted for eye-to-hand). To first order the covariance after the poses c is th
 
     Sigma(c) = ( I_so_far + sum_(j in c) B_j^T B_j )^-1,    B_j = L_j^-1 J_j (6x12),    S_j = L_j L_j^T,
 
-and its block of X is what the plan shows: errors ``(theta, tau)``, rad and m, parent frame of X. Three criteria, each
+*Shared errors* (T10) are further unknowns z with the prior N(0, I): J becomes ``[J, D F]``, new poses have the columns
+of where they will be seen, and what is known so far is an identity more. More poses do not average them out.
+
+The block of X is what the plan shows: errors ``(theta, tau)``, rad and m, parent frame of X. Three criteria, each
 to be made small:
 
 - ``trace``: the mean squared error (m^2) of points at the distance ``length`` from the camera, in all directions:
@@ -26,6 +29,8 @@ Poses that leave a part of X open (parallel axes, pure translations) can be plan
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,11 +40,19 @@ from ..errors import DegenerateMotionError, InputError, NotConvergedError, requi
 from ..formatting.units import parse_length
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, skew
-from ..likelihood.constraint import OnPoses, constraint_of, residual_covariance
+from ..likelihood.constraint import Linearised, OnPoses, constraint_of, residual_covariance
 from ..noise.models import PoseNoise, is_joint, marginals
-from ..noise.square_roots import cholesky_of, whiten
+from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
-from ..poses.timing import warn_left_out
+from ..poses.timing import SIDES, warn_left_out
+from ..shared_errors.shared_error import (
+    CLOCK_OFFSET,
+    DEFAULT_SD,
+    SharedError,
+    checked_errors,
+    default_errors,
+    without_shared,
+)
 from .candidates import MOST, predicted_camera, sample_candidates
 from .result import Plan
 from .selection import covariance_of, exchanged, greedy, value
@@ -62,6 +75,7 @@ def plan(
     sample: int = 200,
     seed: int | np.random.Generator = 0,
     repeat: bool = False,
+    shared: Sequence[SharedError] | None = None,
 ) -> Plan:
     """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
 
@@ -86,6 +100,9 @@ def plan(
         Of the candidates drawn.
     repeat : bool
         Whether a candidate may be taken more than once.
+    shared : sequence of SharedError or None
+        As in `calibrate`, but for columns of the user's own, whose effect on new poses is not known. The clock offset
+        has none: the robot is taken to stand still there.
 
     Raises
     ------
@@ -111,8 +128,13 @@ def plan(
     warn_left_out("plan()", data)
     require_integer("k", k, 1)
     estimated = noise is None
+    if shared is not None:
+        shared = tuple(error for error in checked_errors(shared, data) if not error.is_exact)
+        if own := [error.name for error in shared if error.name not in DEFAULT_SD]:
+            raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
+    errors = tuple(shared or ())
     if noise is None:
-        data, noise = _estimated_noise(data)
+        data, noise, errors = _estimated_noise(data, shared)
     target, distance = _target(data, criterion, point, length)
     constraint = constraint_of(data, noise)
     if not isinstance(constraint, OnPoses):
@@ -121,6 +143,12 @@ def plan(
 
     at, information, open_directions = so_far(data, noise)
     assert at.W is not None
+    if errors:
+        before = constraint.linearise(at, constraint.first, constraint.second)
+        F = _white_columns(before, noise, errors, data)
+        J = whiten(cholesky_of(residual_covariance(before.sides, noise)), before.J)
+        across = np.einsum("nri,nrj->ij", J, F)
+        information = np.block([[information, across], [across.T, np.eye(F.shape[-1]) + gram(F)]])
     if candidates is None:
         robot = sample_candidates(data, at.X, at.W, sample, seed=seed)
     else:
@@ -137,12 +165,16 @@ def plan(
     camera = predicted_camera(robot, at.X, at.W, data.setup)
     linear = OnPoses(robot, camera, constraint.inverted).linearise(at, robot, camera)
     rows = whiten(cholesky_of(residual_covariance(linear.sides, of_new)), linear.J)
+    if errors:
+        new = PosePairs(robot, camera, data.setup)
+        rows = np.concatenate([rows, _white_columns(linear, of_new, errors, new)], axis=-1)
 
     Q = None if criterion == "logdet" else _weight(at.X, target, distance)
     chosen = greedy(information, rows, np.arange(len(rows)), k, Q, repeat)
     chosen = exchanged(information, rows, chosen, Q, repeat)
     chosen = greedy(information, rows, chosen, k, Q, repeat=False)
-    sums = information + np.concatenate([np.zeros((1, 12, 12)), np.cumsum(rows[chosen].mT @ rows[chosen], axis=0)])
+    brought = np.cumsum(rows[chosen].mT @ rows[chosen], axis=0)
+    sums = information + np.concatenate([np.zeros_like(brought[:1]), brought])
     covariances = covariance_of(sums)[:, :6, :6]
     values = value(covariances, Q)
     return Plan(
@@ -165,6 +197,7 @@ def plan(
         noise=of_new,
         noise_estimated=estimated,
         open_directions=open_directions,
+        shared=tuple(error.name for error in errors),
     )
 
 
@@ -195,11 +228,24 @@ def _target(
     return None, distance
 
 
-def _estimated_noise(data: PosePairs) -> tuple[PosePairs, PoseNoise]:
-    """The noise as `calibrate` estimates it, and the poses that it keeps; its warnings name those it leaves out."""
+def _white_columns(linear: Linearised, noise: PoseNoise, errors: tuple[SharedError, ...], poses: PosePairs) -> Array:
+    """(n, 6, q) what one standard deviation of each shared error does to the whitened residuals of these poses."""
+    f = []
+    for error in errors:
+        if error.name == CLOCK_OFFSET and poses.timestamps is None:  # the robot stands still
+            f.append(np.zeros((poses.n, 6, 1)))
+        else:
+            f.append(linear.sides[SIDES.index(error.side)] @ (error.at(poses) * error.widest))
+    return whiten(cholesky_of(residual_covariance(linear.sides, noise)), np.concatenate(f, axis=-1))
+
+
+def _estimated_noise(
+    data: PosePairs, shared: Sequence[SharedError] | None
+) -> tuple[PosePairs, PoseNoise, tuple[SharedError, ...]]:
+    """Noise and shared errors as `calibrate` finds them, and the poses that it keeps; it warns of those left out."""
     give = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
     try:
-        result = calibrate(data)
+        result = calibrate(data, shared=shared)
         noise = result.noise
         if result.table is not None and result.table.rejected:
             data = data.rows(result.table.weight > 0)
@@ -209,10 +255,17 @@ def _estimated_noise(data: PosePairs) -> tuple[PosePairs, PoseNoise]:
         ) from error
     if not isinstance(noise, PoseNoise):
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {give}")
+    settled = {found.error: found.prior_sd for found in result.shared}
+    errors = tuple(
+        replace(error, sd=np.full_like(error.sd, settled[error.name]), doubt=None)
+        for error in (default_errors(data.camera_calibration is not None) if shared is None else shared)
+        if error.name in settled
+    )
+    noise = without_shared(noise, errors)
     if noise.camera is not None and is_joint(noise.camera):  # of a camera that was calibrated from corners
         _log.info("planned as if each pose had its own error of the intrinsics; what they share does not average out")
         noise = PoseNoise(noise.robot, marginals(noise.camera))
-    return data, noise
+    return data, noise, errors
 
 
 def _noise_of_new(noise: PoseNoise) -> PoseNoise:

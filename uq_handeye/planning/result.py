@@ -25,7 +25,7 @@ from .weak_prior import PRIOR
 class Plan(ReadOnlyArrays):
     """The next k poses in the order in which to take them, and the covariance of X predicted after each.
 
-    Predicted to first order, for the noise given and errors independent from pose to pose; nothing systematic.
+    Predicted to first order, for the noise and the shared errors that are named; nothing else that is systematic.
     """
 
     chosen: NDArray[np.intp]  # (k,) rows of the candidates, from 0
@@ -47,6 +47,7 @@ class Plan(ReadOnlyArrays):
     noise: PoseNoise  # 6x6, of each new pose
     noise_estimated: bool  # from the poses so far
     open_directions: Array  # (r, 6) unit vectors of xi_X/prior that the poses so far leave to the weak prior
+    shared: tuple[str, ...] = ()  # errors that all poses share, also the new ones, by name
 
     @property
     def frame(self) -> str:
@@ -92,6 +93,7 @@ class Plan(ReadOnlyArrays):
             "sampled": self.sampled,
             "noise": noise_to_dict(self.noise),
             "noise_estimated": self.noise_estimated,
+            "shared": list(self.shared),
             "X": self.X.tolist(),
             "W": self.W.tolist(),
             "criterion": self.criterion,

@@ -66,10 +66,11 @@ def _notes(plan: Plan) -> list[str]:
             "target is in the image, and plan again."
         )
     whose = "estimated from the poses so far" if plan.noise_estimated else "given"
+    included = f", and for what all poses share of {', '.join(plan.shared)}" if plan.shared else ""
     notes.append(
-        f"Predicted to first order, for the noise {whose}, with errors independent from pose to pose. Systematic "
-        "errors (wrong intrinsics, wrong robot kinematics) are not covered. Reach and obstacles are not known: look at "
-        "each pose before you drive there."
+        f"Predicted to first order, for the noise {whose}{included}. Other systematic errors (such as those of the "
+        "robot's kinematics) are not covered. Reach and obstacles are not known: look at each pose before you drive "
+        "there."
     )
     return notes
 

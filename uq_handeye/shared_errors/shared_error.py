@@ -39,6 +39,7 @@ from ..errors import InputError
 from ..formatting.units import parse_angle, parse_ratio, parse_time
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array
+from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
@@ -54,6 +55,9 @@ CLOCK_OFFSET = "clock offset"
 # Of finished camera poses about which nothing is said (docs/explanation/shared_errors.md has the reasons): relative for
 # lengths and scales, rad for the principal point, s for the clock offset.
 DEFAULT_SD = {FOCAL_LENGTH: 1e-3, PRINCIPAL_POINT: 1e-3, TARGET_SCALE: 2e-4, ROBOT_SCALE: 1e-4, CLOCK_OFFSET: 1e-3}
+
+# In place of a standard deviation: 0, which switches an error off.
+EXACT = ("none", "exact")
 
 
 class Doubt(NamedTuple):
@@ -89,9 +93,14 @@ class SharedError(ReadOnlyArrays):
         """(k,) the standard deviations with doubt taken for certain."""
         return self.sd if self.doubt is None else np.full(1, self.doubt.sd)
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether it is switched off: standard deviations of 0."""
+        return not self.widest.any()
+
     @classmethod
     def focal_length(cls, sd: float | str = DEFAULT_SD[FOCAL_LENGTH]) -> SharedError:
-        """Relative standard deviation of the focal length, as a number or ``"0.1%"``."""
+        """Relative standard deviation of the focal length, as a number, ``"0.1%"`` or, as of all of these, "exact"."""
         return cls(FOCAL_LENGTH, "", "camera", _sd(sd, FOCAL_LENGTH, parse_ratio), (FOCAL_LENGTH,), _depth)
 
     @classmethod
@@ -99,21 +108,30 @@ class SharedError(ReadOnlyArrays):
         cls, sd: float | str = DEFAULT_SD[PRINCIPAL_POINT], *, focal_length_px: float | None = None
     ) -> SharedError:
         """Standard deviation of each coordinate over the focal length (rad), or ``"1px"`` with the focal length."""
-        names = (f"{PRINCIPAL_POINT} x", f"{PRINCIPAL_POINT} y")
-        if isinstance(sd, str) and sd.strip().endswith("px"):
+
+        def parse(value: float | str, name: str) -> float:
+            if not isinstance(value, str):
+                return parse_angle(value, name)
+            number, in_pixels = value.strip().removesuffix("px"), value.strip().endswith("px")
             try:
-                pixels = float(sd.strip()[:-2])
+                plain = float(number)
             except ValueError:
-                raise InputError(
-                    f"Expected {PRINCIPAL_POINT} to be such as '1px' or 0.001 (rad), got {sd!r}."
-                ) from None
+                if not in_pixels:
+                    return parse_angle(value, name)
+                raise InputError(f"Expected {name} to be such as '1px' or 0.001 (rad), got {value!r}.") from None
+            if not in_pixels:
+                return parse_angle(plain, name)
             if focal_length_px is None:
                 raise InputError(
-                    f"Expected the focal length in pixels beside a {PRINCIPAL_POINT} of {sd!r}: give it over the focal "
-                    "length instead, such as 0.001 (rad; 1 px at a focal length of 1000 px)."
+                    f"Expected the focal length in pixels beside {name} of {value!r}; or give it over the focal "
+                    "length, such as 0.001 (rad; 1 px at 1000 px)."
                 )
-            sd = pixels / focal_length_px
-        each = _sd(sd, PRINCIPAL_POINT, parse_angle)
+            if not 0 < focal_length_px < np.inf:
+                raise InputError(f"Expected `focal_length_px` to be above 0 and finite, got {focal_length_px!r}.")
+            return plain / focal_length_px
+
+        names = (f"{PRINCIPAL_POINT} x", f"{PRINCIPAL_POINT} y")
+        each = _sd(sd, PRINCIPAL_POINT, parse)
         return cls(
             PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), names, _rays, focal_length_px=focal_length_px
         )  # fmt: skip
@@ -141,15 +159,20 @@ class SharedError(ReadOnlyArrays):
         """
         if not isinstance(name, str) or not name.strip():
             raise InputError(f"Expected the `name` of a shared error to be text, got {name!r}.")
+        if name in (*DEFAULT_SD, INTRINSICS):
+            raise InputError(f"Expected another `name` than {name!r}, which is that of a built-in shared error.")
         if side not in SIDES:
             raise InputError(f"Expected `side` of the shared error {name!r} to be robot or camera, got {side!r}.")
+        if not isinstance(unit, str):
+            raise InputError(f"Expected `unit` of the shared error {name!r} to be text, got {unit!r}.")
         given = np.array(as_numbers(F, f"F of the shared error {name!r}"))
         given = given[..., None] if given.ndim == 2 else given
-        if given.ndim != 3 or given.shape[1] != 6 or given.shape[2] == 0 or not np.isfinite(given).all():
+        if given.ndim != 3 or given.shape[1] != 6 or given.shape[2] == 0:
             raise InputError(
-                f"Expected the columns `F` of the shared error {name!r} to be finite numbers (n, 6, k), got shape "
-                f"{np.shape(F)}."
+                f"Expected the columns `F` of the shared error {name!r} to have shape (n, 6, k), got {np.shape(F)}."
             )
+        if not np.isfinite(given).all():
+            raise InputError(f"Expected the columns `F` of the shared error {name!r} to be finite, got nan or inf.")
         k = given.shape[2]
         each = np.array(as_numbers(sd, f"sd of the shared error {name!r}"))
         if each.shape not in ((), (k,)):
@@ -184,19 +207,32 @@ def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
     return tuple(replace(error, default=True) for error in errors)
 
 
-def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
-    """The errors, if they are some, no two of one name, and the poses tell what they do."""
+def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
+    """The default errors, those declared in place of the ones of their names, and the other ones declared."""
+    by_name = {error.name: error for error in default_errors(intrinsics_known)}
+    return list((by_name | {error.name: error for error in declared}).values())
+
+
+def listed_errors(errors: Any) -> tuple[SharedError, ...]:
+    """The errors, if they are some, and no two of one name."""
     if isinstance(errors, SharedError) or not isinstance(errors, Iterable):
         raise InputError(f"Expected `shared` to be a list of SharedError, got {type(errors).__name__}.")
     found = tuple(errors)
     for error in found:
         if not isinstance(error, SharedError):
             raise InputError(f"Expected `shared` to be a list of SharedError, got one of {type(error).__name__}.")
-    names = [error.name for error in found]
+    names = [name for error in found for name in {error.name, *error.parts}]
     if twice := {name for name in names if names.count(name) > 1}:
-        raise InputError(f"Expected one shared error of each name, got more than one {sorted(twice)[0]!r}.")
+        raise InputError(f"Expected one shared error of each name in `shared`, got two {sorted(twice)[0]!r}.")
+    return found
+
+
+def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
+    """The errors, if they are some, no two of one name, and the poses tell what they do."""
+    found = listed_errors(errors)
     for error in found:
-        error.at(poses)
+        if not error.is_exact:
+            error.at(poses)
     return found
 
 
@@ -204,11 +240,13 @@ def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str,
     """By side what the errors make of its poses: a covariance without noise of its own."""
     found: dict[str, JointCovariance] = {}
     for side in SIDES:
-        of_side = [error for error in errors if error.side == side and (error.widest > 0).any()]
+        of_side = [error for error in errors if error.side == side and not error.is_exact]
         if of_side:
             F = np.concatenate([error.at(poses) * error.widest for error in of_side], axis=-1)
             names = tuple(name for error in of_side for name in error.parts)
-            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F, names)
+            known = np.concatenate([error.widest for error in of_side]) > 0
+            names = tuple(name for name, some in zip(names, known, strict=True) if some)
+            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F[..., known], names)
     return found
 
 
@@ -216,6 +254,21 @@ def with_shared(noise: PoseNoise, columns: Mapping[str, JointCovariance]) -> Pos
     """The noise and, beside it, the `shared_columns`."""
     sides = {side: add_columns(getattr(noise, side), columns.get(side)) for side in SIDES}
     return PoseNoise(sides["robot"], sides["camera"])
+
+
+def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise:
+    """The noise without the columns of these errors."""
+    names = {name for error in errors for name in error.parts}
+
+    def remaining(S: Any) -> Any:
+        if not isinstance(S, JointCovariance) or names.isdisjoint(S.names):
+            return S
+        kept = np.array([name not in names for name in S.names])
+        if not kept.any():
+            return S.own if S.own.any() else None
+        return JointCovariance(S.own, S.shared[..., kept], tuple(name for name in S.names if name not in names))
+
+    return PoseNoise(remaining(noise.robot), remaining(noise.camera))
 
 
 def add_columns(covariance: Any, columns: JointCovariance | None) -> Any:
@@ -233,14 +286,16 @@ def add_columns(covariance: Any, columns: JointCovariance | None) -> Any:
 
 
 def _sd(value: float | str, name: str, parse: Callable[[str | float, str], float]) -> Array:
-    sd = np.array([parse(value, f"the standard deviation of the {name}")])
-    _require_sd(sd, name)
+    exact = isinstance(value, str) and value.strip().lower() in EXACT
+    sd = np.array([0.0 if exact else parse(value, f"the standard deviation of the {name}")])
+    _require_sd(sd, name, value)
     return sd
 
 
-def _require_sd(sd: Array, name: str) -> None:
+def _require_sd(sd: Array, name: str, given: Any = None) -> None:
     if not (np.isfinite(sd) & (sd >= 0)).all():
-        raise InputError(f"Expected the standard deviation of the {name} to be finite and >= 0, got {sd.tolist()}.")
+        got = sd.tolist() if given is None else repr(given)
+        raise InputError(f"Expected the standard deviation of the {name} to be finite and >= 0, got {got}.")
 
 
 def _depth(poses: PosePairs) -> Array:

@@ -9,7 +9,7 @@ import typer
 
 from ...errors import InputError
 from ...runtime.progress import working
-from ..inputs import PoseFiles, noise_of, prior_of, problem_for
+from ..inputs import Given, PoseFiles, given_of, prior_of, problem_for
 from ..messages import command_line, progress_wanted, timed
 from ..options import (
     AT_THE_BOUND,
@@ -29,16 +29,16 @@ from ..options import (
     option,
     require_writable,
 )
-from ..views import Views, pictures_of
+from ..views import pictures_of
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
     from ...comparison.of_result import Compared
     from ...comparison.result import Comparison
     from ...noise.estimate import NoisePrior
-    from ...noise.models import Noise
     from ...validation.cross_check.result import CrossCheck
     from ..pictures import Pictures
+    from ..views import Views
 
 METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
 
@@ -66,11 +66,11 @@ ReportFile = Annotated[
 ]
 
 
-@made_of(noise=noise_of, prior=prior_of, files=PoseFiles, pictures=pictures_of)
+@made_of(given=given_of, prior=prior_of, files=PoseFiles, pictures=pictures_of)
 def calibrate_command(
     files: "PoseFiles",
     pictures: "Pictures | Views | None",
-    noise: "Noise | NoisePrior | None",
+    given: "Given",
     prior: "NoisePrior | None",
     method: Annotated[
         str | None,
@@ -156,29 +156,23 @@ def calibrate_command(
     --camera-matrix 1080,1080,960,540
     """
     require_writable(report, "--report", REPORTS)
-    for name, given in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
-        if given and report is None:
+    for name, wanted in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
+        if wanted and report is None:
             raise InputError(f"{name} is about the report: give --report FILE, too.")
     if method is not None:
         method = one_of(method, "--method", METHODS)
     from ...calibration.calibrate import calibrate
-    from ...noise.estimate import NoisePrior
 
-    if isinstance(noise, NoisePrior):  # of one side: that of the other is estimated beside it
+    if given.one_side is not None:  # that of the other is estimated beside it
         if prior is not None:
             raise InputError("Give either the noise or, for noise that is to be estimated, a prior; not both.")
-        noise, prior = None, noise
-    known: Any
-    if isinstance(pictures, Views):
-        poses, _ = files.read(None)
-        known = pictures.beside(poses, noise, prior)
-    else:
-        poses, known = files.read(noise, pictures)
+        prior = given.one_side
+    poses, noise, shared = files.read_open(given, pictures, prior)
 
     with timed("calibrating"):
         result = calibrate(
             poses,
-            noise=known,
+            noise=noise,
             method=method,
             pairs=pairs,
             scale=scale,
@@ -188,8 +182,9 @@ def calibrate_command(
             prior=prior,
             seed=seed,
             correlation=one_of(correlation, "--correlation", ("auto", "none")),
+            shared=shared,
         )
-    check = _cross_check(problem_for(result, poses, known, pairs), seed) if with_cross_check else None
+    check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
     _deliver(result, as_json, output, report, threshold, not no_compare, check)
 
 

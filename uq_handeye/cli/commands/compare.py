@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import PoseFiles, noise_of
+from ..inputs import Given, PoseFiles, given_of
 from ..messages import fail, progress_wanted, timed
 from ..options import (
     EVERY_METHOD,
@@ -24,17 +24,15 @@ from ..views import views_of
 
 if TYPE_CHECKING:
     from ...comparison.result import Comparison
-    from ...noise.estimate import NoisePrior
-    from ...noise.models import Noise
     from ..views import Views
 
 COMPARED = EVERY_METHOD
 
 
-@made_of(given=noise_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, files=PoseFiles, views=views_of)
 def compare_command(
     files: "PoseFiles",
-    given: "Noise | NoisePrior | None",
+    given: "Given",
     views: "Views | None",
     methods: Annotated[
         str | None,
@@ -66,13 +64,21 @@ def compare_command(
         raise InputError("Give either --json or --csv, not both.")
     names = None if methods is None else methods_of(methods, "--methods", COMPARED)
     (base,) = methods_of(reference, "--reference", COMPARED, most=1)
-    poses, noise = files.read(given, views=views)
+    poses, noise, shared = files.read(given, views)
     from ...comparison.compare import compare
     from ...comparison.text import comparison_document
     from ...presentation.document import to_text
 
     with timed("comparing"):
-        result = compare(poses, noise=noise, methods=names, pairs=pairs, reference=base, progress=progress_wanted())
+        result = compare(
+            poses,
+            noise=noise,
+            methods=names,
+            pairs=pairs,
+            reference=base,
+            progress=progress_wanted(),
+            shared=shared,
+        )
     if as_json or as_csv:
         emit(result.to_json() if as_json else result.to_csv())
     else:  # on a terminal the warnings stand above already

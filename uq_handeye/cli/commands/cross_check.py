@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ..inputs import PoseFiles, calibrated, noise_of, problem_for
+from ..inputs import Given, PoseFiles, calibrated, given_of, problem_for
 from ..messages import progress_wanted, timed
 from ..options import (
     JsonOption,
@@ -22,15 +22,13 @@ from .calibrate import REPORTS, ReportFile, write_report
 from .validate import INTERRUPTED, NOT_COMPLETE
 
 if TYPE_CHECKING:
-    from ...noise.estimate import NoisePrior
-    from ...noise.models import Noise
     from ..views import Views
 
 
-@made_of(given=noise_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, files=PoseFiles, views=views_of)
 def cross_check_command(
     files: "PoseFiles",
-    given: "Noise | NoisePrior | None",
+    given: "Given",
     views: "Views | None",
     trials: Annotated[int, option("--trials", help="Monte Carlo trials of each method.")] = 10_000,
     posterior: Annotated[bool, flag("--posterior/--no-posterior", help="Sample the posterior too.")] = True,
@@ -54,15 +52,15 @@ def cross_check_command(
     far (exit status 130); so does a run that lost its workers (exit status 1).
     """
     require_writable(report, "--report", REPORTS)
-    poses, noise = files.read(given, views=views)
+    poses, noise, shared = files.read(given, views)
     from ...io import write_files
     from ...validation.cross_check.run import cross_check
     from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
-    result = calibrated(poses, noise, pairs)
+    result = calibrated(poses, noise, shared, pairs)
     with timed("cross-check"):
         check = cross_check(
-            **problem_for(result, poses, noise, pairs),
+            **problem_for(result, poses, noise, shared, pairs),
             pairs=pairs,
             trials=trials,
             seed=seed,

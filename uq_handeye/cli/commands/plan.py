@@ -2,24 +2,20 @@
 
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from ...errors import InputError
-from ..inputs import PoseFiles, noise_of
+from ..inputs import Given, PoseFiles, given_of
 from ..messages import timed
 from ..options import OUTPUT, JsonOption, emit, flag, made_of, option, require_writable
-
-if TYPE_CHECKING:
-    from ...noise.estimate import NoisePrior
-    from ...noise.models import Noise
 
 CRITERIA = ("trace", "logdet", "point")
 
 
-@made_of(given=noise_of, files=PoseFiles)
+@made_of(given=given_of, files=PoseFiles)
 def plan_command(
     files: "PoseFiles",
-    given: "Noise | NoisePrior | None",
+    given: "Given",
     k: Annotated[int, option("-k", "--count", help="How many poses to take next.")] = 5,
     candidates: Annotated[
         Path | None,
@@ -83,7 +79,7 @@ def plan_command(
     if point is not None and criterion != "point":
         raise InputError(f"--point goes with --criterion point, got --criterion {criterion}.")
     require_writable(output, "-o")
-    poses, noise = files.read(given)
+    poses, noise, shared = files.read(given)
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     rows = None if candidates is None else read_pose_file(candidates, files.both_units[0])[1]
@@ -101,6 +97,7 @@ def plan_command(
             sample=sample,
             seed=seed,
             repeat=repeat,
+            shared=shared,
         )
     if output is not None:
         found.to_csv(output)

@@ -4,23 +4,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import PoseFiles, calibrated, noise_of, problem_for
+from ..inputs import Given, PoseFiles, calibrated, given_of, problem_for
 from ..messages import progress_wanted, timed
 from ..options import JsonOption, emit, flag, folder_option, made_of, option
 from ..views import views_of
 
 if TYPE_CHECKING:
-    from ...noise.estimate import NoisePrior
-    from ...noise.models import Noise
     from ..views import Views
 
 CHAIN = "chain.h5"
 
 
-@made_of(given=noise_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, files=PoseFiles, views=views_of)
 def posterior_command(
     files: "PoseFiles",
-    given: "Noise | NoisePrior | None",
+    given: "Given",
     views: "Views | None",
     pairs: Annotated[
         str,
@@ -66,13 +64,13 @@ def posterior_command(
     """
     if resume and output is None:
         raise InputError("--resume needs -o DIR, the folder of the run to go on with.")
-    poses, noise = files.read(given, views=views)
+    poses, noise, shared = files.read(given, views)
     from ...io import write_files
     from ...noise.models import PairNoise
     from ...validation.posterior.sample import sample_posterior
 
     pairs = pairs if isinstance(noise, PairNoise) else "all"
-    problem = problem_for(calibrated(poses, noise, pairs), poses, noise, pairs)
+    problem = problem_for(calibrated(poses, noise, shared, pairs), poses, noise, shared, pairs)
     if output is not None:
         write_files(output, {})  # makes the folder, or says why not
         output.mkdir(parents=True, exist_ok=True)

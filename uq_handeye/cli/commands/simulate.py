@@ -1,25 +1,20 @@
 """The command ``uq-handeye simulate``: pose files of a simulated rig."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from ...errors import InputError
-from ..inputs import exact_beside, noise_of
+from ..inputs import NoiseOptions, exact_beside
 from ..options import SETUP_NAMES, emit, made_of, option
-
-if TYPE_CHECKING:
-    from ...noise.estimate import NoisePrior
-    from ...noise.models import Noise
-
 
 MAX_POSES = 1_000_000  # about 1 GB of memory; more would end the machine's, not the work
 
 
-@made_of(noise=noise_of)
+@made_of(options=NoiseOptions)
 def simulate_command(
-    noise: "Noise | NoisePrior | None",
+    options: "NoiseOptions",
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write.")],
     n_poses: Annotated[int, typer.Option("--poses", "-n", help="Number of poses.")] = 20,
     setup: Annotated[
@@ -35,15 +30,18 @@ def simulate_command(
     Example: uq-handeye simulate -o sim/ --poses 30 --camera-noise 0.1deg,0.5mm
     """
     from ...geometry.frames import SETUPS
-    from ...io import pose_text, write_files
+    from ...io import pose_text, read_shared_errors, write_files
     from ...noise.estimate import NoisePrior
     from ...noise.models import PoseNoise
     from ...simulation.rig import simulate
 
+    noise = options.read()
     if isinstance(noise, NoisePrior):  # nothing is drawn for the other side
         noise = exact_beside(noise)
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
+    if options.noise is not None and read_shared_errors(options.noise):
+        raise InputError(f"simulate draws the noise of each pose alone: leave [shared] out of {options.noise}.")
     if seed < 0:
         raise InputError(f"Expected --seed to be 0 or more, got {seed}.")
     if not 1 <= n_poses <= MAX_POSES:

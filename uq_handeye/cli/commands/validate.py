@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import PoseFiles, calibrated, noise_of, problem_for
+from ..inputs import Given, PoseFiles, calibrated, given_of, problem_for
 from ..messages import LOG, progress_wanted
 from ..options import (
     EVERY_METHOD,
@@ -27,8 +27,6 @@ from ..views import views_of
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from ...noise.estimate import NoisePrior
-    from ...noise.models import Noise
     from ...validation.monte_carlo.run import MonteCarlo
     from ..views import Views
 
@@ -36,10 +34,10 @@ if TYPE_CHECKING:
 INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
-@made_of(given=noise_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, files=PoseFiles, views=views_of)
 def validate_command(
     files: "PoseFiles",
-    given: "Noise | NoisePrior | None",
+    given: "Given",
     views: "Views | None",
     method: Annotated[
         list[str] | None,
@@ -115,8 +113,8 @@ def validate_command(
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
-    poses, noise = files.read(given, views=views)
-    problem = problem_for(calibrated(poses, noise, pairs), poses, noise, pairs)
+    poses, noise, shared = files.read(given, views)
+    problem = problem_for(calibrated(poses, noise, shared, pairs), poses, noise, shared, pairs)
     if workers is None:
         workers = cores()
     if sweep_noise is not None:
