@@ -41,6 +41,7 @@ from ..formatting.units import parse_length
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, skew
 from ..likelihood.constraint import Linearised, OnPoses, constraint_of, residual_covariance
+from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, is_joint, marginals
 from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
@@ -135,6 +136,10 @@ def plan(
     errors = tuple(shared or ())
     if noise is None:
         data, noise, errors = _estimated_noise(data, shared)
+    elif isinstance(noise, PoseNoise) and not any(
+        isinstance(S, JointCovariance) and S.shared.shape[-1] for S in (noise.robot, noise.camera)
+    ):
+        noise = _of_each_pose(noise)  # of a drift
     target, distance = _target(data, criterion, point, length)
     constraint = constraint_of(data, noise)
     if not isinstance(constraint, OnPoses):
@@ -262,10 +267,19 @@ def _estimated_noise(
         if error.name in settled
     )
     noise = without_shared(noise, errors)
-    if noise.camera is not None and is_joint(noise.camera):  # of a camera that was calibrated from corners
-        _log.info("planned as if each pose had its own error of the intrinsics; what they share does not average out")
-        noise = PoseNoise(noise.robot, marginals(noise.camera))
-    return data, noise, errors
+    return data, _of_each_pose(noise), errors
+
+
+def _of_each_pose(noise: PoseNoise) -> PoseNoise:
+    """The marginals of what is not the same for new poses: errors of intrinsics, and what neighbours have in common."""
+    sides = []
+    for S in (noise.robot, noise.camera):
+        if isinstance(S, JointCovariance) and S.shared.shape[-1]:  # of a camera that was calibrated from corners
+            _log.info(
+                "planned as if each pose had its own error of the intrinsics; what they share does not average out"
+            )
+        sides.append(marginals(S) if isinstance(S, JointCovariance) else S)
+    return PoseNoise(*sides)
 
 
 def _noise_of_new(noise: PoseNoise) -> PoseNoise:

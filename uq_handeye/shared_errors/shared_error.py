@@ -264,9 +264,10 @@ def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise
         if not isinstance(S, JointCovariance) or names.isdisjoint(S.names):
             return S
         kept = np.array([name not in names for name in S.names])
-        if not kept.any():
+        if not kept.any() and S.serial is None:
             return S.own if S.own.any() else None
-        return JointCovariance(S.own, S.shared[..., kept], tuple(name for name in S.names if name not in names))
+        rest = tuple(name for name in S.names if name not in names)
+        return JointCovariance(S.own, S.shared[..., kept], rest, S.serial)
 
     return PoseNoise(remaining(noise.robot), remaining(noise.camera))
 

@@ -1,0 +1,219 @@
+"""Shared errors on the command line and in the noise file: what is taken, what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+from cli_cases import MODEL, NOISE, run
+
+import uq_handeye as uq
+from uq_handeye.io import write_pose_file
+
+BOTH = ("robot.csv", "camera.csv")
+VIEWS = ("--board", "9x6", "--square", "20mm", "--camera-matrix", "1000,1000,640,480")
+DEFAULTS = {"focal length": 1e-3, "principal point x": 1e-3, "principal point y": 1e-3, "target scale": 2e-4}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("session")
+    poses = uq.simulate(12, noise=MODEL, seed=4)
+    write_pose_file(folder / "robot.csv", poses.robot, poses.timestamps)
+    write_pose_file(folder / "camera.csv", poses.camera, poses.timestamps)
+    np.savez(folder / "bend.npz", F=np.ones((12, 6, 1)))
+    np.save(folder / "two.npy", np.ones((12, 6, 2)))
+    np.savetxt(folder / "bend.csv", np.arange(12 * 12.0).reshape(12, 12), delimiter=",", header="theta, tau")
+    (folder / "shared.toml").write_text('[shared]\nfocal_length = "0.5%"\nprincipal_point = "none"\n')
+    return folder
+
+
+def sds(folder, *options):
+    """Standard deviations that a calibration records, by name."""
+    found = run("calibrate", *BOTH, "--json", *options, cwd=folder)
+    assert found.returncode in (None, 0), found.stderr
+    lines = json.loads(found.stdout)["provenance"]["options"]["shared"]
+    return {name: float(sd) for name, sd in (line.split(": ") for line in lines)}
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ([], DEFAULTS),
+        (["--shared", "defaults"], DEFAULTS),
+        (["--shared", "none"], {}),
+        (["--focal-sd", "0.3%"], DEFAULTS | {"focal length": 3e-3}),
+        (["--focal-sd", "none"], DEFAULTS | {"focal length": 0.0}),
+        (
+            ["--principal-point-sd", "0.002", "--robot-scale-sd", "0.01%"],
+            DEFAULTS | {"principal point x": 2e-3, "principal point y": 2e-3, "robot scale": 1e-4},
+        ),
+        (["--target-scale-sd", "exact"], DEFAULTS | {"target scale": 0.0}),
+        (["--shared", "none", "--focal-sd", "0.1%"], {"focal length": 1e-3}),
+        (["--noise", "shared.toml"], DEFAULTS | {"focal length": 5e-3, "principal point x": 0, "principal point y": 0}),
+        (["--noise", "shared.toml", "--focal-sd", "0.2%", "--shared", "none"],
+         {"focal length": 2e-3, "principal point x": 0, "principal point y": 0}),
+        (NOISE, {}),
+        ([*NOISE, "--focal-sd", "0.3%"], {"focal length": 3e-3}),
+        ([*NOISE, "--noise", "shared.toml"], {"focal length": 5e-3, "principal point x": 0, "principal point y": 0}),
+        ([*NOISE[:2], "--focal-sd", "0.3%"], DEFAULTS | {"focal length": 3e-3}),
+        (
+            [*VIEWS, "--principal-point-sd", "2px"],
+            {"target scale": 2e-4, "principal point x": 2e-3, "principal point y": 2e-3},
+        ),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list | tuple) else "",
+)  # fmt: skip
+def test_which_apply(folder, options, expected):
+    assert sds(folder, *options) == expected
+
+
+def test_they_are_in_the_covariance(folder):
+    poses = uq.read_poses(folder / "robot.csv", folder / "camera.csv")
+    found = json.loads(run("calibrate", *BOTH, *NOISE, "--focal-sd", "1%", "--json", cwd=folder).stdout)
+    expected = uq.calibrate(poses, noise=MODEL, shared=[uq.SharedError.focal_length("1%")])
+    np.testing.assert_allclose(found["covariance"], expected.covariance, rtol=1e-10)
+    assert np.trace(expected.covariance) > 1.1 * np.trace(uq.calibrate(poses, noise=MODEL).covariance)
+
+
+@pytest.mark.parametrize("given", [NOISE, NOISE[:2], ()], ids=["noise", "one side", "none"])
+@pytest.mark.parametrize(
+    ("command", "more", "key"),
+    [
+        ("validate", ("--trials", "200", "--workers", "1"), "predicted"),
+        ("compare", ("--methods", "efficient,park"), "rows"),
+        ("plan", ("-k", "1", "--sample", "20"), "before"),
+    ],
+)
+def test_they_reach_the_other_commands(folder, command, more, key, given):
+    """Counted once, also where the noise of one side is estimated first."""
+
+    def deviations(*options):
+        found = run(command, *BOTH, *given, *more, *options, "--json", cwd=folder)
+        assert found.returncode in (None, 0), found.stderr
+        return found.stdout
+
+    assert deviations("--shared", "none") != deviations("--shared", "none", "--focal-sd", "3%")
+    once = json.loads(
+        run("calibrate", *BOTH, *given, "--shared", "none", "--focal-sd", "3%", "--json", cwd=folder).stdout
+    )
+    found = json.loads(deviations("--shared", "none", "--focal-sd", "3%"))
+    if command == "plan":
+        np.testing.assert_allclose(found["before"]["std"], once["std"], rtol=0.05)
+    if command == "compare":
+        row = next(row for row in found["methods"] if row["method"] == "efficient")
+        np.testing.assert_allclose(row["covariance"], once["covariance"], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        (["--focal-sd", "0.1"], ["--focal-sd", "unit", "%", "'0.1'"]),
+        (["--focal-sd", "-1%"], ["--focal-sd", ">= 0", "-1%"]),
+        (["--focal-sd", "nan%"], ["--focal-sd", "nan%"]),
+        (["--target-scale-sd", "1mm"], ["--target-scale-sd", "mm"]),
+        (["--robot-scale-sd", "much"], ["--robot-scale-sd", "'much'"]),
+        (["--principal-point-sd", "1px"], ["--principal-point-sd", "focal length in pixels"]),
+        (["--offset-sd", "1"], ["--offset-sd", "unit", "ms"]),
+        (["--shared", "some"], ["--shared", "defaults, none", "'some'"]),
+        (["--focal-sd", "0.1%", "--method", "tsai"], ["`noise` beside `shared`", "tsai"]),
+        (["--pair", "async", "--offset", "0,0.001", "--offset-sd", "1ms"], ["once", "--offset-sd"]),
+    ],
+    ids=lambda value: " ".join(value),
+)
+def test_bad_options(folder, options, parts):
+    found = run("calibrate", *BOTH, *options, cwd=folder)
+    assert (found.returncode, found.stdout, found.stderr.count("\n")) == (2, "", 1)
+    for part in parts:
+        assert part in found.stderr
+
+
+def test_offset_needs_times(folder):
+    untimed = folder / "untimed.npz"
+    poses = uq.read_poses(folder / "robot.csv", folder / "camera.csv")
+    np.savez(untimed, robot=poses.robot, camera=poses.camera)
+    found = run("calibrate", untimed, *NOISE, "--offset-sd", "1ms")
+    assert found.returncode == 2 and "timestamps" in found.stderr
+    assert run("calibrate", untimed, *NOISE, "--offset-sd", "none").returncode in (None, 0)
+
+
+def test_noise_on_motions_has_no_shared_errors(folder):
+    (folder / "motions.toml").write_text(
+        '[A]\nrotation = "0.1deg"\ntranslation = "1mm"\n[shared]\nrobot_scale = "1%"\n'
+    )
+    found = run("validate", *BOTH, "--noise", "motions.toml", cwd=folder)
+    assert found.returncode == 2 and "noise on motions" in found.stderr
+
+
+def test_simulate_draws_none(folder):
+    found = run("simulate", "-o", folder / "sim", "--noise", folder / "shared.toml")
+    assert found.returncode == 2 and "leave [shared] out" in found.stderr
+
+
+# ------------------------------------------------------------------------------------------------------ the file
+
+
+def test_the_table(folder):
+    (folder / "all.toml").write_text(
+        '[robot]\nrotation = "0.02deg"\ntranslation = "0.05mm"\n'
+        '[shared]\nfocal_length = "0.1%"\nprincipal_point = "1px"\ntarget_scale = "exact"\nrobot_scale = 1e-4\n'
+        'clock_offset = "1ms"\n'
+        '[[shared.columns]]\nname = "bend"\nfile = "bend.npz"\nsd = 5e-5\nside = "robot"\nunit = "K"\n'
+        '[[shared.columns]]\nname = "two"\nfile = "two.npy"\nsd = [1e-5, 2e-5]\nside = "camera"\n'
+        '[[shared.columns]]\nname = "table"\nfile = "bend.csv"\nsd = 1e-7\nside = "robot"\n'
+    )
+    errors = uq.read_shared_errors(folder / "all.toml", focal_length_px=500.0)
+    assert [(error.name, *error.sd.tolist()) for error in errors] == [
+        ("focal length", 1e-3),
+        ("principal point", 2e-3, 2e-3),
+        ("target scale", 0.0),
+        ("robot scale", 1e-4),
+        ("clock offset", 1e-3),
+        ("bend", 5e-5),
+        ("two", 1e-5, 2e-5),
+        ("table", 1e-7, 1e-7),
+    ]
+    assert errors[5].unit == "K" and errors[6].side == "camera"
+    poses = uq.simulate(12, noise=MODEL, seed=4)
+    assert errors[5].at(poses).shape == (12, 6, 1) and errors[6].at(poses).shape == (12, 6, 2)
+    np.testing.assert_array_equal(errors[7].at(poses)[1], np.arange(12, 24.0).reshape(2, 6).T)
+    assert isinstance(uq.read_noise_file(folder / "all.toml"), uq.PoseNoise)
+    assert uq.read_noise_file(folder / "shared.toml") is None
+    result = uq.calibrate(poses, noise=MODEL, shared=errors)
+    assert "two 2" in [entry.name for entry in result.shared]
+
+
+def columns(**changes):
+    entry = {"name": '"a"', "file": '"bend.npz"', "sd": "1", "side": '"robot"'} | changes
+    return "[[shared.columns]]\n" + "".join(f"{key} = {value}\n" for key, value in entry.items() if value)
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("shared = 3\n", ["[shared]", "must be a table", "'3'"]),
+        ('[shared]\nfocus = "1%"\n', ["[shared]", "unknown key 'focus'", "focal_length"]),
+        ('[shared]\nfocal_length = "0.1"\n', ["[shared]", "focal length", "unit"]),
+        ("[shared]\nfocal_length = nan\n", ["[shared]", "focal length", "finite"]),
+        ('[shared]\ntarget_scale = "-1%"\n', ["[shared]", "target scale", ">= 0"]),
+        ("[shared]\nrobot_scale = true\n", ["[shared]", "robot scale", "True"]),
+        ("[shared]\nrobot_scale = [1]\n", ["[shared]", "robot scale", "[1]"]),
+        ('[shared]\nprincipal_point = "1px"\n', ["[shared]", "principal point", "focal length in pixels"]),
+        ("[shared]\ncolumns = 3\n", ["[shared]", "[[shared.columns]]"]),
+        (columns(nme='"b"'), ["[shared]", "unknown key 'nme'"]),
+        (columns(sd=""), ["[shared]", "sd", "missing"]),
+        (columns(file="3"), ["[shared]", "file", "'3'"]),
+        (columns(file='"no.npy"'), ["[shared]", "no.npy", "no such file"]),
+        (columns(file='"robot.csv"'), ["[shared]", "robot.csv", "rows of 6 k numbers"]),
+        (columns(file='"shared.toml"'), ["[shared]", "shared.toml", "rows of 6 k numbers"]),
+        (columns(sd="-1"), ["[shared]", ">= 0"]),
+        (columns(side='"left"'), ["[shared]", "robot or camera", "'left'"]),
+        (columns(name='"focal length"'), ["[shared]", "another `name`"]),
+    ],
+)
+def test_bad_tables(folder, text, parts):
+    (folder / "bad.toml").write_text(text)
+    with pytest.raises(uq.InputError) as caught:
+        uq.read_shared_errors(folder / "bad.toml")
+    assert "\n" not in str(caught.value) and "bad.toml" in str(caught.value)
+    for part in parts:
+        assert part in str(caught.value)
