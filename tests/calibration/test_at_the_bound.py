@@ -89,7 +89,7 @@ def test_pairs_serve_4dpa_and_the_residuals_alone(poses, given):
 
 @pytest.mark.parametrize("method", FITS)
 def test_noise_is_estimated_where_none_is_given(poses, method):
-    result = quietly(poses, method=method)
+    result = quietly(poses, method=method, shared=[])
     estimate = uq.estimate_noise(poses)
     assert result.noise_estimate is not None and result.noise is result.noise_estimate.noise
     for component in estimate.components:
@@ -132,7 +132,7 @@ def test_noise_that_is_known_in_full_has_its_own_reference(poses):
     """With every component fixed nothing is estimated: as with that noise given."""
     prior = uq.NoisePrior(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"), factor=1)
     for method in ("efficient", "4dpa"):
-        result = quietly(poses, prior=prior, method=method, robust=False)
+        result = quietly(poses, prior=prior, method=method, robust=False, shared=[])
         known = quietly(poses, noise=NOISE, method=method)
         assert result.reference == known.reference and result.quantile() == known.quantile()
         assert_same_covariance(result.covariance, known.covariance, CLOSE)

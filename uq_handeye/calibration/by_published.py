@@ -17,6 +17,7 @@ from ..likelihood.d2_distribution import Reference
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit, efficient
 from ..likelihood.goodness_of_fit import effective_dof
 from ..likelihood.robust import RobustFit
+from ..likelihood.shared_estimates import resolve_doubts
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise_estimation.estimate import estimate_noise
@@ -42,14 +43,16 @@ def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
     if noise is None:
         try:
             beside = {"camera": job.camera_noise, "robot": job.robot_noise}
-            estimate = estimate_noise(job.data, job.prior, start=found.X, **beside)
+            estimate = estimate_noise(job.data, job.prior, start=found.X, shared=job.shared, **beside)
         except (InputError, NotConvergedError) as error:  # X does without
             unknown = Finding("calibration.noise_not_estimated", "caution", {"error": str(error)})
             return estimate_unweighted(job, found, None, [unknown])
         if estimate.noise is None:
             return estimate_unweighted(job, found, estimate)
-        noise = estimate.noise
-        reference = reference_for(efficient(job.data, noise, found.X), estimate)
+        at_bound = efficient(job.data, estimate.noise, found.X)
+        noise = resolve_doubts(at_bound, estimate.noise, job.shared).noise
+        estimate = replace(estimate, noise=noise)
+        reference = reference_for(at_bound, estimate)
     covariance, covariance_W, doubts = found.covariances(noise, job.kind)
     if job.covariance == "sigma-points":
         covariance, covariance_W = by_sigma_points(job, noise, None), None

@@ -199,7 +199,7 @@ def request(
     if robust is None:
         count = motions.N if motions.poses is None else motions.poses.n
         robust = bound and count >= FEWEST_FOR_ROBUST
-    errors = _shared_of(shared, motions.poses, noise, method, camera)
+    errors = _shared_of(shared, motions.poses, noise, method, kind, camera)
     if errors and noise is not None:
         assert isinstance(noise, PoseNoise) and motions.poses is not None
         noise = with_shared(noise, shared_columns(errors, motions.poses))
@@ -239,11 +239,12 @@ def _shared_of(
     poses: PosePairs | None,
     noise: Noise | None,
     method: str,
+    kind: str | None,
     camera: CameraNoise | None,
 ) -> tuple[SharedError, ...]:
     """What was given; else the defaults, where the noise is to be estimated."""
     if shared is None:
-        if noise is not None or poses is None or method not in ESTIMATORS:
+        if noise is not None or poses is None or method == BUNDLE or kind not in (None, "poses"):
             return ()
         return default_errors(camera is not None or poses.camera_calibration is not None)
     errors = tuple(shared) if poses is None else checked_errors(shared, poses)
@@ -253,8 +254,4 @@ def _shared_of(
         raise InputError("Expected poses and PoseNoise beside `shared`: what errors do to motions alone is not known.")
     if method == BUNDLE:
         raise InputError("Method 'bundle' takes no `shared` errors. Use method 'efficient'.")
-    if noise is None and method not in ESTIMATORS:
-        raise InputError(
-            f"Expected `noise` beside `shared` with method {method!r}: only efficient and ml estimate it from the data."
-        )
     return errors

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +47,16 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
 from .replicates import Counts, Problem, Solved
-from .sandwich import DISPENSABLE, Influence, given_lags, hac_freedom, influence_of, require_dispensable, times
+from .sandwich import (
+    DISPENSABLE,
+    Influence,
+    given_lags,
+    hac_freedom,
+    influence_of,
+    of_declared,
+    require_dispensable,
+    times,
+)
 
 KINDS = ("sandwich", "hac", "jackknife", "bootstrap")
 
@@ -142,9 +151,12 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
     """
     influence = influence_of(fit)
     n, p = influence.n, influence.J.shape[-1]
-    # in these units the information of all poses is 1
-    half = np.asarray(np.linalg.cholesky(influence.covariance), dtype=float)
-    J = times(influence.J, half)
+    known = np.zeros((p, p)) if influence.known is None else influence.known
+    bread = influence.covariance if influence.known is None else _bread(influence)
+    # in these units the information of all poses, and of what is known, is 1
+    half = np.asarray(np.linalg.cholesky(bread), dtype=float)
+    J, known = times(influence.J, half), half.mT @ known @ half
+    pull = np.zeros(p) if influence.known is None else -(J.mT @ influence.residual[..., None]).sum(axis=-3)[..., 0]
     upper = np.triu_indices(p)
     features = np.concatenate(
         [(J.mT @ J)[..., upper[0], upper[1]], (J.mT @ influence.residual[..., None])[..., 0]], axis=-1
@@ -157,10 +169,10 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
         information = np.empty((*sums.shape[:-1], p, p))
         information[..., upper[0], upper[1]] = information[..., upper[1], upper[0]] = sums[..., :-p]
         # far below what counts as singular, and enough for a singular matrix to have an inverse
-        information += 1e-6 * NEAR_SINGULAR * np.eye(p)
+        information += known + 1e-6 * NEAR_SINGULAR * np.eye(p)
         inverse = np.linalg.inv(information)
         ok = np.linalg.norm(inverse, axis=(-2, -1)) < 1.0 / NEAR_SINGULAR
-        moves = np.where(ok[..., None], -(inverse @ sums[..., -p:, None])[..., 0], 0.0)
+        moves = np.where(ok[..., None], -(inverse @ (sums[..., -p:] + pull)[..., None])[..., 0], 0.0)
         total += moves.sum(axis=-2)
         square += moves.mT @ moves
         used += ok.sum(axis=-1)
@@ -169,6 +181,13 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
     about = (square - used[..., None, None] * mean[..., :, None] * mean[..., None, :]) / (used - 1)[..., None, None]
     covariance = half @ about @ half.mT
     return Bootstrap(0.5 * (covariance + covariance.mT), replicates, np.asarray(replicates - used, dtype=np.intp))
+
+
+def _bread(influence: Influence) -> Array:
+    """M (p, p) where a part of the unknowns is known beforehand."""
+    assert influence.known is not None
+    flat = influence.J.reshape(-1, influence.J.shape[-1])
+    return np.asarray(np.linalg.inv(flat.T @ flat + influence.known))
 
 
 def draws(n: int, replicates: int, seed: int | np.random.Generator, size: int) -> Iterator[Counts]:
@@ -279,13 +298,16 @@ def _of_fit(
     cluster = "motions" if fit.W is None else "poses"
     influence = influence_of(fit)
     if kind in ("sandwich", "hac"):
-        return _by_influence(influence, kind, lags, cluster)
-    freedom = float(influence.freedom)
-    if kind == "jackknife":
-        return Resampled(kind, spread_of_deletions(deletions(influence)), influence.n, cluster, freedom)
-    found = bootstrap(fit, replicates, seed)
-    details = {"replicates": replicates, "singular": int(found.singular)}
-    return Resampled(kind, found.covariance, influence.n, cluster, freedom, details)
+        result = _by_influence(influence, kind, lags, cluster)
+    elif kind == "jackknife":
+        freedom = float(influence.freedom)
+        result = Resampled(kind, spread_of_deletions(deletions(influence)), influence.n, cluster, freedom)
+    else:
+        found = bootstrap(fit, replicates, seed)
+        details = {"replicates": replicates, "singular": int(found.singular)}
+        result = Resampled(kind, found.covariance, influence.n, cluster, float(influence.freedom), details)
+    p = fit.covariance.shape[-1]
+    return replace(result, covariance=result.covariance[:p, :p] + of_declared(fit))
 
 
 def _of_method(

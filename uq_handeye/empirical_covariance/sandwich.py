@@ -24,6 +24,10 @@ Neighbouring frames of a video share errors. `hac` adds the products of neighbou
 (W. K. Newey and K. D. West, Econometrica 55 (1987) 703-708), always positive semidefinite. `automatic_lags` is their
 rule of 1994 (Review of Economic Studies 61, 631-653).
 
+Errors that all poses share and that were declared with a standard deviation (`SharedError`) are further unknowns z with
+the prior N(0, 1), ``M = (J^T J + Lambda)^-1``: residuals tell the covariance of the poses' own errors; what the prior
+adds, ``M Lambda M`` (`of_declared`), is that of the model.
+
 Reference distribution. Such a covariance is itself random. Under the working model with Gaussian errors it is close to
 a Wishart matrix of nu degrees of freedom, nu from its second moments, so that for the 6 components of X
 
@@ -47,7 +51,8 @@ from numpy.typing import NDArray
 from ..errors import DegenerateMotionError, InputError
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
-from ..noise.square_roots import cholesky_of, joint_residuals, whiten
+from ..noise.joint_covariance import JointCovariance
+from ..noise.square_roots import cholesky_of, gram, joint_residuals, whiten
 
 # Clusters without which no 6x6 covariance can have full rank: the c_k of n clusters add up to about 0.
 FEWEST = 7
@@ -68,6 +73,7 @@ class Influence:
     residual: Array  # (..., n, 6), e
     J: Array  # (..., n, 6, p)
     B: Array  # (..., n, p, 6)
+    known: Array | None = None  # (p, p) Lambda, information on the unknowns that is not of the poses
 
     def __post_init__(self) -> None:
         if self.n < FEWEST:
@@ -183,16 +189,53 @@ def influence_of(fit: Fit) -> Influence:
     """Of `efficient` or `maximum_likelihood`, with the noise of the fit as the working model.
 
     Poses with the robust weight 0 are left out where there is one data set; weights are taken as given numbers.
+    Declared errors that all poses share follow X and W among the unknowns, as far as the data tell anything of them.
     """
-    if joint_residuals(fit.S):
+    known: Array | None = None
+    if not joint_residuals(fit.S):
+        residual, J = fit.white
+        covariance = fit.covariance
+    elif isinstance(fit.S, JointCovariance) and all(fit.S.names):
+        residual, J, covariance, known = _beside_declared(fit)
+    else:
         raise InputError(JOINT)
-    residual, J = fit.white
     if fit.weights is not None:
         root = np.sqrt(fit.weights)
         residual, J = residual * root[..., None], J * root[..., None, None]
         if fit.weights.ndim == 1:
             residual, J = residual[fit.weights > 0], J[fit.weights > 0]
-    return Influence(residual, J, times(J, -fit.covariance).mT)
+    return Influence(residual, J, times(J, -covariance).mT, known)
+
+
+def of_declared(fit: Fit) -> Array | float:
+    """``M Lambda M`` (p, p) of X and W: what declared errors that all poses share add; 0 where there are none."""
+    S = fit.S
+    if not isinstance(S, JointCovariance) or not all(S.names):
+        return 0.0
+    f = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, S.shared], axis=-1))
+    p = fit.covariance.shape[-1]
+    response = fit.covariance @ gram(f)[..., :p, p:]
+    return np.asarray(response @ response.mT)
+
+
+def _beside_declared(fit: Fit) -> tuple[Array, Array, Array, Array]:
+    """Whitened residual (n, 6) and J (n, 6, p + q) of the poses' own errors, M and Lambda, z of q errors with it."""
+    S, p = fit.S, fit.covariance.shape[-1]
+    assert isinstance(S, JointCovariance)
+    if fit.covariance.ndim != 2:
+        raise InputError(f"Expected one data set beside declared errors, got leading axes {fit.covariance.shape[:-2]}.")
+    white = whiten(cholesky_of(S.own), np.concatenate([fit.linear.J, S.shared, fit.residual[..., None]], axis=-1))
+    root = np.ones(len(white)) if fit.weights is None else np.sqrt(fit.weights)
+    sums = gram(white * root[:, None, None])
+    q = S.shared.shape[-1]
+    F = slice(p, p + q)
+    z = np.linalg.solve(sums[F, F] + np.eye(q), sums[F, -1])
+    residual = white[..., -1] - white[..., F] @ z
+    told = np.diag(sums[F, F] - sums[F, :p] @ np.linalg.solve(sums[:p, :p], sums[:p, F]))  # 0: X and W take it in
+    kept = np.concatenate([np.arange(p), p + np.flatnonzero(told > DISPENSABLE)])
+    known = np.diag((kept >= p).astype(float))
+    M = np.linalg.inv(sums[np.ix_(kept, kept)] + known)
+    return residual, white[..., kept], M, known
 
 
 def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:

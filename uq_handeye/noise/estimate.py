@@ -99,6 +99,12 @@ class Component:
     high: float | None
     status: str
 
+    def __post_init__(self) -> None:
+        if self.unit not in SHOWN:
+            raise InputError(
+                f"Expected the unit of a noise component to be one of {', '.join(SHOWN)}, got {self.unit!r}."
+            )
+
     @property
     def is_given(self) -> bool:
         """Whether it has no interval: it was not estimated."""
