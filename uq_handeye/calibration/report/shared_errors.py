@@ -126,5 +126,5 @@ def of_camera(result: Calibration) -> bool:
 
 def _unnamed(noise: PoseNoise) -> bool:
     """Whether a side has a joint covariance that was given as such."""
-    joint = [S for S in (noise.robot, noise.camera) if is_joint(S)]
+    joint = [S for S in (noise.robot, noise.camera) if S is not None and is_joint(S)]
     return any(not isinstance(S, JointCovariance) or "" in S.names for S in joint)
