@@ -83,7 +83,8 @@ def test_what_is_known_of_the_intrinsics_and_of_the_noise(rig):
         "prior": (),
     }.items():
         matrix = "prior.json" if name == "prior" else K
-        given = ("--camera-matrix", matrix, *more, "--pixel-noise", "0.2px", "--no-robust", "--robot-noise", "exact")
+        alone = ("--pixel-noise", "0.2px", "--no-robust", "--robot-noise", "exact", "--correlation", "none")
+        given = ("--camera-matrix", matrix, *more, *alone)
         found = calibrate(folder, *BOARD, *given)
         sizes[name] = np.sqrt(np.diag(np.array(found["covariance"])))
         assert components(found)["pixel noise"]["status"] == "given"
