@@ -23,6 +23,7 @@ FLAGS = re.DOTALL | re.MULTILINE
 SHOWN = [
     "tutorial/signed_off_report",
     "how-to/looks_wrong",
+    "how-to/shared_errors",
     "how-to/ros",
     "how-to/opencv",
     "how-to/controller",
