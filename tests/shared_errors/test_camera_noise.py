@@ -306,3 +306,14 @@ def test_of_a_single_tag_the_intrinsics_are_those_of_another_calibration(views):
     alone = uq.camera_noise(poses, tag, rounded, [[(1e-3 * f) ** 2]])
     np.testing.assert_allclose(noise.joint.shared[..., 0], alone.joint.shared[..., 0], rtol=1e-6)
     assert uq.camera_noise(poses, tag, rounded, "pinhole").scales.all()
+
+
+def test_a_pixel_noise_that_is_given_is_tested(views):
+    poses, rounded, _, _ = views
+    for s, severity in ((PIXEL, "note"), (5 * PIXEL, "caution")):
+        found = uq.estimate_noise(poses, camera=uq.camera_noise(poses, POINTS, rounded, pixel_sd=s))
+        finding = found.findings[-1]
+        assert finding.code == "noise_estimation.pixels_given" and finding.severity == severity
+        assert "contradict it" in str(finding) and " px" in str(finding)
+    hidden = uq.camera_noise(poses, POINTS, rounded, pixel_sd=1e-3 * PIXEL)  # all residuals are the robot's then
+    assert uq.estimate_noise(poses, camera=hidden).findings[-1].code == "noise_estimation.pixels_hidden"

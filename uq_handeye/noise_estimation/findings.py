@@ -71,9 +71,20 @@ def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | N
     else:
         found.append(_note("robot_shows", components=_plain(robot)))
         found += [_note("near_zero", name=part.name) for part in robot if part.low == 0 and part.status == "estimated"]
-    if pixels is None or pixels.status == "given":
+    if pixels is None:
         found.append(against_camera(factor))
+    elif pixels.status == "given":
+        found.append(against_pixels(pixels, factor))
     return tuple(found)
+
+
+def against_pixels(pixels: Component, factor: CameraFactor | None) -> Finding:
+    """Whether the residuals contradict the pixel noise given: a caution where they do."""
+    if factor is None or factor.dof < TELLING:
+        return _note("pixels_hidden")
+    values = {"given": pixels.value, "factor": factor.value, "p_value": factor.p_value, "dof": factor.dof}
+    severity: Severity = "note" if factor.p_value > CONTRADICTION else "caution"
+    return Finding("noise_estimation.pixels_given", severity, values)
 
 
 def unusual_pixels(pixels: Component) -> Finding:

@@ -140,6 +140,22 @@ def _(component: Part, components: Sequence[Part]) -> str:
     )
 
 
+@sentence("noise_estimation.pixels_hidden")
+def _() -> str:
+    return "Whether the pixel noise given is true the residuals cannot say: the robot's noise hides it."
+
+
+@sentence("noise_estimation.pixels_given")
+def _(given: float, factor: float, p_value: float, dof: float) -> str:
+    start = (
+        f"Left free, the residuals would make the pixel noise {_digits(given * math.sqrt(factor))} px instead of "
+        f"{_digits(given)} px ({probability(p_value)}, {dof:.0f} degrees of freedom)"
+    )
+    if p_value > CONTRADICTION:
+        return f"{start}: they do not contradict it."
+    return f"{start}: they contradict it, and the standard deviations of X are wrong by up to that. Leave it out."
+
+
 @sentence("noise_estimation.unusual_pixels")
 def _(component: Part) -> str:
     return (
