@@ -22,6 +22,7 @@ from scipy.special import chdtrc, fdtrc, ndtr
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit, inverse_information
+from ..likelihood.own_residuals import has_own_residuals, own_residuals
 from ..noise.square_roots import gram, whiten
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
@@ -73,7 +74,10 @@ class Regression:
 def residual_tests(
     fit: Fit, poses: PosePairs | None, second: Array, joint: bool
 ) -> tuple[Autocorrelation, Normality, Regression]:
-    white, J = fit.white
+    if joint and has_own_residuals(fit):
+        (white, J, _, _), joint = own_residuals(fit), False
+    else:
+        white, J = fit.white
     if joint and fit.weights is not None:  # a joint S would carry a rejected pose into the rows of the others
         stacked = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
         white, J = stacked[..., -1], stacked[..., :-1]

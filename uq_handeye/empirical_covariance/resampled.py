@@ -151,11 +151,11 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
     """
     influence = influence_of(fit)
     n, p = influence.n, influence.J.shape[-1]
-    known = np.zeros((p, p)) if influence.known is None else influence.known
     bread = influence.covariance if influence.known is None else _bread(influence)
     # in these units the information of all poses, and of what is known, is 1
     half = np.asarray(np.linalg.cholesky(bread), dtype=float)
-    J, known = times(influence.J, half), half.mT @ known @ half
+    J = times(influence.J, half)
+    known = np.zeros((p, p)) if influence.known is None else half.mT @ influence.known @ half
     pull = np.zeros(p) if influence.known is None else -(J.mT @ influence.residual[..., None]).sum(axis=-3)[..., 0]
     upper = np.triu_indices(p)
     features = np.concatenate(

@@ -51,6 +51,7 @@ from numpy.typing import NDArray
 from ..errors import DegenerateMotionError, InputError
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
+from ..likelihood.own_residuals import has_own_residuals, own_residuals
 from ..noise.joint_covariance import JointCovariance
 from ..noise.square_roots import cholesky_of, gram, joint_residuals, whiten
 
@@ -195,8 +196,8 @@ def influence_of(fit: Fit) -> Influence:
     if not joint_residuals(fit.S):
         residual, J = fit.white
         covariance = fit.covariance
-    elif isinstance(fit.S, JointCovariance) and all(fit.S.names):
-        residual, J, covariance, known = _beside_declared(fit)
+    elif _declared(fit):
+        residual, J, covariance, known = own_residuals(fit)
     else:
         raise InputError(JOINT)
     if fit.weights is not None:
@@ -210,7 +211,7 @@ def influence_of(fit: Fit) -> Influence:
 def of_declared(fit: Fit) -> Array | float:
     """``M Lambda M`` (p, p) of X and W: what declared errors that all poses share add; 0 where there are none."""
     S = fit.S
-    if not isinstance(S, JointCovariance) or not all(S.names):
+    if not isinstance(S, JointCovariance) or not _declared(fit):
         return 0.0
     f = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, S.shared], axis=-1))
     p = fit.covariance.shape[-1]
@@ -218,24 +219,9 @@ def of_declared(fit: Fit) -> Array | float:
     return np.asarray(response @ response.mT)
 
 
-def _beside_declared(fit: Fit) -> tuple[Array, Array, Array, Array]:
-    """Whitened residual (n, 6) and J (n, 6, p + q) of the poses' own errors, M and Lambda, z of q errors with it."""
-    S, p = fit.S, fit.covariance.shape[-1]
-    assert isinstance(S, JointCovariance)
-    if fit.covariance.ndim != 2:
-        raise InputError(f"Expected one data set beside declared errors, got leading axes {fit.covariance.shape[:-2]}.")
-    white = whiten(cholesky_of(S.own), np.concatenate([fit.linear.J, S.shared, fit.residual[..., None]], axis=-1))
-    root = np.ones(len(white)) if fit.weights is None else np.sqrt(fit.weights)
-    sums = gram(white * root[:, None, None])
-    q = S.shared.shape[-1]
-    F = slice(p, p + q)
-    z = np.linalg.solve(sums[F, F] + np.eye(q), sums[F, -1])
-    residual = white[..., -1] - white[..., F] @ z
-    told = np.diag(sums[F, F] - sums[F, :p] @ np.linalg.solve(sums[:p, :p], sums[:p, F]))  # 0: X and W take it in
-    kept = np.concatenate([np.arange(p), p + np.flatnonzero(told > DISPENSABLE)])
-    known = np.diag((kept >= p).astype(float))
-    M = np.linalg.inv(sums[np.ix_(kept, kept)] + known)
-    return residual, white[..., kept], M, known
+def _declared(fit: Fit) -> bool:
+    """Whether all that the poses share are errors with a name."""
+    return isinstance(fit.S, JointCovariance) and has_own_residuals(fit) and all(fit.S.names)
 
 
 def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:

@@ -1,0 +1,54 @@
+r"""What is left of the residuals once the errors that all poses share are taken out of them.
+
+With ``S = blkdiag(S_i) + F F^T`` and r the residuals after the fit, ``z = (F^T S_i^-1 F + 1)^-1 F^T S_i^-1 r`` is the
+estimate of the shared errors, and ``e = r - F z`` are those of each pose alone, whitened by S_i. They belong to one
+pose each, as residuals of independent noise do, with the unknowns (X, W, z).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.se3 import Array
+from ..noise.joint_covariance import JointCovariance
+from ..noise.square_roots import cholesky_of, gram, whiten
+from .gauss_helmert import Fit
+
+# Information (1 where it equals that of the prior) below which the data tell nothing of a shared error.
+TOLD = 1e-4
+
+
+class OwnResiduals(NamedTuple):
+    """Of one fit, in units of each pose's own noise; no weights are in them."""
+
+    e: Array  # (n, 6)
+    J: Array  # (n, 6, p + q), q shared errors of which the data tell something
+    M: Array  # (p + q, p + q) covariance of the unknowns, with weights and priors
+    known: Array  # (p + q, p + q) information of the priors
+
+
+def has_own_residuals(fit: Fit) -> bool:
+    """Whether the poses have errors in common of this kind, and no others."""
+    return isinstance(fit.S, JointCovariance) and fit.S.serial is None
+
+
+def own_residuals(fit: Fit) -> OwnResiduals:
+    """See the module; raises `InputError` on fits of several data sets."""
+    S, p = fit.S, fit.covariance.shape[-1]
+    assert isinstance(S, JointCovariance)
+    if fit.covariance.ndim != 2:
+        raise InputError(f"Expected one data set beside shared errors, got leading axes {fit.covariance.shape[:-2]}.")
+    white = whiten(cholesky_of(S.own), np.concatenate([fit.linear.J, S.shared, fit.residual[..., None]], axis=-1))
+    root = np.ones(len(white)) if fit.weights is None else np.sqrt(fit.weights)
+    sums = gram(white * root[:, None, None])
+    q = S.shared.shape[-1]
+    F = slice(p, p + q)
+    z = np.linalg.solve(sums[F, F] + np.eye(q), sums[F, -1])
+    told = np.diag(sums[F, F] - sums[F, :p] @ np.linalg.solve(sums[:p, :p], sums[:p, F]))  # 0: X and W take it in
+    kept = np.concatenate([np.arange(p), p + np.flatnonzero(told > TOLD)])
+    known = np.diag((kept >= p).astype(float))
+    M = np.linalg.inv(sums[np.ix_(kept, kept)] + known)
+    return OwnResiduals(white[..., -1] - white[..., F] @ z, white[..., kept], M, known)
