@@ -115,7 +115,6 @@ def test_they_reach_the_other_commands(folder, command, more, key, given):
         (["--principal-point-sd", "1px"], ["--principal-point-sd", "focal length in pixels"]),
         (["--offset-sd", "1"], ["--offset-sd", "unit", "ms"]),
         (["--shared", "some"], ["--shared", "defaults, none", "'some'"]),
-        (["--focal-sd", "0.1%", "--method", "tsai"], ["`noise` beside `shared`", "tsai"]),
         (["--pair", "async", "--offset", "0,0.001", "--offset-sd", "1ms"], ["once", "--offset-sd"]),
     ],
     ids=lambda value: " ".join(value),

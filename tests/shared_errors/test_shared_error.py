@@ -222,7 +222,6 @@ def test_bad_errors(make, message):
             "got two 'a",
         ),
         ({"shared": [SharedError.columns("a", np.ones((3, 6)), 1.0, "robot")]}, "'a' to cover 12 poses, got 3"),
-        ({"shared": [SharedError.focal_length()], "method": "tsai"}, "`noise` beside `shared`"),
         ({"shared": [SharedError.focal_length()], "noise": PairNoise(A=np.eye(6))}, "PoseNoise beside `shared`"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",

@@ -113,7 +113,8 @@ def _covered(noise: Noise, poses: PosePairs | None) -> set[str]:
     found = {name for S in joint for name in S.names} & set(PROBED)
     seen = None if poses is None else poses.camera_calibration
     by_views = isinstance(noise.camera, JointCovariance) and INTRINSICS in noise.camera.names
-    by_corners = is_joint(noise.camera) and seen is not None and "fx" in seen.estimated
+    joint_camera = noise.camera is not None and is_joint(noise.camera)
+    by_corners = joint_camera and seen is not None and "fx" in seen.estimated
     return found | {FOCAL_LENGTH} if by_views or by_corners else found
 
 
