@@ -15,6 +15,7 @@ import numpy as np
 from ..diagnostics.budget import Budget, budget
 from ..diagnostics.diagnose import diagnose
 from ..diagnostics.result import Diagnostics
+from ..diagnostics.source_types import with_types
 from ..diagnostics.split_half import SplitHalf, split_fit
 from ..empirical_covariance.resampled import KINDS, resampled
 from ..errors import DegenerateMotionError, InputError
@@ -85,9 +86,10 @@ class Analysis:
 
     @cached_property
     def budget(self) -> Budget:
-        """Shares of the variance by noise source; sources that the data cannot tell apart are one."""
-        merged = () if self.estimate is None else _not_told_apart(self.estimate)
-        return budget(self.fit, self.noise, merged=merged, beside=self.beside)
+        """Shares of the variance by source, with their types; sources that the data cannot tell apart are one."""
+        corners = isinstance(self.data, PosePairs) and self.data.camera_calibration is not None
+        found = with_types(budget(self.fit, self.noise, beside=self.beside), self.noise, self.estimate, corners)
+        return found if self.estimate is None else found.merged(*_not_told_apart(self.estimate))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text."""
@@ -124,7 +126,10 @@ class StoredAnalysis(ReadOnlyArrays):
         sources = tuple(data["budget"]["sources"])
         size = len(data["budget"]["covariances"][0])
         parts = array_of(data["budget"]["covariances"], (len(sources), size, size), "analysis.budget.covariances")
-        budget = Budget(sources, parts, np.zeros((0, size, size)), X)
+        R = array_of(data["budget"]["relative"], (len(sources), len(sources)), "analysis.budget.relative")
+        if (np.diag(R) < 0).any() or not np.allclose(R, R.T):
+            raise InputError("Expected relative covariances of the variances of the budget, symmetric and >= 0.")
+        budget = Budget(sources, parts, np.zeros((0, size, size)), X, tuple(data["budget"]["types"]), R)
         if size not in (6, 12):
             raise InputError(f"Expected the budget of X, or of X and W, got one of {size} numbers.")
         if (where := unequal(_budget_to_dict(budget), data["budget"], "analysis.budget")) is not None:
@@ -154,6 +159,11 @@ def _to_dict(of: Analysis | StoredAnalysis) -> dict[str, Any]:
     }
 
 
+_IN_FILE = (
+    "sources", "types", "relative", "dof", "components", "covariances", "group_shares", "combined", "expanded_95"
+)  # fmt: skip
+
+
 def _budget_to_dict(of: Budget) -> dict[str, Any]:
     parts = of.to_dict()
-    return {name: parts[name] for name in ("sources", "components", "covariances", "group_shares")}
+    return {name: parts[name] for name in _IN_FILE}

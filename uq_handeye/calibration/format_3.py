@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from ..diagnostics.budget import Budget
 from ..diagnostics.scale_errors import PROBED
 from ..diagnostics.sentences import LENGTHS
 
@@ -22,6 +25,7 @@ def converted(data: dict[str, Any]) -> dict[str, Any]:
             "diagnostics": _diagnostics(analysis["diagnostics"]),
             "split_half": _halves(analysis["split_half"]),
             "split_in_time": _halves(analysis["split_in_time"]),
+            "budget": _budget(analysis["budget"], estimate is not None),
         }
     if table is not None:
         found["poses"] = table | {"flag": [flag.split(" ")[0] for flag in table["flag"]]}
@@ -54,6 +58,13 @@ def _diagnostics(data: dict[str, Any]) -> dict[str, Any]:
 
 def _with_reason(data: dict[str, Any], start: str) -> dict[str, Any]:
     return data | {"reason": _text(f"{start}{data['reason']}.") if data["reason"] else None}
+
+
+def _budget(data: dict[str, Any], estimated: bool) -> dict[str, Any]:
+    """With the type of its sources; how well their variances are known those files do not say."""
+    sources, parts = tuple(data["sources"]), np.array(data["covariances"], dtype=float)
+    types = ("A" if estimated else "B",) * len(sources)
+    return data | Budget(sources, parts, np.zeros((0, *parts.shape[1:])), np.eye(4), types).to_dict()
 
 
 def _halves(data: dict[str, Any]) -> dict[str, Any]:

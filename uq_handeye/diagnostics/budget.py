@@ -1,14 +1,27 @@
-"""Which noise source the variance of a point, or of X, comes from."""
+r"""Which source the variance of a point, or of X, comes from; combined and expanded, in the terms of JCGM 100 (GUM).
+
+The covariance is the sum over the sources, of type A (evaluated from the data) or B (declared: data sheets, priors,
+what is assumed). A standard uncertainty of a group of components, such as X's translation, is per axis: the root of the
+mean of their variances; or that in the direction in which the sum is largest. With u_k those of the sources, u_c the
+combined one and R_kl the covariance of the estimated variances k and l relative to them (0 for type B)
+
+    u_c^2 = sum_k u_k^2,    nu_k = 2 / R_kk,    nu_eff = 2 u_c^4 / sum_kl R_kl u_k^2 u_l^2
+
+which is Welch and Satterthwaite's formula (JCGM 100, G.2b) where the estimates are independent, and that of
+`likelihood.goodness_of_fit` for one component. The coverage factor is k = t_p(nu_eff), ``U = k u_c``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from ..errors import InputError
+from ..files.validate import plain
 from ..geometry.se3 import Array
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit
@@ -26,6 +39,15 @@ EACH, SHARED, IN_TIME = "(each pose)", "(shared)", "(correlated in time)"
 _COMPONENTS = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
 
 
+class Expanded(NamedTuple):
+    """An expanded uncertainty ``U = k u`` in rad or m, with what it is made of."""
+
+    u: float  # combined standard uncertainty
+    dof: float  # effective degrees of freedom; infinite where all of it is declared
+    k: float  # coverage factor
+    U: float
+
+
 @dataclass(frozen=True, eq=False)
 class Budget(ReadOnlyArrays):
     """The covariance of an estimate as a sum over noise sources, and over the poses that the noise is on.
@@ -37,6 +59,60 @@ class Budget(ReadOnlyArrays):
     covariances: Array  # (sources, p, p), in rad and m
     by_pose: Array  # (n, p, p); of a joint noise each pose gets half of what it shares with another
     X: Array  # (4, 4)
+    types: tuple[str, ...] = ()  # "A" or "B" of each source, "A, B" of some together; empty: all "B"
+    relative: Array | None = None  # (sources, sources) R of the module; None: 0
+
+    def __post_init__(self) -> None:
+        count = len(self.sources)
+        object.__setattr__(self, "types", tuple(self.types) or ("B",) * count)
+        R = np.zeros((count, count)) if self.relative is None else np.array(self.relative, dtype=float)
+        if len(self.types) != count or not set(self.types) <= {"A", "B", "A, B"} or R.shape != (count, count):
+            raise InputError(f"Expected types A or B and relative covariances of {count} sources, got {self.types}.")
+        object.__setattr__(self, "relative", R)
+        super().__post_init__()
+
+    @property
+    def dof(self) -> Array:
+        """(sources,) degrees of freedom; infinite where the source is declared."""
+        own = np.diag(self._relative)
+        return np.asarray(np.where(own > 0, 2.0 / np.maximum(own, 1e-300), np.inf))
+
+    @property
+    def standard(self) -> dict[str, Array]:
+        """For each group the standard uncertainties (sources,), per axis, rad or m; 0 where a coupling takes away."""
+        return {name: np.sqrt(np.maximum(self._variances(part, False), 0.0)) for name, part in self.groups.items()}
+
+    @property
+    def combined(self) -> dict[str, float]:
+        """For each group the combined standard uncertainty u_c per axis, rad or m."""
+        return {name: float(np.sqrt(self._variances(part, False).sum())) for name, part in self.groups.items()}
+
+    def expanded(self, level: float = 0.95, *, worst: bool = False) -> dict[str, Expanded]:
+        """For each group the uncertainty for a coverage of ``level``, per axis or in the worst direction."""
+        if not 0 < level < 1:
+            raise InputError(f"Expected `level` to lie between 0 and 1, got {level!r}.")
+        found = {}
+        for name, part in self.groups.items():
+            v = self._variances(part, worst)
+            spread = float(v @ self._relative @ v)
+            dof = 2.0 * float(v.sum()) ** 2 / spread if spread > 0 else float("inf")
+            k = float(stdtrit(dof, 0.5 + 0.5 * level)) if np.isfinite(dof) else float(ndtri(0.5 + 0.5 * level))
+            u = float(np.sqrt(v.sum()))
+            found[name] = Expanded(u, dof, k, k * u)
+        return found
+
+    @property
+    def _relative(self) -> Array:
+        assert self.relative is not None  # since it was made
+        return self.relative
+
+    def _variances(self, part: slice, worst: bool) -> Array:
+        """(sources,) of a group of components: their mean, or that along the direction in which the sum is largest."""
+        S = self.covariances[:, part, part]
+        if not worst:
+            return np.asarray(np.trace(S, axis1=1, axis2=2) / S.shape[-1])
+        along = np.linalg.eigh(S.sum(axis=0))[1][:, -1]
+        return np.asarray(S @ along @ along)
 
     @property
     def covariance(self) -> Array:
@@ -86,7 +162,7 @@ class Budget(ReadOnlyArrays):
             raise InputError(f"Expected one `point` (3,) and the budget of X, got shape {p.shape}.")
         J = _by_pose(self.X[:3, :3] @ p)
         carried = [J @ of[:, :6, :6] @ J.T for of in (self.covariances, self.by_pose)]
-        return Budget(self.sources, carried[0], carried[1], self.X)
+        return Budget(self.sources, carried[0], carried[1], self.X, self.types, self.relative)
 
     def merged(self, *groups: Sequence[str]) -> Budget:
         """With the sources of each group as one, such as those that the data cannot tell apart.
@@ -100,42 +176,51 @@ class Budget(ReadOnlyArrays):
                 f"Expected the names to merge to be different sources out of {', '.join(self.sources)}, got "
                 f"{', '.join(wanted)}."
             )
-        names: list[str] = []
-        parts: list[Array] = []
-        for name, part in zip(self.sources, self.covariances, strict=True):
-            group = next((group for group in groups if name in group), (name,))
-            label = " + ".join(group)
-            if label in names:
-                parts[names.index(label)] = parts[names.index(label)] + part
-            else:
-                names.append(label)
-                parts.append(part)
-        return Budget(tuple(names), np.stack(parts), self.by_pose, self.X)
+        labels = [" + ".join(next((group for group in groups if name in group), (name,))) for name in self.sources]
+        return self._gathered(labels, self.covariances, self.types, self._relative, self.by_pose)
+
+    def _gathered(
+        self, labels: Sequence[str], covariances: Array, types: Sequence[str], relative: Array, by_pose: Array
+    ) -> Budget:
+        """With those of one label as one source; R is that of the sums, each weighted by its mean share."""
+        names = tuple(dict.fromkeys(labels))
+        of = np.array([[label == name for label in labels] for name in names], dtype=float)
+        size = np.trace(covariances / np.maximum(np.diag(covariances.sum(axis=0)), 1e-300), axis1=1, axis2=2)
+        weight = of * np.maximum(size, 1e-300)
+        weight = weight / weight.sum(axis=1, keepdims=True)
+        kinds = [{kind for label, kind in zip(labels, types, strict=True) if label == name} for name in names]
+        mixed = tuple(kind.pop() if len(kind) == 1 else "A, B" for kind in kinds)
+        merged = np.einsum("ms,sij->mij", of, covariances)
+        return Budget(names, merged, by_pose, self.X, mixed, weight @ relative @ weight.T)
 
     def plus(self, name: str, covariance: Array) -> Budget:
         """With the covariance (p, p) of one more source, or more of one that is there; each pose gets its n-th part."""
         by_pose = self.by_pose + covariance / max(len(self.by_pose), 1)
-        if name in self.sources:
-            k = self.sources.index(name)
-            parts = np.concatenate(
-                [self.covariances[:k], [self.covariances[k] + covariance], self.covariances[k + 1 :]]
-            )
-            return Budget(self.sources, parts, by_pose, self.X)
-        return Budget((*self.sources, name), np.concatenate([self.covariances, [covariance]]), by_pose, self.X)
+        parts = np.concatenate([self.covariances, [covariance]])
+        kind = self.types[self.sources.index(name)] if name in self.sources else "B"
+        return self._gathered(
+            (*self.sources, name), parts, (*self.types, kind), np.pad(self._relative, (0, 1)), by_pose
+        )
 
     def table(self) -> str:
-        """Shares in percent, one row per source and one column per group, as text."""
+        """Shares in percent, one row per source with its type and one column per group, as text."""
         width = max(len(name) for name in ("source", *self.sources))
         shares = self.group_shares
-        lines = ["  ".join([f"{'source':<{width}}", *(f"{name:>13}" for name in shares)])]
+        lines = ["  ".join([f"{'source':<{width}}", "type", *(f"{name:>13}" for name in shares)])]
         for k, source in enumerate(self.sources):
-            lines.append("  ".join([f"{source:<{width}}", *(f"{100 * part[k]:11.1f} %" for part in shares.values())]))
+            parts = (f"{100 * part[k]:11.1f} %" for part in shares.values())
+            lines.append("  ".join([f"{source:<{width}}", f"{self.types[k]:<4}", *parts]))
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text."""
         return {
             "sources": list(self.sources),
+            "types": list(self.types),
+            "relative": self._relative.tolist(),
+            "dof": plain(self.dof),
+            "combined": self.combined,
+            "expanded_95": {name: plain(found._asdict()) for name, found in self.expanded().items()},
             "components": list(self.components),
             "covariances": self.covariances.tolist(),
             "shares": self.shares.tolist(),

@@ -12,10 +12,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..calibration.points_ahead import ahead, typical_distance
-from ..calibration.report.analysis import budget_shares
+from ..calibration.report.analysis import budget_shares, shown_budget
 from ..calibration.report.budget_figure import budget_figure
 from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure
+from ..calibration.report.shared_figure import shared_figure
 from ..calibration.report.task_space_figure import task_space_figure
 from ..calibration.report.text import directions, parent_frame
 from ..comparison.methods_figure import methods_picture
@@ -74,6 +75,7 @@ def pictures(
         "rig": _rig(result),
         "residuals": _residuals(result),
         "budget": _budget(result),
+        "shared": _shared(result),
         "task_space": _task_space(result),
         "methods": None if comparison is None else methods_picture(comparison),
     }
@@ -172,16 +174,29 @@ def _residuals(result: Calibration) -> Picture | None:
 
 
 def _budget(result: Calibration) -> Picture | None:
-    shares = budget_shares(result)
-    if not shares:
+    budget, shares = shown_budget(result), budget_shares(result)
+    if budget is None:
         return None
+    kinds = dict(zip(budget.sources, budget.types, strict=True))
+    shares = {f"{name} ({kinds[name]})": share for name, share in shares.items()}
     parts = "; ".join(f"{name} {100 * a:.0f} % and {100 * b:.0f} %" for name, (a, b) in shares.items())
     alt = f"Bars of the share that each noise source has in the variance of X's rotation and translation: {parts}."
     caption = (
         "Where the uncertainty of X comes from. The longest bar is what to improve first: halving that noise takes "
-        "away three quarters of its share."
+        "away three quarters of its share. (A) is evaluated from the data, (B) declared or assumed."
     )
     return Picture(budget_figure(shares), alt, caption)
+
+
+def _shared(result: Calibration) -> Picture | None:
+    if not result.shared:
+        return None
+    alt = f"Errors that all poses share, assumed and found: {', '.join(error.name for error in result.shared)}."
+    caption = (
+        "What was assumed of each error (grey, one standard deviation to each side) and what is known of it after the "
+        "fit (blue). Where blue is as wide as grey the data say nothing of it."
+    )
+    return Picture(shared_figure(result.shared), alt, caption)
 
 
 def _task_space(result: Calibration) -> Picture | None:

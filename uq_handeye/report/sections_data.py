@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..calibration.report.analysis import budget_table, covariance_table, noise_blocks, pair_table, pose_table
+from ..calibration.report.analysis import (
+    budget_table,
+    covariance_table,
+    noise_blocks,
+    pair_table,
+    pose_table,
+    worst_words,
+)
 from ..calibration.report.shared_errors import included_words, shared_blocks
 from ..formatting.numbers import fixed
 from ..presentation.document import Block, Cell, Drawing, Paragraph, Points, Section, Table
@@ -73,7 +80,7 @@ def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Sect
     if table is None or "budget" not in drawings:
         text = needs("The budget is worked out", result)
         return Section("budget", title, [Paragraph(text, empty=True)])
-    return Section("budget", title, [drawings["budget"], table])
+    return Section("budget", title, [drawings["budget"], table, Paragraph(worst_words(result))])
 
 
 def shared_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:

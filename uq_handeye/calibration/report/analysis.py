@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ...diagnostics.budget import Budget
 from ...diagnostics.pose_table import PoseTable
 from ...formatting.numbers import column, digits, fixed, pose_rows, probability
 from ...geometry.pose_numbers import pose_numbers
@@ -211,27 +213,77 @@ def flagged_blocks(result: Calibration) -> list[Block]:
     return [pose_table(table, order[:MOST_LISTED], caption), *rest]
 
 
+def shown_budget(result: Calibration) -> Budget | None:
+    """The budget, coupled errors of a side as one source; None where it is not known."""
+    if result.analysis is None:
+        return None
+    budget = result.analysis.budget
+    for side in ("robot", "camera", "A", "B"):
+        parts = [name for what in KINDS if (name := f"{side} {what}") in budget.sources]
+        # Where errors are coupled, the shares of one kind may be beyond 100 % and below 0: only the sum counts.
+        if parts and _coupled(result, side, budget.sources):
+            parts += [name for name in budget.sources if name == f"{side} coupling"]
+            merged = budget.merged(parts)
+            whole, named = " + ".join(parts), f"{side} (rotation and translation)"
+            budget = replace(merged, sources=tuple(named if name == whole else name for name in merged.sources))
+    return budget
+
+
 def budget_table(result: Calibration) -> Table | None:
-    """Which share of the variance of X comes from which source; None where it is not known."""
-    shares = budget_shares(result)
-    rows = [[name, *(f"{100 * part:.1f}" for part in share)] for name, share in shares.items()]
-    return Table("Share of the variance of X by its source (%)", ["source", *KINDS], rows) if rows else None
+    """Standard uncertainties by source, combined and expanded, in the terms of JCGM 100; None where it is not known."""
+    budget = shown_budget(result)
+    if budget is None:
+        return None
+    factors = {"X translation": _MM, "X rotation": _DEG}
+    standard, shares, whole = budget.standard, budget.group_shares, budget.expanded()
+    rows: list[list[Cell]] = []
+    for k, source in enumerate(budget.sources):
+        sizes = [fixed(factor * standard[name][k], 2) for name, factor in factors.items()]
+        parts = [f"{100 * shares[name][k]:.1f}" for name in factors]
+        rows.append([source, budget.types[k], *sizes, *parts, _freedom(float(budget.dof[k]))])
+    rows.append([])
+    of = [(factor, whole[name]) for name, factor in factors.items()]
+    for title, cells in (
+        ("combined, u_c", [fixed(factor * found.u) for factor, found in of]),
+        ("effective degrees of freedom", [_freedom(found.dof) for _, found in of]),
+        ("coverage factor k for 95 %", [f"{found.k:.2f}" for _, found in of]),
+        ("expanded, U = k u_c", [fixed(factor * found.U) for factor, found in of]),
+    ):
+        rows.append([title, "", *cells, "", "", ""])
+    head = ["source", "type", "u (mm)", "u (deg)", "% of mm", "% of deg", "dof"]
+    return Table(BUDGET_CAPTION, head, rows, frozenset({1}))
+
+
+BUDGET_CAPTION = (
+    "Uncertainty budget of X (JCGM 100): standard uncertainties u of translation (mm) and rotation (deg) per axis ("
+    "root mean square), share of the variance, degrees of freedom; type A is evaluated from the data, type B declared"
+)
+
+
+def _freedom(dof: float) -> str:
+    return digits(dof, 2) if np.isfinite(dof) else "infinite"
+
+
+def worst_words(result: Calibration) -> str:
+    """The expanded uncertainty in the direction in which X is least certain."""
+    budget = shown_budget(result)
+    if budget is None:
+        return ""
+    found = budget.expanded(worst=True)
+    move, turn = found["X translation"], found["X rotation"]
+    return (
+        f"In the worst direction U is {digits(_MM * move.U, 2)} mm (k = {move.k:.2f}) and {digits(_DEG * turn.U, 2)} "
+        f"deg (k = {turn.k:.2f}), which holds 95 % of the errors."
+    )
 
 
 def budget_shares(result: Calibration) -> dict[str, Array]:
     """Shares (2,) of the variances of X's rotation and translation by source; nothing where there is no budget."""
-    if result.analysis is None:
+    budget = shown_budget(result)
+    if budget is None:
         return {}
-    budget = result.analysis.budget
     shares = np.stack([budget.group_shares[f"X {kind}"] for kind in KINDS], axis=-1)  # (sources, 2)
-    # Where errors are coupled, the shares of one side may be beyond 100 % and below 0: only their sum means something.
-    coupled = [side for side in ("robot", "camera", "A", "B") if _coupled(result, side, budget.sources)]
-    rows: dict[str, Array] = {}
-    for source, share in zip(budget.sources, shares, strict=True):
-        side = source.split()[0]
-        name = f"{side} (rotation and translation)" if side in coupled else source
-        rows[name] = rows.get(name, 0.0) + share
-    return rows
+    return dict(zip(budget.sources, shares, strict=True))
 
 
 def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:

@@ -25,6 +25,7 @@ from .analysis import (
     flagged_blocks,
     noise_blocks,
     pair_table,
+    worst_words,
 )
 from .shared_errors import included_words, of_camera, shared_blocks
 
@@ -60,6 +61,7 @@ def calibration_document(result: Calibration, threshold: float = 0.5) -> Documen
         shared_blocks(result),
         flagged_blocks(result),
         *tables,
+        Paragraph(worst_words(result)),
         diagnosis_blocks(result),
         *_scope(result),
         *_other_forms(result),

@@ -1,0 +1,119 @@
+"""Types of the sources, combined and expanded uncertainty: against the covariance, Satterthwaite's rule, and draws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration_cases import NOISE, quietly
+from scipy import stats
+from support import SEED
+
+import uq_handeye as uq
+from uq_handeye.diagnostics.budget import Budget
+from uq_handeye.likelihood.goodness_of_fit import covariance_derivatives
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return uq.simulate(25, noise=NOISE, seed=SEED)
+
+
+@pytest.fixture(scope="module")
+def by_default(poses):
+    return quietly(poses)
+
+
+def made(variances, relative, types=None):
+    """A budget of X whose sources have these variances in every component."""
+    parts = np.stack([v * np.eye(6) for v in variances])
+    types = ("A",) * len(parts) if types is None else types
+    return Budget(tuple("abc"[: len(parts)]), parts, np.zeros((0, 6, 6)), np.eye(4), types, np.array(relative))
+
+
+def test_what_is_declared_is_of_type_B_and_what_is_estimated_of_type_A(poses, by_default):
+    of = dict(zip(by_default.budget.sources, by_default.budget.types, strict=True))
+    shared = {"focal length", "principal point x", "principal point y", "target scale"}
+    assert {name for name, kind in of.items() if kind == "B"} == shared
+    given = quietly(poses, noise=NOISE).budget
+    assert set(given.types) == {"B"} and np.isinf(given.dof).all()
+    fixed = uq.NoisePrior(robot=("0.02deg", "0.05mm"), factor=1)
+    partly = quietly(poses, prior=fixed, shared=[]).budget
+    of = dict(zip(partly.sources, partly.types, strict=True))
+    assert (of["robot rotation"], of["robot translation"], of["camera rotation"]) == ("B", "B", "A")
+
+
+def test_combined_is_the_covariance_of_the_result(by_default):
+    S, budget = by_default.covariance, by_default.budget
+    for name, part in (("X rotation", slice(0, 3)), ("X translation", slice(3, 6))):
+        assert budget.combined[name] == pytest.approx(np.sqrt(np.trace(S[part, part]) / 3), rel=1e-9)
+        assert np.sum(budget.standard[name] ** 2) == pytest.approx(budget.combined[name] ** 2, rel=1e-9)
+        assert budget.expanded()[name].u == pytest.approx(budget.combined[name], rel=1e-12)
+    worst = budget.expanded(worst=True)
+    assert worst["X translation"].u == pytest.approx(by_default.weakest_translation[1], rel=1e-9)
+    assert worst["X rotation"].u == pytest.approx(by_default.weakest_rotation[1], rel=1e-9)
+
+
+def test_degrees_of_freedom_are_those_of_the_reference_for_one_component():
+    noise = uq.PoseNoise.isotropic(robot=("0.1deg", "0.1mm"), camera=("0.1deg", "0.1mm"))
+    result = quietly(uq.simulate(25, noise=noise, seed=SEED), shared=[], correlation="none")
+    estimate, fit = result.noise_estimate, result.analysis.fit
+    assert (estimate.variances > 0).all()
+    derivatives, S = covariance_derivatives(fit), fit.covariance_X
+    worst = result.budget.expanded(worst=True)
+    for name, part in (("X rotation", slice(0, 3)), ("X translation", slice(3, 6))):
+        along = np.linalg.eigh(S[part, part])[1][:, -1]
+        by = np.array([along @ D[part, part] @ along for D in derivatives])
+        nu = 2 * (along @ S[part, part] @ along) ** 2 / (by @ estimate.covariance @ by)
+        assert worst[name].dof == pytest.approx(nu, rel=1e-6)
+    assert 0.2 < worst["X translation"].dof / result.reference.dof < 5
+
+
+def test_independent_estimates_follow_welch_and_satterthwaite():
+    budget = made([1.0, 4.0, 2.0], np.diag([2 / 10, 2 / 5, 0.0]), ("A", "A", "B"))
+    np.testing.assert_allclose(budget.dof, [10, 5, np.inf])
+    found = budget.expanded(0.9)["X translation"]
+    assert found.dof == pytest.approx(7.0**2 / (1 / 10 + 16 / 5))  # JCGM 100, (G.2b)
+    assert found.k == pytest.approx(stats.t.ppf(0.95, found.dof))
+    assert pytest.approx(found.k * np.sqrt(7.0)) == found.U
+    declared = made([1.0, 4.0], np.zeros((2, 2)), ("B", "B")).expanded()["X rotation"]
+    assert np.isinf(declared.dof) and declared.k == pytest.approx(1.959964, rel=1e-6)
+
+
+def test_expanded_uncertainty_holds_as_often_as_it_says():
+    """One measured source of 6 degrees of freedom beside a declared one, 10,000 draws."""
+    rng = np.random.default_rng(SEED)
+    inside = []
+    for _ in range(10_000):
+        estimated = rng.chisquare(6) / 6
+        found = made([estimated, 1.0], np.diag([2 / 6, 0.0]), ("A", "B")).expanded()["X rotation"]
+        inside.append(abs(rng.normal() * np.sqrt(2.0)) < found.U)
+    assert abs(np.mean(inside) - 0.95) < 0.01
+
+
+def test_merged_sources_keep_the_whole(by_default):
+    budget = by_default.budget
+    merged = budget.merged(["principal point x", "principal point y"], ["camera rotation", "focal length"])
+    kinds = dict(zip(merged.sources, merged.types, strict=True))
+    assert kinds["principal point x + principal point y"] == "B" and kinds["camera rotation + focal length"] == "A, B"
+    assert merged.combined == pytest.approx(budget.combined)
+    more = budget.plus("target scale", np.eye(12) * 1e-8)
+    assert more.types == budget.types and more.combined["X rotation"] > budget.combined["X rotation"]
+    np.testing.assert_allclose(more.dof, budget.dof)
+    assert budget.budget_at([0, 0, 0.5]).types == budget.types
+    point = budget.budget_at([0, 0, 0.5]).expanded(worst=True)["point"]
+    assert point.U > point.u > 0
+
+
+def test_coupled_errors_are_one_source(poses):
+    rng = np.random.default_rng(SEED)
+    A = rng.normal(size=(6, 6)) * np.array([1e-3] * 3 + [5e-4] * 3)[:, None]
+    summary = quietly(poses, noise=uq.PoseNoise(robot=NOISE.robot, camera=A @ A.T + 1e-8 * np.eye(6))).summary()
+    assert "camera (rotation and translation)" in summary and "robot rotation" in summary
+    assert "effective degrees of freedom" in summary and "In the worst direction U is" in summary
+
+
+def test_what_is_no_budget_is_refused(by_default):
+    with pytest.raises(uq.InputError, match="types A or B"):
+        replace(by_default.budget, types=("C",) * len(by_default.budget.sources))
+    with pytest.raises(uq.InputError, match="level"):
+        by_default.budget.expanded(1.0)
