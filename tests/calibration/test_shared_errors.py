@@ -54,6 +54,20 @@ def test_the_total_says_what_it_includes(poses, by_default):
     assert included_words(one).endswith("share: focal length 0.05 %, principal point 1 px.")
 
 
+def test_other_methods_and_covariances_say_what_they_include_too(poses, by_default):
+    park = quietly(poses, method="park")
+    assert included_words(park).endswith("focal length, principal point x, principal point y, target scale.")
+    assert included_words(quietly(poses, covariance="sandwich")) == included_words(by_default)
+    assert "not included" in included_words(quietly(poses, method="park", shared=[]))
+
+
+@pytest.mark.parametrize("side", ["robot", "camera"])
+def test_a_side_without_noise_has_a_table_and_a_budget(side):
+    noise = uq.PoseNoise(**{side: getattr(NOISE, side)})
+    result = quietly(uq.simulate(20, noise=noise, seed=SEED), noise=noise)
+    assert "not declared" in result.summary() and "expanded, U = k u_c" in result.summary()
+
+
 def test_one_table_has_those_assumed_and_those_that_are_not(by_default, poses):
     rows = {row[0]: row[1:] for row in shared_table(by_default).rows}
     assert list(rows) == ["focal length", "principal point x", "principal point y", "target scale", "robot scale"]

@@ -102,20 +102,28 @@ def included_words(result: Calibration) -> str:
 def _included(result: Calibration) -> tuple[list[tuple[str, bool]], int]:
     """What is included, whether by default; and how many are by default."""
     parts: list[tuple[str, bool]] = []
-    if result.covariance_kind in ("model", "sigma-points"):
-        if of_camera(result):
-            parts.append(("errors of the intrinsics", False))
-        elif isinstance(result.noise, PoseNoise) and _unnamed(result.noise):
-            parts.append(("the joint covariance of the noise", False))
-        groups: dict[str, list[SharedEstimate]] = {}
-        for error in result.shared:
-            groups.setdefault(error.error, []).append(error)
-        for name, errors in groups.items():
-            sizes = list(dict.fromkeys(map(amount, errors)))
-            parts.append((f"{name} {' and '.join(sizes)}", errors[0].default))
+    if of_camera(result):
+        parts.append(("errors of the intrinsics", False))
+    elif isinstance(result.noise, PoseNoise) and _unnamed(result.noise):
+        parts.append(("the joint covariance of the noise", False))
+    groups: dict[str, list[SharedEstimate]] = {}
+    for error in result.shared:
+        groups.setdefault(error.error, []).append(error)
+    for name, errors in groups.items():
+        sizes = list(dict.fromkeys(map(amount, errors)))
+        parts.append((f"{name} {' and '.join(sizes)}", errors[0].default))
+    parts += [(name, False) for name in column_names(result) if not groups]
     if result.time_offset is not None and result.time_offset.std > 0:
         parts.append((f"{CLOCK_OFFSET} {digits(1e3 * result.time_offset.std, 2)} ms", False))
     return parts, sum(default for _, default in parts)
+
+
+def column_names(result: Calibration) -> tuple[str, ...]:
+    """The names of the shared errors that the noise holds, without those of the intrinsics."""
+    if not isinstance(result.noise, PoseNoise):
+        return ()
+    joint = [S for S in (result.noise.robot, result.noise.camera) if isinstance(S, JointCovariance)]
+    return tuple(name for S in joint for name in S.names if name not in ("", INTRINSICS))
 
 
 def of_camera(result: Calibration) -> bool:

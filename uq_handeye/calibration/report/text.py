@@ -27,7 +27,7 @@ from .analysis import (
     pair_table,
     worst_words,
 )
-from .shared_errors import included_words, of_camera, shared_blocks
+from .shared_errors import column_names, included_words, of_camera, shared_blocks
 
 _SOURCES = {
     "model": "the noise given",
@@ -145,7 +145,7 @@ def _scope(result: Calibration) -> list[Block]:
 
 def not_covered(result: Calibration) -> list[str]:
     """Systematic errors that the covariance does not include."""
-    names = {error.error for error in result.shared}
+    names = column_names(result)
     camera = "a wrong model of the camera" if of_camera(result) or FOCAL_LENGTH in names else "wrong intrinsics"
     target = "a bent target" if TARGET_SCALE in names else "a wrong size of the target"
     return [camera, "wrong robot kinematics", target]
