@@ -286,8 +286,7 @@ def test_refuses_what_no_method_could_use(poses, arguments, match):
 def test_without_noise(poses):
     result = compare(poses, methods=FEW)
     assert result.noise_estimated and not compare(poses, noise=NOISE, methods=FEW).noise_estimated
-    with pytest.warns(InputWarning):
-        estimated = uq.calibrate(poses).noise
+    estimated = uq.calibrate(poses).noise
     np.testing.assert_array_equal(result.noise.robot, estimated.robot)
     np.testing.assert_array_equal(result.noise.camera, estimated.camera)
     given = compare(poses, noise=estimated, methods=FEW)
