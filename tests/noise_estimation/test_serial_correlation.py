@@ -4,12 +4,18 @@ The simulator here shares nothing with the estimate but the convention of errors
 camera or the target moves by a random walk, or whose noise is an autoregressive process.
 """
 
+import os
+import warnings
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from support import difference, nees
+from scipy.stats import chi2
+from support import assert_same_covariance, difference, nees
 
 import uq_handeye as uq
+from uq_handeye.errors import InputError
 from uq_handeye.geometry.se3 import inverse, perturb
 from uq_handeye.likelihood.constraint import constraint_of
 from uq_handeye.likelihood.gauss_helmert import fit_efficient, start_of
@@ -17,6 +23,7 @@ from uq_handeye.noise.estimate import Component, NoiseEstimate
 from uq_handeye.noise_estimation.estimate import choose_source
 from uq_handeye.noise_estimation.serial_correlation import account_for_correlation, times_of
 
+DATA = os.environ.get("UQ_HANDEYE_DATA")
 SETUPS = ("eye-in-hand", "eye-to-hand")
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 # Both sides together, per axis.
@@ -144,3 +151,103 @@ def test_the_order_is_that_of_time():
     np.testing.assert_array_equal(times_of(poses.rows(order)), order)
     fast = uq.PosePairs(poses.robot, poses.camera, timestamps=np.append(0.1 * np.arange(59.0), 7.0))
     np.testing.assert_allclose(times_of(fast), np.append(np.arange(59.0), 70.0), rtol=1e-9)
+
+
+# ------------------------------------------------------------------------------------------------------ calibrate
+
+
+@pytest.fixture(scope="module")
+def moved():
+    """A calibration of 20 poses whose camera moves a lot, and the same with independent poses."""
+    poses = drifting(20, "eye-in-hand", "camera", 3, step=0.6)
+    return [quietly(poses, correlation=wanted) for wanted in ("auto", "none")]
+
+
+def quietly(poses, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return uq.calibrate(poses, shared=[], **options)
+
+
+def test_calibrate_says_it_and_has_it_in_the_number(moved):
+    result, independent = moved
+    correlation = result.noise_estimate.correlation
+    assert correlation.way == "camera" and correlation.drift and independent.noise_estimate.correlation is None
+    told = [finding for finding in result.findings if finding.code == "noise_estimation.correlated"]
+    assert len(told) == 1 and told[0].severity == "caution"
+    assert "the camera drifts against the gripper" in str(told[0])
+    ratio = np.linalg.solve(independent.covariance, result.covariance)
+    np.testing.assert_allclose(told[0].values["growth"], np.sqrt(np.trace(ratio) / 6), rtol=1e-6)
+    assert (result.std > 1.3 * independent.std).all()
+    assert result.reference.dof < 0.5 * independent.reference.dof
+    assert {"drift of the camera, rotation", "drift of the camera, translation"} < {
+        part.name for part in result.noise_estimate.components
+    }
+    shares = result.analysis.budget.shares[result.analysis.budget.sources.index("drift of the camera")]
+    assert (shares[:6] > 0.5).all()
+    np.testing.assert_allclose(result.analysis.budget.covariance[:6, :6], result.covariance, rtol=1e-6, atol=1e-12)
+    text = result.summary()
+    assert "drift of the camera, translation" in text and "drift of the camera" in text.split("Share of the")[1]
+    stated = next(f for f in result.noise_estimate.findings if f.code == "noise_estimation.told_by_data")
+    whole = result.noise_estimate["rotation, robot and camera together"]
+    assert stated.values["components"][0]["value"] == whole.value  # beside the drift, not before it
+
+
+def test_files_keep_it(moved, tmp_path):
+    result, _ = moved
+    result.to_json(tmp_path / "result.json")
+    again = uq.Calibration.from_json(tmp_path / "result.json")
+    assert again.to_json() == result.to_json()
+    assert again.noise_estimate.correlation == result.noise_estimate.correlation
+    assert again.noise.camera.serial.name == "drift of the camera"
+    assert again.summary() == result.summary()
+
+
+def test_what_is_made_of_the_noise_has_the_drift(moved):
+    """Trials of Monte Carlo drift as the poses did, and sigma points agree with the first order."""
+    result, independent = moved
+    run = uq.monte_carlo(result.data, noise=result.noise, trials=1500, method="efficient", seed=1)
+    assert run.consistency.consistent, run.summary()
+    assert_same_covariance(run.covariance, result.covariance, 0.15)
+    with pytest.raises(AssertionError):
+        assert_same_covariance(run.covariance, independent.covariance, 0.15)
+    points = quietly(result.data, covariance="sigma-points")
+    np.testing.assert_allclose(points.std, result.std, rtol=0.02)
+
+
+def test_other_covariances_and_noise_that_is_given_are_as_before(moved):
+    result, _ = moved
+    for kind in ("sandwich", "hac"):
+        one, other = (quietly(result.data, covariance=kind, correlation=of) for of in ("auto", "none"))
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+        assert one.noise_estimate.correlation is None
+    one, other = (quietly(result.data, noise=NOISE, correlation=of) for of in ("auto", "none"))
+    np.testing.assert_array_equal(one.covariance, other.covariance)
+    assert any(finding.code == "diagnostics.correlated" for finding in one.findings)  # tested, no more
+    with pytest.raises(InputError, match="Expected `correlation` to be one of auto, none, got 'ar1'"):
+        uq.calibrate(result.data, correlation="ar1")
+
+
+def test_a_wrong_pose_is_left_out_of_a_drifting_set():
+    poses = drifting(30, "eye-in-hand", "camera", 5)
+    camera = np.array(poses.camera)
+    camera[11] = perturb(camera[11], np.array([0.3, 0.0, 0.0, 0.0, 0.2, 0.0]))
+    result = quietly(uq.PosePairs(poses.robot, camera, poses.setup, poses.timestamps))
+    assert list(result.table.flagged) == [11]
+    without = quietly(poses.rows(np.arange(30) != 11))  # whose neighbours are then one step apart, not two
+    assert_same_covariance(result.covariance, without.covariance, 0.05)
+    assert (np.abs(difference(result.X, without.X)) < 0.1 * without.std).all()
+    assert result.noise_estimate.correlation.way == "camera"
+
+
+@pytest.mark.skipif(DATA is None, reason="UQ_HANDEYE_DATA is not set")
+def test_two_halves_of_a_real_recording_agree():
+    folder = Path(DATA) / "ethz_robot_arm_sync"
+    poses = uq.read_poses(folder / "robot.csv", folder / "camera.csv")
+    first, last = (quietly(poses.rows(rows)) for rows in np.array_split(np.arange(poses.n), 2))
+    apart = difference(first.X, last.X)
+    assert np.linalg.norm(apart[3:]) > 5e-3  # 0.3 mm are stated for independent poses
+    assert apart @ np.linalg.solve(first.covariance + last.covariance, apart) < chi2(6).isf(1e-3)
+    first, last = (quietly(poses.rows(rows), correlation="none") for rows in np.array_split(np.arange(poses.n), 2))
+    apart = difference(first.X, last.X)
+    assert apart @ np.linalg.solve(first.covariance + last.covariance, apart) > 100

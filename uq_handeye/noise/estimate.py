@@ -134,7 +134,7 @@ class SerialCorrelation:
     A stationary process of rotation and translation, whose correlation of poses k apart is ``exp(-k / length)``.
     """
 
-    way: str  # "camera" or "target" that moves, "camera noise" or "robot noise" that is correlated
+    way: str  # "camera", "camera mount" or "target" that moves, "camera noise" or "robot noise" that is correlated
     rotation: float  # standard deviation per axis, rad
     translation: float  # m
     length: float  # in poses

@@ -97,9 +97,11 @@ def _(
     way: str, setup: str, rotation: float, translation: float, length: float, drift: bool, odds: float, growth: float
 ) -> str:
     size = f"{_amount(rotation, 'rad')} and {_amount(translation, 'm')}"
-    if way in ("camera", "target"):
+    if not way.endswith("noise"):
         against = _PARENT[setup][way == "target"]
-        moves = f"the {way} drifts against the {against}" if drift else f"the {way} moves against the {against}"
+        moves = f"the {way} {'drifts' if drift else 'moves'} against the {against}"
+        if way == "camera mount":
+            moves += ", which turns the camera about its origin"
         what = f"{moves}, by {size} (1 sigma"
     else:
         what = f"the {way} is correlated, {size} of it (1 sigma"

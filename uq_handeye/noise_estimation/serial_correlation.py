@@ -7,6 +7,8 @@ reaches the residuals of pose i through H_i:
     r_i = J_i x + F_i e + D_i eta_i + H_i z_i
 
 - *camera*: ``H_i = J_X,i``: X itself moves, a bracket that gives way or warms up;
+- *camera mount*: ``H_i = J_X,i [[I, 0], [-[t_X]x, I]]``: the same about the origin of X's parent frame, as of a camera
+  that turns with what holds it; looked at where that origin is farther than NEAR times the target;
 - *target*: ``H_i = I`` (that of W, ``J_W = -I``);
 - *camera noise*, *robot noise*: ``H_i = D_i`` of that side, noise of the poses that is correlated in time.
 
@@ -21,7 +23,7 @@ where a data sheet or corners say how large the errors of each pose are), N = 6 
 
 which takes O(n): `SerialErrors`, in the frame of z. What is shared (columns F, prior N(0, 1)) are further unknowns.
 
-Is there any? d is evaluated on a grid: the four ways (below MANY poses the first two), lengths of n, n / 10, ... poses,
+Is there any? d is evaluated on a grid: all ways (below MANY poses those that move), lengths of n, n / 10, ... poses,
 sizes from small to large. The *odds* are the mean over the grid of the likelihood ratios against independent poses (a
 Bayes factor, all cells alike). Few poses hardly tell: a drift of a third of the noise from pose to pose makes the
 covariance of 8 poses 2 times too small, and shows in hardly one set in two. Errors in common are therefore taken in
@@ -45,7 +47,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..findings import Finding
-from ..geometry.se3 import Array
+from ..geometry.se3 import Array, block, skew
 from ..likelihood.gauss_helmert import Fit
 from ..noise.estimate import Component, NoiseEstimate, SerialCorrelation
 from ..noise.joint_covariance import JointCovariance
@@ -54,8 +56,10 @@ from ..noise.serial_errors import SerialErrors, banded_factor, solve_banded
 from ..noise.square_roots import weighted
 from ..poses.pose_pairs import PosePairs
 
-WAYS = ("camera", "target", "camera noise", "robot noise")
-# Poses from which on all four ways are looked at, and sizes and length are maximised.
+MOVES, NOISES = ("camera", "target", "camera mount"), ("camera noise", "robot noise")
+# Of the distance to the target: how far the origin of X's parent frame must be for turning about it to be another move.
+NEAR = 0.25
+# Poses from which on noise that is correlated is looked for, too, and sizes and length are maximised.
 MANY = 50
 # A stream's median step is shorter than this, in seconds.
 STREAM = 0.5
@@ -96,7 +100,8 @@ def account_for_correlation(
     kept = np.arange(poses.n) if fit.weights is None else np.flatnonzero(fit.weights)
     time = times_of(poses)
     tied = not (estimate.has_prior or estimate.from_corners or estimate.by_geometry)
-    found = _find(fit, kept, time, tied)
+    distance = float(np.sqrt(np.mean(np.sum(poses.camera[:, :3, 3] ** 2, axis=-1))))
+    found = _find(fit, kept, time, tied, distance)
     return None if found is None else _included(found, fit, noise, estimate, time)
 
 
@@ -113,13 +118,22 @@ def times_of(poses: PosePairs) -> Array:
     return rank
 
 
-def effect_on_residuals(linear: Any, way: str) -> Array:
-    """H (n, 6, 6) of one of WAYS."""
+def effect_on_residuals(fit: Fit, way: str) -> Array:
+    """H (n, 6, 6) of one of MOVES or NOISES."""
+    J_X = fit.linear.J[..., :6]
     if way == "camera":
-        return np.asarray(linear.J[..., :6])
+        return J_X
+    if way == "camera mount":
+        return np.asarray(J_X @ block(np.eye(3), 0.0, -skew(fit.X[:3, 3]), np.eye(3)))
     if way == "target":
-        return np.broadcast_to(np.eye(6), linear.J[..., :6].shape)
-    return np.asarray(linear.sides[WAYS.index(way) == 2])
+        return np.broadcast_to(np.eye(6), J_X.shape)
+    return fit.linear.sides[way == "camera noise"]
+
+
+def _ways(fit: Fit, distance: float, n: int) -> list[str]:
+    """What may be correlated; ``distance`` (m) of the target."""
+    mount = float(np.linalg.norm(fit.X[:3, 3])) > NEAR * distance
+    return [*(MOVES if mount else MOVES[:2]), *(NOISES if n >= MANY else ())]
 
 
 class _At(NamedTuple):
@@ -190,7 +204,7 @@ class _Found(NamedTuple):
     scale: float
 
 
-def _find(fit: Fit, kept: NDArray[np.intp], time: Array, tied: bool) -> _Found | None:
+def _find(fit: Fit, kept: NDArray[np.intp], time: Array, tied: bool, distance: float) -> _Found | None:
     S = fit.S if fit.weights is None else weighted(fit.S, fit.weights)
     own = S.own if isinstance(S, JointCovariance) else np.asarray(S)
     shared = S.shared if isinstance(S, JointCovariance) else np.zeros((*fit.residual.shape, 0))
@@ -201,10 +215,10 @@ def _find(fit: Fit, kept: NDArray[np.intp], time: Array, tied: bool) -> _Found |
     unit = np.array([variances[:3].mean(), variances[3:].mean()])
 
     def rows_of(way: str) -> _Rows:
-        H = effect_on_residuals(fit.linear, way)[kept]
+        H = effect_on_residuals(fit, way)[kept]
         return _Rows(own, y, J.shape[-1], unit, SerialErrors(time[kept], H, np.eye(6), 1.0), tied)
 
-    rows = {way: rows_of(way) for way in WAYS[: 4 if n >= MANY else 2]}
+    rows = {way: rows_of(way) for way in _ways(fit, distance, n)}
     whole = float(np.ptp(time[kept])) + 1.0
     lengths = [whole]
     while lengths[-1] / 10 >= SHORTEST:
@@ -212,7 +226,7 @@ def _find(fit: Fit, kept: NDArray[np.intp], time: Array, tied: bool) -> _Found |
     none = rows["camera"].independent().deviance
     # At a small size of each of the two ways that differ most the likelihood grows, or it does so nowhere.
     if not any(rows[way].at(size, size, length).deviance < none
-               for way in WAYS[:2] for length in lengths for size in _sizes(length, whole)[1:2]):  # fmt: skip
+               for way in MOVES[:2] for length in lengths for size in _sizes(length, whole)[1:2]):  # fmt: skip
         return None
     ratios = {
         (way, length): np.array([0.5 * (none - of.at(size, size, length).deviance) for size in _sizes(length, whole)])
@@ -271,8 +285,8 @@ def _included(found: _Found, fit: Fit, noise: PoseNoise, estimate: NoiseEstimate
     n = len(time)
     side = "robot" if found.way == "robot noise" else "camera"
     H: Array = np.broadcast_to(np.eye(6), (n, 6, 6))
-    if found.way in ("camera", "target"):  # as errors of the camera poses that do the same to the residuals
-        H = np.asarray(np.linalg.solve(fit.linear.sides[1], effect_on_residuals(fit.linear, found.way)))
+    if found.way in MOVES:  # as errors of the camera poses that do the same to the residuals
+        H = np.asarray(np.linalg.solve(fit.linear.sides[1], effect_on_residuals(fit, found.way)))
     what = ("drift of the " if found.drift else "correlated ") + found.way
     process = SerialErrors(time, H, np.diag(np.repeat([found.rotation, found.translation], 3)), found.length, what)
     scaled = {name: _scaled(getattr(noise, name), found.scale) for name in ("robot", "camera")}
