@@ -89,16 +89,12 @@ def _(names: Sequence[str]) -> str:
     )
 
 
-_PARENT = {"eye-in-hand": ("gripper", "base"), "eye-to-hand": ("base", "gripper")}
-
-
 @sentence("noise_estimation.correlated")
 def _(
-    way: str, setup: str, rotation: float, translation: float, length: float, drift: bool, odds: float, growth: float
+    way: str, against: str, rotation: float, translation: float, length: float, drift: bool, odds: float, growth: float
 ) -> str:
     size = f"{_amount(rotation, 'rad')} and {_amount(translation, 'm')}"
     if not way.endswith("noise"):
-        against = _PARENT[setup][way == "target"]
         moves = f"the {way} {'drifts' if drift else 'moves'} against the {against}"
         if way == "camera mount":
             moves += ", which turns the camera about its origin"

@@ -331,7 +331,7 @@ def correlation_finding(correlation: SerialCorrelation, setup: str, growth: floa
     """What neighbouring poses have in common; ``growth``: of the standard deviations of X by it."""
     values = {
         "way": correlation.way,
-        "setup": setup,
+        "against": "gripper" if (correlation.way == "target") == (setup == "eye-to-hand") else "base",
         "rotation": correlation.rotation,
         "translation": correlation.translation,
         "length": correlation.length,
