@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from cli_cases import MODEL, NOISE, run
+from stream_cases import motion, streams
 
 import uq_handeye as uq
 from uq_handeye.io import write_pose_file
@@ -133,6 +134,16 @@ def test_offset_needs_times(folder):
     found = run("calibrate", untimed, *NOISE, "--offset-sd", "1ms")
     assert found.returncode == 2 and "timestamps" in found.stderr
     assert run("calibrate", untimed, *NOISE, "--offset-sd", "none").returncode in (None, 0)
+
+
+@pytest.mark.parametrize(("sd", "expected"), [("20ms", 0.02), ("exact", 0.0)])
+def test_offset_of_streams_takes_the_place_of_the_one_estimated(tmp_path, rng, sd, expected):
+    *_, robot, camera = streams(rng, motion(rng, 6.0), 0.02, 6.0)
+    for name, stream in (("robot.csv", robot), ("camera.csv", camera)):
+        write_pose_file(tmp_path / name, stream.poses, stream.timestamps)
+    found = run("calibrate", *BOTH, "--pair", "async", *NOISE, "--offset-sd", sd, "--json", cwd=tmp_path)
+    result = json.loads(found.stdout)
+    assert result["time_offset"]["std"] == expected and result["shared"] == []
 
 
 def test_noise_on_motions_has_no_shared_errors(folder):
