@@ -16,11 +16,13 @@ from uq_handeye.calibration.points_ahead import ahead
 from uq_handeye.calibration.report.budget_figure import budget_figure
 from uq_handeye.calibration.report.residual_figure import residual_figure
 from uq_handeye.calibration.report.rig_figure import rig, rig_figure
+from uq_handeye.calibration.report.shared_figure import shared_figure
 from uq_handeye.calibration.report.task_space_figure import task_space_figure
 from uq_handeye.comparison.methods_figure import methods_figure
 from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.diagnostics.pose_table import PoseTable
 from uq_handeye.errors import InputError
+from uq_handeye.likelihood.shared_estimates import SharedEstimate
 from uq_handeye.presentation.ellipses import render
 from uq_handeye.presentation.figure_parts import BLUE, GREEN, WIDTH, inline_svg
 from uq_handeye.report.figures import figures, pictures
@@ -213,6 +215,37 @@ def test_the_budget_is_drawn_as_it_is():
     assert [text.get_text() for text in axis.texts] == ["25.0 %", "75.0 %", "0.0 %", "100.0 %"]
     hatches = {bar.get_hatch() for bar in axis.patches}
     assert len(hatches) == 2  # told apart without colour
+
+
+def shared_error(name, prior_sd, estimate, sd, unit=""):
+    return SharedEstimate(name, name, "camera", unit, prior_sd, estimate, sd, None, None, np.zeros(6), 0.5)
+
+
+def test_shared_errors_are_drawn_in_what_was_assumed_of_them():
+    errors = (
+        shared_error("focal length", 1e-3, 5e-4, 2e-4),
+        shared_error("principal point x", 1e-3, 0.0, 1e-3, "rad"),
+        shared_error("an error of the user's own with a long name", 1e-4, 5e-3, 1e-5),
+    )
+    figure = shared_figure(errors)
+    axis = figure.get_axes()[0]
+    bars = [bar for bar in axis.patches if bar.get_width() == 2.0]
+    assert len(bars) == 3 and all(bar.get_x() == -1.0 for bar in bars)
+    points = next(line for line in axis.lines if line.get_marker() == "o")
+    np.testing.assert_allclose(points.get_xdata()[:2], [0.5, 0.0])
+    low, high = axis.get_xlim()
+    assert low <= points.get_xdata()[2] <= high  # one far away stays at the rim, its number beside it
+    assert [text.get_text() for text in axis.texts] == ["0.050(20) %", "0.0(1.0) mrad", "0.5000(10) %"]
+    assert overlapping(figure) == []
+
+
+def test_a_result_with_shared_errors_has_their_figure():
+    result = uq.calibrate(uq.simulate(n_poses=15, noise=NOISE, seed=SEED))
+    found = pictures(result)
+    assert list(found) == [*ALL[:4], "shared", ALL[4]]
+    assert all(error.name in found["shared"].alt for error in result.shared)
+    assert "focal length (B)" in found["budget"].alt and "camera rotation (A)" in found["budget"].alt
+    assert overlapping(found["shared"].figure) == [] and overlapping(found["budget"].figure) == []
 
 
 def test_points_ahead_against_a_numerical_experiment(result, rng):
