@@ -1,5 +1,6 @@
 """Types of the sources, combined and expanded uncertainty: against the covariance, Satterthwaite's rule, and draws."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -117,3 +118,20 @@ def test_what_is_no_budget_is_refused(by_default):
         replace(by_default.budget, types=("C",) * len(by_default.budget.sources))
     with pytest.raises(uq.InputError, match="level"):
         by_default.budget.expanded(1.0)
+
+
+def test_a_budget_survives_a_file_and_a_damaged_one_is_refused(by_default):
+    data = json.loads(by_default.to_json())
+    again = uq.Calibration.from_dict(data).budget
+    assert again.types == by_default.budget.types and again.expanded() == by_default.budget.expanded()
+    stored = data["analysis"]["budget"]
+    assert stored["combined"] == by_default.budget.combined
+    assert stored["dof"].count(None) == np.isinf(by_default.budget.dof).sum() >= 4
+    count = len(stored["sources"])
+    for damage in (
+        {"types": ["A"]}, {"types": "A" * count}, {"types": ["C"] * count}, {"relative": [[0.0]]},
+        {"relative": (-np.eye(count)).tolist()}, {"combined": {"X rotation": 1.0}}, {"dof": [3.0] * count},
+    ):  # fmt: skip
+        with pytest.raises(uq.InputError, match="damaged") as error:
+            uq.Calibration.from_dict(data | {"analysis": data["analysis"] | {"budget": stored | damage}})
+        assert "\n" not in str(error.value)
