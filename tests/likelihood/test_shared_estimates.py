@@ -152,3 +152,16 @@ def test_covariances_from_residuals_beside_declared_errors(kind):
     mean = np.mean(ratios, axis=0)
     assert 0.85 < np.trace(mean) / 6 < 1.2
     assert np.abs(mean - np.eye(6)).max() < 0.4
+
+
+def test_columns_that_are_the_same_are_one_for_the_residuals():
+    """Errors that no data tell apart, such as two of one effect: the residuals and X are as with one of both sizes."""
+    poses = uq.simulate(12, noise=NOISE, seed=3)
+    F = np.random.default_rng(1).normal(size=(12, 6, 1))
+    twice = uq.SharedError.columns("two", np.concatenate([F, F], axis=-1), 1e-4, "camera")
+    once = uq.SharedError.columns("one", F, np.sqrt(2) * 1e-4, "camera")
+    found, expected = (uq.calibrate(poses, noise=NOISE, shared=[error]) for error in (twice, once))
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-8)
+    np.testing.assert_allclose(found.shared[0].estimate, expected.shared[0].estimate / 2, rtol=1e-6)
+    normality = [result.analysis.diagnostics.normality.p_value for result in (found, expected)]
+    assert normality[0] == pytest.approx(normality[1], rel=1e-6)

@@ -25,7 +25,7 @@ class OwnResiduals(NamedTuple):
     """Of one fit, in units of each pose's own noise; no weights are in them."""
 
     e: Array  # (n, 6)
-    J: Array  # (n, 6, p + q), q shared errors of which the data tell something
+    J: Array  # (n, 6, p + q), q combinations of shared errors of which the data tell something
     M: Array  # (p + q, p + q) covariance of the unknowns, with weights and priors
     known: Array  # (p + q, p + q) information of the priors
 
@@ -47,8 +47,10 @@ def own_residuals(fit: Fit) -> OwnResiduals:
     q = S.shared.shape[-1]
     F = slice(p, p + q)
     z = np.linalg.solve(sums[F, F] + np.eye(q), sums[F, -1])
-    told = np.diag(sums[F, F] - sums[F, :p] @ np.linalg.solve(sums[:p, :p], sums[:p, F]))  # 0: X and W take it in
-    kept = np.concatenate([np.arange(p), p + np.flatnonzero(told > TOLD)])
-    known = np.diag((kept >= p).astype(float))
-    M = np.linalg.inv(sums[np.ix_(kept, kept)] + known)
-    return OwnResiduals(white[..., -1] - white[..., F] @ z, white[..., kept], M, known)
+    # The z are N(0, I) in any axes: those of what the data tell. 0: X and W, or other columns, take it in.
+    told, axes = np.linalg.eigh(sums[F, F] - sums[F, :p] @ np.linalg.solve(sums[:p, :p], sums[:p, F]))
+    axes = axes[:, told > TOLD]
+    J = np.concatenate([white[..., :p], white[..., F] @ axes], axis=-1)
+    known = np.diag((np.arange(J.shape[-1]) >= p).astype(float))
+    M = np.asarray(np.linalg.inv(gram(J * root[:, None, None]) + known))
+    return OwnResiduals(white[..., -1] - white[..., F] @ z, J, M, known)
