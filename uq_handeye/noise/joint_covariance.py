@@ -164,13 +164,18 @@ class JointCovariance(ReadOnlyArrays):
         """Plain numbers, for files; `from_dict` reads them."""
         named = {"names": list(self.names)} if any(self.names) else {}
         serial = {} if self.serial is None else {"serial": self.serial.to_dict()}
-        return {"own": self.own.tolist(), "shared": self.shared.tolist(), **named, **serial}
+        same = self.own.ndim == 3 and (self.own == self.own[:1]).all()  # one block serves all poses
+        own = self.own[0] if same else self.own
+        return {"own": own.tolist(), "shared": self.shared.tolist(), **named, **serial}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> JointCovariance:
         """What `to_dict` wrote; KeyError for parts that are missing."""
         own = np.asarray(values["own"], dtype=float)
-        shared = np.asarray(values["shared"], dtype=float).reshape(*own.shape[:-1], -1)
+        shared = np.asarray(values["shared"], dtype=float)
+        if own.shape == (6, 6):
+            own = np.tile(own, (len(shared), 1, 1))
+        shared = shared.reshape(*own.shape[:-1], -1)
         serial = SerialErrors.from_dict(values["serial"]) if "serial" in values else None
         return cls(own, shared, tuple(map(str, values.get("names", ()))), serial)
 
