@@ -317,3 +317,21 @@ def test_a_pixel_noise_that_is_given_is_tested(views):
         assert "contradict it" in str(finding) and " px" in str(finding)
     hidden = uq.camera_noise(poses, POINTS, rounded, pixel_sd=1e-3 * PIXEL)  # all residuals are the robot's then
     assert uq.estimate_noise(poses, camera=hidden).findings[-1].code == "noise_estimation.pixels_hidden"
+
+
+def test_squares_of_another_size_are_measured(views):
+    """The same pictures read with squares that are 2 % too large: the robot tells."""
+    poses, rounded, _, _ = views
+    side = float(np.min(np.linalg.norm(POINTS[1:] - POINTS[0], axis=1)))
+    camera = poses.camera.copy()
+    camera[:, :3, 3] *= 1.02
+    larger = uq.PosePairs(poses.robot, camera)
+    noise = uq.camera_noise(larger, 1.02 * POINTS, rounded)
+    assert noise.square == pytest.approx(1.02 * side) and noise.rows(np.arange(5)).square == noise.square
+    assert uq.camera_noise(poses, POINTS + POINTS**2, rounded).square is None
+    result = calibrate(larger, noise=noise)
+    said = [text for text in result.warnings if text.startswith("The squares measure ")]
+    assert len(said) == 1 and f"mm, not {1e3 * 1.02 * side:.4g}:" in said[0]
+    found = next(finding for finding in result.findings if finding.code == "calibration.target_size").values
+    true, sd = 1.02 * side / (1 + found["estimate"]), 1.02 * side * found["sd"]
+    assert abs(true - side) < 4 * sd < 0.02 * side

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
+from ..camera.board import spacing_of
 from ..diagnostics.pose_table import PoseTable, pose_table
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import GROSS, Finding, Severity
@@ -89,7 +88,7 @@ def against_corners(estimate: NoiseEstimate) -> list[Finding]:
 CONTRADICTED, UNTOLD, ALL_OF_IT, HARDLY = 1e-3, 0.95, 0.8, 0.02
 
 
-def shared_findings(result: Calibration) -> list[Finding]:
+def shared_findings(job: Job, result: Calibration) -> list[Finding]:
     """Shared errors that contradict what was assumed of them, that show a wrong size, that X cannot be told from."""
     found = []
     for error in result.shared:
@@ -100,7 +99,7 @@ def shared_findings(result: Calibration) -> list[Finding]:
             values = {"name": error.name, "unit": unit, "p_value": error.p_value} | shown
             found.append(Finding("calibration.shared_contradicted", "caution", values))
         if error.name == TARGET_SCALE and error.wide is not None and error.wide > 0.5:
-            size = {"estimate": error.estimate, "sd": error.sd, "square": square_of(result.data)}
+            size = {"estimate": error.estimate, "sd": error.sd, "square": _square_of(job)}
             found.append(Finding("calibration.target_size", "caution", size))
     groups: dict[str, list[SharedEstimate]] = {}
     for error in result.shared:
@@ -129,14 +128,12 @@ def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]
     return [Finding("calibration.shared_confounded", "note", values)] if untold else []
 
 
-def square_of(data: Any) -> float | None:
-    """The side of the squares (m) of the board whose corners were seen; None where that is not known."""
-    camera = getattr(data, "camera_calibration", None)
-    points = np.zeros((0, 3)) if camera is None else np.unique(camera.corners.points, axis=0)
-    if len(points) < 4:
-        return None
-    nearest = np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]
-    return float(np.min(nearest)) if np.ptp(nearest) < 1e-3 * np.min(nearest) else None
+def _square_of(job: Job) -> float | None:
+    """The side of the squares (m) of the board that was seen; None where that is not known."""
+    seen = None if job.poses is None else job.poses.camera_calibration
+    if seen is not None:
+        return spacing_of(seen.corners.points)
+    return None if job.camera_noise is None else job.camera_noise.square
 
 
 def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from ..errors import InputError, InputWarning, require_integer
 from ..files.lines import short
@@ -127,6 +128,15 @@ def tag_points(side: float | str) -> Array:
     """(4, 3) the corners of a single tag of this side (m, or text such as "40mm"), whose frame is in its middle."""
     half = 0.5 * _positive(side, "side")
     return half * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+
+
+def spacing_of(points: Array) -> float | None:
+    """The distance from each point (m, 3) to its nearest, such as the side of a square; None where it is not one."""
+    points = np.unique(points, axis=0)
+    if len(points) < 4:
+        return None
+    nearest = np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]
+    return float(np.min(nearest)) if np.ptp(nearest) < 1e-3 * np.min(nearest) else None
 
 
 def _positive(value: Any, name: str) -> float:

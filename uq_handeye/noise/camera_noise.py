@@ -37,6 +37,7 @@ class CameraNoise(ReadOnlyArrays):
     joint: JointCovariance  # for s = 1 pixel
     scales: NDArray[np.bool_]  # (q,) the shared columns that grow with s: F_1; the others are F_0
     pixel_sd: float | None = None  # s in pixels; None: to be estimated
+    square: float | None = None  # m, between neighbouring points of the board; None: they have no one distance
 
     def __post_init__(self) -> None:
         if self.scales.shape != self.joint.shared.shape[-1:] or self.joint.own.ndim != 3:

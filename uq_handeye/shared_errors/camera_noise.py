@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..camera.board import spacing_of
 from ..camera.files.intrinsics_file import KnownIntrinsics
 from ..camera.models import LINEAR, MODELS, CameraModel
 from ..camera.result import CameraCalibration
@@ -142,7 +143,7 @@ def camera_noise(
             "These views do not determine the intrinsics, which they are said to be estimated from",
         )
     joint = JointCovariance(0.5 * (own + own.mT), G @ np.linalg.cholesky(Sigma), (INTRINSICS,) * len(Sigma))
-    return CameraNoise(joint, scales, None if pixel_sd is None else checked_pixels(pixel_sd))
+    return CameraNoise(joint, scales, None if pixel_sd is None else checked_pixels(pixel_sd), spacing_of(P))
 
 
 def _derivatives(lens: Lens, C: Array, P: Array) -> tuple[Array, Array]:
