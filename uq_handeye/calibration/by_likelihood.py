@@ -12,7 +12,7 @@ from ..findings import Finding
 from ..geometry.se3 import Array
 from ..input_checks.checks import check_fit, check_motions, require_signal
 from ..likelihood.constraint import Constraint, Unknowns
-from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, FITS, MOST_STEPS, Fit, offset_sensitivity
+from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, FITS, MOST_STEPS, Fit, corrected, offset_sensitivity
 from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
 from ..likelihood.robust import RobustFit, fit_robustly
@@ -26,7 +26,7 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
 from ..poses.timing import TimeOffset
 from ..propagation.published_fit import Published, fit_published
-from ..shared_errors.shared_error import CLOCK_OFFSET
+from ..shared_errors.shared_error import CLOCK_OFFSET, shared_columns, with_shared, without_shared
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
 from .findings import against_corners, against_data_sheet, shared_findings, wrong_poses
@@ -73,6 +73,10 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
             return replace(result, table=table), [*table.findings, *findings]
         return estimate_unweighted(job, start, estimate)
     fit = FITS[job.method](constraint, noise, at) if robust is None else robust.fit
+    if job.columns:
+        noise = _columns_at_corrected(job, noise, fit)
+        fit = _fitted_again(job, noise, fit)
+        estimate = None if estimate is None else replace(estimate, noise=noise)
     correlated = _correlated(job, noise, fit, estimate)
     if correlated is not None:
         assert isinstance(correlated.noise, PoseNoise)
@@ -88,6 +92,18 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         estimate = None if estimate is None else replace(estimate, noise=noise)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
     return _assembled(job, noise, fit, start, estimate, robust, resolved)
+
+
+def _columns_at_corrected(job: Job, noise: Noise, fit: Fit) -> PoseNoise:
+    """The noise with the columns of shared errors taken at the poses as the fit corrects them.
+
+    Columns at measured poses hold their noise, which the residuals hold too: where X and W absorb all else of a column,
+    the residuals would seem to ask for the error.
+    """
+    assert isinstance(noise, PoseNoise) and job.poses is not None
+    robot, camera = corrected(fit, noise, job.poses.robot, job.poses.camera)
+    poses = PosePairs(robot, camera, job.poses.setup, job.poses.timestamps)
+    return with_shared(without_shared(noise, job.shared), shared_columns(job.shared, poses))
 
 
 def _fitted_again(job: Job, noise: Noise, found: Fit) -> Fit:

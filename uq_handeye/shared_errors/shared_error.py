@@ -19,7 +19,7 @@ scales, ``used - true`` for others.
 
 t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). A principal point that is wrong by d pixels turns
 the rays, and with them the whole target, about the camera by d / f (exactly so for a target that is small in the
-picture). The columns are taken at the poses as measured, which changes them by the noise: of second order.
+picture). The columns are taken at the poses as measured, and by `calibrate` once more as the fit corrects them.
 
 *Doubt.* A square is what the drawing says, to 0.02 %; or somebody measured it wrong. Such an error has a prior of two
 parts, ``N(0, sd^2)`` with the probability ``1 - q`` and ``N(0, wide^2)`` with the probability q; the data say which
