@@ -17,6 +17,7 @@ import numpy as np
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
+from ..likelihood.shared_estimates import SIGNAL
 from ..noise.square_roots import Factor, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
@@ -26,8 +27,6 @@ from .residual_patterns import RARE, Autocorrelation
 
 # Estimates of a scale error beyond so many standard deviations are findings.
 SCORE = 4.0
-# What X and W cannot explain of the lengths must exceed what their noise makes of it, in squares, by this factor.
-SIGNAL = 10.0
 # The error whose effect is stated.
 SCALE = 1e-3
 

@@ -36,11 +36,14 @@ from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise.square_roots import pulled, whiten
 from ..runtime.read_only import ReadOnlyArrays
-from ..shared_errors.shared_error import SharedError
+from ..shared_errors.shared_error import OF_LENGTHS, SharedError
 from .gauss_helmert import Fit
 
 # A share of the prior variance below which the data have said nothing of an error: rounding.
 NOTHING = 1e-9
+# What X and W cannot explain of a column must exceed what the noise of the poses makes of it, in squares, by this
+# factor: else it is that noise which residuals and column have in common.
+SIGNAL = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +197,8 @@ def shared_estimates(
         left = 1.0 - told
         more = 0.0 if resolved is None else resolved.left_open.get(name, 0.0)
         says = told > NOTHING
+        if error.name in OF_LENGTHS:
+            says = says and told > SIGNAL * 3 * len(fit.residual) * left * sd * sd
         found.append(
             SharedEstimate(
                 name, error.name, error.side, error.unit, sd, value,

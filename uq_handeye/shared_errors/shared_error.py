@@ -51,6 +51,8 @@ PRINCIPAL_POINT = "principal point"
 TARGET_SCALE = "target scale"
 ROBOT_SCALE = "robot scale"
 CLOCK_OFFSET = "clock offset"
+# Those whose columns are made of the translations of the poses, and hold their noise.
+OF_LENGTHS = (FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE)
 
 # Of finished camera poses about which nothing is said (docs/explanation/shared_errors.md has the reasons): relative for
 # lengths and scales, rad for the principal point, s for the clock offset.
