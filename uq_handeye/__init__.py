@@ -36,14 +36,16 @@ if TYPE_CHECKING:
     from .estimators.nguyen import nguyen
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .geometry.nearest_rotation import orthonormalise
-    from .io import read_noise_file, read_poses, read_shared_errors, read_stream
+    from .io import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
     from .likelihood.shared_estimates import SharedEstimate
     from .noise.camera_noise import CameraNoise
     from .noise.estimate import NoiseEstimate, NoisePrior
     from .noise.joint_covariance import JointCovariance
+    from .noise.known_values import known
     from .noise.models import PairNoise, PoseNoise
+    from .noise.pose_prior import PosePrior
     from .noise_estimation.beside_camera import estimate_robot_noise
     from .noise_estimation.estimate import estimate_noise
     from .planning.plan import plan
@@ -99,6 +101,7 @@ __all__ = [
     "Plan",
     "PoseNoise",
     "PosePairs",
+    "PosePrior",
     "Posterior",
     "ScalePrior",
     "SharedError",
@@ -119,6 +122,7 @@ __all__ = [
     "estimate_noise",
     "estimate_robot_noise",
     "from_convention",
+    "known",
     "maximum_likelihood",
     "monte_carlo",
     "nguyen",
@@ -133,6 +137,7 @@ __all__ = [
     "read_intrinsics",
     "read_noise_file",
     "read_poses",
+    "read_prior",
     "read_shared_errors",
     "read_stream",
     "register",
@@ -195,6 +200,7 @@ _LATER = {
     "io": (
         "read_noise_file",
         "read_poses",
+        "read_prior",
         "read_shared_errors",
         "read_stream",
     ),
@@ -211,10 +217,12 @@ _LATER = {
         "NoisePrior",
     ),
     "noise.joint_covariance": ("JointCovariance",),
+    "noise.known_values": ("known",),
     "noise.models": (
         "PairNoise",
         "PoseNoise",
     ),
+    "noise.pose_prior": ("PosePrior",),
     "noise_estimation.beside_camera": ("estimate_robot_noise",),
     "noise_estimation.estimate": ("estimate_noise",),
     "planning.plan": ("plan",),

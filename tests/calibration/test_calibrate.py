@@ -263,23 +263,48 @@ def planar(n, noise, seed=0):
     return uq.PosePairs(robot, camera)
 
 
-def test_parallel_axes_without_noise_name_the_axis():
+@pytest.mark.parametrize("seed", [None, 0, 1, 2])
+def test_parallel_axes_are_answered_and_named(seed):
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
     with (
-        pytest.raises(uq.DegenerateMotionError, match=r"parallel to \(0.000, 0.000, 1.000\)") as caught,
         pytest.warns(uq.InputWarning, match="nearly parallel"),
+        pytest.warns(uq.InputWarning, match="gripper's z axis together with the target along the base's z axis"),
     ):
-        uq.calibrate(planar(20, None))
-    np.testing.assert_allclose(np.abs(caught.value.directions), [[0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 0, 1]], atol=1e-9)
+        found = uq.calibrate(planar(20, None if seed is None else noise, seed or 0), noise=noise)
+    np.testing.assert_allclose(np.abs(found.open_directions), [[0, 0, 0, 0, 0, 0.5**0.5] * 2], atol=1e-6)
+    assert np.isinf(found.std).tolist() == [False] * 5 + [True] and found.reference.components == 5
+    again = uq.Calibration.from_dict(json.loads(found.to_json()))
+    np.testing.assert_array_equal(again.open_directions, found.open_directions)
+    assert "Infinity" not in found.to_json() and "NaN" not in found.to_json()
+    at = found.uncertainty_at([0.0, 0.0, 0.5])
+    assert np.isfinite(at.std[:2]).all() and np.isinf(at.std[2]) and np.isinf(at.radius_95)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_parallel_axes_with_noise_are_no_answer(seed):
-    noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+def test_published_methods_refuse_parallel_axes():
     with (
-        pytest.raises(uq.DegenerateMotionError, match="do not determine X") as caught,
+        pytest.raises(uq.DegenerateMotionError, match=r"parallel to \(0.000, 0.000, 1.000\)"),
         pytest.warns(uq.InputWarning, match="nearly parallel"),
     ):
-        uq.calibrate(planar(20, noise, seed), noise=noise)
-    assert abs(caught.value.directions[0, 2]) > 0.99
-    if caught.value.partial is not None:
-        assert caught.value.partial.X.shape == (4, 4)
+        uq.calibrate(planar(20, None), method="4dpa")
+
+
+def test_a_prior_closes_parallel_axes_and_one_that_contradicts_the_data_is_named():
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
+    data = planar(20, noise, 3)
+    X = uq.simulate(3, seed=0).truth.X
+    height = X[2, 3]
+    with pytest.warns(uq.InputWarning, match="nearly parallel"):
+        found = uq.calibrate(data, noise=noise, **uq.known(f"camera z = {height:.9f}m +- 1mm"))
+    assert len(found.open_directions) == 0 and abs(found.std[5] - 1e-3) < 2e-5
+    assert "prior of X" in found.budget.sources
+    again = uq.Calibration.from_dict(json.loads(found.to_json()))
+    assert again.noise.prior.rank == 1
+    away = X[0, 3] + 0.05
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = uq.calibrate(
+            data, noise=noise, **uq.known(f"camera x = {away:.9f}m +- 1mm", f"camera z = {height:.9f}m +- 1mm")
+        )
+    assert any(finding.code == "calibration.prior_contradicted" for finding in found.findings)
+    with pytest.raises(uq.InputError, match="takes no prior"):
+        uq.calibrate(data, noise=noise, method="park", **uq.known("camera x = 1m +- 1mm"))

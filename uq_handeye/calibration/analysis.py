@@ -46,7 +46,7 @@ class Analysis:
     @cached_property
     def diagnostics(self) -> Diagnostics:
         """Observability, influence, tests of the residuals, systematic errors."""
-        return diagnose(self.fit, self.data, self.noise)
+        return diagnose(self.fit.gauged(), self.data, self.noise)
 
     @cached_property
     def covariances(self) -> dict[str, Array | None]:
@@ -63,6 +63,9 @@ class Analysis:
         found: dict[str, Array | None] = {"model": self.fit.covariance_X}
         reasons: dict[str, str] = {}
         for kind in KINDS:
+            if self.fit.open is not None:
+                found[kind], reasons[kind] = None, "The motions leave a part of X open."
+                continue
             try:
                 found[kind] = resampled(self.data, self.method, kind, fit=self.fit, seed=self.seed).covariance_X
             except (InputError, DegenerateMotionError) as error:
@@ -82,7 +85,7 @@ class Analysis:
         return self._split("contiguous")
 
     def _split(self, split: str) -> SplitHalf:
-        return split_fit(self.fit, self.data, split, dof=self.dof)
+        return split_fit(self.fit.gauged(), self.data, split, dof=self.dof)
 
     @cached_property
     def budget(self) -> Budget:

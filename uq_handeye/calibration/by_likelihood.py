@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..diagnostics.pose_table import pose_table
 from ..empirical_covariance.resampled import resampled
+from ..errors import DegenerateMotionError, InputError
 from ..findings import Finding
 from ..geometry.se3 import Array
-from ..input_checks.checks import check_fit, check_motions, require_signal
+from ..input_checks.checks import check_fit, check_motions
 from ..likelihood.constraint import Constraint, Unknowns
-from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, FITS, MOST_STEPS, Fit, corrected, offset_sensitivity
+from ..likelihood.gauss_helmert import (
+    CLOSED_FORM_STEPS,
+    FITS,
+    MOST_STEPS,
+    SINGULAR,
+    Fit,
+    corrected,
+    leaves_open,
+    offset_sensitivity,
+    open_at,
+)
 from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
+from ..likelihood.open_start import start_open
 from ..likelihood.robust import RobustFit, fit_robustly
 from ..likelihood.shared_estimates import Resolved, moves_left_open, resolve_doubts, shared_estimates
 from ..noise.estimate import NoiseEstimate
-from ..noise.models import Noise, PairNoise, PoseNoise
+from ..noise.models import Noise, PairNoise, PoseNoise, with_prior
 from ..noise_estimation.estimate import FoundNoise, choose_source
 from ..noise_estimation.serial_correlation import account_for_correlation, correlation_finding
 from ..poses.motions import Motions
@@ -29,7 +43,14 @@ from ..propagation.published_fit import Published, fit_published
 from ..shared_errors.shared_error import CLOCK_OFFSET, shared_columns, with_shared, without_shared
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
-from .findings import against_corners, against_data_sheet, shared_findings, wrong_poses
+from .findings import (
+    against_corners,
+    against_data_sheet,
+    against_prior,
+    said_open,
+    shared_findings,
+    wrong_poses,
+)
 from .request import FEWEST_FOR_ROBUST, OF_NOISE, Job
 from .result import Calibration
 from .result_file import FourDPA
@@ -40,13 +61,21 @@ EXACT = 1e-10
 
 def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     """`efficient` or `ml`, with 4DPA beside it."""
-    start = fit_published(job.motions, job.noise, "4dpa", None, job.everything)
-    angle, distance = residuals(job.motions.A, job.motions.B, start.X)
-    require_signal(job.motions, job.noise, angle)
-    noise, constraint = job.noise, job.constraint
-    at = constraint.complete(start.X)
-    beside = job.camera_noise, job.robot_noise
-    source = choose_source(job.data, constraint, job.prior, *beside, columns=job.columns) if noise is None else None
+    noise, constraint, known = job.noise, job.constraint, job.pose_prior
+    fourdpa: Published | None = None
+    with suppress(DegenerateMotionError):
+        fourdpa = fit_published(job.motions, noise, "4dpa", None, job.everything)
+    if fourdpa is None:
+        at = start_open(constraint, noise, known)
+    elif leaves_open(constraint, noise, at := constraint.complete(fourdpa.X)):
+        with suppress(DegenerateMotionError):
+            at, fourdpa = start_open(constraint, noise, known), None
+    start = fourdpa or Published(job.motions, "4dpa", None, at.X, at.W, 0, job.everything)
+    angle, distance = residuals(job.motions.A, job.motions.B, at.X)
+    beside: dict[str, Any] = {"columns": job.columns, "pose_prior": known}
+    source = None
+    if noise is None:
+        source = choose_source(job.data, constraint, job.prior, job.camera_noise, job.robot_noise, **beside)
     exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
     robust: RobustFit | None = None
     found: FoundNoise | None = None
@@ -56,13 +85,13 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
             nonlocal found
             assert source is not None
             found = source.find(at, weights)
-            return found.noise
+            return None if found.noise is None else with_prior(found.noise, known)
 
-        robust = fit_robustly(constraint, noise, at, job.method, estimate_variances, job.seed)
+        robust = fit_robustly(constraint, noise, at, job.method, estimate_variances, job.seed, known)
         noise = robust.noise
     elif source is not None:
         found = source.find(at)
-        noise = found.noise
+        noise = None if found.noise is None else with_prior(found.noise, known)
     estimate = None if found is None else found.describe()
     if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
         assert estimate is not None
@@ -70,8 +99,11 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
             kept = replace(start, X=robust.fit.X, W=robust.fit.W)
             result, findings = estimate_unweighted(job, kept, estimate)
             table = pose_table(robust.fit, robust)
-            return replace(result, table=table), [*table.findings, *findings]
-        return estimate_unweighted(job, start, estimate)
+            result, findings = replace(result, table=table), [*table.findings, *findings]
+        else:
+            result, findings = estimate_unweighted(job, start, estimate)
+        opened = open_at(constraint, at, known)
+        return replace(result, opened=opened), said_open(opened, result.setup) + findings
     fit = FITS[job.method](constraint, noise, at) if robust is None else robust.fit
     if job.columns:
         noise = _columns_at_corrected(job, noise, fit)
@@ -91,7 +123,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         fit = _fitted_again(job, noise, fit)
         estimate = None if estimate is None else replace(estimate, noise=noise)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
-    return _assembled(job, noise, fit, start, estimate, robust, resolved)
+    return _assembled(job, noise, fit, fourdpa, estimate, robust, resolved)
 
 
 def _columns_at_corrected(job: Job, noise: Noise, fit: Fit) -> PoseNoise:
@@ -136,7 +168,7 @@ def _assembled(
     job: Job,
     noise: Noise,
     fit: Fit,
-    start: Published,
+    start: Published | None,
     estimate: NoiseEstimate | None,
     robust: RobustFit | None,
     resolved: Resolved | None,
@@ -144,6 +176,10 @@ def _assembled(
     data, motions, poses = job.data, job.motions, job.poses
     reference = reference_for(fit, estimate)
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
+    if fit.open is not None and job.covariance != "model":
+        raise InputError(
+            f"The motions leave a part of X open, for which there is covariance='model' alone, got {job.covariance!r}."
+        )
     if job.covariance == "sigma-points":
         covariance, covariance_W = by_sigma_points(job, noise, robust), None
     elif job.covariance != "model":
@@ -172,13 +208,15 @@ def _assembled(
         reference=reference,
         noise_estimate=estimate,
         bound=fit.covariance_X,
-        fourdpa=FourDPA(start.X, start.covariances(noise)[0]),
+        fourdpa=None if start is None else FourDPA(start.X, start.covariances(noise)[0]),
         fit=goodness_of_fit(fit),
         table=table,
         time_offset=time_offset,
         shared=shared_estimates(fit, noise, job.shared, resolved),
         analysis=analysis,
+        opened=fit.opened,
     )
+    said = said_open(fit.opened, result.setup) + against_prior(fit)
     findings = table.findings if robust else wrong_poses(job, noise, table)
     if poses is None or isinstance(noise, PairNoise):
         findings += check_motions(motions, None if estimate else noise, fit.covariance_X, angle, distance, fit.X)
@@ -198,7 +236,7 @@ def _assembled(
         if len(data) < FEWEST_FOR_ROBUST:
             values = {"item": table.item, "count": len(data), "needed": FEWEST_FOR_ROBUST}
             findings.append(Finding("calibration.few_for_outliers", "caution", values))
-    return result, findings
+    return result, said + findings
 
 
 def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:
@@ -208,6 +246,6 @@ def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[
         return None, None
     g = offset_sensitivity(fit, timing)
     move = timing.std * g
-    added = float(move[:6] @ np.linalg.solve(covariance, move[:6]))
+    added = float(move[:6] @ np.linalg.pinv(covariance, rcond=SINGULAR, hermitian=True) @ move[:6])
     sensitivity = tuple(float(value) for value in g[:6])
     return TimeOffset(timing.offset, timing.std, timing.side, sensitivity, added / (1.0 + added)), move

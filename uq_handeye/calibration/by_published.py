@@ -15,7 +15,7 @@ from ..geometry.se3 import Array
 from ..input_checks.checks import check_fit, check_motions, require_signal
 from ..likelihood.d2_distribution import Reference
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit, efficient
-from ..likelihood.goodness_of_fit import effective_dof
+from ..likelihood.goodness_of_fit import components_of, effective_dof
 from ..likelihood.robust import RobustFit
 from ..likelihood.shared_estimates import resolve_doubts
 from ..noise.estimate import NoiseEstimate
@@ -136,7 +136,8 @@ def by_sigma_points(job: Job, noise: Noise, robust: RobustFit | None) -> Array:
 def reference_for(fit: Fit, estimate: NoiseEstimate | None) -> Reference:
     """The distribution that goes with the covariance of the noise; a prior that fixes all of it leaves nothing open."""
     dof = float("inf") if estimate is None else effective_dof(fit, estimate)
-    return Reference("F", dof) if np.isfinite(dof) else Reference()
+    known = components_of(fit)
+    return Reference("F", dof, known) if np.isfinite(dof) else Reference(components=known)
 
 
 def reference_of(resample: Resampled) -> Reference:

@@ -41,6 +41,8 @@ def calibrate(
     covariance: str = "model",
     robust: bool | None = None,
     prior: NoisePrior | None = None,
+    prior_X: tuple[ArrayLike, ArrayLike] | None = None,
+    prior_W: tuple[ArrayLike, ArrayLike] | None = None,
     seed: int = 0,
     shared: Sequence[SharedError] | None = None,
     correlation: str = "auto",
@@ -80,6 +82,11 @@ def calibrate(
         poses (or motions) on. Where no pose stands out the estimate is the plain one. False: all poses count in full.
     prior : NoisePrior or None
         What is known of the noise to be estimated, for example from a data sheet.
+    prior_X, prior_W : tuple of a pose (4, 4) and a covariance (6, 6), or None
+        What is known of X and of W before the data, for example by a drawing or a tape measure: a Gaussian whose mean
+        is the pose, with the covariance of ``xi = (theta, tau)`` (left rotation, additive translation, rad and m).
+        Infinity on the diagonal: that component is not known (`known` makes both of text). It counts as a measurement
+        beside the poses, and can close what the motions leave open.
     seed : int
         Of the random subsets and bootstrap replicates.
     shared : sequence of SharedError or None
@@ -93,6 +100,10 @@ def calibrate(
         "sigma-points") contains it (`noise_estimation.serial_correlation`). With `noise` given it is tested, no more;
         ``bundle`` takes the poses as independent.
 
+    Motions that leave directions of X open (parallel axes of a SCARA or a vehicle, pure translations of a gantry) are
+    answered by ``efficient`` and ``ml`` all the same: ``result.open_directions`` says which, X is one of all that fit,
+    and the covariance is that of the other directions. Published methods refuse them.
+
     Where poses are given, W comes with X (for a published method the mean of ``G X C``, `robot_world`), with its
     covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the
     covariance of each pair that PoseNoise makes.
@@ -102,9 +113,9 @@ def calibrate(
     InputError
         Input that cannot be used.
     DegenerateMotionError
-        The motions do not determine X; or their rotations do not stand out of their noise (`require_signal` in
-        `input_checks.checks`); or with this noise they leave its rotation open by more than 20 degrees, where a
-        first-order covariance means nothing: only then ``partial`` holds the `Calibration`.
+        The motions determine nothing of X; or, with a published method, not all of it: their rotations do not stand
+        out of their noise (`require_signal` in `input_checks.checks`), or leave its rotation open by more than 20
+        degrees, where a first-order covariance means nothing: only then ``partial`` holds the `Calibration`.
     NotConvergedError
         An iterative method did not converge.
 
@@ -121,7 +132,8 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.34, 0.34, 0.28])
     """
-    job = request(data, noise, method, pairs, scale, kind, covariance, robust, prior, seed, shared, correlation)
+    asked = (noise, method, pairs, scale, kind, covariance, robust, prior, seed, shared, correlation)
+    job = request(data, *asked, prior_X, prior_W)
     findings = look_at(job)
     try:
         try:
@@ -151,6 +163,7 @@ def calibrate(
         "covariance": covariance,
         "robust": job.robust,
         "prior": None if prior is None else asdict(prior),
+        **({} if job.pose_prior is None else {"pose_prior": job.pose_prior.to_dict()}),
         "seed": job.seed,
         "correlation": correlation,
         "shared": [f"{part}: {sd:.6g}" for error in job.shared for part, sd in zip(error.parts, error.sd, strict=True)],

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import chdtrc
 
 from ..camera.board import spacing_of
 from ..diagnostics.pose_table import PoseTable, pose_table
@@ -16,6 +17,8 @@ from ..findings import GROSS, Finding, Severity
 from ..input_checks.checks import check_fit, check_poses, check_rotations
 from ..input_checks.shifted_rows import find_shift, shifted_run
 from ..likelihood.constraint import Unknowns
+from ..likelihood.gauss_helmert import Fit
+from ..likelihood.open_directions import OpenDirections
 from ..likelihood.robust import robust_fit
 from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import NoiseEstimate
@@ -60,6 +63,10 @@ def _advice(method: str, motions: Motions) -> str:
 
 # Probability below which residuals contradict a data sheet.
 RARE = 1e-4
+
+
+# Share of the variance of a prior that data must take away to be compared with it.
+LITTLE_FROM_DATA = 1e-3
 
 
 # RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
@@ -186,3 +193,39 @@ def shifted(job: Job, result: Calibration | None) -> list[Finding]:
         return []
     run = shifted_run(job.poses, Unknowns(result.X, result.W), result.table.weight == 0)
     return [] if run is None else [run]
+
+
+def said_open(opened: OpenDirections | None, setup: str | None) -> list[Finding]:
+    """What the data leave open of X and W."""
+    if opened is None:
+        return []
+    return [Finding("calibration.open", "caution", {"directions": opened.single().tolist(), "setup": setup})]
+
+
+def against_prior(fit: Fit) -> list[Finding]:
+    """Whether the prior of X and W contradicts the data.
+
+    The estimate less the prior's mean has the covariance ``Lambda^-1 - C`` along what data and prior both determine;
+    its square is chi-square with as many degrees of freedom.
+    """
+    if fit.prior is None:
+        return []
+    chi2, dof = 0.0, 0
+    information, pull, _ = fit.prior.normal_equations(fit.X, fit.W)
+    scale = np.sqrt(np.diag(information))
+    told = scale > 0
+    unit = information[np.ix_(told, told)] / np.outer(scale[told], scale[told])
+    values, vectors = np.linalg.eigh(unit)
+    half = scale[told, None] * vectors * np.sqrt(values)  # Lambda = half half^T
+    of_mean = (vectors.T @ (pull[told] / scale[told])) / np.sqrt(values)  # half^T xi
+    mu, V = np.linalg.eigh(np.eye(len(values)) - half.T @ fit.covariance[np.ix_(told, told)] @ half)
+    both = mu > LITTLE_FROM_DATA
+    chi2, dof = float(((V.T @ of_mean)[both] ** 2 / mu[both]).sum()), int(both.sum())
+    if dof == 0:
+        return []
+    p_value = float(chdtrc(dof, chi2))
+    name = " and ".join(part[0] for part in fit.prior.parts())
+    values_of = {"of": name, "chi2": chi2, "dof": dof, "p_value": p_value}
+    if p_value < RARE:
+        return [Finding("calibration.prior_contradicted", "caution", values_of)]
+    return [Finding("calibration.prior_agrees", "note", values_of)]

@@ -15,10 +15,12 @@ from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
+from ..likelihood.open_start import has_one_axis
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
+from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count, with_prior
+from ..noise.pose_prior import PosePrior
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
 from ..propagation.all_pairs import AllPairs
@@ -66,6 +68,7 @@ class Job:
     robot_noise: Any = None  # covariance beside it, where it is known
     shared: tuple[SharedError, ...] = ()  # what all poses share
     correlation: str = "auto"  # one of CORRELATIONS
+    pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
 
     @property
     def poses(self) -> PosePairs | None:
@@ -74,7 +77,10 @@ class Job:
     @cached_property
     def constraint(self) -> Constraint:
         """What the likelihood is of: the residual rows of the data."""
-        return constraint_of(self.data, self.noise)
+        constraint = constraint_of(self.data, self.noise)
+        if self.noise is not None:
+            return constraint
+        return replace(constraint, split_known=False, may_be_open=has_one_axis(constraint))
 
     @cached_property
     def columns(self) -> dict[str, JointCovariance]:
@@ -122,7 +128,23 @@ def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
     seen = None if motions.poses is None else motions.poses.camera_calibration
     if seen is None or not isinstance(noise, PoseNoise) or noise.camera is not None:
         return noise
-    return PoseNoise(noise.robot, seen.covariance)
+    return PoseNoise(noise.robot, seen.covariance, prior=noise.prior)
+
+
+def _pose_prior(noise: Noise | None, X: Any, W: Any, method: str, motions: Motions) -> PosePrior | None:
+    """What is known of X and W: given here, or with the noise."""
+    given = PosePrior.of(X, W)
+    if noise is not None and noise.prior is not None:
+        if given is not None:
+            raise InputError("Expected no `prior_X` or `prior_W` beside noise that has a `prior` of its own.")
+        given = noise.prior
+    if given is None:
+        return None
+    if method not in ESTIMATORS:
+        raise InputError(f"Method {method!r} takes no prior of X or W; use efficient or ml.")
+    if given.W is not None and (motions.poses is None or isinstance(noise, PairNoise)):
+        raise InputError("Expected no prior of W: motions know nothing of W. Give poses, with PoseNoise or none.")
+    return given
 
 
 def request(
@@ -138,6 +160,8 @@ def request(
     seed: int,
     shared: Sequence[SharedError] | None = None,
     correlation: str = "auto",
+    prior_X: Any = None,
+    prior_W: Any = None,
 ) -> Job:
     """The arguments of `calibrate`, checked; raises `InputError`."""
     if not isinstance(data, PosePairs | Motions):
@@ -203,6 +227,9 @@ def request(
     if errors and noise is not None:
         assert isinstance(noise, PoseNoise) and motions.poses is not None
         noise = with_shared(noise, shared_columns(errors, motions.poses))
+    pose_prior = _pose_prior(noise, prior_X, prior_W, method, motions)
+    if noise is not None:
+        noise = with_prior(noise, pose_prior)
     return Job(
         motions,
         everything,
@@ -218,6 +245,7 @@ def request(
         robot,
         errors,
         correlation,
+        pose_prior,
     )
 
 

@@ -15,7 +15,7 @@ from ..diagnostics.budget import Budget
 from ..diagnostics.pose_table import PoseTable
 from ..diagnostics.result import Diagnostics
 from ..diagnostics.split_half import SplitHalf
-from ..diagnostics.task_space import PointUncertainty, through_robot, through_target, through_X
+from ..diagnostics.task_space import PointUncertainty, moves_of_points, through_robot, through_target, through_X
 from ..errors import InputError
 from ..files.atomic import json_text
 from ..files.open import as_path, opened
@@ -28,6 +28,7 @@ from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array, inverse, inverse_jacobian
 from ..likelihood.d2_distribution import Reference
 from ..likelihood.goodness_of_fit import GoodnessOfFit
+from ..likelihood.open_directions import OpenDirections, moves_along
 from ..likelihood.rig_bundle import Agreement
 from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import NoiseEstimate
@@ -45,7 +46,8 @@ from ..procrustes.so4_covariances import PAPER_SCALE
 from ..runtime.read_only import ReadOnlyArrays
 from .analysis import Analysis, StoredAnalysis
 from .provenance import Provenance
-from .result_file import FORMAT, FourDPA, from_dict, plain
+from .result_file import FORMAT, FourDPA, finite, from_dict, plain
+from .sentences import open_words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -124,6 +126,9 @@ class Calibration(ReadOnlyArrays):
         Files, options, versions: enough to repeat the run.
     data : PosePairs, Motions or None
         What it was made of. Not in the JSON file: None when it was read from one.
+    opened : OpenDirections or None
+        What of X and W the motions leave open; None: nothing. `covariance` and `covariance_W` are then those of the
+        other directions, and have the variance 0 along these: use them together with `open_directions`.
     analysis : Analysis, StoredAnalysis or None
         Where `diagnostics`, `covariances`, `split_half`, `split_in_time` and `budget` come from.
     """
@@ -152,6 +157,7 @@ class Calibration(ReadOnlyArrays):
     time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
     shared: tuple[SharedEstimate, ...] = ()  # errors that all poses share
     agreement: Agreement | None = None  # of method "bundle" with `efficient`
+    opened: OpenDirections | None = None  # what of X and W the motions leave open
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
     data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of; not in the JSON file
     analysis: Analysis | StoredAnalysis | None = field(
@@ -175,20 +181,51 @@ class Calibration(ReadOnlyArrays):
 
     @property
     def std(self) -> Array | None:
-        """Standard deviations (6,) of (theta, tau), rad and m."""
-        return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
+        """Standard deviations (6,) of (theta, tau), rad and m; infinite for components that move along what is open."""
+        if self.covariance is None:
+            return None
+        return deviations_of(self.covariance, self.opened, "X")
 
     @property
     def std_W(self) -> Array | None:
-        """Standard deviations (6,) of (theta, tau) of W, rad and m."""
-        return None if self.covariance_W is None else np.asarray(np.sqrt(np.diag(self.covariance_W)))
+        """Standard deviations (6,) of (theta, tau) of W, rad and m; infinite as those of X."""
+        if self.covariance_W is None:
+            return None
+        return deviations_of(self.covariance_W, self.opened, "W")
+
+    @property
+    def open_directions(self) -> Array:
+        """(k, 12): what of (xi_X, xi_W) the motions leave open, as errors (theta, tau) of X, then of W, rad and m.
+
+        Orthonormal in units of the rig: angles times ``opened.lever``, the distance of camera and target. k = 0 where
+        nothing is open.
+        """
+        return np.zeros((0, 12)) if self.opened is None else self.opened.basis
+
+    @property
+    def open_of_X(self) -> Array | None:
+        """(j, 6): what of X is open; None: nothing."""
+        return None if self.opened is None else self.opened.of_X
+
+    @property
+    def open_of_W(self) -> Array | None:
+        """(j, 6): what of W is open; None: nothing."""
+        return None if self.opened is None else self.opened.of_W
+
+    @property
+    def open_words(self) -> tuple[str, ...]:
+        """Each open direction in words."""
+        return (
+            () if self.opened is None else tuple(open_words(one, self.setup) for one in self.opened.single().tolist())
+        )
 
     @property
     def correlation(self) -> Array | None:
         """Correlation matrix (6, 6) of (theta, tau); 0 beside a variance of 0."""
-        if self.covariance is None or self.std is None:
+        if self.covariance is None:
             return None
-        unit = np.where(self.std > 0, self.std, 1.0)
+        std = np.sqrt(np.diag(self.covariance))
+        unit = np.where(std > 0, std, 1.0)
         correlation: Array = self.covariance / np.outer(unit, unit)
         np.fill_diagonal(correlation, 1.0)
         return correlation
@@ -342,7 +379,8 @@ class Calibration(ReadOnlyArrays):
         Returns
         -------
         PointUncertainty
-            ``points`` (..., 3), ``covariance`` (..., 3, 3), ``std`` (..., 3), ``radius_95`` (...), ``frame``.
+            ``points`` (..., 3), ``covariance`` (..., 3, 3), ``std`` (..., 3), ``radius_95`` (...), ``frame``. Where
+            X (or W) is open (`open_directions`) coordinates that this moves are infinite, the others are as known.
 
         Raises
         ------
@@ -367,7 +405,7 @@ class Calibration(ReadOnlyArrays):
                 raise InputError(
                     "The way through the target needs W and its covariance: calibrate poses with PoseNoise."
                 )
-            return through_target(
+            found = through_target(
                 self.W,
                 self.covariance_W,
                 points,
@@ -376,12 +414,18 @@ class Calibration(ReadOnlyArrays):
                 setup=setup,
                 points_covariance=points_covariance,
             )
+            if self.opened is None:
+                return found
+            return found.left_open(moves_of_points(found.points - self.W[:3, 3], self.opened.of_W))
         if self.covariance is None:
             raise InputError("The covariance of X is not determined, and so is that of the points.")
+        near = through_X(self.X, self.covariance, points, setup=setup, points_covariance=points_covariance)
         if robot is None:
-            return through_X(self.X, self.covariance, points, setup=setup, points_covariance=points_covariance)
+            if self.opened is None:
+                return near
+            return near.left_open(moves_of_points(near.points - self.X[:3, 3], self.opened.of_X))
         assert setup is not None
-        return through_robot(
+        found = through_robot(
             self.X,
             self.covariance,
             points,
@@ -390,6 +434,11 @@ class Calibration(ReadOnlyArrays):
             setup=setup,
             points_covariance=points_covariance,
         )
+        if self.opened is None:
+            return found
+        R = np.asarray(robot, dtype=float)[..., :3, :3]
+        R = R if setup == "eye-in-hand" else R.mT
+        return found.left_open(moves_of_points(near.points - self.X[:3, 3], self.opened.of_X, R))
 
     def __repr__(self) -> str:
         data = f"{self.n_pairs} pairs" if self.n_poses is None else f"{self.n_poses} poses"
@@ -397,6 +446,8 @@ class Calibration(ReadOnlyArrays):
         if self.weakest_translation is not None and self.weakest_rotation is not None:
             move, turn = 1e3 * self.weakest_translation[1], np.degrees(self.weakest_rotation[1])
             known = f"{digits(move, 2)} mm, {digits(turn, 2)} deg (1 sigma, worst axis)"
+            if self.opened is not None:
+                known += f", {len(self.open_directions)} open"
         return f"Calibration({self.frame} by {self.method}, {data}: {known})"
 
     def summary(self, threshold: float = 0.5) -> str:
@@ -450,7 +501,7 @@ class Calibration(ReadOnlyArrays):
         """A pandas table of the six numbers of X: value, standard deviation, unit."""
         import pandas as pd
 
-        values, std = pose_numbers(self.X, self.covariance)
+        values, std = pose_numbers(self.X, self.covariance, opened=self.open_of_X)
         units = ["mm"] * 3 + ["deg"] * 3
         known = [None] * 6 if std is None else std.tolist()
         return pd.DataFrame(
@@ -483,7 +534,7 @@ class Calibration(ReadOnlyArrays):
             "covariance_W": plain(self.covariance_W),
             "iterations": self.iterations,
             "covariance_kind": self.covariance_kind,
-            "reference": {"kind": self.reference.kind, "dof": self.reference.dof},
+            "reference": self.reference.to_dict(),
             "noise_estimate": None if self.noise_estimate is None else self.noise_estimate.to_dict(),
             "bound": plain(self.bound),
             "4dpa": None
@@ -496,6 +547,7 @@ class Calibration(ReadOnlyArrays):
             "time_offset": None if self.time_offset is None else self.time_offset.to_dict(),
             "shared": [error.to_dict() for error in self.shared],
             **({} if self.agreement is None else {"agreement": self.agreement.to_dict()}),
+            **({} if self.opened is None else {"open": self.opened.to_dict() | {"words": list(self.open_words)}}),
             "residuals": self.residuals._asdict(),
             "findings": [finding.to_dict() for finding in self.findings],
             "warnings": list(self.warnings),
@@ -505,13 +557,13 @@ class Calibration(ReadOnlyArrays):
         """What follows from other parts of the file."""
         return {
             "frame": self.frame,
-            "std": plain(self.std),
+            "std": finite(self.std),
             "correlation": plain(self.correlation),
             "quaternion_xyzw": self.quaternion.tolist(),
             "inverse": self.inverse.tolist(),
             "covariance_inverse": plain(self.covariance_inverse),
             "frame_W": self.frame_W,
-            "std_W": plain(self.std_W),
+            "std_W": finite(self.std_W),
             "efficiency": plain(self.efficiency),
         }
 
@@ -538,6 +590,15 @@ class Calibration(ReadOnlyArrays):
             return cls.from_dict(data)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
+
+
+def deviations_of(covariance: Array, opened: OpenDirections | None, of: str) -> Array:
+    """Standard deviations (6,) of X or W, infinite for components that move along what is open."""
+    std = np.sqrt(np.diag(covariance))
+    if opened is None:
+        return np.asarray(std)
+    basis = opened.of_X if of == "X" else opened.of_W
+    return np.where(moves_along(basis, opened.lever), np.inf, std)
 
 
 def _weakest(covariance: Array) -> tuple[Array, float]:

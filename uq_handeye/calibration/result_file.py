@@ -22,6 +22,7 @@ from ..geometry.se3 import Array
 from ..likelihood.d2_distribution import Reference
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..likelihood.goodness_of_fit import GoodnessOfFit
+from ..likelihood.open_directions import OpenDirections
 from ..likelihood.rig_bundle import Agreement
 from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import NoiseEstimate
@@ -137,6 +138,7 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "provenance": _read(data, "provenance", Provenance.from_dict),
         "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
         "shared": tuple(map(SharedEstimate.from_dict, data.get("shared", ()))),
+        "opened": None if data.get("open") is None else OpenDirections.from_dict(data["open"]),
         "agreement": None if data.get("agreement") is None else Agreement.from_dict(data["agreement"]),
         "noise": _read(data, "noise", noise_from_dict),
         "residuals": Residuals(**data["residuals"]),
@@ -162,6 +164,11 @@ def _covariance(data: dict[str, Any], name: str) -> Array | None:
     if S.shape != (6, 6):
         raise ValueError(f"{name} has the shape {S.shape}")
     return S
+
+
+def finite(array: Array | None) -> Any:
+    """Lists with None for what is infinite; None for what is not there."""
+    return None if array is None else [float(x) if np.isfinite(x) else None for x in array]
 
 
 def plain(array: Array | None) -> Any:

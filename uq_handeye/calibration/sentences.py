@@ -136,3 +136,56 @@ def _(covariance: str) -> str:
 @sentence("calibration.noise_not_estimated")
 def _(error: str) -> str:
     return error
+
+
+@sentence("calibration.prior_contradicted")
+def _(of: str, chi2: float, dof: int, p_value: float) -> str:
+    return (
+        f"The prior of {of} contradicts the data: chi-square {chi2:.3g} with {dof} degrees of freedom, "
+        f"p = {p_value:.1g}. Check the value, its unit and frame, and its standard deviation."
+    )
+
+
+@sentence("calibration.prior_agrees")
+def _(of: str, chi2: float, dof: int, p_value: float) -> str:
+    test = f"chi-square {chi2:.3g} with {dof} degrees of freedom, p = {p_value:.2g}"
+    return f"The prior of {of} agrees with the data: {test}."
+
+
+@sentence("calibration.open")
+def _(directions: Sequence[Sequence[float]], setup: str | None) -> str:
+    return (
+        f"The motions leave open: {'; '.join(open_words(one, setup) for one in directions)}. X is one of all that fit, "
+        "and standard deviations are of the rest. Close it by a prior (--known, --prior-x), or turn the robot about "
+        "another axis."
+    )
+
+
+# Components of an open direction below this share of the largest count as none.
+_NONE = 0.02
+
+
+def open_words(direction: Sequence[float], setup: str | None) -> str:
+    """One open direction (12) of X and W, e.g. "the camera along the gripper's z axis, with the target along ..."."""
+    frames = {"eye-in-hand": ("gripper", "base"), "eye-to-hand": ("base", "gripper"), None: ("frame of A", "")}[setup]
+    of_X, of_W = direction[:6], direction[6:]
+    size = max(map(abs, [*direction[3:6], *direction[9:]])) or 1.0
+    parts = [
+        f"{what} {_movement(xi, frame)}"
+        for what, xi, frame in (("the camera", of_X, frames[0]), ("the target", of_W, frames[1]))
+        if max(map(abs, xi)) > _NONE * size
+    ]
+    return " together with ".join(parts)
+
+
+def _movement(xi: Sequence[float], frame: str) -> str:
+    turns = math.hypot(*xi[:3]) > _NONE * math.hypot(*xi[3:])
+    axis = xi[:3] if turns else xi[3:]
+    length = math.hypot(*axis) or 1.0
+    unit = [x / length for x in axis]
+    largest = max(range(3), key=lambda k: abs(unit[k]))
+    how = "about" if turns else "along"
+    if abs(unit[largest]) > 1.0 - _NONE**2:
+        return f"{how} the {frame}'s {'xyz'[largest]} axis"
+    sign = 1.0 if unit[largest] > 0 else -1.0
+    return f"{how} ({', '.join(f'{sign * x:.2f}' for x in unit)}) of the {frame}"

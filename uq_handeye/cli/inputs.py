@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .views import Views
 
 # Panels of the help.
-INPUT, NOISE = "Pose files", "Noise"
+INPUT, NOISE, KNOWN = "Pose files", "Noise", "Known beforehand"
 BOTH_EXACT = "Both sides cannot be exact: give the standard deviations of one, or neither option."
 # In place of standard deviations: a side that has no noise.
 EXACT = "exact"
@@ -465,6 +465,43 @@ def prior_of(
         return None
     robot, camera = _partly_known(robot_prior, "--robot-prior"), _partly_known(camera_prior, "--camera-prior")
     return NoisePrior(robot, camera, prior_factor)
+
+
+def pose_prior_of(
+    prior_x: Annotated[
+        Path | None,
+        option(
+            "--prior-x",
+            metavar="FILE",
+            panel=KNOWN,
+            help="What is known of X: YAML or JSON with pose and covariance, or the result.json of an earlier run.",
+        ),
+    ] = None,
+    prior_w: Annotated[
+        Path | None, option("--prior-w", metavar="FILE", panel=KNOWN, help="The same of W, the pose of the target.")
+    ] = None,
+    known: Annotated[
+        list[str] | None,
+        option(
+            "--known",
+            metavar="TEXT",
+            panel=KNOWN,
+            help="A measured length, e.g. 'target z = 120mm +- 1mm' or 'camera x = 35mm +- 0.5mm'; repeatable.",
+        ),
+    ] = None,
+) -> "dict[str, Any]":
+    """What is known of X and W, as arguments of `calibrate`."""
+    from ..io import read_prior
+    from ..noise.known_values import known as known_values
+
+    found: dict[str, Any] = dict(known_values(*known)) if known else {}
+    for path, name, of in ((prior_x, "prior_X", "X"), (prior_w, "prior_W", "W")):
+        if path is None:
+            continue
+        if name in found:
+            raise InputError(f"Give either --prior-{of.lower()} or --known of the same pose, not both.")
+        found[name] = read_prior(path, of)
+    return found
 
 
 def _deviations(value: str, name: str) -> tuple[float, float]:

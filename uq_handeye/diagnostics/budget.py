@@ -245,9 +245,13 @@ def budget(
         raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
     J = fit.linear.J
     factor = fit.weighted_factor
-    gain = -fit.covariance @ pulled(factor, whiten(factor, J)).mT  # (n, p, 6)
+    C = fit.closed_projection @ fit.covariance
+    gain = -C @ pulled(factor, whiten(factor, J)).mT  # (n, p, 6)
     first, second = (gain @ D for D in fit.linear.sides)
     found = budget_of_sensitivities(first, second, noise, fit.X, merged=merged)
+    for name, start, _, known in [] if fit.prior is None else fit.prior.parts():
+        gain_of_prior = C[:, start : start + 6]
+        found = found.plus(f"prior of {name}", gain_of_prior @ known @ gain_of_prior.T)
     for name, move in (beside or {}).items():
         found = found.plus(name, np.outer(move, move))
     return found

@@ -21,7 +21,7 @@ from scipy.special import chdtrc, fdtrc, ndtr
 
 from ..findings import Finding
 from ..geometry.se3 import Array
-from ..likelihood.gauss_helmert import Fit, inverse_information
+from ..likelihood.gauss_helmert import SINGULAR, Fit
 from ..likelihood.own_residuals import has_own_residuals, own_residuals
 from ..noise.square_roots import gram, whiten
 from ..poses.pose_pairs import PosePairs
@@ -133,7 +133,16 @@ def standardised(r: Array, J: Array) -> tuple[Array, Array]:
 
 
 def _orthonormal(J: Array) -> Array:
-    return np.asarray(J @ np.linalg.cholesky(inverse_information(gram(J)))[..., None, :, :])
+    values, vectors = np.linalg.eigh(_unit(gram(J))[0])
+    told = values > SINGULAR
+    root = vectors * np.where(told, 1.0 / np.sqrt(np.where(told, values, 1.0)), 0.0)[..., None, :]
+    return np.asarray(J @ (_unit(gram(J))[1][..., :, None] * root)[..., None, :, :])
+
+
+def _unit(information: Array) -> tuple[Array, Array]:
+    """The information scaled to a unit diagonal, and the scale of each unknown."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
+    return information * scale[..., :, None] * scale[..., None, :], scale
 
 
 def _autocorrelation(r: Array, U: Array, J: Array) -> Autocorrelation:
@@ -141,7 +150,8 @@ def _autocorrelation(r: Array, U: Array, J: Array) -> Autocorrelation:
     rho, se, p = autocorrelation_of(r, U)
     factor = _integrated(r, U, r.size, p)
     # What each row adds to X, in units where X has the covariance I: how these add up is what X feels.
-    C = inverse_information(gram(J))
+    unit, scale = _unit(gram(J))
+    C = np.linalg.pinv(unit, rcond=SINGULAR, hermitian=True) * np.outer(scale, scale)
     A = J @ C[:, :6] @ np.linalg.inv(np.linalg.cholesky(C[:6, :6])).T  # (n, 6, 6)
     growth = _integrated((A.mT @ r[..., None])[..., 0], A.mT @ U, 6.0, p)
     return Autocorrelation(None, rho, se, float(p), factor, n / factor, float(np.sqrt(growth)))

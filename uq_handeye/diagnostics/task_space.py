@@ -28,6 +28,7 @@ from ..errors import InputError
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array, inverse, inverse_jacobian, skew
+from ..likelihood.open_directions import NEGLIGIBLE
 from ..noise.models import checked_covariance
 from ..runtime.read_only import ReadOnlyArrays
 
@@ -40,8 +41,9 @@ class PointUncertainty(ReadOnlyArrays):
     """Points and their covariances in one frame, in metres."""
 
     points: Array  # (..., 3)
-    covariance: Array  # (..., 3, 3)
+    covariance: Array  # (..., 3, 3), infinite on the diagonal of coordinates that move along what is open
     frame: str
+    open_directions: Array | None = None  # (..., k, 3): how the points move along what is open; None: nothing is
 
     @property
     def std(self) -> Array:
@@ -50,18 +52,38 @@ class PointUncertainty(ReadOnlyArrays):
 
     @property
     def radius_95(self) -> Array:
-        """(...) longest half axis of the 95 % ellipsoid: a sphere of this radius holds at least 95 %."""
-        return np.asarray(np.sqrt(_WITHIN_95 * np.linalg.eigvalsh(self.covariance)[..., -1]))
+        """(...) longest half axis of the 95 % ellipsoid: a sphere of it holds at least 95 %, or is infinite."""
+        some = np.asarray(np.isfinite(self.std).all(axis=-1))
+        finite = np.where(some[..., None, None], self.covariance, 0.0)
+        return np.asarray(np.where(some, np.sqrt(_WITHIN_95 * np.linalg.eigvalsh(finite)[..., -1]), np.inf))
+
+    def left_open(self, moves: Array) -> PointUncertainty:
+        """With the coordinates infinite that move along open directions, (..., k, 3) metres for one of length 1."""
+        moved = np.asarray((np.abs(moves) > NEGLIGIBLE).any(axis=-2))
+        if not moved.any():
+            return self
+        S = np.where(moved[..., :, None] | moved[..., None, :], 0.0, self.covariance)
+        index = np.arange(3)
+        S[..., index, index] = np.where(moved, np.inf, S[..., index, index])
+        return PointUncertainty(self.points, S, self.frame, moves)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text."""
         return {
             "frame": self.frame,
             "points": self.points.tolist(),
-            "covariance": self.covariance.tolist(),
-            "std": self.std.tolist(),
-            "radius_95": self.radius_95.tolist(),
+            "covariance": _finite(self.covariance),
+            "std": _finite(self.std),
+            "radius_95": _finite(self.radius_95),
+            **({} if self.open_directions is None else {"open_directions": self.open_directions.tolist()}),
         }
+
+
+def _finite(values: Array) -> Any:
+    """Lists with None for what is infinite."""
+    found = values.astype(object)
+    found[~np.isfinite(values)] = None
+    return found.tolist()
 
 
 def points_covariance(X: Any, covariance: Any, points: Any) -> Array:
@@ -165,6 +187,15 @@ def _by_pose(arm: Array) -> Array:
     J[..., :3] = -skew(arm)
     J[..., 3:] = np.eye(3)
     return J
+
+
+def moves_of_points(arm: Array, basis: Array, carried: Array | None = None) -> Array:
+    """How points ``R p + t`` with ``R p = arm`` (..., 3) move along errors of the pose, the basis (k, 6): (..., k, 3).
+
+    ``carried`` (..., 3, 3) is the rotation of the pose that carries them further.
+    """
+    moves = basis @ _by_pose(arm).mT
+    return np.asarray(moves if carried is None else moves @ carried.mT)
 
 
 def _frames(setup: str) -> tuple[str, str]:

@@ -14,7 +14,7 @@ from ..files.atomic import write_atomically
 from ..files.open import StrPath, as_path, shown
 from ..formats.opencv_storage import matrix_lines, yaml_number
 from ..geometry.conventions import TOOLKIT
-from .frames import NOT_DETERMINED, Exportable, Transform, transforms_of, yaml_fields
+from .frames import NOT_DETERMINED, Exportable, Transform, open_comments, transforms_of, yaml_fields
 from .snippets import opencv_name, urdf_joint
 
 # What a ROS file says of its covariance.
@@ -44,6 +44,7 @@ def ros_text(result: Exportable) -> str:
     else:
         lines += [
             f"# Covariance of {_ROS}.",
+            *(f"# {line}" for line in open_comments(result)),
             "pose_with_covariance_stamped:",
             f"  header: {{frame_id: {X.parent}}}",
             "  pose:",
@@ -74,6 +75,7 @@ def urdf_text(result: Exportable) -> str:
     said = (
         NOT_DETERMINED if X.covariance is None else "URDF has no place for the covariance; the JSON and ROS files do."
     )
+    said = " ".join([said, *open_comments(result)[:1]])
     return "\n".join(
         [
             '<?xml version="1.0"?>',
@@ -90,7 +92,7 @@ def urdf_text(result: Exportable) -> str:
 
 def opencv_text(result: Exportable) -> str:
     """FileStorage YAML: 4x4, R and t of X and of its inverse, and the covariances (6x6), with their convention."""
-    lines = ["%YAML:1.0", "---"]
+    lines = ["%YAML:1.0", "---", *(f"# {line}" for line in open_comments(result))]
     for X in transforms_of(result):
         name = opencv_name(X)
         lines += [
@@ -113,6 +115,7 @@ def npz_bytes(result: Exportable) -> bytes:
         "covariance_inverse": result.covariance_inverse,
         "W": result.W,
         "covariance_W": result.covariance_W,
+        "open_directions": None if result.opened is None else result.opened.basis,
         "frame": result.frame,
         "frame_W": result.frame_W,
         "units": "m",

@@ -10,13 +10,27 @@ from scipy.spatial.transform import Rotation
 
 from ..formats.opencv_storage import yaml_number
 from ..geometry.conventions import to_convention
-from ..geometry.se3 import Array
+from ..geometry.se3 import Array, inverse_jacobian
 from ..runtime.read_only import ReadOnlyArrays
 
 # The frames of X for motions that came without poses: those in which A and B are given.
 OF_MOTIONS = ("frame_of_A", "frame_of_B")
 
+# Standard deviation (m) along open directions in formats that have no infinity.
+OPEN_DEVIATION = 1e3
+
 NOT_DETERMINED = "The covariance is not determined, so it is left out."
+
+
+class Opened(Protocol):
+    """What is read of `OpenDirections`."""
+
+    @property
+    def of_X(self) -> Array: ...
+    @property
+    def basis(self) -> Array: ...
+    @property
+    def lever(self) -> float: ...
 
 
 class Exportable(Protocol):
@@ -40,6 +54,10 @@ class Exportable(Protocol):
     def W(self) -> Array | None: ...
     @property
     def covariance_W(self) -> Array | None: ...
+    @property
+    def opened(self) -> Opened | None: ...
+    @property
+    def open_words(self) -> tuple[str, ...]: ...
     def to_json(self) -> str: ...
 
 
@@ -78,10 +96,27 @@ class Transform(ReadOnlyArrays):
 def transforms_of(result: Exportable) -> tuple[Transform, Transform]:
     """X and its inverse."""
     parent, child = OF_MOTIONS if result.setup is None else result.frame.split("_T_")
+    covariance, of_inverse = result.covariance, result.covariance_inverse
+    if covariance is not None and result.opened is not None:
+        U = result.opened.of_X
+        covariance = covariance + OPEN_DEVIATION**2 * (U.T @ U)
+        J = inverse_jacobian(result.X)
+        of_inverse = J @ covariance @ J.T
     return (
-        Transform(result.X + 0.0, result.covariance, parent, child),
-        Transform(result.inverse + 0.0, result.covariance_inverse, child, parent),
+        Transform(result.X + 0.0, covariance, parent, child),
+        Transform(result.inverse + 0.0, of_inverse, child, parent),
     )
+
+
+def open_comments(result: Exportable) -> list[str]:
+    """What an export says of open directions; nothing where there are none."""
+    if result.opened is None:
+        return []
+    return [
+        f"Open, not determined by the motions: {'; '.join(result.open_words)}.",
+        f"Along these the covariance has a standard deviation of {OPEN_DEVIATION:g} m (angles: times "
+        f"{result.opened.lever:.3g} m), which stands for infinity.",
+    ]
 
 
 def fixed_axis_angles(R: Array) -> Array:

@@ -62,7 +62,9 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
             f"got {', '.join(f'[{table}]' for table in tables)}."
         )
     covariances = {table: _covariance(table, content, name) for table, content in tables.items()}
-    return PoseNoise(**covariances) if on_poses else PairNoise(**covariances)
+    if on_poses:
+        return PoseNoise(covariances.get("robot"), covariances.get("camera"))
+    return PairNoise(covariances.get("A"), covariances.get("B"))
 
 
 def parse_tables(path: Path) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from decimal import Decimal
-from math import isfinite
+from math import isfinite, isinf
 from typing import Any
 
 import numpy as np
@@ -79,13 +79,16 @@ def concise(value: float, std: float | None, unit: str = "") -> str:
     Always two significant digits of the deviation, and the value to the same decimal place. Below 1 the deviation is
     written as units of the last digits; from 1 on with its own decimal point or zeros, to be read by itself:
     ``12.3(2.3)``, ``345(12)``, ``12340(120)``. Where value or deviation would need an exponent, both share it:
-    ``1.234(21)e-9``. A deviation of None is not determined, which ``(?)`` says; one of 0 is exact.
+    ``1.234(21)e-9``. A deviation of None is not determined, which ``(?)`` says; one of 0 is exact; an infinite one is
+    that of a number that stays open.
 
     Raises `InputError` for numbers that are not finite and deviations below 0.
 
     >>> concise(12.3452, 0.0668, "mm")
     '12.345(67) mm'
     """
+    if std is not None and isinf(std) and std > 0:
+        return f"{value + 0.0:.6g}(open)" + (f" {unit}" if unit else "")
     if not isfinite(value) or (std is not None and not (isfinite(std) and std >= 0)):
         raise InputError(f"Expected a finite value and a standard deviation of 0 or more, got {value} and {std}.")
     top = max(abs(value), std or 0.0)
@@ -120,7 +123,7 @@ def row(label: str, names: str, values: Array | None, std: Array | None, decimal
     parts = []
     for k, name in enumerate(names):
         value = "" if values is None else f" {values[k] + 0.0:.{decimals}f}"
-        deviation = "" if std is None else f" +- {digits(std[k])}"
+        deviation = "" if std is None else " open" if isinf(std[k]) else f" +- {digits(std[k])}"
         parts.append(f"{name}{value}{deviation}")
     return f"{label:{width}s} " + "   ".join(parts)
 

@@ -11,11 +11,18 @@ from .se3 import Array, left_jacobian, skew
 POSE_NUMBERS = [f"{name} {axis}" for name in ("translation", "rotation vector") for axis in "xyz"]
 
 
-def pose_numbers(T: Array, covariance: Array | None, near: Array | None = None) -> tuple[Array, Array | None]:
+# Part of the largest move of an open direction (mm, deg) below which a number does not move.
+_STILL = 0.02
+
+
+def pose_numbers(
+    T: Array, covariance: Array | None, near: Array | None = None, opened: Array | None = None
+) -> tuple[Array, Array | None]:
     """Translation (mm) and rotation vector (deg) of T (4, 4), both (6,): values, and standard deviations.
 
     ``covariance`` (6, 6) is that of (theta, tau), rad and m; the rotation vector changes by ``J_l(r)^-1 theta``. None
-    gives no deviations. Of the two vectors of a rotation the one nearer to that of ``near`` (4, 4) is taken.
+    gives no deviations. Of the two vectors of a rotation the one nearer to that of ``near`` (4, 4) is taken. Numbers
+    that move along errors that are ``opened`` (k, 6) have infinite deviations.
     """
     vector = rotation_vector(T, near)
     values = np.concatenate([1e3 * T[:3, 3], np.degrees(vector)])
@@ -23,7 +30,12 @@ def pose_numbers(T: Array, covariance: Array | None, near: Array | None = None) 
         return values, None
     J = np.linalg.inv(left_jacobian(vector))
     rotation = np.sqrt(np.clip(np.diag(J @ covariance[:3, :3] @ J.T), 0.0, None))
-    return values, np.concatenate([1e3 * np.sqrt(np.diag(covariance)[3:]), np.degrees(rotation)])
+    deviations = np.concatenate([1e3 * np.sqrt(np.diag(covariance)[3:]), np.degrees(rotation)])
+    if opened is not None:
+        moves = np.abs(np.concatenate([1e3 * opened[:, 3:], np.degrees(opened[:, :3] @ J.T)], axis=1)).reshape(-1, 2, 3)
+        some = moves > _STILL * np.maximum(moves.max(axis=2, keepdims=True), 1.0)
+        deviations = np.where(some.reshape(-1, 6).any(axis=0), np.inf, deviations)
+    return values, deviations
 
 
 def rotation_vector(X: Array, base: Array | None) -> Array:

@@ -75,6 +75,8 @@ class OnPoses:
     first: Array
     second: Array
     inverted: bool  # eye-to-hand: G is the inverse of the robot pose
+    split_known: bool = True  # how the noise of rotations is split between robot and camera (`open_directions`)
+    may_be_open: bool = True  # False: the robot turns about several axes, and large residuals are those of wrong data
 
     item: ClassVar[str] = "pose"
     sides: ClassVar[tuple[str, str]] = ("robot", "camera")
@@ -148,6 +150,8 @@ class OnMotions:
 
     first: Array
     second: Array
+    split_known: bool = True
+    may_be_open: bool = True
 
     item: ClassVar[str] = "motion"
     sides: ClassVar[tuple[str, str]] = ("A", "B")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from scipy.special import chdtrc, chdtri, fdtrc, fdtri
 
@@ -11,7 +12,7 @@ from ..errors import InputError
 
 @dataclass(frozen=True)
 class Reference:
-    """Of d^2 with 6 components.
+    """Of d^2 with 6 components; fewer where directions of X stay open, along which an error has no d^2.
 
     - ``chi-square``: the covariance is that of known noise.
     - ``F``: it is that of noise estimated from the same data, ``d^2 / 6 ~ F(6, dof)`` (`effective_dof`).
@@ -20,12 +21,19 @@ class Reference:
 
     kind: str = "chi-square"
     dof: float | None = None
+    components: int = 6
 
     def __post_init__(self) -> None:
         if self.kind not in ("chi-square", "F", "Hotelling"):
             raise InputError(f"Expected the reference to be chi-square, F or Hotelling, got {self.kind!r}.")
         if (self.dof is None) != (self.kind == "chi-square") or (self.dof is not None and not self.dof > 0):
             raise InputError(f"Expected degrees of freedom above 0 with F and Hotelling alone, got {self.dof!r}.")
+        if self.components not in range(1, 7):
+            raise InputError(f"Expected 1 to 6 components of X that are determined, got {self.components!r}.")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers; the number of components where some are open."""
+        return {"kind": self.kind, "dof": self.dof} | ({} if self.components == 6 else {"components": self.components})
 
     @property
     def determined(self) -> bool:
@@ -37,26 +45,26 @@ class Reference:
         if not 0 < level < 1:
             raise InputError(f"Expected `level` to lie between 0 and 1, got {level!r}.")
         if self.dof is None:
-            return float(chdtri(6, 1 - level))
+            return float(chdtri(self.components, 1 - level))
         if not self.determined:
             return float("inf")
         if self.kind == "F":
-            return 6 * float(fdtri(6, self.dof, level))
+            return self.components * float(fdtri(self.components, self.dof, level))
         return 6 * self.dof / (self.dof - 5) * float(fdtri(6, self.dof - 5, level))
 
     def p_value(self, d2: float) -> float:
         """The probability of a d^2 at least as large."""
         if self.dof is None:
-            return float(chdtrc(6, d2))
+            return float(chdtrc(self.components, d2))
         if not self.determined:
             return 1.0
         if self.kind == "F":
-            return float(fdtrc(6, self.dof, d2 / 6))
+            return float(fdtrc(self.components, self.dof, d2 / self.components))
         return float(fdtrc(6, self.dof - 5, d2 * (self.dof - 5) / (6 * self.dof)))
 
     def __str__(self) -> str:
         if self.dof is None:
-            return "chi-square with 6 degrees of freedom"
+            return f"chi-square with {self.components} degrees of freedom"
         if self.kind == "F":
-            return f"6 F(6, {self.dof:.3g})"
+            return f"{self.components} F({self.components}, {self.dof:.3g})"
         return f"Hotelling's distribution with {self.dof:.3g} degrees of freedom"

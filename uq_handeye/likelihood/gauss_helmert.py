@@ -23,8 +23,10 @@ inverted; S must be. Leading axes are independent problems.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +34,8 @@ from numpy.typing import NDArray
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, left_jacobian, perturb
-from ..noise.models import Noise, PairNoise, PoseNoise, is_joint
+from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, with_prior, without_prior
+from ..noise.pose_prior import PosePrior
 from ..noise.square_roots import Covariance, Factor, cholesky_of, gram, joint_residuals, pulled, weighted, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
@@ -51,6 +54,17 @@ from .constraint import (
     covariances_of,
     residual_covariance,
 )
+from .open_directions import (
+    OpenDirections,
+    closed_basis,
+    closed_part,
+    lever_of,
+    open_basis,
+    projection,
+    rig_units,
+    solve_information,
+)
+from .open_start import isotropic_residuals, start_open
 
 # Steps of `efficient`, and at most of `ml`.
 CLOSED_FORM_STEPS, MOST_STEPS = 2, 50
@@ -81,6 +95,9 @@ class Fit(ReadOnlyArrays):
     iterations: int
     converged: NDArray[np.bool_]  # (...)
     weights: Array | None = None  # (..., n) in [0, 1], robust weights of the poses; None: all 1
+    open: Array | None = None  # (..., p, p): projector onto the directions that stay open (`open_directions`)
+    lever: Array | None = None  # (...): the length that makes an angle of them a length (m)
+    prior: PosePrior | None = None  # of X and W, that counted beside the data
 
     @property
     def X(self) -> Array:
@@ -94,13 +111,74 @@ class Fit(ReadOnlyArrays):
 
     @property
     def covariance_X(self) -> Array:
-        """(..., 6, 6)"""
-        return self.covariance[..., :6, :6]
+        """(..., 6, 6), on the directions of X that are not open: of variance 0 along the others."""
+        return self._closed(slice(0, 6))
 
     @property
     def covariance_W(self) -> Array | None:
-        """(..., 6, 6); None on motions."""
-        return None if self.W is None else self.covariance[..., 6:, 6:]
+        """(..., 6, 6), likewise; None on motions."""
+        return None if self.W is None else self._closed(slice(6, 12))
+
+    def _closed(self, part: slice) -> Array:
+        covariance = self.covariance[..., part, part]
+        return covariance if self.open is None else closed_part(covariance, self.open, self.lever, part)
+
+    @property
+    def opened(self) -> OpenDirections | None:
+        """What stays open, of one problem; None: nothing."""
+        if self.open is None:
+            return None
+        basis = self.open_directions
+        return OpenDirections(np.pad(basis, [(0, 0), (0, 12 - basis.shape[1])]), float(np.asarray(self.lever)))
+
+    @property
+    def open_directions_X(self) -> Array:
+        """(k, 6) those of X alone: what of X is not determined."""
+        if self.open is None:
+            return np.zeros((0, 6))
+        assert self.lever is not None
+        return open_basis(self.open[:6, :6], rig_units(self.lever, 6))
+
+    @property
+    def spent(self) -> int:
+        """Degrees of freedom that the unknowns take from the residuals and the prior; of one problem."""
+        known = 0 if self.prior is None else self.prior.rank
+        return int(self.covariance.shape[-1]) - len(self.open_directions) - known
+
+    @property
+    def square_of_prior(self) -> float:
+        """``xi^T Lambda xi`` of X and W relative to the means of the prior; 0 without one."""
+        return 0.0 if self.prior is None else float(self.prior.normal_equations(self.X, self.W)[2])
+
+    @property
+    def closed_projection(self) -> Array:
+        """(p, p): errors of X and of W without their own open parts; of one problem."""
+        p = self.covariance.shape[-1]
+        result = np.eye(p)
+        if self.open is not None:
+            assert self.lever is not None
+            rig = rig_units(self.lever, 6)
+            for part in (slice(k, k + 6) for k in range(0, p, 6)):
+                result[part, part] = projection(open_basis(self.open[part, part], rig), rig)
+        return result
+
+    def gauged(self) -> Fit:
+        """With the open directions as if they were known: X and W move along them by nothing."""
+        return self if self.open is None else replace(self, open=None)
+
+    @property
+    def open_directions(self) -> Array:
+        """(k, p) basis of what stays open in (xi_X, xi_W), rad and m, orthonormal in units of the rig; of one problem.
+
+        Raises `InputError` for several problems at once, which may differ in k.
+        """
+        p = self.covariance.shape[-1]
+        if self.open is None:
+            return np.zeros((0, p))
+        if self.open.ndim > 2:
+            raise InputError(f"Expected the fit of one data set, got leading axes {self.open.shape[:-2]}.")
+        assert self.lever is not None
+        return open_basis(self.open, rig_units(self.lever, p))
 
     @cached_property
     def factor(self) -> Factor:
@@ -139,6 +217,8 @@ def efficient(data: PosePairs | Motions, noise: Noise, start: Array | None = Non
         The data do not determine X (or W).
     """
     constraint = _checked(data, noise)
+    if start is None:
+        return fit_data(data, constraint, noise, CLOSED_FORM_STEPS)
     return fit_efficient(constraint, noise, start_of(data, constraint, start))
 
 
@@ -153,6 +233,8 @@ def maximum_likelihood(data: PosePairs | Motions, noise: Noise, start: Array | N
         ``partial`` holds the `Fit` that was reached, with a flag for each problem.
     """
     constraint = _checked(data, noise)
+    if start is None:
+        return _require_converged(fit_data(data, constraint, noise, MOST_STEPS))
     return fit_ml(constraint, noise, start_of(data, constraint, start))
 
 
@@ -163,7 +245,10 @@ def fit_efficient(constraint: Constraint, noise: Noise, start: Unknowns) -> Fit:
 
 def fit_ml(constraint: Constraint, noise: Noise, start: Unknowns) -> Fit:
     """`maximum_likelihood` of a constraint, from the unknowns given."""
-    found = fit(constraint, noise, start, MOST_STEPS)
+    return _require_converged(fit(constraint, noise, start, MOST_STEPS))
+
+
+def _require_converged(found: Fit) -> Fit:
     if not found.converged.all():
         failed = int(found.converged.size - found.converged.sum())
         of = "" if found.converged.ndim == 0 else f" on {failed} of {found.converged.size} problems"
@@ -216,7 +301,15 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
         at = start_of(data, constraint, as_transforms(X, "X", stack=False))
         linear = constraint.linearise(at, constraint.first, constraint.second)
     factor = cholesky_of(residual_covariance(linear.sides, noise))
-    return inverse_information(gram(whiten(factor, linear.J)))[..., :6, :6]
+    information = gram(whiten(factor, linear.J))
+    if noise.prior is not None:
+        information = information + noise.prior.information(constraint.p)
+    S = residual_covariance(linear.sides, noise)
+    solved = solve_information(information, linear, constraint, noise, S, None, False)
+    covariance = solved.covariance[..., :6, :6]
+    return (
+        covariance if solved.open is None else closed_part(covariance, solved.open, lever_of(constraint), slice(0, 6))
+    )
 
 
 # Estimates at the Cramer-Rao bound by name; every other name is a published method.
@@ -243,13 +336,143 @@ def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None)
     return Unknowns(X, mean_target(poses, X))
 
 
-def fit(constraint: Constraint, noise: Noise, start: Unknowns, steps: int, weights: Array | None = None) -> Fit:
+def sound_start(
+    data: PosePairs | Motions,
+    constraint: Constraint,
+    noise: Noise | None,
+    prior: PosePrior | None = None,
+    astray: NDArray[np.bool_] | None = None,
+) -> Unknowns:
+    """`start_of`, and where the data alone leave directions open, for which 4DPA has no answer, `start_open`.
+
+    ``prior`` is for noise that is not known yet; else that of the noise counts. Problems (...) that are ``astray`` from
+    4DPA go to `start_open` as well. Raises `DegenerateMotionError` where data and prior determine nothing of X.
+    """
+    batch = constraint.first.shape[:-3]
+    X, W = np.zeros((*batch, 4, 4)), np.zeros((*batch, 4, 4))
+    bad = np.ones(batch, dtype=bool)
+    with suppress(DegenerateMotionError):
+        at = start_of(data, constraint, None)
+        guess = isotropic_residuals(constraint, at) if noise is None else without_prior(noise)
+        X, W = np.array(at.X), W if at.W is None else np.array(at.W)
+        bad = _open_problems(constraint, guess, at) | (False if astray is None else astray)
+    for k in zip(*np.nonzero(bad), strict=True) if batch else [()] * int(bad):
+        one = replace(constraint, first=constraint.first[k], second=constraint.second[k])
+        try:
+            at = start_open(one, noise if noise is None else _of_problem(noise, k), prior)
+        except DegenerateMotionError:
+            if not X[k].any():  # 4DPA has none either
+                raise
+            continue
+        X[k] = at.X
+        if at.W is not None:
+            W[k] = at.W
+    return Unknowns(X, W if isinstance(constraint, OnPoses) else None)
+
+
+def fit_data(data: PosePairs | Motions, constraint: Constraint, noise: Noise, steps: int) -> Fit:
+    """So many steps from 4DPA, or from where `sound_start` leads; leading axes are independent problems."""
+    astray: NDArray[np.bool_] | None = None
+    if noise.prior is None:
+        with suppress(DegenerateMotionError):
+            found = fit(constraint, noise, start_of(data, constraint, None), steps, halt_open=True)
+            variances = np.diagonal(found.covariance[..., 3:6, 3:6], axis1=-2, axis2=-1)
+            astray = np.asarray(variances.max(axis=-1) > lever_of(constraint) ** 2)
+            if found.open is None and not astray.any():
+                return found
+    return fit(constraint, noise, sound_start(data, constraint, noise, astray=astray), steps)
+
+
+class Reduced(NamedTuple):
+    """Rows of one problem by what the data and the prior determine, for estimates of the noise."""
+
+    J: Array  # (n, 6, q), by unknowns along the directions that are not open
+    basis: Array | None  # (p, q): unknowns of those; None: they are the same
+    known: Array | None  # (q + 1, q + 1): what the prior adds to ``[J, r]^T S^-1 [J, r]``
+
+    def unreduced(self, step: Array) -> Array:
+        """A step of all unknowns."""
+        return step if self.basis is None else step @ self.basis.T
+
+
+def reduce_rows(
+    constraint: Constraint, linear: Linearised, at: Unknowns, weights: Array | None, prior: PosePrior | None
+) -> Reduced:
+    """Rows without the directions that are open beside isotropic noise of the size of the residuals.
+
+    Leading axes are kept as they are: all directions count then.
+    """
+    known: Array | None = None
+    if prior is not None:
+        more, pull, square = prior.normal_equations(at.X, at.W)
+        known = np.block([[more, pull[:, None]], [pull, square]])
+    if linear.r.ndim > 2:
+        return Reduced(linear.J, None, known)
+    noise = with_prior(isotropic_residuals(constraint, at), prior)
+    S = residual_covariance(linear.sides, noise)
+    factor = cholesky_of(S if weights is None else weighted(S, weights))
+    information = gram(whiten(factor, linear.J)) + (0.0 if known is None else known[:-1, :-1])
+    opened: Array | None = None
+    with suppress(DegenerateMotionError):  # residuals that large are those of data that do not fit
+        opened = solve_information(information, linear, constraint, noise, S, weights, False).open
+    if opened is None:
+        return Reduced(linear.J, None, known)
+    basis = closed_basis(opened, rig_units(lever_of(constraint), len(opened)))
+    if known is not None:
+        wide = np.pad(basis, [(0, 1), (0, 1)])
+        wide[-1, -1] = 1.0
+        known = wide.T @ known @ wide
+    return Reduced(linear.J @ basis, basis, known)
+
+
+def leaves_open(constraint: Constraint, noise: Noise | None, at: Unknowns) -> bool:
+    """Whether the data of one problem, without prior, leave a direction open near the unknowns."""
+    guess = isotropic_residuals(constraint, at) if noise is None else without_prior(noise)
+    try:
+        return bool(_open_problems(constraint, guess, at))
+    except DegenerateMotionError:
+        return True
+
+
+def open_at(constraint: Constraint, at: Unknowns, prior: PosePrior | None) -> OpenDirections | None:
+    """What stays open near the unknowns of data that fit exactly."""
+    noise = with_prior(isotropic_residuals(constraint, at), prior)
+    return fit(constraint, noise, at, 1).opened
+
+
+def _open_problems(constraint: Constraint, noise: Noise, at: Unknowns) -> NDArray[np.bool_]:
+    """Whether the data of each problem (...) leave a direction open."""
+    linear = constraint.linearise(at, constraint.first, constraint.second)
+    S = residual_covariance(linear.sides, noise)
+    information = gram(whiten(cholesky_of(S), linear.J))
+    opened = solve_information(information, linear, constraint, noise, S, None, False).open
+    if opened is None:
+        return np.zeros(constraint.first.shape[:-3], dtype=bool)
+    return np.asarray(opened.any(axis=(-2, -1)))
+
+
+def _of_problem(noise: Noise, k: tuple[int, ...]) -> Noise:
+    """With the means of the prior of one problem out of many."""
+    return noise if noise.prior is None else with_prior(noise, noise.prior.rows(k))
+
+
+def fit(
+    constraint: Constraint,
+    noise: Noise,
+    start: Unknowns,
+    steps: int,
+    weights: Array | None = None,
+    *,
+    halt_open: bool = False,
+) -> Fit:
     """So many steps of Gauss-Helmert, or fewer once all problems stand still.
 
     Robust ``weights`` (..., n) in [0, 1] multiply the information of each pose or motion; 0 leaves it out.
+    ``halt_open``: end after the first step if it finds open directions, as the start was then none.
     """
     unknowns, first, second = start, constraint.first, constraint.second
     errors: Errors = (None, None)
+    lever = lever_of(constraint)
     for done in range(1, steps + 1):
         linear = constraint.linearise(unknowns, first, second)
         if steps > CLOSED_FORM_STEPS:
@@ -262,13 +485,16 @@ def fit(constraint: Constraint, noise: Noise, start: Unknowns, steps: int, weigh
         factor = cholesky_of(S if weights is None else weighted(S, weights))
         white = whiten(factor, np.concatenate([linear.J, rho[..., None]], axis=-1))
         sums = gram(white)
-        information = sums[..., :-1, :-1]
-        covariance = inverse_information(information)
-        step = -(covariance @ sums[..., :-1, -1:])[..., 0]
+        information, gradient = _with_prior(sums[..., :-1, :-1], sums[..., :-1, -1], noise, unknowns)
+        covariance, opened = solve_information(
+            information, linear, constraint, noise, S, weights, errors[0] is not None or errors[1] is not None
+        )
+        step = -(covariance @ gradient[..., None])[..., 0]
         residual = rho + (linear.J @ step[..., None, :, None])[..., 0]
         unknowns = unknowns.moved(step)
-        if done == steps <= CLOSED_FORM_STEPS:
-            return Fit(unknowns, covariance, linear, S, residual, done, np.ones(step.shape[:-1], dtype=bool), weights)
+        if done == steps <= CLOSED_FORM_STEPS or (halt_open and done == 1 and opened is not None):
+            reached = np.ones(step.shape[:-1], dtype=bool)
+            return Fit(unknowns, covariance, linear, S, residual, done, reached, weights, opened, lever, noise.prior)
         moved = (step[..., None, :] @ information @ step[..., None])[..., 0, 0]
         rounding = np.diagonal(information, axis1=-2, axis2=-1) @ _last_places(constraint, unknowns) ** 2
         converged = np.asarray((moved < np.maximum(STEP**2, rounding)) & (done > 1))
@@ -279,7 +505,15 @@ def fit(constraint: Constraint, noise: Noise, start: Unknowns, steps: int, weigh
             T if v is None else perturb(T, -v)
             for T, v in zip((constraint.first, constraint.second), errors, strict=True)
         )
-    return Fit(unknowns, covariance, linear, S, residual, done, converged, weights)
+    return Fit(unknowns, covariance, linear, S, residual, done, converged, weights, opened, lever, noise.prior)
+
+
+def _with_prior(information: Array, gradient: Array, noise: Noise, at: Unknowns) -> tuple[Array, Array]:
+    """The normal equations with those of the prior of X and W, which is a measurement beside the data."""
+    if noise.prior is None:
+        return information, gradient
+    more, pull, _ = noise.prior.normal_equations(at.X, at.W)
+    return information + more, gradient + pull
 
 
 def offset_sensitivity(fit: Fit, timing: Timing) -> Array:

@@ -4,6 +4,9 @@ Goodness of fit. With residuals e after the fit, their covariance S from the noi
 
     chi2 = e^T S^-1 e  ~  chi-square with dof = 6 n - p,      sigma_0^2 = chi2 / dof  (1 if the noise is right)
 
+Unknowns along open directions take no degree of freedom. A prior of X or W is so many measurements more: ``xi^T Lambda
+xi`` is part of chi2, the rank of Lambda of dof.
+
 With noise that was estimated from the same residuals (`noise_estimation`) sigma_0 is 1 by construction: the test then
 says nothing, that of rotation and translation alone little.
 
@@ -47,7 +50,7 @@ from ..noise.square_roots import (
     weighed_blocks,
     whiten,
 )
-from .gauss_helmert import Fit
+from .gauss_helmert import SINGULAR, Fit
 
 if TYPE_CHECKING:
     from ..noise.estimate import NoiseEstimate
@@ -71,13 +74,13 @@ def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
     Raises `InputError` where there are no degrees of freedom left.
     """
     _require_one(fit)
-    n, p = fit.residual.shape[0], fit.covariance.shape[-1]
+    n, p = fit.residual.shape[0], fit.spent
     w = np.ones(n) if fit.weights is None else np.asarray(fit.weights)
     dof = 6.0 * float(w.sum()) - p
     if dof <= 0:
         raise InputError(f"Expected residuals to judge the noise by, got {dof:g} degrees of freedom.")
     # The weights belong into S before it is whitened: a joint S would carry a rejected pose into the others' rows.
-    chi2 = float(np.sum(whiten(fit.weighted_factor, fit.residual[..., None]) ** 2))
+    chi2 = float(np.sum(whiten(fit.weighted_factor, fit.residual[..., None]) ** 2)) + fit.square_of_prior
     tails = float(gammainc(dof / 2, chi2 / 2)), float(gammaincc(dof / 2, chi2 / 2))
     parts = _parts_of_joint(fit, w) if joint_residuals(fit.S) else _parts(fit, w)
     return GoodnessOfFit(chi2, dof, float(np.sqrt(chi2 / dof)), min(1.0, 2.0 * min(tails)), *parts)
@@ -124,7 +127,7 @@ def effective_dof(fit: Fit, estimate: NoiseEstimate) -> float:
     A = float(spread_of(fit, estimate.covariance)) if estimate.spread is None else estimate.spread
     if estimate.correlation is not None:
         A += estimate.correlation.spread**2 * _share_of_process(fit)
-    return float("inf") if A <= 0 else 12.0 / A
+    return float("inf") if A <= 0 else 2.0 * components_of(fit) / A
 
 
 def _share_of_process(fit: Fit) -> float:
@@ -140,8 +143,15 @@ def _share_of_process(fit: Fit) -> float:
 def spread_of(fit: Fit, covariance: Array) -> Array:
     """A (...) of the module, for the covariance (..., 3, 3) of the variances."""
     derivatives = covariance_derivatives(fit)
-    relative = np.linalg.solve(fit.covariance_X[..., None, :, :], derivatives)
+    S = fit.covariance_X[..., None, :, :]
+    whole = np.linalg.inv(S) if fit.open is None else np.linalg.pinv(S, rcond=SINGULAR, hermitian=True)
+    relative = whole @ derivatives
     return np.asarray(np.einsum("...kl,...kij,...lji->...", covariance, relative, relative))
+
+
+def components_of(fit: Fit) -> int:
+    """Number of components of X that are determined, of one fit."""
+    return 6 - len(fit.open_directions_X)
 
 
 def covariance_derivatives(fit: Fit) -> Array:

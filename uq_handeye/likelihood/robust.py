@@ -40,14 +40,16 @@ from scipy.special import betaincinv, chdtri, fdtri, gammaincinv
 
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.se3 import Array
-from ..noise.models import Noise, PairNoise, PoseNoise
+from ..noise.models import Noise, PairNoise, PoseNoise, with_prior
+from ..noise.pose_prior import PosePrior
 from ..noise.square_roots import inverse_blocks, joint_residuals, least_weight, pulled, weighed_blocks, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
-from .consensus import NOTHING, Consensus, consensus, robust_variance
+from .consensus import MAJORITY, NOTHING, Consensus, consensus, misfit, robust_variance
 from .constraint import Constraint, Unknowns, constraint_of
-from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit, start_of
+from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit, leaves_open, sound_start
+from .open_start import has_one_axis, isotropic_residuals
 
 # The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NOTHING it does not count at all.
 FULL = float(chdtri(6, 1e-3))
@@ -168,7 +170,7 @@ def robust_fit(
     if constraint.first.ndim != 3:
         raise InputError(f"Expected one data set, got leading axes {constraint.first.shape[:-3]}.")
     require_enough(constraint)
-    return fit_robustly(constraint, noise, start_of(data, constraint, None), method, estimate, seed)
+    return fit_robustly(constraint, noise, sound_start(data, constraint, noise), method, estimate, seed)
 
 
 def require_enough(constraint: Constraint) -> None:
@@ -187,13 +189,19 @@ def fit_robustly(
     method: str = "efficient",
     estimate: Estimator | None = None,
     seed: int | np.random.Generator = 0,
+    prior: PosePrior | None = None,
 ) -> RobustFit:
-    """As `robust_fit`, of one constraint, from the unknowns that all rows together make."""
+    """As `robust_fit`, of one constraint, from the unknowns that all rows together make.
+
+    ``prior`` of X and W is for noise that is not known yet; else that of the noise counts.
+    """
     require_enough(constraint)
     subsets = 0
     settled = None if noise is None else _begin_with_all(constraint, noise, start, method)
     if settled is None:
-        begun = consensus(constraint, noise, seed)
+        begun = _begin(constraint, noise, start, seed)
+        if noise is None:
+            begun = begun._replace(noise=with_prior(begun.noise, prior))
         subsets = begun.subsets
         if noise is not None:
             settled = _settle(constraint, noise, begun.unknowns, begun.inside, method)
@@ -218,6 +226,16 @@ def fit_robustly(
         steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
         fitted = replace(fitted, weights=None) if settled.plain else fit(constraint, noise, start, steps)
     return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, subsets)
+
+
+def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: int | np.random.Generator) -> Consensus:
+    """`consensus`; where the motions leave a part of X open, the rows that agree best with the start."""
+    if not (has_one_axis(constraint) and leaves_open(constraint, noise, start)):
+        return consensus(constraint, noise, seed)
+    squares = misfit(constraint, start)
+    squares = (squares / np.maximum(np.median(squares, axis=0), 1e-24)).sum(axis=-1)
+    inside = (squares <= np.quantile(squares, MAJORITY)).astype(float)
+    return Consensus(start, inside, isotropic_residuals(constraint, start) if noise is None else noise, 0)
 
 
 def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:

@@ -134,7 +134,7 @@ def resolve_doubts(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> Res
         factors[error.name] = sd / wide
     if factors:
         assert isinstance(noise, PoseNoise)
-        noise = PoseNoise(*(_rescaled(S, factors) for S in (noise.robot, noise.camera)))
+        noise = replace(noise, robot=_rescaled(noise.robot, factors), camera=_rescaled(noise.camera, factors))
     return Resolved(noise, tuple(resolved), left_open, wider)
 
 

@@ -8,7 +8,7 @@ camera. The frames are those of the quantity itself: for ``base_T_gripper`` the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -20,6 +20,7 @@ from ..formatting.units import parse_deviations
 from ..geometry.se3 import Array
 from .camera_noise import CameraNoise
 from .joint_covariance import JointCovariance
+from .pose_prior import PosePrior
 from .square_roots import weighted
 
 Deviations = tuple[str | float, str | float]
@@ -81,10 +82,14 @@ def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
 
 @dataclass(frozen=True, eq=False)
 class PairNoise:
-    """Independent noise on each motion: covariances of ``A`` and ``B``, 6x6 or (N, 6, 6); None is exact."""
+    """Independent noise on each motion: covariances of ``A`` and ``B``, 6x6 or (N, 6, 6); None is exact.
+
+    ``prior``: what is known of X beforehand, which is a measurement beside the motions (`PosePrior`).
+    """
 
     A: Array | None = None
     B: Array | None = None
+    prior: PosePrior | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("A", "B"):
@@ -92,6 +97,9 @@ class PairNoise:
                 object.__setattr__(self, name, checked_covariance(getattr(self, name), name, joint=False))
         if self.A is None and self.B is None:
             raise InputError("Expected PairNoise to be given at least one of `A` and `B`.")
+        _require_prior(self.prior)
+        if self.prior is not None and self.prior.W is not None:
+            raise InputError("Expected PairNoise to have no prior of W: motions know nothing of W.")
 
     @cached_property
     def factors(self) -> tuple[Array | None, Array | None]:
@@ -100,11 +108,12 @@ class PairNoise:
 
     def rows(self, index: NDArray[Any]) -> PairNoise:
         """That of some of the motions, by their numbers or a mask."""
-        return PairNoise(*(rows_of(S, index) for S in (self.A, self.B)))
+        return replace(self, A=rows_of(self.A, index), B=rows_of(self.B, index))
 
     def weighted(self, weights: Array) -> PairNoise:
         """With the covariance of each motion divided by its weight (N,)."""
-        return PairNoise(*(None if S is None else np.asarray(weighted(S, weights)) for S in (self.A, self.B)))
+        A, B = (None if S is None else np.asarray(weighted(S, weights)) for S in (self.A, self.B))
+        return replace(self, A=A, B=B)
 
     @classmethod
     def isotropic(cls, A: Deviations | None = None, B: Deviations | None = None) -> PairNoise:
@@ -120,10 +129,13 @@ class PoseNoise:
     poses, pose by pose, for errors that poses share; a `JointCovariance` is such a one whose cost grows with n only.
     None means exact. ``camera`` may be a `CameraNoise`: that which `calibrate` estimates the pixel noise of, and the
     robot's if it is None, unless its ``pixel_sd`` is known.
+
+    ``prior``: what is known of X and W beforehand, which is a measurement beside the poses (`PosePrior`).
     """
 
     robot: Any = None  # array or JointCovariance
     camera: Any = None  # also CameraNoise, of unknown pixel noise
+    prior: PosePrior | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         if isinstance(self.camera, CameraNoise) and self.camera.pixel_sd is not None:
@@ -137,18 +149,21 @@ class PoseNoise:
                 object.__setattr__(self, name, checked(value, name))
         if self.robot is None and self.camera is None:
             raise InputError("Expected PoseNoise to be given at least one of `robot` and `camera`.")
+        _require_prior(self.prior)
 
     def rows(self, index: NDArray[Any]) -> PoseNoise:
         """That of some of the poses, by their numbers or a mask; of a joint covariance its marginal."""
-        return PoseNoise(*(rows_of(S, index) for S in (self.robot, self.camera)))
+        return replace(self, robot=rows_of(self.robot, index), camera=rows_of(self.camera, index))
 
     def weighted(self, weights: Array) -> PoseNoise:
         """With the covariance of each pose, of a joint one its own part, divided by its weight (n,)."""
-        return PoseNoise(*(None if S is None else weighted(S, weights) for S in (self.robot, self.camera)))
+        robot, camera = (None if S is None else weighted(S, weights) for S in (self.robot, self.camera))
+        return replace(self, robot=robot, camera=camera)
 
     def dense(self) -> PoseNoise:
         """The same with arrays in place of `JointCovariance`: where all of (6n, 6n) is needed."""
-        return PoseNoise(*(np.asarray(S) if isinstance(S, JointCovariance) else S for S in (self.robot, self.camera)))
+        robot, camera = (np.asarray(S) if isinstance(S, JointCovariance) else S for S in (self.robot, self.camera))
+        return replace(self, robot=robot, camera=camera)
 
     @classmethod
     def isotropic(cls, robot: Deviations | None = None, camera: Deviations | None = None) -> PoseNoise:
@@ -162,6 +177,24 @@ class PoseNoise:
 
 
 Noise = PairNoise | PoseNoise
+
+
+def _require_prior(prior: Any) -> None:
+    if prior is not None and not isinstance(prior, PosePrior):
+        raise InputError(f"Expected `prior` of the noise to be a PosePrior or None, got {type(prior).__name__}.")
+
+
+def with_prior(noise: Noise, prior: PosePrior | None) -> Noise:
+    """The noise with what is known of X and W beside it, of motions X alone; as it is where that is None."""
+    if prior is None:
+        return noise
+    known = prior.without_W() if isinstance(noise, PairNoise) else prior
+    return replace(noise, prior=known)
+
+
+def without_prior(noise: Noise) -> Noise:
+    """The noise of the data alone."""
+    return replace(noise, prior=None)
 
 
 def _isotropic(value: Deviations | None, name: str) -> Array | None:

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 from ..geometry.se3 import Array
 from .joint_covariance import JointCovariance
 from .models import Noise, PairNoise, PoseNoise
+from .pose_prior import PosePrior
 
 
 def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
     """Type and covariances as plain numbers."""
     if noise is None:
         return None
-    parts = {field.name: getattr(noise, field.name) for field in fields(noise)}
-    return {"type": type(noise).__name__} | {name: _covariance_to_dict(S) for name, S in parts.items()}
+    sides = ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
+    parts = {name: _covariance_to_dict(getattr(noise, name)) for name in sides}
+    prior = {} if noise.prior is None else {"prior": noise.prior.to_dict()}
+    return {"type": type(noise).__name__, **parts, **prior}
 
 
 def noise_from_dict(data: dict[str, Any]) -> Noise:
     """The inverse of `noise_to_dict`."""
+    prior = None if data.get("prior") is None else PosePrior.from_dict(data["prior"])
     if data["type"] == "PairNoise":
-        return PairNoise(data["A"], data["B"])
-    return PoseNoise(*(_covariance_from_dict(data[name]) for name in ("robot", "camera")))
+        return PairNoise(data["A"], data["B"], prior=prior)
+    return PoseNoise(*(_covariance_from_dict(data[name]) for name in ("robot", "camera")), prior=prior)
 
 
 def _covariance_to_dict(S: Array | JointCovariance | None) -> Any:

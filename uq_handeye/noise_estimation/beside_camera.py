@@ -60,11 +60,12 @@ from ..likelihood.constraint import (
     constraint_of,
     residual_covariance,
 )
-from ..likelihood.gauss_helmert import inverse_information, start_of
+from ..likelihood.gauss_helmert import SINGULAR, Reduced, inverse_information, reduce_rows, start_of
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import CameraFactor, Component, NoiseEstimate, NoisePrior
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, marginals, rows_of
+from ..noise.pose_prior import PosePrior
 from ..noise.square_roots import Covariance, cholesky_of, gram, inverse_blocks, log_determinant, pulled, whiten
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.shared_error import add_columns, with_shared
@@ -118,17 +119,24 @@ class _Rows:
     y: Array  # (n, 6, 13): J and r
     parts: tuple[_Part, ...]
     known: Covariance | None
+    reduced: Reduced
 
     @classmethod
     def of(
-        cls, linear: Linearised, camera: Any, robot: Any = None, columns: Mapping[str, JointCovariance] | None = None
+        cls,
+        linear: Linearised,
+        camera: Any,
+        robot: Any = None,
+        columns: Mapping[str, JointCovariance] | None = None,
+        reduced: Reduced | None = None,
     ) -> _Rows:
         """The robot's two variances, unless its covariance is given, and that of the pixels of a `CameraNoise`.
 
         ``columns`` are errors that all poses of a side share (`shared_columns`).
         """
         first, second = linear.sides
-        y = np.concatenate([linear.J, linear.r[..., None]], axis=-1)
+        reduced = Reduced(linear.J, None, None) if reduced is None else reduced
+        y = np.concatenate([reduced.J, linear.r[..., None]], axis=-1)
         none = np.zeros((*y.shape[:-1], 0))
         parts = []
         if robot is None:
@@ -142,7 +150,11 @@ class _Rows:
         robot, camera = add_columns(robot, columns.get("robot")), add_columns(camera, columns.get("camera"))
         given = robot is not None or camera is not None
         known = residual_covariance(linear.sides, PoseNoise(robot, camera)) if given else None
-        return cls(y, tuple(parts), known)
+        return cls(y, tuple(parts), known, reduced)
+
+    def sums(self, white: Array) -> Array:
+        """``[J, r]^T S^-1 [J, r]`` with what the prior of X and W adds."""
+        return gram(white) if self.reduced.known is None else gram(white) + self.reduced.known
 
     def covariance(self, variances: Array) -> Covariance:
         """S."""
@@ -161,7 +173,7 @@ class _Rows:
     def at(self, variances: Array) -> _At:
         factor = cholesky_of(self.covariance(variances))
         white = whiten(factor, self.y)
-        sums = gram(white)
+        sums = self.sums(white)
         information = sums[:-1, :-1]
         C = inverse_information(information)
         step = -C @ sums[:-1, -1]
@@ -179,6 +191,9 @@ class _Rows:
                 quadratic[k] += np.sum(np.einsum("nij,ni->j", F, g) ** 2)
                 trace[k] += np.sum(seen**2) - np.sum(mixed * (C @ mixed))
         squares = float(np.sum(white[..., -1] ** 2))
+        if self.reduced.known is not None:
+            ahead = np.append(step, 1.0)
+            squares += float(ahead @ self.reduced.known @ ahead)
         deviance = float(log_determinant(factor)) + float(np.linalg.slogdet(information)[1]) + squares
         return _At(deviance, quadratic, trace, squares, step, float(step @ information @ step))
 
@@ -195,15 +210,16 @@ class _Rows:
     def spread_of_X(self, variances: Array, covariance: Array) -> float:
         """A of `goodness_of_fit`: how uncertain Sigma_X is, for the covariance (m, m) of the variances."""
         factor = cholesky_of(self.covariance(variances))
-        white = whiten(factor, self.y[..., :-1])
-        C = inverse_information(gram(white))[:, :6]
-        pull = pulled(factor, white) @ C
+        white = whiten(factor, self.y)
+        C = inverse_information(self.sums(white)[:-1, :-1])
+        by_X = np.eye(12)[:6] if self.reduced.basis is None else self.reduced.basis[:6]
+        pull = pulled(factor, white[..., :-1]) @ C @ by_X.T
         derivatives = []
         for _, U, F in self.parts:
             own = U.mT @ pull
             of_all = np.einsum("nij,nik->jk", F, pull)
             derivatives.append(np.einsum("nij,nik->jk", own, own) + of_all.T @ of_all)
-        relative = np.linalg.solve(C[:6], np.array(derivatives))
+        relative = np.linalg.pinv(by_X @ C @ by_X.T, rcond=SINGULAR, hermitian=True) @ np.array(derivatives)
         return float(np.einsum("kl,kij,lji->", covariance, relative, relative))
 
 
@@ -317,6 +333,7 @@ class BesideCamera:
     prior: NoisePrior
     robot: Any = None  # covariance, where it is known
     columns: Mapping[str, JointCovariance] = field(default_factory=dict)  # errors that all poses of a side share
+    pose_prior: PosePrior | None = None
 
     def find(self, at: Unknowns, weights: Array | None = None) -> FoundRobotNoise:
         """The variances near the unknowns; ``weights`` (n,) of 0 leave poses out. Raises as `estimate_robot_noise`."""
@@ -340,7 +357,9 @@ class BesideCamera:
         if 6 * n - 12 <= 0:
             raise InputError(f"Expected residuals to estimate the noise from, got {n} poses. Give more poses.")
         for done in range(MOST_ROUNDS):
-            rows = _Rows.of(constraint.linearise(at, constraint.first, constraint.second), camera, robot, columns)
+            linear = constraint.linearise(at, constraint.first, constraint.second)
+            reduced = reduce_rows(constraint, linear, at, None, self.pose_prior)
+            rows = _Rows.of(linear, camera, robot, columns, reduced)
             search = _search(rows, self.prior)
             if done == 0:
                 x = _first(search)
@@ -349,7 +368,7 @@ class BesideCamera:
             found = search.rows.at(search.variances(x, zero))
             if found.moved < STILL**2 and done > 0:
                 return FoundRobotNoise(self, search, best, x, zero, found)
-            at = at.moved(found.step)
+            at = at.moved(reduced.unreduced(found.step))
         raise NotConvergedError(
             "The noise did not stand still: the residuals are too large for a linear model. Look at the "
             "setup, at the pairing of the poses and for outliers; or give the noise of the robot.",

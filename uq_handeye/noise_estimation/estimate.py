@@ -49,11 +49,12 @@ from ..findings import Finding
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
 from ..likelihood.constraint import Constraint, Linearised, Unknowns, constraint_of
-from ..likelihood.gauss_helmert import start_of
+from ..likelihood.gauss_helmert import reduce_rows, sound_start, start_of
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import Component, NoiseEstimate, NoisePrior, together
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise
+from ..noise.pose_prior import PosePrior
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.shared_error import SharedError, add_columns, checked_errors, shared_columns
@@ -88,6 +89,7 @@ class Components:
     at: Unknowns  # where the last estimate was linearised; `state.data.step` leads on to the efficient estimate
     exact: NDArray[np.bool_]  # (..., 2): rotation, translation residuals at rounding level
     converged: NDArray[np.bool_]  # (...)
+    p: int  # unknowns of X and W that are not open
 
 
 class NoiseSource(Protocol):
@@ -176,8 +178,9 @@ def estimate_noise(
     columns = {} if poses is None else shared_columns(checked_errors(shared, poses), poses)
     source = choose_source(data, constraint, prior, camera, robot, columns=columns)
     _require_freedom(constraint, weights)
-    X = None if start is None else as_transforms(start, "start", stack=False)
-    return source.find(start_of(data, constraint, X), weights).describe()
+    if start is None:
+        return source.find(sound_start(data, constraint, None), weights).describe()
+    return source.find(start_of(data, constraint, as_transforms(start, "start", stack=False)), weights).describe()
 
 
 def choose_source(
@@ -188,6 +191,7 @@ def choose_source(
     robot: Any = None,
     *,
     columns: dict[str, JointCovariance] | None = None,
+    pose_prior: PosePrior | None = None,
 ) -> NoiseSource:
     """The residuals; beside the covariance of camera poses by geometry, or that which those from corners come with.
 
@@ -199,15 +203,18 @@ def choose_source(
     if camera is not None:
         if camera.n != constraint.n or poses is None:
             raise InputError(f"Expected `camera` noise of these {constraint.n} poses, got that of {camera.n}.")
-        return BesideCamera(constraint, camera, prior, robot, columns)
+        return BesideCamera(constraint, camera, prior, robot, columns, pose_prior)
     if poses is not None and poses.camera_calibration is not None:
-        return BesideCamera(constraint, poses.camera_calibration.covariance, prior, None, columns)
-    return FromResiduals(constraint, prior, columns)
+        return BesideCamera(constraint, poses.camera_calibration.covariance, prior, None, columns, pose_prior)
+    return FromResiduals(constraint, prior, columns, pose_prior)
 
 
-def _require_freedom(constraint: Constraint, weights: Array | None) -> float:
-    """Residual degrees of freedom; raises `InputError` where there are none."""
-    dof = 6.0 * (constraint.n if weights is None else float(weights.sum())) - constraint.p
+def _require_freedom(
+    constraint: Constraint, weights: Array | None, p: int | None = None, prior: PosePrior | None = None
+) -> float:
+    """Residual degrees of freedom beside p unknowns (all); raises `InputError` where there are none."""
+    dof = 6.0 * (constraint.n if weights is None else float(weights.sum())) - (constraint.p if p is None else p)
+    dof += 0 if prior is None else prior.rank
     if dof <= 0:
         raise InputError(
             f"Expected residuals to estimate the noise from, got {dof:g} degrees of freedom. Give more poses, or "
@@ -223,6 +230,7 @@ class FromResiduals:
     constraint: Constraint
     prior: NoisePrior
     columns: dict[str, JointCovariance] = field(default_factory=dict)  # errors that all rows share, by side
+    pose_prior: PosePrior | None = None
 
     @cached_property
     def model(self) -> tuple[Model, tuple[str, ...]]:
@@ -231,9 +239,10 @@ class FromResiduals:
 
     def find(self, at: Unknowns, weights: Array | None = None) -> FoundComponents:
         """The components near the unknowns; raises as `estimate_noise`."""
-        dof = _require_freedom(self.constraint, weights)
+        _require_freedom(self.constraint, weights, prior=self.pose_prior)
         model, _ = self.model
-        found = variance_components(self.constraint, at, model, weights, self.columns)
+        found = variance_components(self.constraint, at, model, weights, self.columns, self.pose_prior)
+        dof = _require_freedom(self.constraint, weights, found.p, self.pose_prior)
         if not found.converged.all():
             turn, shift = np.sqrt(found.rows.size)
             raise NotConvergedError(
@@ -323,6 +332,7 @@ def variance_components(
     model: Model,
     weights: Array | None = None,
     columns: dict[str, JointCovariance] | None = None,
+    prior: PosePrior | None = None,
 ) -> Components:
     """The estimates of `estimate_noise`, linearised near the unknowns; leading axes are independent problems."""
     longest = [np.abs(T[..., :3, 3]).max() for T in (constraint.first, constraint.second)]
@@ -330,12 +340,15 @@ def variance_components(
     v: Array | None = None
     for done in range(_ROUNDS):
         linear = constraint.linearise(at, constraint.first, constraint.second)
-        rows = paired_rows(linear, weights, _effects(linear, constraint, columns or {}))
+        reduced = reduce_rows(constraint, linear, at, weights, prior)
+        p = reduced.J.shape[-1]
+        effects = _effects(linear, constraint, columns or {})
+        rows = paired_rows(linear._replace(J=reduced.J), weights, effects, reduced.known)
         exact = rows.size < least**2
         if v is None:
             v = _first_guess(rows, model)
         if model.size == 0 or exact.any():
-            return Components(None, rows, at, exact, np.ones(exact.shape[:-1], dtype=bool))
+            return Components(None, rows, at, exact, np.ones(exact.shape[:-1], dtype=bool), p)
         state, reached = maximise(rows, model, v, gain=1e-4 if done == 0 else GAIN)
         known = np.where(model.known, np.maximum(v, 1e-300), 1.0)
         change = np.abs(state.v - v) / known / np.sqrt(np.diagonal(covariance_of(state), axis1=-2, axis2=-1))
@@ -343,8 +356,8 @@ def variance_components(
         v = state.v
         if (done > 0 and converged.all()) or done == _ROUNDS - 1:
             break
-        at = at.moved(state.data.step[..., : constraint.p])
-    return Components(state, rows, at, exact, converged)
+        at = at.moved(reduced.unreduced(state.data.step[..., :p]))
+    return Components(state, rows, at, exact, converged, p)
 
 
 def _effects(linear: Linearised, constraint: Constraint, columns: dict[str, JointCovariance]) -> Array | None:

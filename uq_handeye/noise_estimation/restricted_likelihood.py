@@ -82,13 +82,13 @@ class Rows:
     weight: Array  # (..., n)
     unit: Array  # (..., p)
     size: Array  # (..., 2): mean squares of the rows of r in rotation and in translation, with no fit
-    known: Array  # (p,) information on the unknowns before the rows: 0, and 1 for errors that all share
+    known: Array  # (..., p + 1, p + 1): what is known of the unknowns adds to the sums, scaled likewise
 
     def spread(self) -> Rows:
         """For several variances on the same data: those have one more leading axis, the last one."""
         return Rows(
             self.table, self.lever[..., None, :], self.weight[..., None, :], self.unit[..., None, :],
-            self.size[..., None, :], self.known,
+            self.size[..., None, :], self.known[..., None, :, :],
         )  # fmt: skip
 
 
@@ -136,11 +136,14 @@ class State(NamedTuple):
     data: Restricted
 
 
-def paired_rows(linear: Linearised, weights: Array | None, shared: Array | None = None) -> Rows:
+def paired_rows(
+    linear: Linearised, weights: Array | None, shared: Array | None = None, prior: Array | None = None
+) -> Rows:
     """The n poses or motions of ``linear`` in axes along each lever, with ``weights`` (..., n) or None.
 
-    ``shared`` (..., n, 6, k) are the effects on r of errors that all share, per standard deviation. Raises
-    `DegenerateMotionError` where the data do not determine the unknowns.
+    ``shared`` (..., n, 6, k) are the effects on r of errors that all share, per standard deviation; ``prior``
+    (p + 1, p + 1) is what one of the unknowns adds to ``[J, r]^T S^-1 [J, r]``. Raises `DegenerateMotionError` where
+    the data do not determine the unknowns.
     """
     D = linear.sides[0]
     K = D[..., 3:, :3] @ D[..., :3, :3].mT  # [q]x
@@ -149,10 +152,13 @@ def paired_rows(linear: Linearised, weights: Array | None, shared: Array | None 
     third = np.where(lever[..., None] > 0, q / np.where(lever > 0, lever, 1.0)[..., None], [0.0, 0.0, 1.0])
     w = np.broadcast_to(np.ones(lever.shape[-1]) if weights is None else weights, lever.shape)
     r, J = linear.r, linear.J
-    known = np.zeros(J.shape[-1])
+    p, k = J.shape[-1], 0 if shared is None else shared.shape[-1]
+    known = np.diag(np.repeat([0.0, 1.0, 0.0], [p, k, 1]))
     if shared is not None:
-        J = np.concatenate([J, np.broadcast_to(shared, (*J.shape[:-1], shared.shape[-1]))], axis=-1)
-        known = np.concatenate([known, np.ones(shared.shape[-1])])
+        J = np.concatenate([J, np.broadcast_to(shared, (*J.shape[:-1], k))], axis=-1)
+    if prior is not None:
+        own = np.append(np.arange(p), p + k)
+        known[np.ix_(own, own)] += prior
     total = np.maximum(3.0 * w.sum(axis=-1), 1e-300)
     squares = w[..., None] * r * r
     size = np.stack([squares[..., part].sum(axis=(-2, -1)) for part in (slice(3), slice(3, 6))], axis=-1)
@@ -177,6 +183,8 @@ def paired_rows(linear: Linearised, weights: Array | None, shared: Array | None 
         *(((flat := root[..., 0] * part).mT @ flat)[..., None, :, :] for part in (along_turn, along_shift)),
     ]
     table = np.concatenate([part[..., i, j] for part in parts], axis=-2)
+    wide = np.concatenate([unit, np.ones((*unit.shape[:-1], 1))], axis=-1)
+    known = known * wide[..., :, None] * wide[..., None, :]
     _require_rank(parts, unit, known)
     return Rows(table, lever, w, unit, size, known)
 
@@ -184,8 +192,9 @@ def paired_rows(linear: Linearised, weights: Array | None, shared: Array | None 
 def _require_rank(parts: list[Array], unit: Array, known: Array) -> None:
     """Raise where rotation and translation rows, and what is known, together do not determine the unknowns."""
     total = parts[0].sum(axis=-3) + parts[2].sum(axis=-3) + parts[3][..., 0, :, :] + parts[4][..., 0, :, :]
+    total = total + known
     by = 1.0 / unit
-    inverse_information(total[..., :-1, :-1] * by[..., :, None] * by[..., None, :] + np.diag(known))
+    inverse_information(total[..., :-1, :-1] * by[..., :, None] * by[..., None, :])
 
 
 def restricted(rows: Rows, variances: Array) -> Restricted:
@@ -231,9 +240,7 @@ def restricted(rows: Rows, variances: Array) -> Restricted:
     flat = np.einsum("...ij,...jk->...ik", factors.reshape(*rows.table.shape[:-2], -1, factors.shape[-1]), rows.table)
     sums = _unpacked(flat.reshape(*factors.shape[:-1], -1))
     F, N, L = sums[..., 0, :, :], sums[..., 1:4, :, :], sums[..., 4:, :, :]
-    if rows.known.any():
-        p = np.arange(len(rows.known))
-        F[..., p, p] += rows.known * rows.unit**2
+    F = F + rows.known
     scale = 1.0 / np.sqrt(np.einsum("...ii->...i", F[..., :-1, :-1]))
     unit = F[..., :-1, :-1] * scale[..., :, None] * scale[..., None, :]
     factor = np.linalg.cholesky(unit + _RIDGE * np.eye(unit.shape[-1]))

@@ -305,7 +305,7 @@ def _included(found: _Found, fit: Fit, noise: PoseNoise, estimate: NoiseEstimate
     )  # fmt: skip
     return replace(
         estimate,
-        noise=PoseNoise(**scaled),
+        noise=replace(noise, **scaled),
         components=components,
         findings=findings,
         variances=found.scale * estimate.variances,

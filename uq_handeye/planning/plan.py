@@ -279,7 +279,7 @@ def _of_each_pose(noise: PoseNoise) -> PoseNoise:
                 "planned as if each pose had its own error of the intrinsics; what they share does not average out"
             )
         sides.append(marginals(S) if isinstance(S, JointCovariance) else S)
-    return PoseNoise(*sides)
+    return PoseNoise(*sides, prior=noise.prior)
 
 
 def _noise_of_new(noise: PoseNoise) -> PoseNoise:

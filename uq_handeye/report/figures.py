@@ -200,7 +200,7 @@ def _shared(result: Calibration) -> Picture | None:
 
 
 def _task_space(result: Calibration) -> Picture | None:
-    if result.covariance is None:
+    if result.covariance is None or result.opened is not None:
         return None
     typical, known = typical_distance(result)
     at = ahead(result, np.array([typical]))

@@ -37,10 +37,10 @@ def answer_section(result: Calibration) -> Section:
     if result.agreement is not None:
         blocks.append(Paragraph(result.agreement.sentence))
     head = ["", result.frame]
-    columns = [_pose_cells(result.X, result.covariance)]
+    columns = [_pose_cells(result.X, result.covariance, result.open_of_X)]
     if result.W is not None:
         head.append(result.frame_W)
-        columns.append(_pose_cells(result.W, result.covariance_W))
+        columns.append(_pose_cells(result.W, result.covariance_W, result.open_of_W))
     names = [f"translation {axis}" for axis in _AXES] + [f"rotation vector {axis}" for axis in _AXES]
     rows = [[name, *(column[k] for column in columns)] for k, name in enumerate(names)]
     about = f"{result.frame} is the pose of the {_of(result.frame)}"
@@ -81,9 +81,9 @@ def _of(frame: str) -> str:
     return f"{child} in the {parent} frame"
 
 
-def _pose_cells(T: Array, covariance: Array | None) -> list[str]:
+def _pose_cells(T: Array, covariance: Array | None, opened: Array | None) -> list[str]:
     """Translation (mm) and rotation vector (deg), each with its deviation."""
-    numbers, deviations = pose_numbers(T, covariance)
+    numbers, deviations = pose_numbers(T, covariance, opened=opened)
     if deviations is None:
         numbers = numbers.round(9)  # what is exact ends in rounding errors
     known = [None] * 6 if deviations is None else deviations.tolist()
@@ -148,6 +148,9 @@ def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> 
     title = "Points in front of the camera"
     if result.covariance is None:
         return Section("task-space", title, [Paragraph(NO_COVARIANCE, empty=True)])
+    if result.opened is not None:
+        said = f"Points move without limit along what is open: {'; '.join(result.open_words)}."
+        return Section("task-space", title, [Paragraph(said)])
     points = ahead(result)
     rows = [[f"{z:g}", *(fixed(1e3 * x) for x in numbers)] for z, *numbers in zip(*points, strict=True)]
     table = Table(

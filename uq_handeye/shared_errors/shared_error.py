@@ -255,7 +255,7 @@ def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str,
 def with_shared(noise: PoseNoise, columns: Mapping[str, JointCovariance]) -> PoseNoise:
     """The noise and, beside it, the `shared_columns`."""
     sides = {side: add_columns(getattr(noise, side), columns.get(side)) for side in SIDES}
-    return PoseNoise(sides["robot"], sides["camera"])
+    return replace(noise, robot=sides["robot"], camera=sides["camera"])
 
 
 def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise:
@@ -271,7 +271,7 @@ def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise
         rest = tuple(name for name in S.names if name not in names)
         return JointCovariance(S.own, S.shared[..., kept], rest, S.serial)
 
-    return PoseNoise(remaining(noise.robot), remaining(noise.camera))
+    return replace(noise, robot=remaining(noise.robot), camera=remaining(noise.camera))
 
 
 def add_columns(covariance: Any, columns: JointCovariance | None) -> Any:

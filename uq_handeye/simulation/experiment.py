@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, NotConvergedError, SingularNoiseError
+from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..geometry.se3 import Array, inverse
 from ..likelihood.constraint import constraint_of, require_noise_fits
@@ -101,7 +101,15 @@ class Experiment:
         if self.method in ESTIMATORS:
             if kind not in (None, "pairs" if isinstance(self.noise, PairNoise) else "poses"):
                 raise InputError(f"Expected no kind={kind!r} with method {self.method!r}: it is for published methods.")
-            return bound(self.truth, self.noise, None if isinstance(self.truth, PosePairs) else self.X)
+            found = bound(self.truth, self.noise, None if isinstance(self.truth, PosePairs) else self.X)
+            unit = np.sqrt(np.maximum(np.diag(found), 1e-300))
+            if np.linalg.matrix_rank(found / np.outer(unit, unit), tol=1e-9, hermitian=True) < 6:
+                raise DegenerateMotionError(
+                    "The motions leave a part of X open, for which there is no covariance to be tested. Close it by a "
+                    "prior of X or W.",
+                    np.zeros((0, 6)),
+                )
+            return found
         everything = self.everything if kind in (None, "poses") else None
         if everything is not None:
             assert isinstance(self.noise, PoseNoise)
@@ -174,6 +182,8 @@ def experiment(
         raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
     if scale is not None and method != "4dpa":
         raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
+    if noise is not None and noise.prior is not None and method not in ESTIMATORS:
+        raise InputError(f"Method {method!r} takes no prior of X or W, which the noise has; use efficient or ml.")
     poses = data if isinstance(data, PosePairs) else data.poses
     if (data.A if isinstance(data, Motions) else data.robot).ndim != 3:
         raise InputError("Expected one data set, got a batch.")

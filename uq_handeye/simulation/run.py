@@ -7,6 +7,7 @@ method runs on leading batch axes.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +17,8 @@ from ..errors import InputError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..geometry.se3 import Array, logarithm
 from ..likelihood.constraint import constraint_of
-from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, ESTIMATORS, MOST_STEPS, fit, start_of
-from ..noise.models import PairNoise
+from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, ESTIMATORS, MOST_STEPS, fit_data
+from ..noise.models import PairNoise, with_prior
 from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
 from ..procrustes.finite_scale import solve_4dpa
@@ -70,7 +71,7 @@ def run(experiment: Experiment, rng: np.random.Generator, trials: int, each: boo
         The method cannot be run on such data at all, or has no covariance.
     """
     truth, noise = experiment.truth, experiment.noise
-    if isinstance(truth, Motions) and isinstance(noise, PairNoise):
+    if isinstance(truth, Motions) and isinstance(noise, PairNoise) and noise.prior is None:
         if experiment.method == "efficient":
             errors, covariances, ok = efficient_on_drawn(truth.A, truth.B, experiment.X, noise, rng, trials)
             return Trials(errors, ok, covariances if each else None)
@@ -87,6 +88,9 @@ def run(experiment: Experiment, rng: np.random.Generator, trials: int, each: boo
 
 def _block(experiment: Experiment, rng: np.random.Generator, trials: int, each: bool) -> Trials:
     truth, noise = experiment.truth, experiment.noise
+    if noise.prior is not None:  # its means are measured, too
+        drawn = noise.prior.drawn(experiment.X, experiment.W, (trials,), rng)
+        experiment = replace(experiment, noise=with_prior(noise, drawn))
     if isinstance(noise, PairNoise):
         assert isinstance(truth, Motions)
         A = disturbed(truth.A, noise.A, (trials,), rng)
@@ -121,12 +125,18 @@ def estimates(experiment: Experiment, first: Array, second: Array, each: bool) -
             _estimates(experiment, *_true_sides(experiment), each)  # raises where it is no matter of the draw
             eye = np.eye(6)[None] if each else None
             return Estimates(np.eye(4)[None], np.zeros(1, dtype=bool), eye)
-    halves = [estimates(experiment, first[part], second[part], each) for part in (slice(m // 2), slice(m // 2, m))]
-    one, other = halves
+    parts = (slice(m // 2), slice(m // 2, m))
+    one, other = (estimates(_of_trials(experiment, part), first[part], second[part], each) for part in parts)
     covariances = None
     if one.covariances is not None and other.covariances is not None:
         covariances = np.concatenate([one.covariances, other.covariances])
     return Estimates(np.concatenate([one.X, other.X]), np.concatenate([one.ok, other.ok]), covariances)
+
+
+def _of_trials(experiment: Experiment, part: slice) -> Experiment:
+    """With the means of the prior as they were drawn in some of the trials."""
+    prior = experiment.noise.prior
+    return experiment if prior is None else replace(experiment, noise=with_prior(experiment.noise, prior.rows(part)))
 
 
 def _true_sides(experiment: Experiment) -> tuple[Array, Array]:
@@ -143,7 +153,7 @@ def _estimates(experiment: Experiment, first: Array, second: Array, each: bool) 
     if method in ESTIMATORS:
         constraint = constraint_of(data, noise)
         steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
-        found = fit(constraint, noise, start_of(data, constraint, None), steps)
+        found = fit_data(data, constraint, noise, steps)
         return Estimates(found.X, np.asarray(found.converged), found.covariance_X if each else None)
     if method in ROBOT_WORLD_METHODS:
         assert isinstance(data, PosePairs)

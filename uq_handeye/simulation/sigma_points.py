@@ -37,7 +37,7 @@ differences:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +46,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import NotConvergedError, require_integer
 from ..geometry.se3 import Array
 from ..likelihood.constraint import covariances_of
-from ..noise.models import Noise, factor
+from ..noise.models import Noise, factor, with_prior
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import warn_left_out
@@ -137,7 +137,9 @@ def sigma_points_of(problem: Experiment, *, rounds: int | None = None, seed: int
     if rounds is not None:
         require_integer("rounds", rounds, 1)
     require_integer("seed", seed, 0)
+    prior = problem.noise.prior
     D = sum(6 * problem.count for S in covariances_of(problem.noise) if S is not None)
+    D += 0 if prior is None else 6 * len(prior.parts())
     rng = np.random.default_rng(seed)
     first_order = problem.predicted() if D > MOST else None
     found = cubature(_function(problem), D, rng, rounds, first_order)
@@ -225,7 +227,7 @@ def _function(problem: Experiment) -> Function:
     truth, n = problem.truth, problem.count
     exact = (truth.robot, truth.camera) if isinstance(truth, PosePairs) else (truth.A, truth.B)
     factors = [None if S is None else factor(S) for S in covariances_of(problem.noise)]
-    block = max(1, BLOCK // problem.size)
+    block, prior = max(1, BLOCK // problem.size), problem.noise.prior
 
     def function(z: Array) -> tuple[Array, NDArray[np.bool_]]:
         parts = [part(z[start : start + block]) for start in range(0, len(z), block)]
@@ -239,7 +241,12 @@ def _function(problem: Experiment) -> Function:
             else:
                 sides.append(moved(T, L, z[:, start : start + 6 * n]))
                 start += 6 * n
-        found = errors_of(problem, estimates(problem, sides[0], sides[1], each=False))
+        found = errors_of(problem, estimates(with_means(z[:, start:]), sides[0], sides[1], each=False))
         return found.errors, found.ok
+
+    def with_means(z: Array) -> Experiment:
+        if prior is None:
+            return problem
+        return replace(problem, noise=with_prior(problem.noise, prior.moved(problem.X, problem.W, z)))
 
     return function

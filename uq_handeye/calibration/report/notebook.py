@@ -16,7 +16,7 @@ def calibration_html(result: Calibration) -> str:
     """The answer, what is wrong, the six numbers; matrix, covariance and correlation folded away."""
     origin = f"{result.n_pairs} pairs" if result.n_poses is None else f"{result.n_poses} poses"
     setup = "" if result.setup is None else f", {result.setup}"
-    values, std = pose_numbers(result.X, result.covariance)
+    values, std = pose_numbers(result.X, result.covariance, opened=result.open_of_X)
     known: list[float | None] = [None] * 6 if std is None else std.tolist()
     rows = [
         [name, concise(value, sd), "?" if sd is None else digits(sd), "mm" if name.startswith("t") else "deg"]

@@ -48,7 +48,7 @@ def calibration_document(result: Calibration, threshold: float = 0.5) -> Documen
     origin = "" if result.n_poses is None else f" of {result.n_poses} poses"
     scale = "" if result.scale is None else f", d = {result.scale:g}"
     setup = "" if result.setup is None else f", {result.setup}"
-    on_poses = result.fourdpa is not None and result.W is not None
+    on_poses = (result.fourdpa is not None or result.fit is not None) and result.W is not None
     data = f"{result.n_poses} poses" if on_poses else f"{result.n_pairs} pairs{origin}"
     tables = [table for table in (covariance_table(result), budget_table(result)) if table is not None]
     return [
@@ -80,6 +80,9 @@ def answer(result: Calibration) -> str:
     order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
     source = f"{order} of {source_words(result)}"
     text = f"{result.frame} is known to {text}, {source}. {included_words(result)}"
+    if result.opened is not None:
+        text = text.replace(" (1 sigma, worst axis)", " (1 sigma, worst axis that is not open)", 1)
+        text += f" Open: {'; '.join(result.open_words)}."
     if result.analysis is not None and result.covariance_kind != "hac":
         found = result.analysis.diagnostics
         if found.correlated and found.autocorrelation.growth > 1.1:
@@ -97,7 +100,7 @@ def source_words(result: Calibration) -> str:
 
 def _numbers(result: Calibration, threshold: float) -> list[list[Block]]:
     """X and its deviations, correlations and directions."""
-    numbers: list[Block] = [_lines(pose_rows(*pose_numbers(result.X, result.covariance)))]
+    numbers: list[Block] = [_lines(pose_rows(*pose_numbers(result.X, result.covariance, opened=result.open_of_X)))]
     if result.std is not None:
         turn = row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
         numbers += [_lines([turn]), *map(Paragraph, directions(result)), _lines(_correlations(result, threshold))]
@@ -111,7 +114,7 @@ def parent_frame(result: Calibration) -> str:
 
 def directions(result: Calibration) -> list[str]:
     """The least certain directions of translation and of rotation, in words; nothing without a covariance."""
-    if result.covariance is None:
+    if result.covariance is None or result.opened is not None:
         return []
     theta, tau = result.covariance[:3, :3], result.covariance[3:, 3:]
     parent = result.frame.split("_T_")[0] if "_T_" in result.frame else UNKNOWN_FRAME
@@ -166,7 +169,9 @@ def _other_forms(result: Calibration) -> list[Block | list[Block]]:
         blocks += [
             Heading(f"{result.frame_W} (the target, as all poses see it)"),
             _matrix(result.W),
-            _lines(pose_rows(*pose_numbers(result.W, result.covariance_W))),
+            _lines(
+                pose_rows(*pose_numbers(result.W, result.covariance_W, opened=result.open_of_W)),
+            ),
         ]
     return blocks
 

@@ -9,7 +9,7 @@ import typer
 
 from ...errors import InputError
 from ...runtime.progress import working
-from ..inputs import Given, PoseFiles, given_of, prior_of, problem_for
+from ..inputs import Given, PoseFiles, given_of, pose_prior_of, prior_of, problem_for
 from ..messages import command_line, progress_wanted, timed
 from ..options import (
     AT_THE_BOUND,
@@ -66,12 +66,13 @@ ReportFile = Annotated[
 ]
 
 
-@made_of(given=given_of, prior=prior_of, files=PoseFiles, pictures=pictures_of)
+@made_of(given=given_of, prior=prior_of, beforehand=pose_prior_of, files=PoseFiles, pictures=pictures_of)
 def calibrate_command(
     files: "PoseFiles",
     pictures: "Pictures | Views | None",
     given: "Given",
     prior: "NoisePrior | None",
+    beforehand: "dict[str, Any]",
     method: Annotated[
         str | None,
         option(
@@ -183,6 +184,7 @@ def calibrate_command(
             seed=seed,
             correlation=one_of(correlation, "--correlation", ("auto", "none")),
             shared=shared,
+            **beforehand,
         )
     check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
     _deliver(result, as_json, output, report, threshold, not no_compare, check)

@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from ...errors import InputError
+from ...errors import DegenerateMotionError, InputError
 from ...geometry.se3 import Array
 from ...likelihood.constraint import Constraint, block_diagonal, constraint_of, covariances_of, residual_covariance
 from ...likelihood.gauss_helmert import Fit, corrected, maximum_likelihood
@@ -152,23 +152,33 @@ class Density:
         x = self.coordinates(y)
         z = self._whitened(x)  # (n, 6, K)
         k = len(self.scales.sides)
+        known = self._of_prior(x)
         if k == 0:
-            return self._at_scale_1(z)
+            return self._at_scale_1(z) + known
         log_s = x[:, -k:]
         prior = -0.5 * ((log_s / self.scales.deviations) ** 2).sum(axis=1)
         outside = (np.abs(log_s) > FARTHEST).any(axis=1)
         squares = np.ones((2, len(y)))
         squares[list(self.scales.sides)] = np.exp(2.0 * np.where(outside[:, None], 0.0, log_s)).T
         variances = self.share[..., None] * squares[0] + (1.0 - self.share[..., None]) * squares[1]
-        return np.where(outside, -np.inf, prior + self._at_scales(z, variances))
+        return np.where(outside, -np.inf, prior + known + self._at_scales(z, variances))
+
+    def _of_prior(self, x: Array) -> Array:
+        """Log-density (K,) of what is known of X and W beforehand, but for a constant."""
+        if self.fit.prior is None:
+            return np.zeros(len(x))
+        at = self.fit.unknowns.moved(self._step(x))
+        return np.asarray(-0.5 * self.fit.prior.normal_equations(at.X, at.W)[2])
+
+    def _step(self, x: Array) -> Array:
+        """Errors (K, p) of X, and of W, with W at its best where it is integrated out."""
+        p = 6 if self.follow is not None or self.fit.W is None else 12
+        step = x[:, :p]
+        return step if self.follow is None else np.concatenate([step, step @ self.follow.T], axis=1)
 
     def _whitened(self, x: Array) -> Array:
         """``V rho`` (n, 6, K) at errors x (K, ...) of X and W."""
-        p = 6 if self.follow is not None or self.fit.W is None else 12
-        step = x[:, :p]
-        if self.follow is not None:
-            step = np.concatenate([step, step @ self.follow.T], axis=1)
-        r = self.constraint.residual(self.fit.unknowns.moved(step), self.first, self.second)
+        r = self.constraint.residual(self.fit.unknowns.moved(self._step(x)), self.first, self.second)
         # r is 0 at the maximum (but for the last step of `ml`), so what is added is D v
         rho = np.ascontiguousarray(np.moveaxis(r, 0, -1)) + self.fit.residual[..., None]
         if self.whitening.ndim == 3:
@@ -216,6 +226,11 @@ def density_of(
     """
     noise = noise.dense() if isinstance(noise, PoseNoise) else noise
     fit = maximum_likelihood(data, noise)
+    if fit.open is not None:
+        raise DegenerateMotionError(
+            "The motions leave a part of X open, along which its posterior has no end. Close it by a prior of X or W.",
+            fit.open_directions[:, :6],
+        )
     constraint = constraint_of(data, noise)
     covariances = covariances_of(noise)
     if student_t is not None and any(S is not None and is_joint(S) for S in covariances):
@@ -231,7 +246,8 @@ def density_of(
     by_W: Array | None = None
     follow: Array | None = None
     size = 6 if fit.W is None else 12
-    if fit.W is not None and student_t is None:
+    prior_of_W = noise.prior is not None and noise.prior.W is not None  # W has then no closed integral
+    if fit.W is not None and student_t is None and not prior_of_W:
         by_W = (
             whitening @ -np.broadcast_to(np.eye(6), (len(share), 6, 6))
             if whitening.ndim == 3

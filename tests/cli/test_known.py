@@ -1,0 +1,46 @@
+"""Priors of X and W on the command line, and robots that leave a part of X open."""
+
+import json
+
+import numpy as np
+import pytest
+from few_axes import rig
+from support import SEED
+
+from uq_handeye.io import write_pose_file
+
+
+@pytest.fixture
+def files(tmp_path):
+    data = rig("scara", 15, np.random.default_rng([SEED, 33]))
+    names = [str(tmp_path / name) for name in ("robot.csv", "camera.csv")]
+    for name, poses in zip(names, (data.robot, data.camera), strict=True):
+        write_pose_file(name, poses)
+    return [*names, "--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm"], data.truth
+
+
+def run(arguments, capsys):
+    from uq_handeye.cli.app import main
+
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", *arguments])
+    return ended.value.code, capsys.readouterr()
+
+
+def test_what_is_open_is_said_and_a_known_length_closes_it(files, capsys, tmp_path):
+    arguments, truth = files
+    code, printed = run(arguments, capsys)
+    assert code in (0, None) and "Open: the camera along the gripper's z axis" in printed.out
+    height = truth.W[2, 3]
+    code, printed = run([*arguments, "--known", f"target z = {1e3 * height:.6f}mm +- 1mm", "--json"], capsys)
+    result = json.loads(printed.out)
+    assert "open" not in result and result["noise"]["prior"]["W"]["information"][5][5] == pytest.approx(1e6)
+    (tmp_path / "x.json").write_text(printed.out)
+    code, printed = run([*arguments, "--prior-x", str(tmp_path / "x.json"), "--json"], capsys)
+    assert json.loads(printed.out)["std"][5] < result["std"][5]
+
+
+def test_statements_that_are_none_are_one_line(files, capsys):
+    arguments, _ = files
+    code, printed = run([*arguments, "--known", "target z = 120 +- 1mm"], capsys)
+    assert code == 2 and "unit" in printed.err
