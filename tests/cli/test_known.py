@@ -19,11 +19,11 @@ def files(tmp_path):
     return [*names, "--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm"], data.truth
 
 
-def run(arguments, capsys):
+def run(arguments, capsys, command="calibrate"):
     from uq_handeye.cli.app import main
 
     with pytest.raises(SystemExit) as ended:
-        main(["calibrate", *arguments])
+        main([command, *arguments])
     return ended.value.code, capsys.readouterr()
 
 
@@ -38,6 +38,23 @@ def test_what_is_open_is_said_and_a_known_length_closes_it(files, capsys, tmp_pa
     (tmp_path / "x.json").write_text(printed.out)
     code, printed = run([*arguments, "--prior-x", str(tmp_path / "x.json"), "--json"], capsys)
     assert json.loads(printed.out)["std"][5] < result["std"][5]
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("validate", ["--trials", "50"]),
+        ("validate", ["--trials", "50", "--method", "4dpa"]),
+        ("validate", ["--trials", "50", "--covariance", "each"]),
+        ("cross-check", ["--trials", "100"]),
+        ("posterior", []),
+    ],
+)
+def test_what_tests_a_covariance_asks_for_a_prior_where_a_part_is_open(command, options, files, capsys):
+    code, printed = run([*files[0], *options], capsys, command)
+    assert code == 2 and printed.out == ""
+    errors = [line for line in printed.err.splitlines() if "error:" in line]
+    assert len(errors) == 1 and "leave a part of X open" in errors[0] and "prior_X" in errors[0]
 
 
 def test_statements_that_are_none_are_one_line(files, capsys):

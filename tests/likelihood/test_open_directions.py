@@ -117,3 +117,19 @@ def test_no_motion_at_all_is_refused():
     still = uq.PosePairs(*(np.repeat(T[:1], 8, axis=0) for T in (data.robot, data.camera)))
     with pytest.raises(uq.DegenerateMotionError, match="nothing of X"):
         efficient(still, NOISE)
+
+
+def test_a_result_with_a_prior_is_tested_and_one_with_open_directions_is_not():
+    data = rig("scara", 15, np.random.default_rng([SEED, 21]))
+    with pytest.warns(uq.InputWarning, match="leave open"):
+        found = uq.calibrate(data, noise=NOISE)
+    for method in ("efficient", "4dpa"):
+        with pytest.raises(uq.DegenerateMotionError, match="leave a part of X open") as refused:
+            uq.monte_carlo(found, method=method, trials=50)
+        assert_allclose(np.abs(refused.value.directions), [[0, 0, 0, 0, 0, 1]], atol=1e-6)
+    with pytest.raises(uq.DegenerateMotionError, match="leave a part of X open"):
+        uq.cross_check(found, trials=100, posterior=False)
+    with pytest.warns(uq.InputWarning, match="nearly parallel"):
+        closed = uq.calibrate(data, noise=NOISE, prior_X=(data.truth.X, np.diag([np.inf] * 5 + [1e-6])))
+    tested = uq.monte_carlo(closed, method="efficient", trials=300)
+    assert tested.consistent and tested.failures == 0

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from few_axes import rig
 from scipy.spatial.transform import Rotation
 from support import (
     SEED,
@@ -27,6 +28,7 @@ from uq_handeye import (
     PairNoise,
     PoseNoise,
     PosePairs,
+    PosePrior,
     SharedError,
     calibrate,
     read_poses,
@@ -302,7 +304,8 @@ def test_a_direction_is_open_by_its_standard_deviation():
         G = moved(data.robot, np.concatenate([tilt * rng.normal(size=(8, 3)), np.zeros((8, 3))], axis=1))
         C = np.linalg.inv(X) @ np.linalg.inv(G) @ W
         found = plan(PosePairs(G, C), k=1, noise=NOISE)
-        largest = np.sqrt(np.linalg.eigvalsh(bound(PosePairs(G, C), NOISE, X)).max())
+        smallest, *_, largest = np.linalg.eigvalsh(bound(PosePairs(G, C), NOISE, X))
+        largest = np.inf if smallest < 1e-12 * largest else np.sqrt(largest)  # without variance: open
         assert (len(found.open_directions) == 1) == (largest > OPEN)
         if largest <= OPEN:
             assert_same_covariance(found.covariance_before, bound(PosePairs(G, C), NOISE, X), 1e-4)
@@ -500,3 +503,25 @@ def test_value_of_a_stack():
     S = random_covariance(np.random.default_rng(SEED), shape=(4,), sd=1.0)
     np.testing.assert_allclose(value(S, np.eye(6)), np.trace(S, axis1=1, axis2=2))
     np.testing.assert_allclose(value(S, None), np.log(np.linalg.det(S)))
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_a_prior_of_x_closes_what_parallel_axes_leave_open(setup):
+    """The plan starts from what `efficient` knows with the prior; without, from the weak one."""
+    data = rig("scara", 8, np.random.default_rng([SEED, 19]), setup)
+    known = PosePrior.of((data.truth.X, np.diag([np.inf] * 5 + [1e-6])))
+    noise = PoseNoise(NOISE.robot, NOISE.camera, prior=known)
+    without = plan(data, noise=NOISE, k=2, sample=40)
+    found = plan(data, noise=noise, k=2, sample=40)
+    assert len(without.open_directions) == 1 and len(found.open_directions) == 0
+    assert_same_covariance(found.covariance_before, efficient(data, noise).covariance_X, 0.05)
+    assert np.sqrt(found.covariance_before[5, 5]) < 1.01e-3 < np.sqrt(without.covariance_before[5, 5])
+    assert (np.diff([found.criterion_before, *found.criterion_values]) < 0).all()
+
+
+def test_a_weak_prior_of_x_is_no_obstacle():
+    """One that leaves the direction open all the same (standard deviation 0.5 m)."""
+    data = rig("scara", 8, np.random.default_rng([SEED, 20]))
+    known = PosePrior.of((data.truth.X, np.diag([np.inf] * 5 + [0.25])))
+    found = plan(data, noise=PoseNoise(NOISE.robot, NOISE.camera, prior=known), k=2, sample=40)
+    assert len(found.open_directions) == 1 and found.criterion_values[-1] < found.criterion_before

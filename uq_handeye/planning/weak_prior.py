@@ -9,8 +9,9 @@ that believed them would put X a metre away. So
   what it started with, the part that the gripper carries (camera, or target for eye-to-hand) at the gripper's origin;
 - the information along open directions is replaced by that of a weak prior, standard deviation PRIOR (1 rad, 1 m).
 
-Where nothing is open there is no prior; X and the information are those of `likelihood.efficient`, unless its residuals
-are so far above the noise that 4DPA may have started it from a wrong X.
+A prior of X or W that the noise has counts beside the poses. Where nothing is open there is no weak one; X and the
+information are those of `likelihood.efficient`, unless its residuals are so far above the noise that 4DPA may have
+started it from a wrong X.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def so_far(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array, Array]:
     try:
         found = efficient(data, noise)
         residual, J = found.white
-        at, information = found.unknowns, gram(J)
+        at, information = found.unknowns, gram(J) + _of_prior(noise, found.unknowns)
         explained = bool(np.sum(residual**2) <= _LARGE_RESIDUAL**2 * (6 * data.n - 12))
     except DegenerateMotionError:
         explained = False
@@ -57,6 +58,11 @@ def so_far(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array, Array]:
     unknown = np.array(information)
     unknown[:6, :6] += directions.T @ ((PRIOR**-2.0 - values)[:, None] * directions)
     return at, unknown, directions
+
+
+def _of_prior(noise: PoseNoise, at: Unknowns) -> Array | float:
+    """What a prior of X and W tells of them (12, 12)."""
+    return 0.0 if noise.prior is None else noise.prior.normal_equations(at.X, at.W)[0]
 
 
 def _marginal(information: Array) -> tuple[Array, Array]:
@@ -79,7 +85,8 @@ def _cautious_fit(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array]:
     R_X = Rotation.create_group("O").as_matrix()
     for rows in (few, np.arange(data.n)):
         poses = PosePairs(data.robot[rows], data.camera[rows], data.setup)
-        part = PoseNoise(*(S if S is None or S.ndim == 2 else S[rows] for S in (noise.robot, noise.camera)))
+        sides = (S if S is None or S.ndim == 2 else S[rows] for S in (noise.robot, noise.camera))
+        part = PoseNoise(*sides, prior=noise.prior)
         at, information, cost = _descended(poses, part, _at_gripper(poses, R_X))
         best = int(np.argmin(cost))
         R_X = at.X[best : best + 1, :3, :3]
@@ -105,7 +112,10 @@ def _descended(poses: PosePairs, noise: PoseNoise, X: Array) -> tuple[Unknowns, 
         linear = constraint.linearise(at, constraint.first, constraint.second)
         factor = cholesky_of(residual_covariance(linear.sides, noise))
         sums = gram(whiten(factor, np.concatenate([linear.J, linear.r[..., None]], axis=-1)))
-        information, pull = sums[:, :12, :12], sums[:, :12, 12:]
+        information, pull, cost = sums[:, :12, :12], sums[:, :12, 12:], sums[:, 12, 12]
+        if noise.prior is not None:
+            more, gradient, square = noise.prior.normal_equations(at.X, at.W)
+            information, pull, cost = information + more, pull + gradient[..., None], cost + square
         if k == _STEPS:
             break
         values, vectors = _marginal(information)
@@ -116,4 +126,4 @@ def _descended(poses: PosePairs, noise: PoseNoise, X: Array) -> tuple[Unknowns, 
         step = np.concatenate([by_X, -of_W[..., 6:] - of_W[..., :6] @ by_X], axis=-2)[..., 0]
         turn = np.linalg.norm(step[:, :3], axis=-1)
         at = at.moved(step / np.maximum(turn / _LONGEST, 1.0)[:, None])
-    return at, information, sums[:, 12, 12]
+    return at, information, cost

@@ -31,6 +31,9 @@ from ..propagation.noise_transport import noise_of_pairs
 from ..propagation.published_fit import Published
 from ..propagation.target_pose import mean_target
 
+# Eigenvalue of a correlation matrix below which a direction has no variance: one that is open.
+RANK = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -101,15 +104,7 @@ class Experiment:
         if self.method in ESTIMATORS:
             if kind not in (None, "pairs" if isinstance(self.noise, PairNoise) else "poses"):
                 raise InputError(f"Expected no kind={kind!r} with method {self.method!r}: it is for published methods.")
-            found = bound(self.truth, self.noise, None if isinstance(self.truth, PosePairs) else self.X)
-            unit = np.sqrt(np.maximum(np.diag(found), 1e-300))
-            if np.linalg.matrix_rank(found / np.outer(unit, unit), tol=1e-9, hermitian=True) < 6:
-                raise DegenerateMotionError(
-                    "The motions leave a part of X open, for which there is no covariance to be tested. Close it by a "
-                    "prior of X or W.",
-                    np.zeros((0, 6)),
-                )
-            return found
+            return bound(self.truth, self.noise, None if isinstance(self.truth, PosePairs) else self.X)
         everything = self.everything if kind in (None, "poses") else None
         if everything is not None:
             assert isinstance(self.noise, PoseNoise)
@@ -205,6 +200,7 @@ def experiment(
         assert truth is not None
         truth = Truth(*(np.ascontiguousarray(T) for T in truth))
         true_poses = PosePairs(truth.robot, truth.camera, poses.setup, poses.timestamps, truth)
+        _require_closed(true_poses, noise)
         return Experiment(true_poses, truth.X, truth.W, noise, method, scale, index)
     motions = data if isinstance(data, Motions) else relative_motions(data, pairs)
     if motions.N < 2:
@@ -214,9 +210,29 @@ def experiment(
     if poses is not None and poses.truth is not None:
         true_poses = PosePairs(poses.truth.robot, poses.truth.camera, poses.setup)
         of_truth = relative_motions(true_poses, "all" if motions.pairs is None else motions.pairs)
+        _require_closed(Motions(of_truth.A, of_truth.B), noise, poses.truth.X)
         return Experiment(Motions(of_truth.A, of_truth.B), poses.truth.X, None, noise, method, scale)
     A, B, X = _exact_motions(motions, noise)
+    _require_closed(Motions(A, B), noise, X)
     return Experiment(Motions(A, B), X, None, noise, method, scale)
+
+
+def _require_closed(truth: PosePairs | Motions, noise: Noise, X: Array | None = None) -> None:
+    """Raise `DegenerateMotionError` where exact data leave a part of X open: no covariance is there to be tested."""
+    try:
+        found = bound(truth, noise, X)
+    except SingularNoiseError:  # only published methods run on such noise, and judge their motions themselves
+        return
+    unit = np.sqrt(np.maximum(np.diag(found), 1e-300))
+    values, vectors = np.linalg.eigh(found / np.outer(unit, unit))
+    open_ = values < RANK
+    if open_.any():
+        directions = vectors[:, open_].T / unit
+        raise DegenerateMotionError(
+            "The motions leave a part of X open, for which there is no covariance to be tested. Close it by a prior of "
+            "X or W, `prior_X` or `prior_W` of calibrate(), and give its result.",
+            directions / np.linalg.norm(directions, axis=1, keepdims=True),
+        )
 
 
 def _fitted(data: PosePairs | Motions, noise: Noise) -> Fit | None:

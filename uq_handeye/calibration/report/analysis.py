@@ -17,7 +17,7 @@ from ...noise.estimate import SHOWN, Component
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import Noise, PairNoise, is_joint, marginals
 from ...presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
-from ..result import Calibration
+from ..result import Calibration, deviations_of
 
 KINDS = ("rotation", "translation")
 # Poses that a text lists; the table of the result has them all.
@@ -167,9 +167,10 @@ def covariance_table(result: Calibration) -> Table | None:
         if S is None:
             without.setdefault(analysis.reasons[kind], []).append(kind)
             continue
-        sd = np.sqrt(np.diag(S))
+        sd = deviations_of(S, result.opened, "X")
         name = meaning.get(kind, kind) + (" *" if kind == result.covariance_kind else "")
-        rows.append([name, *(fixed(_DEG * x) for x in sd[:3]), *(fixed(_MM * x) for x in sd[3:])])
+        shown = ("open" if np.isinf(x) else fixed(x) for x in sd * np.repeat([_DEG, _MM], 3))
+        rows.append([name, *shown])
     rows += [[", ".join(kinds), (f"not determined: {reason}", 6)] for reason, kinds in without.items()]
     caption = (
         "Standard deviations of X by every covariance (* that of the result). All but the first are made of the "

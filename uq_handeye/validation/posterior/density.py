@@ -228,7 +228,8 @@ def density_of(
     fit = maximum_likelihood(data, noise)
     if fit.open is not None:
         raise DegenerateMotionError(
-            "The motions leave a part of X open, along which its posterior has no end. Close it by a prior of X or W.",
+            "The motions leave a part of X open, along which its posterior has no end. Close it by a prior of X or W, "
+            "`prior_X` or `prior_W` of calibrate(), and give its result.",
             fit.open_directions[:, :6],
         )
     constraint = constraint_of(data, noise)
