@@ -86,7 +86,8 @@ def test_the_guide_from_pictures_runs(tmp_path, monkeypatch, rng):
 
 
 def test_every_guide_is_run():
-    elsewhere = {"index", "camera", "plan", "real_cell", "synchronise", "validation"}  # plan: tests/cli/test_plan.py
+    # plan: tests/cli/test_plan.py, few_axes: tests/cli/test_known.py
+    elsewhere = {"index", "camera", "few_axes", "plan", "real_cell", "synchronise", "validation"}
     guides = {page.stem for page in (DOCS / "how-to").glob("*.md")}
     assert guides == elsewhere | {page.rsplit("/")[-1] for page in SHOWN if page.startswith("how-to/")}
 

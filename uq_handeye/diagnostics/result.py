@@ -176,6 +176,8 @@ class Diagnostics:
         values["probes"] = tuple(section(ScaleError, probe, {"shift": (6,)}) for probe in data["probes"])
         if tuple(probe.name for probe in values["probes"]) != PROBED:
             raise InputError(f"Expected the errors of {', '.join(PROBED)} among the diagnostics.")
+        if not all(probe.sd >= 0 and probe.shift_sd >= 0 for probe in values["probes"]):
+            raise InputError("Expected standard deviations of 0 or more among the diagnostics.")
         if lags == 0 and values["autocorrelation"].reason is None:
             raise InputError("Expected autocorrelations among the diagnostics, or the reason why there are none.")
         return cls(**values)
