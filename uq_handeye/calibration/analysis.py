@@ -132,6 +132,8 @@ class StoredAnalysis(ReadOnlyArrays):
         R = array_of(data["budget"]["relative"], (len(sources), len(sources)), "analysis.budget.relative")
         if (np.diag(R) < 0).any() or not np.allclose(R, R.T):
             raise InputError("Expected relative covariances of the variances of the budget, symmetric and >= 0.")
+        if (np.diagonal(parts.sum(axis=0)) < 0).any():
+            raise InputError("Expected the variances of the budget to add up to 0 or more.")
         budget = Budget(sources, parts, np.zeros((0, size, size)), X, tuple(data["budget"]["types"]), R)
         if size not in (6, 12):
             raise InputError(f"Expected the budget of X, or of X and W, got one of {size} numbers.")
