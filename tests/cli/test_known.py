@@ -54,7 +54,16 @@ def test_what_tests_a_covariance_asks_for_a_prior_where_a_part_is_open(command, 
     code, printed = run([*files[0], *options], capsys, command)
     assert code == 2 and printed.out == ""
     errors = [line for line in printed.err.splitlines() if "error:" in line]
-    assert len(errors) == 1 and "leave a part of X open" in errors[0] and "prior_X" in errors[0]
+    assert len(errors) == 1 and "leave a part of X open" in errors[0] and "--known, --prior-x" in errors[0]
+
+
+def test_a_known_length_lets_the_covariance_be_tested(files, capsys):
+    arguments, truth = files
+    known = ["--known", f"target z = {1e3 * truth.W[2, 3]:.6f}mm +- 1mm", "--trials", "300", "--json"]
+    code, printed = run([*arguments, *known], capsys, "validate")
+    assert code in (0, None)
+    tested = json.loads(printed.out)
+    assert tested["consistent"] is True
 
 
 def test_statements_that_are_none_are_one_line(files, capsys):

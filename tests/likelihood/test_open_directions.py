@@ -133,3 +133,5 @@ def test_a_result_with_a_prior_is_tested_and_one_with_open_directions_is_not():
         closed = uq.calibrate(data, noise=NOISE, prior_X=(data.truth.X, np.diag([np.inf] * 5 + [1e-6])))
     tested = uq.monte_carlo(closed, method="efficient", trials=300)
     assert tested.consistent and tested.failures == 0
+    with pytest.raises(uq.InputError, match="take no prior"):
+        uq.cross_check(closed, trials=100, posterior=False)

@@ -368,16 +368,21 @@ class PoseFiles(StreamFiles):
 
 
 def calibrated(
-    poses: "PosePairs", noise: "Noise | None", shared: "list[SharedError] | None", pairs: str = "all"
+    poses: "PosePairs",
+    noise: "Noise | None",
+    shared: "list[SharedError] | None",
+    pairs: str = "all",
+    **beforehand: Any,
 ) -> "Calibration | None":
     """What `calibrate` makes of the input, and warns of: every other command starts from its poses, noise and X.
 
-    Data that `calibrate` refuses are left to the command, which may do with them or say itself why not.
+    Data that `calibrate` refuses are left to the command, which may do with them or say itself why not; not so with
+    what is known ``beforehand`` of X and W, which only a calibration takes.
     """
     from ..calibration.calibrate import calibrate
 
-    with timed("calibrating"), suppress(InputError, NotConvergedError):
-        return calibrate(poses, noise=noise, pairs=pairs, shared=shared)
+    with timed("calibrating"), suppress(*(() if beforehand else (InputError, NotConvergedError))):
+        return calibrate(poses, noise=noise, pairs=pairs, shared=shared, **beforehand)
     return None
 
 

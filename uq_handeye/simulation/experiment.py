@@ -229,8 +229,8 @@ def _require_closed(truth: PosePairs | Motions, noise: Noise, X: Array | None = 
     if open_.any():
         directions = vectors[:, open_].T / unit
         raise DegenerateMotionError(
-            "The motions leave a part of X open, for which there is no covariance to be tested. Close it by a prior of "
-            "X or W, `prior_X` or `prior_W` of calibrate(), and give its result.",
+            "The motions leave a part of X open, for which there is no covariance to be tested. With a prior of X or W "
+            "(--known, --prior-x; `prior_X`, `prior_W` of calibrate()) that of efficient and ml can be tested.",
             directions / np.linalg.norm(directions, axis=1, keepdims=True),
         )
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import Given, PoseFiles, calibrated, given_of, problem_for
+from ..inputs import Given, PoseFiles, calibrated, given_of, pose_prior_of, problem_for
 from ..messages import progress_wanted, timed
 from ..options import JsonOption, emit, flag, folder_option, made_of, option
 from ..views import views_of
@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 CHAIN = "chain.h5"
 
 
-@made_of(given=given_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, beforehand=pose_prior_of, files=PoseFiles, views=views_of)
 def posterior_command(
     files: "PoseFiles",
     given: "Given",
+    beforehand: "dict[str, Any]",
     views: "Views | None",
     pairs: Annotated[
         str,
@@ -70,7 +71,7 @@ def posterior_command(
     from ...validation.posterior.sample import sample_posterior
 
     pairs = pairs if isinstance(noise, PairNoise) else "all"
-    problem = problem_for(calibrated(poses, noise, shared, pairs), poses, noise, shared, pairs)
+    problem = problem_for(calibrated(poses, noise, shared, pairs, **beforehand), poses, noise, shared, pairs)
     if output is not None:
         write_files(output, {})  # makes the folder, or says why not
         output.mkdir(parents=True, exist_ok=True)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import Given, PoseFiles, calibrated, given_of, problem_for
+from ..inputs import Given, PoseFiles, calibrated, given_of, pose_prior_of, problem_for
 from ..messages import LOG, progress_wanted
 from ..options import (
     EVERY_METHOD,
@@ -34,10 +34,11 @@ if TYPE_CHECKING:
 INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
-@made_of(given=given_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, beforehand=pose_prior_of, files=PoseFiles, views=views_of)
 def validate_command(
     files: "PoseFiles",
     given: "Given",
+    beforehand: "dict[str, Any]",
     views: "Views | None",
     method: Annotated[
         list[str] | None,
@@ -114,7 +115,7 @@ def validate_command(
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
     poses, noise, shared = files.read(given, views)
-    problem = problem_for(calibrated(poses, noise, shared, pairs), poses, noise, shared, pairs)
+    problem = problem_for(calibrated(poses, noise, shared, pairs, **beforehand), poses, noise, shared, pairs)
     if workers is None:
         workers = cores()
     if sweep_noise is not None:

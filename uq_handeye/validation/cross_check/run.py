@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import require_integer
+from ...errors import InputError, require_integer
 from ...geometry.frames import SETUPS
 from ...noise.models import Noise, PairNoise, PoseNoise
 from ...poses.motions import Motions, relative_motions
@@ -104,6 +104,11 @@ def cross_check(
     data, noise, estimated = problem_of(data, noise)
     if isinstance(data, PosePairs) and (isinstance(noise, PairNoise) or not isinstance(pairs, str) or pairs != "all"):
         data = relative_motions(data, pairs)
+    if noise is not None and noise.prior is not None:
+        raise InputError(
+            "The cross-check compares methods that take no prior of X or W, which the noise has. Test efficient or ml "
+            "by monte_carlo() (validate), or see the posterior."
+        )
     problem = experiment(data, noise)
     noise, poses = problem.noise, data if isinstance(data, PosePairs) else data.poses
     problem.predicted()  # raises where the data do not determine X

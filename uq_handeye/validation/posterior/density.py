@@ -228,8 +228,8 @@ def density_of(
     fit = maximum_likelihood(data, noise)
     if fit.open is not None:
         raise DegenerateMotionError(
-            "The motions leave a part of X open, along which its posterior has no end. Close it by a prior of X or W, "
-            "`prior_X` or `prior_W` of calibrate(), and give its result.",
+            "The motions leave a part of X open, along which its posterior has no end. Close it by a prior of X or W "
+            "(--known, --prior-x; `prior_X`, `prior_W` of calibrate()).",
             fit.open_directions[:, :6],
         )
     constraint = constraint_of(data, noise)
