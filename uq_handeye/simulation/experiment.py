@@ -9,6 +9,7 @@ from the other.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -21,6 +22,7 @@ from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..geometry.se3 import Array, inverse
 from ..likelihood.constraint import constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
+from ..likelihood.open_start import has_one_axis
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise_estimation.estimate import estimate_noise
 from ..poses.motions import Motions, pair_indices, relative_motions
@@ -104,7 +106,9 @@ class Experiment:
         if self.method in ESTIMATORS:
             if kind not in (None, "pairs" if isinstance(self.noise, PairNoise) else "poses"):
                 raise InputError(f"Expected no kind={kind!r} with method {self.method!r}: it is for published methods.")
-            return bound(self.truth, self.noise, None if isinstance(self.truth, PosePairs) else self.X)
+            found = bound(self.truth, self.noise, None if isinstance(self.truth, PosePairs) else self.X)
+            _require_rank(found)
+            return found
         everything = self.everything if kind in (None, "poses") else None
         if everything is not None:
             assert isinstance(self.noise, PoseNoise)
@@ -218,11 +222,14 @@ def experiment(
 
 
 def _require_closed(truth: PosePairs | Motions, noise: Noise, X: Array | None = None) -> None:
-    """Raise `DegenerateMotionError` where exact data leave a part of X open: no covariance is there to be tested."""
-    try:
-        found = bound(truth, noise, X)
-    except SingularNoiseError:  # only published methods run on such noise, and judge their motions themselves
-        return
+    """Raise `DegenerateMotionError` where true motions about one axis leave a part of X open, whatever the method."""
+    if has_one_axis(constraint_of(truth, noise)):
+        with suppress(SingularNoiseError):  # only published methods run on such noise, and judge motions themselves
+            _require_rank(bound(truth, noise, X))
+
+
+def _require_rank(found: Array) -> None:
+    """Raise `DegenerateMotionError` where a covariance of X (6, 6) has open directions: there is none to be tested."""
     unit = np.sqrt(np.maximum(np.diag(found), 1e-300))
     values, vectors = np.linalg.eigh(found / np.outer(unit, unit))
     open_ = values < RANK
