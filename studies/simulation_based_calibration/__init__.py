@@ -34,6 +34,7 @@ from studies.common.noises import paper
 from studies.common.scores import errors
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.geometry.se3 import Array, inverse, perturb
+from uq_handeye.likelihood.constraint import covariances_of
 from uq_handeye.presentation.figure_parts import BLUE, GRID, INK, ORANGE, PURPLE, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.runtime.progress import progress_bar
 from uq_handeye.validation.posterior.density import ScalePrior
@@ -93,8 +94,7 @@ def problem(case: Case, rng: np.random.Generator) -> tuple[Array, uq.PosePairs |
 
 
 def told(case: Case) -> uq.PairNoise | uq.PoseNoise:
-    parts = [S * case.told**2 for S in (vars(case.noise)[name] for name in case.noise.__dataclass_fields__)]
-    return type(case.noise)(*parts)
+    return type(case.noise)(*(S * case.told**2 for S in covariances_of(case.noise)))
 
 
 def ranked(case: Case, seed: int, number: int) -> tuple[list[str], Array]:

@@ -66,8 +66,8 @@ def test_x_is_the_same(what, known):
     for seed in range(12):
         poses, rng = spoiled(seed)
         other, noise, order, back = changed(poses, what, rng)
-        one = quietly(poses, noise=NOISE if known else None, shared=[])  # those depend on the frames, and are to
-        two = quietly(other, noise=noise if known else None, shared=[])
+        one = quietly(poses, noise=NOISE if known else None, shared=[], correlation="none")
+        two = quietly(other, noise=noise if known else None, shared=[], correlation="none")
         apart = difference(back(two.X), one.X)
         assert np.sqrt(apart @ np.linalg.solve(one.covariance, apart)) < limit
         assert [one.table.flag[k].split()[0] for k in order] == [flag.split()[0] for flag in two.table.flag]

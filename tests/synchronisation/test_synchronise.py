@@ -37,7 +37,8 @@ def again(stream, scale=1.0, shift=0.0):
 
 
 def calibrated(poses, **kwargs):
-    """The result; what it warns of beside the offset is not of interest here."""
+    """The result; what it warns of beside the offset is not of interest here, nor what else the poses share."""
+    kwargs.setdefault("shared", [])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         return uq.calibrate(poses, **kwargs)
