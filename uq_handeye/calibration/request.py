@@ -15,7 +15,6 @@ from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
-from ..likelihood.open_start import has_one_axis
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
 from ..noise.joint_covariance import JointCovariance
@@ -80,7 +79,7 @@ class Job:
         constraint = constraint_of(self.data, self.noise)
         if self.noise is not None:
             return constraint
-        return replace(constraint, split_known=False, may_be_open=has_one_axis(constraint))
+        return replace(constraint, split_known=False)
 
     @cached_property
     def columns(self) -> dict[str, JointCovariance]:

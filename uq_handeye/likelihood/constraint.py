@@ -26,6 +26,7 @@ The derivatives hold where ``r = 0``; elsewhere they are exact to first order in
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry.nearest_rotation import orthonormalise
-from ..geometry.se3 import Array, block, inverse, inverse_jacobian, logarithm, perturb, skew
+from ..geometry.se3 import Array, block, inverse, inverse_jacobian, logarithm, perturb, skew, vee
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ..poses.motions import Motions
@@ -76,7 +77,6 @@ class OnPoses:
     second: Array
     inverted: bool  # eye-to-hand: G is the inverse of the robot pose
     split_known: bool = True  # how the noise of rotations is split between robot and camera (`open_directions`)
-    may_be_open: bool = True  # False: the robot turns about several axes, and large residuals are those of wrong data
 
     item: ClassVar[str] = "pose"
     sides: ClassVar[tuple[str, str]] = ("robot", "camera")
@@ -109,6 +109,11 @@ class OnPoses:
         i, j = np.triu_indices(self.n, 1)
         G, C = self.robot, self.second
         return inverse(G[..., j, :, :]) @ G[..., i, :, :], C[..., j, :, :] @ inverse(C[..., i, :, :])
+
+    @cached_property
+    def one_axis(self) -> NDArray[np.bool_]:
+        """Whether the robot turns about one axis at most (...), whatever the camera says."""
+        return _one_axis(self)
 
     def closure(self) -> tuple[Array, Array]:
         """K (n, 3, 4, 12) and k (n, 3, 4) with ``G X C = K vec(X) + k``, vec the first three rows, of one data set."""
@@ -151,7 +156,6 @@ class OnMotions:
     first: Array
     second: Array
     split_known: bool = True
-    may_be_open: bool = True
 
     item: ClassVar[str] = "motion"
     sides: ClassVar[tuple[str, str]] = ("A", "B")
@@ -174,6 +178,11 @@ class OnMotions:
     def motions(self) -> tuple[Array, Array]:
         """A and B (..., n, 4, 4)."""
         return self.first, self.second
+
+    @cached_property
+    def one_axis(self) -> NDArray[np.bool_]:
+        """Whether the robot turns about one axis at most (...), whatever the camera says."""
+        return _one_axis(self)
 
     def closure(self) -> tuple[Array, Array]:
         """K (n, 3, 4, 12) and k (n, 3, 4) with ``A X - X B = K vec(X) + k``, vec the first three rows."""
@@ -208,6 +217,18 @@ class OnMotions:
 
 
 Constraint = OnPoses | OnMotions
+
+# Rows whose motions tell how many axes there are, and the mean square of sin(angle) across the main axis below which
+# there may be but one.
+FEW, ONE_AXIS = 40, 0.03
+
+
+def _one_axis(constraint: Constraint) -> NDArray[np.bool_]:
+    n = constraint.n
+    few = constraint.rows(np.unique(np.linspace(0, n - 1, min(n, FEW)).astype(np.intp)))
+    u = 0.5 * vee(few.motions()[0][..., :3, :3])
+    across = np.linalg.eigvalsh(u.mT @ u / max(1, u.shape[-2]))[..., :2].sum(axis=-1)
+    return np.asarray(across < ONE_AXIS)
 
 
 def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> Constraint:

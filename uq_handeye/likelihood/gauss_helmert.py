@@ -378,6 +378,8 @@ def fit_data(data: PosePairs | Motions, constraint: Constraint, noise: Noise, st
             found = fit(constraint, noise, start_of(data, constraint, None), steps, halt_open=True)
             variances = np.diagonal(found.covariance[..., 3:6, 3:6], axis1=-2, axis2=-1)
             astray = np.asarray(variances.max(axis=-1) > lever_of(constraint) ** 2)
+            if astray.any():
+                astray = astray & constraint.one_axis
             if found.open is None and not astray.any():
                 return found
     return fit(constraint, noise, sound_start(data, constraint, noise, astray=astray), steps)

@@ -141,7 +141,11 @@ def solve_information(
     values, vectors = np.linalg.eigh(information * scale)
     lever = lever_of(constraint)
     singular = values[..., 0] <= ROUNDING
-    if not (singular | (constraint.may_be_open & _suspicious(values[..., 0], diagonal, noise, lever))).any():
+    suspicious = _suspicious(values[..., 0], diagonal, noise, lever)
+    if suspicious.any():  # several axes leave nothing open, however large the noise
+        suspicious &= constraint.one_axis
+    looked = singular | suspicious
+    if not looked.any():
         return Solved(_inverted(values, vectors, scale), None)
     p = information.shape[-1]
     weak = np.zeros_like(information)
@@ -157,7 +161,7 @@ def solve_information(
     root = np.linalg.cholesky((rough + weak) * own)
     half = np.linalg.solve(root, weak * own)
     share, vectors_of_weak = np.linalg.eigh(np.linalg.solve(root, half.mT))
-    count = (share > 1.0 / (1.0 + SIGNAL)).sum(axis=-1)
+    count = np.where(looked, (share > 1.0 / (1.0 + SIGNAL)).sum(axis=-1), 0)
     if not count.any():
         return Solved(_inverted(values, vectors, scale), None)
     directions = unit[..., None] * np.linalg.solve(root.mT, vectors_of_weak[..., ::-1])  # the most open first

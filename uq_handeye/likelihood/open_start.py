@@ -29,15 +29,13 @@ from ..geometry.se3 import Array, skew, vee
 from ..noise.models import Noise, PairNoise, PoseNoise, with_prior
 from ..noise.pose_prior import PosePrior
 from ..noise.square_roots import cholesky_of, gram, whiten
-from .constraint import Constraint, OnPoses, Unknowns, residual_covariance
+from .constraint import FEW, Constraint, OnPoses, Unknowns, residual_covariance
 from .open_directions import lever_of, own_covariances, solve_information
 
-# Rows that candidates are made of, angles about a parallel axis, candidates that are iterated.
-FEW, ANGLES, BEST = 40, 8, 2
+# Angles about a parallel axis, candidates that are iterated.
+ANGLES, BEST = 8, 2
 # Singular values below this share of the largest are open.
 OPEN = 1e-2
-# Mean square of sin(angle) across the main axis below which there may be but one axis.
-ONE_AXIS = 0.03
 # Steps, their end in standard deviations, the longest turn of one (rad).
 STEPS, STILL, LONGEST = 30, 0.1, 0.5
 # Noise to begin with where none is known: rad, and per metre from camera to target.
@@ -92,9 +90,7 @@ def _variances(constraint: Constraint, at: Unknowns) -> Array:
 
 def has_one_axis(constraint: Constraint) -> bool:
     """Whether the robot turns about one axis at most, whatever the camera says; its poses are rarely outliers."""
-    few = constraint.rows(np.unique(np.linspace(0, constraint.n - 1, min(constraint.n, FEW)).astype(np.intp)))
-    u = 0.5 * vee(few.motions()[0][:, :3, :3])
-    return float(np.linalg.eigvalsh(u.T @ u / max(1, len(u)))[:2].sum()) < ONE_AXIS
+    return bool(constraint.one_axis.all())
 
 
 def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
@@ -135,7 +131,7 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
     A, B = constraint.motions()
     u, v = (0.5 * vee(T[:, :3, :3]) for T in (A, B))
     t_A, t_B = A[:, :3, 3], B[:, :3, 3]
-    length = max(float(np.abs(t_A).max(initial=0.0)), float(np.abs(t_B).max(initial=0.0)), 1e-300)
+    length = max(float(np.abs(t_A).max(initial=0.0)), float(np.abs(t_B).max(initial=0.0)), 1e-100)
     of_turns, of_moves = u.T @ v, t_A.T @ t_B / length**2
     U, _, Vt = np.linalg.svd(of_turns)
     a, b = U[:, 0], Vt[0]
