@@ -29,6 +29,9 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...files.atomic import write_atomically
 from ...files.open import as_path, reason, shown
+from ...noise.joint_covariance import JointCovariance
+from ...noise.models import Noise, PairNoise
+from ...noise.to_dict import noise_to_dict
 from ...poses.pose_pairs import PosePairs
 from .chunks import Chunk, Work
 from .consistency import Sums
@@ -50,12 +53,11 @@ def identity(work: Work) -> dict[str, Any]:
     else:
         truth |= {"A": e.truth.A, "B": e.truth.B}
         where = f"{e.truth.N} motions"
-    noise = {name: getattr(e.noise, name) for name in e.noise.__dataclass_fields__}
     return {
         "data": where,
         "data sha256": sha256(truth),
         "noise": type(e.noise).__name__,
-        "noise sha256": sha256(noise),
+        "noise sha256": sha256_of_noise(e.noise),
         "method": e.method,
         "scale": e.scale,
         "covariance tested": "of each trial" if work.tested is None else sha256({"tested": work.tested}),
@@ -75,6 +77,15 @@ def sha256(arrays: Mapping[str, Any]) -> str:
         if array is not None:
             digest.update(array.tobytes())
     return digest.hexdigest()
+
+
+def sha256_of_noise(noise: Noise) -> str:
+    """Of its covariances; of those that poses share, and of a prior, by the numbers that they are made of."""
+    sides = ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
+    covariances = {name: getattr(noise, name) for name in sides}
+    if noise.prior is None and not any(isinstance(S, JointCovariance) for S in covariances.values()):
+        return sha256(covariances)
+    return hashlib.sha256(json.dumps(noise_to_dict(noise), sort_keys=True).encode()).hexdigest()
 
 
 class RunFolder:

@@ -24,7 +24,7 @@ from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
 from ...simulation.experiment import Fitted, problem_of
-from ..monte_carlo.store import sha256
+from ..monte_carlo.store import sha256, sha256_of_noise
 from .convergence import LENGTHS, LONGEST_R_HAT
 from .density import ScalePrior, density_of
 from .file import ChainFile
@@ -175,10 +175,9 @@ def _identity(
     if poses is not None:
         arrays |= {"robot": poses.robot, "camera": poses.camera}
     setup = None if poses is None else poses.setup
-    covariances = {} if noise is None else {name: getattr(noise, name) for name in noise.__dataclass_fields__}
     return {
         "data": [type(data).__name__, setup, sha256(arrays)],
-        "noise": "estimated" if noise is None else [type(noise).__name__, sha256(covariances)],
+        "noise": "estimated" if noise is None else [type(noise).__name__, sha256_of_noise(noise)],
         "scale prior": None if scales is None else [scales.robot, scales.camera],
         "Student-t": None if student_t is None else float(student_t),
         "seed": int(seed),
