@@ -52,7 +52,7 @@ from ..geometry.component_rows import (
 )
 from ..geometry.se3 import Array
 from ..likelihood.constraint import OnMotions, Unknowns, residual_covariance
-from ..likelihood.gauss_helmert import SINGULAR, efficient
+from ..likelihood.gauss_helmert import SINGULAR, efficient, start_of
 from ..noise.models import PairNoise, require_count
 from ..noise.square_roots import cholesky_of
 from ..poses.motions import Motions
@@ -91,7 +91,7 @@ def efficient_on_drawn(A: Array, B: Array, X: Array, noise: PairNoise, rng: np.r
     Raises
     ------
     InputError
-        What `efficient` says of this noise or, if no trial is ok, of the true motions.
+        What `efficient` says of this noise or, if no trial is ok, 4DPA and `efficient` of the true motions.
     """
     N = len(A)
     model = _Model.of(noise, X, N)
@@ -105,7 +105,9 @@ def efficient_on_drawn(A: Array, B: Array, X: Array, noise: PairNoise, rng: np.r
             part.b, part.t_B = true_B.drawn(part.pairs, part.m, rng, np.empty((7, part.n, part.m)))
         _estimate(model, data, errors[some], covariances[some], ok[some])
     if not ok.any():
-        efficient(Motions(A, B), noise)  # raises where it is no matter of the draw
+        motions = Motions(A, B)  # what is no matter of the draw raises
+        start_of(motions, OnMotions(A, B), None)
+        efficient(motions, noise)
     return errors, covariances, ok
 
 
