@@ -119,7 +119,7 @@ class PosePrior(ReadOnlyArrays):
         return information, gradient, square
 
     def drawn(self, X: Array, W: Array | None, batch: tuple[int, ...], rng: np.random.Generator) -> PosePrior:
-        """With means drawn about the true X and W: what would have been measured, (*batch, 4, 4)."""
+        """With means (..., 4, 4), ``batch`` of them, drawn about the true X and W: what would have been measured."""
         return self.moved(X, W, rng.standard_normal((*batch, 6 * len(self.parts()))))
 
     def moved(self, X: Array, W: Array | None, z: Array) -> PosePrior:
