@@ -69,6 +69,8 @@ def test_every_code_has_a_sentence_in_its_package(code):
     values = values_of(words)
     if code == "noise_estimation.exact":
         values["parts"] = ["rotation"]
+    if code == "calibration.open":
+        values |= {"directions": [[0.0] * 5 + [1.0] + [0.0] * 5 + [-1.0]], "setup": "eye-in-hand"}
     text = str(Finding(code, "note", values))
     assert text.strip() and "None" not in text and "nan" not in text and "{" not in text
 

@@ -67,10 +67,17 @@ def test_what_is_written_is_what_it_is():
         assert abs(found - Decimal(value)) <= place / 2
 
 
-@pytest.mark.parametrize(("value", "std"), [(np.nan, 1.0), (np.inf, 1.0), (1.0, np.nan), (1.0, np.inf), (1.0, -1e-9)])
+@pytest.mark.parametrize(
+    ("value", "std"),
+    [(np.nan, 1.0), (np.inf, 1.0), (1.0, np.nan), (np.nan, np.inf), (np.inf, np.inf), (1.0, -np.inf), (1.0, -1e-9)],
+)
 def test_numbers_that_are_none_are_refused(value, std):
     with pytest.raises(InputError, match="finite value and a standard deviation of 0 or more"):
         concise(value, std)
+
+
+def test_a_number_that_stays_open_has_an_infinite_deviation():
+    assert concise(1.25, np.inf, "mm") == "1.25(open) mm"
 
 
 @pytest.mark.parametrize(

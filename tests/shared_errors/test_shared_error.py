@@ -127,10 +127,10 @@ def test_robot_scale_and_clock_offset():
 @pytest.mark.parametrize("setup", SETUPS)
 def test_estimate_has_the_sign_of_what_was_used(setup):
     """Squares that were taken as 1 % too long: the error of the value used is +1 %, in both setups."""
-    truth = uq.simulate(25, setup=setup, seed=3)
+    small = PoseNoise.isotropic(robot=("0.001deg", "0.002mm"), camera=("0.005deg", "0.02mm"))
+    truth = uq.simulate(25, setup=setup, noise=small, seed=3)
     camera = truth.camera.copy()
     camera[:, :3, 3] *= 1.01
-    small = PoseNoise.isotropic(robot=("0.001deg", "0.002mm"), camera=("0.005deg", "0.02mm"))
     result = uq.calibrate(
         PosePairs(truth.robot, camera, setup),
         noise=small,

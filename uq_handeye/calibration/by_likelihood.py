@@ -40,6 +40,7 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
 from ..poses.timing import TimeOffset
 from ..propagation.published_fit import Published, fit_published
+from ..runtime.read_only import read_only
 from ..shared_errors.shared_error import CLOCK_OFFSET, shared_columns, with_shared, without_shared
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
@@ -197,7 +198,7 @@ def _assembled(
     # A drift does not count in halves: the test is of the noise that both were made of.
     alone = None if estimate is None else replace(estimate, correlation=None)
     dof = None if estimate is not None and estimate.from_corners else reference_for(fit, alone).dof
-    analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, beside)
+    analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, read_only(beside))
     angle, distance = residuals(motions.A, motions.B, fit.X)
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),

@@ -123,7 +123,9 @@ def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]
     for error in errors:
         parts = {"rotation": error.effect[:3], "translation": error.effect[3:]}
         blocks = {"rotation": S[:3, :3], "translation": S[3:, 3:]}
-        kind = max(parts, key=lambda part: float(parts[part] @ np.linalg.solve(blocks[part], parts[part])))
+        # Along what is open X does not move, and has no variance there.
+        shares = {part: float(e @ np.linalg.pinv(blocks[part], 1e-12, hermitian=True) @ e) for part, e in parts.items()}
+        kind = max(parts, key=lambda part: shares[part])
         size = float(np.linalg.norm(parts[kind]))
         directions.append({"what": kind, "axis": R.T @ parts[kind] / size, "size": size})
         hardly |= size > (HARDLY if kind == "rotation" else HARDLY * distance)

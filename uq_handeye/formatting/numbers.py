@@ -87,7 +87,7 @@ def concise(value: float, std: float | None, unit: str = "") -> str:
     >>> concise(12.3452, 0.0668, "mm")
     '12.345(67) mm'
     """
-    if std is not None and isinf(std) and std > 0:
+    if isfinite(value) and std is not None and isinf(std) and std > 0:
         return f"{value + 0.0:.6g}(open)" + (f" {unit}" if unit else "")
     if not isfinite(value) or (std is not None and not (isfinite(std) and std >= 0)):
         raise InputError(f"Expected a finite value and a standard deviation of 0 or more, got {value} and {std}.")
