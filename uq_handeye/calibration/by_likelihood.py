@@ -13,7 +13,7 @@ from ..empirical_covariance.resampled import resampled
 from ..errors import DegenerateMotionError, InputError
 from ..findings import Finding
 from ..geometry.se3 import Array
-from ..input_checks.checks import check_fit, check_motions
+from ..input_checks.checks import check_fit, check_motions, require_signal
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import (
     CLOSED_FORM_STEPS,
@@ -71,6 +71,8 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     elif leaves_open(constraint, noise, at := constraint.complete(fourdpa.X)):
         with suppress(DegenerateMotionError):
             at, fourdpa = start_open(constraint, noise, known), None
+    elif known is None and (noise is None or noise.prior is None):  # half turns whose signs are lost in the noise
+        require_signal(job.motions, noise, residuals(job.motions.A, job.motions.B, fourdpa.X)[0])
     start = fourdpa or Published(job.motions, "4dpa", None, at.X, at.W, 0, job.everything)
     angle, distance = residuals(job.motions.A, job.motions.B, at.X)
     beside: dict[str, Any] = {"columns": job.columns, "pose_prior": known}
