@@ -76,7 +76,11 @@ def answer(result: Calibration) -> str:
             "and the residuals show none."
         )
     move, turn = 1e3 * result.weakest_translation[1], np.degrees(result.weakest_rotation[1])
-    text = f"{digits(move, 2)} mm and {digits(turn, 2)} deg (1 sigma, worst axis)"
+    amounts = {"translation": f"{digits(move, 2)} mm", "rotation": f"{digits(turn, 2)} deg"}
+    for kind, part in (("rotation", slice(3)), ("translation", slice(3, 6))):
+        if result.opened is not None and np.linalg.matrix_rank(result.open_directions[:, part], 1e-3) == 3:
+            del amounts[kind]  # open along all axes
+    text = f"{' and '.join(amounts.values())} (1 sigma, worst axis)"
     order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
     source = f"{order} of {source_words(result)}"
     text = f"{result.frame} is known to {text}, {source}. {included_words(result)}"
