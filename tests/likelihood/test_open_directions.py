@@ -21,8 +21,10 @@ def mean_is(squares, dof, factor=1.0):
     return low < factor * np.mean(squares) < high
 
 
-@pytest.mark.parametrize("setup", SETUPS)
-@pytest.mark.parametrize("kind", sorted(CLOSED))
+@pytest.mark.parametrize(
+    ("kind", "setup"),
+    [("scara", "eye-in-hand"), ("scara", "eye-to-hand"), ("vehicle", "eye-in-hand"), ("gantry", "eye-to-hand")],
+)
 def test_the_covariance_of_the_rest_is_right_and_no_other(kind, setup):
     rng = np.random.default_rng([SEED, 14])
     squares = []
