@@ -392,7 +392,7 @@ def cluster():
     pytest.importorskip("distributed")
     from distributed import Client, LocalCluster
 
-    options = {"processes": True, "n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    options = {"processes": True, "n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0"}
     with LocalCluster(**options, silence_logs=50) as made, Client(made) as client:
         yield client
 
@@ -436,7 +436,7 @@ def test_a_scheduler_that_dies_leaves_the_trials_so_far(problem, alone, at_once,
 SCHEDULER = """
 import time
 from distributed import LocalCluster
-cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0",
                        protocol="tcp", host="127.0.0.1", silence_logs=50)
 print(cluster.scheduler_address, flush=True)
 time.sleep(100)
