@@ -28,7 +28,8 @@ from studies.common.study import Study, Tables, markdown
 from studies.common.styles import style
 from uq_handeye.geometry.se3 import Array, inverse, perturb
 from uq_handeye.likelihood.constraint import constraint_of
-from uq_handeye.likelihood.gauss_helmert import Fit, bound, efficient, fit, maximum_likelihood, start_of
+from uq_handeye.likelihood.gauss_helmert import Fit, bound, efficient, fit, maximum_likelihood
+from uq_handeye.likelihood.starts import start_of
 from uq_handeye.presentation.figure_parts import GRID, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.propagation.all_pairs import solve_all_pairs
 from uq_handeye.runtime.progress import progress_bar

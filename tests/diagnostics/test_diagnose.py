@@ -477,7 +477,8 @@ def test_exact_data_have_no_residuals_to_test():
 
 def test_robust_weights(rng):
     from uq_handeye.likelihood.constraint import constraint_of
-    from uq_handeye.likelihood.gauss_helmert import fit, start_of
+    from uq_handeye.likelihood.gauss_helmert import fit
+    from uq_handeye.likelihood.starts import start_of
 
     poses = uq.simulate(12, noise=NOISE, seed=rng)
     weights = np.ones(12)

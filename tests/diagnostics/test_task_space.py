@@ -244,7 +244,8 @@ def test_the_budget_of_a_point(rng, setup):
 def test_robust_weights(rng):
     """The budget sums to the covariance that the noise gives the weighted estimate."""
     from uq_handeye.likelihood.constraint import constraint_of
-    from uq_handeye.likelihood.gauss_helmert import fit, start_of
+    from uq_handeye.likelihood.gauss_helmert import fit
+    from uq_handeye.likelihood.starts import start_of
 
     poses = uq.simulate(9, noise=NOISE, seed=rng)
     at = constraint_of(poses, NOISE)

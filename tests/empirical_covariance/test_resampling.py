@@ -38,7 +38,8 @@ from uq_handeye.empirical_covariance.sandwich import (
 from uq_handeye.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.likelihood.constraint import OnMotions, OnPoses
 from uq_handeye.likelihood.d2_distribution import Reference
-from uq_handeye.likelihood.gauss_helmert import efficient, fit, start_of
+from uq_handeye.likelihood.gauss_helmert import efficient, fit
+from uq_handeye.likelihood.starts import start_of
 from uq_handeye.propagation.all_pairs import solve_all_pairs
 from uq_handeye.propagation.target_pose import mean_target
 

@@ -3,15 +3,7 @@
 import numpy as np
 import pytest
 from likelihood_cases import KINDS, as_joint, distance, problem, reference
-from support import (
-    assert_same_covariance,
-    difference,
-    draw,
-    exact_poses,
-    moved,
-    nees,
-    random_covariance,
-)
+from support import assert_same_covariance, difference, draw, exact_poses, moved, nees, random_covariance
 
 import uq_handeye as uq
 from uq_handeye.likelihood.constraint import constraint_of, covariances_of
@@ -23,8 +15,8 @@ from uq_handeye.likelihood.gauss_helmert import (
     fit,
     inverse_information,
     maximum_likelihood,
-    start_of,
 )
+from uq_handeye.likelihood.starts import start_of
 from uq_handeye.noise.square_roots import gram, weighted, whiten
 
 

@@ -9,6 +9,7 @@ import uq_handeye as uq
 from uq_handeye.likelihood import gauss_helmert as likelihood
 from uq_handeye.likelihood.constraint import Linearised, OnPoses, Unknowns, block_diagonal, constraint_of
 from uq_handeye.likelihood.robust import FULL, NOTHING, consensus, pose_distances, robust_fit, robust_weights
+from uq_handeye.likelihood.starts import start_of
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")
@@ -211,7 +212,7 @@ def test_everything_above_five_sigma_is_flagged():
         found = robust_fit(data, NOISE)
         constraint = constraint_of(data, NOISE)
         left_out = np.r_[np.zeros(4), np.ones(36)]
-        judge = likelihood.fit(constraint, NOISE, likelihood.start_of(data, constraint, found.fit.X), 1, left_out)
+        judge = likelihood.fit(constraint, NOISE, start_of(data, constraint, found.fit.X), 1, left_out)
         large = np.abs(judge.white[0][wrong]).max(axis=1) > 5.5
         assert all(found.flags[k] != "kept" for k in wrong[large])
 

@@ -9,9 +9,10 @@ import uq_handeye as uq
 from uq_handeye.empirical_covariance.resampled import resampled
 from uq_handeye.geometry.se3 import perturb
 from uq_handeye.likelihood.constraint import constraint_of
-from uq_handeye.likelihood.gauss_helmert import efficient, fit, start_of
+from uq_handeye.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.likelihood.own_residuals import own_residuals
 from uq_handeye.likelihood.shared_estimates import resolve_doubts, shared_estimates
+from uq_handeye.likelihood.starts import start_of
 from uq_handeye.noise.square_roots import cholesky_of, gram, whiten
 from uq_handeye.shared_errors.shared_error import default_errors, shared_columns, with_shared
 

@@ -10,13 +10,15 @@ import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
 from uq_handeye.errors import InputError
 from uq_handeye.likelihood.constraint import OnPoses, residual_covariance
-from uq_handeye.likelihood.gauss_helmert import efficient, start_of
+from uq_handeye.likelihood.gauss_helmert import efficient
 from uq_handeye.likelihood.goodness_of_fit import effective_dof
+from uq_handeye.likelihood.starts import start_of
 from uq_handeye.noise.camera_noise import CameraNoise
 from uq_handeye.noise.estimate import CameraFactor, NoiseEstimate, NoisePrior
 from uq_handeye.noise.joint_covariance import JointCovariance
 from uq_handeye.noise.square_roots import cholesky_of, log_determinant
-from uq_handeye.noise_estimation.beside_camera import _Rows, estimate_robot_noise
+from uq_handeye.noise_estimation.beside_camera import estimate_robot_noise
+from uq_handeye.noise_estimation.components_beside_camera import ComponentRows
 from uq_handeye.noise_estimation.estimate import estimate_noise
 from uq_handeye.noise_estimation.findings import against_camera
 from uq_handeye.simulation.rig import disturbed
@@ -44,7 +46,7 @@ def test_the_likelihood_is_that_of_the_whole_array(rng, setup):
     constraint = OnPoses(poses.robot, poses.camera, setup == "eye-to-hand")
     linear = constraint.linearise(start_of(poses, constraint, None), poses.robot, poses.camera)
     v = np.array([3e-8, 5e-9])
-    found = _Rows.of(linear, camera).at(v)
+    found = ComponentRows.of(linear, camera).at(v)
 
     noise = uq.PoseNoise(np.diag(np.repeat(v, 3)), np.asarray(camera))
     S = residual_covariance(linear.sides, noise)
@@ -63,9 +65,9 @@ def test_the_likelihood_is_that_of_the_whole_array(rng, setup):
     np.testing.assert_allclose(found.trace, [np.trace(P @ A) for A in V], rtol=1e-7)
     np.testing.assert_allclose(found.quadratic, [r @ P @ A @ P @ r for A in V], rtol=1e-7)
     information = [[0.5 * np.trace(P @ A @ P @ B) for B in V] for A in V]
-    for rows in (_Rows.of(linear, camera), _Rows.of(linear, np.asarray(camera))):
+    for rows in (ComponentRows.of(linear, camera), ComponentRows.of(linear, np.asarray(camera))):
         np.testing.assert_allclose(rows.information(v, found), information, rtol=1e-4)
-    by_difference = approx_fprime(np.log(v), lambda x: _Rows.of(linear, camera).at(np.exp(x)).deviance, 1e-6)
+    by_difference = approx_fprime(np.log(v), lambda x: ComponentRows.of(linear, camera).at(np.exp(x)).deviance, 1e-6)
     np.testing.assert_allclose(v * (found.trace - found.quadratic), by_difference, rtol=1e-3)
 
 
@@ -209,7 +211,7 @@ def test_degrees_of_freedom_of_a_joint_noise(rng, by_views):
     at = start_of(poses, constraint, None)
     linear = constraint.linearise(at, poses.robot, poses.camera)
     open_ = CameraNoise(camera, np.arange(4) < 2) if by_views else camera
-    rows = _Rows.of(linear, open_)
+    rows = ComponentRows.of(linear, open_)
     v = np.array([4e-8, 9e-8, 1.3][: 3 if by_views else 2])
     V = random_covariance(rng, shape=(), sd=1.0)[: len(v), : len(v)] * v * v[:, None]
 

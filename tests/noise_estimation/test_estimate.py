@@ -9,8 +9,9 @@ from scipy import optimize, stats
 
 import uq_handeye as uq
 from uq_handeye.likelihood.constraint import constraint_of
-from uq_handeye.likelihood.gauss_helmert import Fit, bound, efficient, start_of
+from uq_handeye.likelihood.gauss_helmert import Fit, bound, efficient
 from uq_handeye.likelihood.goodness_of_fit import effective_dof, goodness_of_fit, spread_of
+from uq_handeye.likelihood.starts import start_of
 from uq_handeye.noise.estimate import NoiseEstimate, NoisePrior
 from uq_handeye.noise_estimation.estimate import estimate_noise, model_of, variance_components
 from uq_handeye.noise_estimation.restricted_likelihood import (

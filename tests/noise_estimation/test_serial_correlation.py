@@ -18,7 +18,8 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.geometry.se3 import inverse, perturb
 from uq_handeye.likelihood.constraint import constraint_of
-from uq_handeye.likelihood.gauss_helmert import fit_efficient, start_of
+from uq_handeye.likelihood.gauss_helmert import fit_efficient
+from uq_handeye.likelihood.starts import start_of
 from uq_handeye.noise.estimate import Component, NoiseEstimate
 from uq_handeye.noise_estimation.estimate import choose_source
 from uq_handeye.noise_estimation.serial_correlation import account_for_correlation, times_of

@@ -22,7 +22,6 @@ from ..likelihood.gauss_helmert import (
     SINGULAR,
     Fit,
     corrected,
-    leaves_open,
     offset_sensitivity,
     open_at,
 )
@@ -31,6 +30,7 @@ from ..likelihood.goodness_of_fit import goodness_of_fit
 from ..likelihood.open_start import start_open
 from ..likelihood.robust import RobustFit, fit_robustly
 from ..likelihood.shared_estimates import Resolved, moves_left_open, resolve_doubts, shared_estimates
+from ..likelihood.starts import leaves_open
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, PairNoise, PoseNoise, with_prior
 from ..noise_estimation.estimate import FoundNoise, choose_source
@@ -44,14 +44,7 @@ from ..runtime.read_only import read_only
 from ..shared_errors.shared_error import CLOCK_OFFSET, shared_columns, with_shared, without_shared
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
-from .findings import (
-    against_corners,
-    against_data_sheet,
-    against_prior,
-    said_open,
-    shared_findings,
-    wrong_poses,
-)
+from .findings import against_corners, against_data_sheet, against_prior, said_open, shared_findings, wrong_poses
 from .request import FEWEST_FOR_ROBUST, OF_NOISE, Job
 from .result import Calibration
 from .result_file import FourDPA

@@ -26,7 +26,6 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,37 +33,17 @@ from numpy.typing import NDArray
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, left_jacobian, perturb
-from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, with_prior, without_prior
+from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, with_prior
 from ..noise.pose_prior import PosePrior
 from ..noise.square_roots import Covariance, Factor, cholesky_of, gram, joint_residuals, pulled, weighted, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import Timing, warn_left_out
-from ..procrustes.limit import solve_limit
-from ..propagation.all_pairs import solve_all_pairs
-from ..propagation.target_pose import mean_target
 from ..runtime.read_only import ReadOnlyArrays
-from .constraint import (
-    Constraint,
-    Linearised,
-    OnMotions,
-    OnPoses,
-    Unknowns,
-    constraint_of,
-    covariances_of,
-    residual_covariance,
-)
-from .open_directions import (
-    OpenDirections,
-    closed_basis,
-    closed_part,
-    lever_of,
-    open_basis,
-    projection,
-    rig_units,
-    solve_information,
-)
-from .open_start import isotropic_residuals, start_open
+from .constraint import Constraint, Linearised, OnPoses, Unknowns, constraint_of, covariances_of, residual_covariance
+from .open_directions import OpenDirections, closed_part, lever_of, open_basis, projection, rig_units, solve_information
+from .open_start import isotropic_residuals
+from .starts import sound_start, start_of
 
 # Steps of `efficient`, and at most of `ml`.
 CLOSED_FORM_STEPS, MOST_STEPS = 2, 50
@@ -326,50 +305,6 @@ def _checked(data: PosePairs | Motions, noise: Noise) -> Constraint:
     return constraint_of(data, noise)
 
 
-def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None) -> Unknowns:
-    """X by 4DPA where it is not given, and W as the mean of G X C."""
-    if isinstance(constraint, OnMotions):
-        return Unknowns(solve_limit(constraint.first, constraint.second) if X is None else X, None)
-    poses = data if isinstance(data, PosePairs) else data.poses
-    assert poses is not None
-    X = solve_all_pairs(poses) if X is None else X
-    return Unknowns(X, mean_target(poses, X))
-
-
-def sound_start(
-    data: PosePairs | Motions,
-    constraint: Constraint,
-    noise: Noise | None,
-    prior: PosePrior | None = None,
-    astray: NDArray[np.bool_] | None = None,
-) -> Unknowns:
-    """`start_of`, and where the data alone leave directions open, for which 4DPA has no answer, `start_open`.
-
-    ``prior`` is for noise that is not known yet; else that of the noise counts. Problems (...) that are ``astray`` from
-    4DPA go to `start_open` as well. Raises `DegenerateMotionError` where data and prior determine nothing of X.
-    """
-    batch = constraint.first.shape[:-3]
-    X, W = np.zeros((*batch, 4, 4)), np.zeros((*batch, 4, 4))
-    bad = np.ones(batch, dtype=bool)
-    with suppress(DegenerateMotionError):
-        at = start_of(data, constraint, None)
-        guess = isotropic_residuals(constraint, at) if noise is None else without_prior(noise)
-        X, W = np.array(at.X), W if at.W is None else np.array(at.W)
-        bad = _open_problems(constraint, guess, at) | (False if astray is None else astray)
-    for k in zip(*np.nonzero(bad), strict=True) if batch else [()] * int(bad):
-        one = replace(constraint, first=constraint.first[k], second=constraint.second[k])
-        try:
-            at = start_open(one, noise if noise is None else _of_problem(noise, k), prior)
-        except DegenerateMotionError:
-            if not X[k].any():  # 4DPA has none either
-                raise
-            continue
-        X[k] = at.X
-        if at.W is not None:
-            W[k] = at.W
-    return Unknowns(X, W if isinstance(constraint, OnPoses) else None)
-
-
 def fit_data(data: PosePairs | Motions, constraint: Constraint, noise: Noise, steps: int) -> Fit:
     """So many steps from 4DPA, or from where `sound_start` leads; leading axes are independent problems."""
     astray: NDArray[np.bool_] | None = None
@@ -385,77 +320,10 @@ def fit_data(data: PosePairs | Motions, constraint: Constraint, noise: Noise, st
     return fit(constraint, noise, sound_start(data, constraint, noise, astray=astray), steps)
 
 
-class Reduced(NamedTuple):
-    """Rows of one problem by what the data and the prior determine, for estimates of the noise."""
-
-    J: Array  # (n, 6, q), by unknowns along the directions that are not open
-    basis: Array | None  # (p, q): unknowns of those; None: they are the same
-    known: Array | None  # (q + 1, q + 1): what the prior adds to ``[J, r]^T S^-1 [J, r]``
-
-    def unreduced(self, step: Array) -> Array:
-        """A step of all unknowns."""
-        return step if self.basis is None else step @ self.basis.T
-
-
-def reduce_rows(
-    constraint: Constraint, linear: Linearised, at: Unknowns, weights: Array | None, prior: PosePrior | None
-) -> Reduced:
-    """Rows without the directions that are open beside isotropic noise of the size of the residuals.
-
-    Leading axes are kept as they are: all directions count then.
-    """
-    known: Array | None = None
-    if prior is not None:
-        more, pull, square = prior.normal_equations(at.X, at.W)
-        known = np.block([[more, pull[:, None]], [pull, square]])
-    if linear.r.ndim > 2:
-        return Reduced(linear.J, None, known)
-    noise = with_prior(isotropic_residuals(constraint, at), prior)
-    S = residual_covariance(linear.sides, noise)
-    factor = cholesky_of(S if weights is None else weighted(S, weights))
-    information = gram(whiten(factor, linear.J)) + (0.0 if known is None else known[:-1, :-1])
-    opened: Array | None = None
-    with suppress(DegenerateMotionError):  # residuals that large are those of data that do not fit
-        opened = solve_information(information, linear, constraint, noise, S, weights, False).open
-    if opened is None:
-        return Reduced(linear.J, None, known)
-    basis = closed_basis(opened, rig_units(lever_of(constraint), len(opened)))
-    if known is not None:
-        wide = np.pad(basis, [(0, 1), (0, 1)])
-        wide[-1, -1] = 1.0
-        known = wide.T @ known @ wide
-    return Reduced(linear.J @ basis, basis, known)
-
-
-def leaves_open(constraint: Constraint, noise: Noise | None, at: Unknowns) -> bool:
-    """Whether the data of one problem, without prior, leave a direction open near the unknowns."""
-    guess = isotropic_residuals(constraint, at) if noise is None else without_prior(noise)
-    try:
-        return bool(_open_problems(constraint, guess, at))
-    except DegenerateMotionError:
-        return True
-
-
 def open_at(constraint: Constraint, at: Unknowns, prior: PosePrior | None) -> OpenDirections | None:
     """What stays open near the unknowns of data that fit exactly."""
     noise = with_prior(isotropic_residuals(constraint, at), prior)
     return fit(constraint, noise, at, 1).opened
-
-
-def _open_problems(constraint: Constraint, noise: Noise, at: Unknowns) -> NDArray[np.bool_]:
-    """Whether the data of each problem (...) leave a direction open."""
-    linear = constraint.linearise(at, constraint.first, constraint.second)
-    S = residual_covariance(linear.sides, noise)
-    information = gram(whiten(cholesky_of(S), linear.J))
-    opened = solve_information(information, linear, constraint, noise, S, None, False).open
-    if opened is None:
-        return np.zeros(constraint.first.shape[:-3], dtype=bool)
-    return np.asarray(opened.any(axis=(-2, -1)))
-
-
-def _of_problem(noise: Noise, k: tuple[int, ...]) -> Noise:
-    """With the means of the prior of one problem out of many."""
-    return noise if noise.prior is None else with_prior(noise, noise.prior.rows(k))
 
 
 def fit(

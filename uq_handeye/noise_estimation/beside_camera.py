@@ -1,23 +1,11 @@
 r"""The robot's noise beside the covariance of the camera poses, known or but for the pixel noise: variance components.
 
-Model (`constraint`, on poses): the errors of the camera poses have the covariance Sigma_C, in general joint over the
-poses; those of the robot are independent and isotropic, with the variances phi_1 of rotation (rad^2) and phi_2 of
-translation (m^2), or have a covariance that is given. Sigma_C is known where the poses come from corners (T4b). By the
-geometry of the views (T11, `CameraNoise`) it is ``phi_3 (blkdiag(own) + F_1 F_1^T) + F_0 F_0^T`` with the variance
-phi_3 of the pixels one more unknown. With ``D_C``, ``D_G = [U_1, U_2]`` the derivatives of the residuals r by both, J
-that by X and W,
+The errors of the camera poses have the covariance Sigma_C, known but for the variance phi_3 of the pixels at most; the
+robot's two variances phi_1 (rad^2) and phi_2 (m^2) are found beside it, as the minimum of minus twice the restricted
+log-likelihood d of `components_beside_camera`, whose symbols stand here.
 
-    S(phi) = K + sum_k phi_k V_k,      V_1, V_2 = blkdiag(U_k U_k^T),   V_3 = D_C (blkdiag(own) + F_1 F_1^T) D_C^T
-
-K what is known of both sides, and ``P = S^-1 - S^-1 J (J^T S^-1 J)^-1 J^T S^-1``, minus twice the restricted
-log-likelihood, its derivatives and the expected information are (Patterson and Thompson 1971; Harville 1977)
-
-    d = log|S| + log|J^T S^-1 J| + r^T P r,     dd/dphi_k = tr(P V_k) - r^T P V_k P r,     I_kl = tr(P V_k P V_l) / 2
-
-V_k is block diagonal plus a few columns, so that ``tr(P V_k)`` needs the diagonal blocks of P and its product with the
-columns alone: O(n) for a `JointCovariance`. The
-minimum is found over the logarithms of the deviations; a variance whose best value is 0 is 0 and said so: unlike the
-camera's, the robot's poses may be exact. Intervals are profile intervals of d, 95 %.
+The minimum is found over the logarithms of the deviations; a variance whose best value is 0 is 0 and said so: unlike
+the camera's, the robot's poses may be exact. Intervals are profile intervals of d, 95 %.
 
 Pixel noise. log of its standard deviation is Gaussian about that of PIXEL pixels, with ``log(PIXEL_FACTOR)`` as its
 standard deviation: what detectors do, from 0.02 to 2 pixels, at 95 %. Residuals of a few poses need it: where they are
@@ -32,9 +20,6 @@ tr(P V_k)`` and ``dof = 6 n - 12``
 
 and with I* what is left of I_kappa,kappa once the estimated phi are accounted for, ``kappa = 1 + score / I*`` is taken
 as chi-square distributed with ``nu = 2 I*`` degrees of freedom (over nu), exactly so where the robot has no noise.
-
-References: H. Patterson, R. Thompson, Biometrika 58 (1971), doi:10.1093/biomet/58.3.545; D. Harville, J. Am. Stat.
-Assoc. 72 (1977), doi:10.1080/01621459.1977.10480998.
 """
 
 from __future__ import annotations
@@ -43,7 +28,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,24 +36,17 @@ from scipy.special import gammainc, gammaincc, ndtr
 
 from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array
-from ..likelihood.constraint import (
-    Constraint,
-    Linearised,
-    OnPoses,
-    Unknowns,
-    block_diagonal,
-    constraint_of,
-    residual_covariance,
-)
-from ..likelihood.gauss_helmert import SINGULAR, Reduced, inverse_information, reduce_rows, start_of
+from ..likelihood.constraint import Constraint, OnPoses, Unknowns, constraint_of
+from ..likelihood.reduced_rows import reduce_rows
+from ..likelihood.starts import start_of
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import CameraFactor, Component, NoiseEstimate, NoisePrior
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, marginals, rows_of
 from ..noise.pose_prior import PosePrior
-from ..noise.square_roots import Covariance, cholesky_of, gram, inverse_blocks, log_determinant, pulled, whiten
 from ..poses.pose_pairs import PosePairs
-from ..shared_errors.shared_error import add_columns, with_shared
+from ..shared_errors.shared_error import with_shared
+from .components_beside_camera import PIXEL_KIND, ROBOT_KINDS, AtVariances, ComponentRows
 from .findings import beside_camera_findings
 from .restricted_likelihood import QUANTILE
 
@@ -81,153 +59,19 @@ PIXELS_TRIED = (0.2, 1.0, 5.0)  # times PIXEL
 FARTHEST = 1e5
 # Linearised again until X and W move by less, in standard deviations; and how often at most.
 STILL, MOST_ROUNDS = 1e-2, 8
-# Relative step of the differences that give the information.
-STEP = 1e-4
 # What is known of the pixel noise beforehand: its standard deviation (pixels) within this factor.
 PIXEL, PIXEL_FACTOR = 0.2, 3.0
 PIXEL_ENDS = (0.005, 20.0)  # pixels between which it is looked for
 # The data tell the pixel noise if they leave less than this share of that deviation.
 TOLD = 0.5
 FROM_CORNERS, BY_VIEWS = "from corners", "by geometry"
-_KINDS = (("robot rotation", "rad"), ("robot translation", "m"))
-_PIXEL_KIND = ("pixel noise", "px")
-
-
-class _At(NamedTuple):
-    """At given variances (m,)."""
-
-    deviance: float
-    quadratic: Array  # (m,) q_k
-    trace: Array  # (m,) t_k
-    squares: float  # r^T P r
-    step: Array  # (12,) generalised least squares, of X and W
-    moved: float  # its length in standard deviations, squared
-
-
-class _Part(NamedTuple):
-    """A variance component, ``V = blkdiag(U U^T) + F F^T``."""
-
-    kind: tuple[str, str]  # name and unit
-    U: Array  # (n, 6, a)
-    F: Array  # (n, 6, b)
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """The linearised constraint, its m variance components, and the covariance that does not depend on them."""
-
-    y: Array  # (n, 6, 13): J and r
-    parts: tuple[_Part, ...]
-    known: Covariance | None
-    reduced: Reduced
-
-    @classmethod
-    def of(
-        cls,
-        linear: Linearised,
-        camera: Any,
-        robot: Any = None,
-        columns: Mapping[str, JointCovariance] | None = None,
-        reduced: Reduced | None = None,
-    ) -> _Rows:
-        """The robot's two variances, unless its covariance is given, and that of the pixels of a `CameraNoise`.
-
-        ``columns`` are errors that all poses of a side share (`shared_columns`).
-        """
-        first, second = linear.sides
-        reduced = Reduced(linear.J, None, None) if reduced is None else reduced
-        y = np.concatenate([reduced.J, linear.r[..., None]], axis=-1)
-        none = np.zeros((*y.shape[:-1], 0))
-        parts = []
-        if robot is None:
-            parts += [_Part(kind, U, none) for kind, U in zip(_KINDS, (first[..., :3], first[..., 3:]), strict=True)]
-        if isinstance(camera, CameraNoise):
-            own, scaled = camera.scaled()
-            parts.append(_Part(_PIXEL_KIND, second @ np.linalg.cholesky(own), second @ scaled))
-            fixed = camera.fixed()
-            camera = JointCovariance(np.zeros_like(own), fixed) if fixed.shape[-1] else None
-        columns = columns or {}
-        robot, camera = add_columns(robot, columns.get("robot")), add_columns(camera, columns.get("camera"))
-        given = robot is not None or camera is not None
-        known = residual_covariance(linear.sides, PoseNoise(robot, camera)) if given else None
-        return cls(y, tuple(parts), known, reduced)
-
-    def sums(self, white: Array) -> Array:
-        """``[J, r]^T S^-1 [J, r]`` with what the prior of X and W adds."""
-        return gram(white) if self.reduced.known is None else gram(white) + self.reduced.known
-
-    def covariance(self, variances: Array) -> Covariance:
-        """S."""
-        blocks = np.asarray(sum(v * part.U @ part.U.mT for v, part in zip(variances, self.parts, strict=True)))
-        shared = [np.sqrt(v) * part.F for v, part in zip(variances, self.parts, strict=True) if part.F.shape[-1]]
-        added = JointCovariance(blocks, np.concatenate(shared, axis=-1)) if shared else blocks
-        S = self.known
-        if S is None:
-            return added
-        if isinstance(S, JointCovariance):
-            return S.plus(added)
-        if S.ndim == 3:
-            return added.plus(S) if isinstance(added, JointCovariance) else S + added
-        return S + (np.asarray(added) if isinstance(added, JointCovariance) else block_diagonal(added))
-
-    def at(self, variances: Array) -> _At:
-        factor = cholesky_of(self.covariance(variances))
-        white = whiten(factor, self.y)
-        sums = self.sums(white)
-        information = sums[:-1, :-1]
-        C = inverse_information(information)
-        step = -C @ sums[:-1, -1]
-        white[..., -1] += white[..., :-1] @ step
-        back = pulled(factor, white)
-        Q, g = back[..., :-1], back[..., -1]
-        P = inverse_blocks(factor) - Q @ C @ Q.mT
-        quadratic, trace = np.empty(len(self.parts)), np.empty(len(self.parts))
-        for k, (_, U, F) in enumerate(self.parts):
-            quadratic[k] = np.sum((U.mT @ g[..., None]) ** 2)
-            trace[k] = np.sum((P @ U) * U)
-            if F.shape[-1]:
-                seen = whiten(factor, F)
-                mixed = np.einsum("nij,nik->jk", white[..., :-1], seen)
-                quadratic[k] += np.sum(np.einsum("nij,ni->j", F, g) ** 2)
-                trace[k] += np.sum(seen**2) - np.sum(mixed * (C @ mixed))
-        squares = float(np.sum(white[..., -1] ** 2))
-        if self.reduced.known is not None:
-            ahead = np.append(step, 1.0)
-            squares += float(ahead @ self.reduced.known @ ahead)
-        deviance = float(log_determinant(factor)) + float(np.linalg.slogdet(information)[1]) + squares
-        return _At(deviance, quadratic, trace, squares, step, float(step @ information @ step))
-
-    def information(self, variances: Array, at: _At) -> Array:
-        """I (m, m): ``d t_k / d phi_l = -2 I_kl``, by differences."""
-        m = len(variances)
-        found = np.empty((m, m))
-        for k in range(m):
-            h = STEP * (variances[k] + 3 * len(self.y) / at.trace[k])
-            ends = variances + h * np.eye(m)[k], variances - min(h, variances[k]) * np.eye(m)[k]
-            found[k] = -0.5 * (self.at(ends[0]).trace - self.at(ends[1]).trace) / (ends[0] - ends[1])[k]
-        return 0.5 * (found + found.T)
-
-    def spread_of_X(self, variances: Array, covariance: Array) -> float:
-        """A of `goodness_of_fit`: how uncertain Sigma_X is, for the covariance (m, m) of the variances."""
-        factor = cholesky_of(self.covariance(variances))
-        white = whiten(factor, self.y)
-        C = inverse_information(self.sums(white)[:-1, :-1])
-        by_X = np.eye(12)[:6] if self.reduced.basis is None else self.reduced.basis[:6]
-        pull = pulled(factor, white[..., :-1]) @ C @ by_X.T
-        derivatives = []
-        for _, U, F in self.parts:
-            own = U.mT @ pull
-            of_all = np.einsum("nij,nik->jk", F, pull)
-            derivatives.append(np.einsum("nij,nik->jk", own, own) + of_all.T @ of_all)
-        relative = np.linalg.pinv(by_X @ C @ by_X.T, rcond=SINGULAR, hermitian=True) @ np.array(derivatives)
-        return float(np.einsum("kl,kij,lji->", covariance, relative, relative))
 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
     """Deviations as logarithms x (m,), which of them are free, and what is known of them beforehand."""
 
-    rows: _Rows
+    rows: ComponentRows
     free: NDArray[np.bool_]
     given: Array  # (m,) variances where not free
     prior: tuple[Array, Array]  # mean and deviation (m,) of x, infinite where there is none
@@ -359,7 +203,7 @@ class BesideCamera:
         for done in range(MOST_ROUNDS):
             linear = constraint.linearise(at, constraint.first, constraint.second)
             reduced = reduce_rows(constraint, linear, at, None, self.pose_prior)
-            rows = _Rows.of(linear, camera, robot, columns, reduced)
+            rows = ComponentRows.of(linear, camera, robot, columns, reduced)
             search = _search(rows, self.prior)
             if done == 0:
                 x = _first(search)
@@ -385,7 +229,7 @@ class FoundRobotNoise:
     deviance: float
     x: Array
     zero: NDArray[np.bool_]
-    at: _At
+    at: AtVariances
 
     @cached_property
     def variances(self) -> dict[str, float]:
@@ -398,7 +242,7 @@ class FoundRobotNoise:
         """Of all poses."""
         robot = self.source.robot
         if robot is None:
-            v = np.array([self.variances[name] for name, _ in _KINDS])
+            v = np.array([self.variances[name] for name, _ in ROBOT_KINDS])
             robot = np.diag(np.repeat(v, 3)) if v.any() else None
         return with_shared(PoseNoise(robot, self.camera), self.source.columns)
 
@@ -408,7 +252,7 @@ class FoundRobotNoise:
         camera = self.source.camera
         if not isinstance(camera, CameraNoise):
             return camera
-        pixels = self.variances.get(_PIXEL_KIND[0])
+        pixels = self.variances.get(PIXEL_KIND[0])
         return camera.covariance(None if pixels is None else float(np.sqrt(pixels)))
 
     def describe(self) -> NoiseEstimate:
@@ -416,9 +260,9 @@ class FoundRobotNoise:
         return _report(self)
 
 
-def _search(rows: _Rows, prior: NoisePrior) -> _Search:
+def _search(rows: ComponentRows, prior: NoisePrior) -> _Search:
     robot = len(rows.parts) > 1  # its variances are among the components
-    pixels = rows.parts[-1].kind == _PIXEL_KIND
+    pixels = rows.parts[-1].kind == PIXEL_KIND
     values = np.append(prior.values[:2] if robot else np.zeros(0), [PIXEL] if pixels else [])
     factor = np.append(np.full(2 if robot else 0, prior.factor), [PIXEL_FACTOR] if pixels else [])
     known, fixed = ~np.isnan(values), factor == 1
@@ -441,7 +285,7 @@ def _first(search: _Search) -> Array:
     steps = np.log(np.geomspace(*RANGE, TRIED))
     none = np.zeros(len(search.scale), dtype=bool)
     starts = [
-        np.log(PIXELS_TRIED) if part.kind == _PIXEL_KIND else steps if free else steps[:1]
+        np.log(PIXELS_TRIED) if part.kind == PIXEL_KIND else steps if free else steps[:1]
         for part, free in zip(search.rows.parts, search.free, strict=True)
     ]
     return min((search.scale + np.array(step) for step in product(*starts)), key=lambda x: search.objective(x, none)[0])
@@ -494,7 +338,7 @@ def _interval(search: _Search, best: float, x: Array, zero: NDArray[np.bool_], k
 
 
 def _camera_factor(
-    found: _At, v: Array, information: Array, by_prior: Array, free: NDArray[np.bool_], n: int
+    found: AtVariances, v: Array, information: Array, by_prior: Array, free: NDArray[np.bool_], n: int
 ) -> CameraFactor | None:
     """kappa of the module; None where the robot's noise hides the camera's."""
     dof = 6.0 * n - 12
@@ -533,7 +377,7 @@ def _report(of: FoundRobotNoise) -> NoiseEstimate:
     information = rows.information(v, found)
     known = np.isfinite(search.prior[1])
     by_prior = np.where(known, 0.25 / (np.where(v > 0, v, 1.0) * search.prior[1]) ** 2, 0.0)
-    pixels = rows.parts[-1].kind == _PIXEL_KIND
+    pixels = rows.parts[-1].kind == PIXEL_KIND
     factor = None if pixels else _camera_factor(found, v, information, by_prior, search.free & ~zero, n)
     covariance = np.zeros_like(information)
     free = np.ix_(search.free, search.free)
@@ -548,12 +392,12 @@ def _report(of: FoundRobotNoise) -> NoiseEstimate:
             continue
         low, high = _interval(search, best, x, zero, k)
         status = "prior" if known[k] else "zero" if zero[k] else "estimated"
-        if part.kind == _PIXEL_KIND:
+        if part.kind == PIXEL_KIND:
             status = "estimated" if np.sqrt(spread[k]) / (2 * v[k]) < TOLD * search.prior[1][k] else "not told apart"
         components.append(Component(*part.kind, value, low, high, status))
     if isinstance(camera, CameraNoise) and camera.pixel_sd is not None:
         s = camera.pixel_sd
-        components.append(Component(*_PIXEL_KIND, s, s, s, "given"))
+        components.append(Component(*PIXEL_KIND, s, s, s, "given"))
     how = BY_VIEWS if isinstance(camera, CameraNoise) else FROM_CORNERS
     variances = np.diagonal(marginals(of.camera), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
     for what, unit, variance in zip(("rotation", "translation"), ("rad", "m"), variances, strict=True):

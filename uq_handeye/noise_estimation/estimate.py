@@ -49,7 +49,8 @@ from ..findings import Finding
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
 from ..likelihood.constraint import Constraint, Linearised, Unknowns, constraint_of
-from ..likelihood.gauss_helmert import reduce_rows, sound_start, start_of
+from ..likelihood.reduced_rows import reduce_rows
+from ..likelihood.starts import sound_start, start_of
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import Component, NoiseEstimate, NoisePrior, together
 from ..noise.joint_covariance import JointCovariance

@@ -52,7 +52,8 @@ from ..geometry.component_rows import (
 )
 from ..geometry.se3 import Array
 from ..likelihood.constraint import OnMotions, Unknowns, residual_covariance
-from ..likelihood.gauss_helmert import SINGULAR, efficient, start_of
+from ..likelihood.gauss_helmert import SINGULAR, efficient
+from ..likelihood.starts import start_of
 from ..noise.models import PairNoise, require_count
 from ..noise.square_roots import cholesky_of
 from ..poses.motions import Motions
