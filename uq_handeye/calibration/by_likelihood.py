@@ -29,7 +29,7 @@ from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
 from ..likelihood.open_start import start_open
 from ..likelihood.robust import RobustFit, fit_robustly
-from ..likelihood.shared_estimates import Resolved, moves_left_open, resolve_doubts, shared_estimates
+from ..likelihood.shared_estimates import JointFit, Resolved, resolve_doubts
 from ..likelihood.starts import leaves_open
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, PairNoise, PoseNoise, with_prior
@@ -181,7 +181,8 @@ def _assembled(
     elif job.covariance != "model":
         found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
         covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
-    beside = {} if resolved is None else moves_left_open(fit, noise, job.shared, resolved.left_open)
+    joint = JointFit.of(fit, noise, job.shared)
+    beside = {} if resolved is None else joint.moves(resolved.left_open)
     time_offset, move = _time_offset(poses, fit, covariance)
     if move is not None:
         beside[CLOCK_OFFSET] = move
@@ -208,7 +209,7 @@ def _assembled(
         fit=goodness_of_fit(fit),
         table=table,
         time_offset=time_offset,
-        shared=shared_estimates(fit, noise, job.shared, resolved),
+        shared=joint.estimates(resolved),
         analysis=analysis,
         opened=fit.opened,
     )

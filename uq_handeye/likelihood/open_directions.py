@@ -136,7 +136,7 @@ def solve_information(
     the fit corrected them. Raises `DegenerateMotionError` where nothing of X is determined.
     """
     diagonal = np.diagonal(information, axis1=-2, axis2=-1)
-    unit = 1.0 / np.sqrt(np.maximum(diagonal, 1e-300 + 1e-24 * diagonal.max(axis=-1, keepdims=True)))
+    unit = _unit_factors(diagonal)
     scale = unit[..., :, None] * unit[..., None, :]
     values, vectors = np.linalg.eigh(information * scale)
     lever = lever_of(constraint)
@@ -153,7 +153,7 @@ def solve_information(
     weak[..., :6, :6] = tilts.information
     rough = tilts.rough_information + (0.0 if noise.prior is None else noise.prior.information(p))
     diagonal = np.diagonal(rough, axis1=-2, axis2=-1)
-    unit = 1.0 / np.sqrt(np.maximum(diagonal, 1e-300 + 1e-24 * diagonal.max(axis=-1, keepdims=True)))
+    unit = _unit_factors(diagonal)
     own = unit[..., :, None] * unit[..., None, :]
     some = np.arange(p)
     weak[..., some, some] += ROUNDING * np.maximum(diagonal, 1e-12 * diagonal.max(axis=-1, keepdims=True))
@@ -183,6 +183,11 @@ def solve_information(
                 np.eye(6),
             )
     return Solved(0.5 * (covariance + covariance.mT), projector)
+
+
+def _unit_factors(diagonal: Array) -> Array:
+    """Of rows and columns (..., p) that make a diagonal 1, but where it is as good as 0."""
+    return np.asarray(1.0 / np.sqrt(np.maximum(diagonal, 1e-300 + 1e-24 * diagonal.max(axis=-1, keepdims=True))))
 
 
 def _suspicious(smallest: Array, diagonal: Array, noise: Noise, lever: Array) -> NDArray[np.bool_]:

@@ -88,11 +88,6 @@ def _variances(constraint: Constraint, at: Unknowns) -> Array:
     return np.asarray(np.maximum(np.median(squares, axis=0) / MEDIAN, 1e-24))
 
 
-def has_one_axis(constraint: Constraint) -> bool:
-    """Whether the robot turns about one axis at most, whatever the camera says; its poses are rarely outliers."""
-    return bool(constraint.one_axis.all())
-
-
 def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
     """Gauss-Newton without steps along what is open, until it stands still."""
     for _ in range(STEPS):

@@ -49,7 +49,7 @@ from ..runtime.read_only import ReadOnlyArrays
 from .consensus import MAJORITY, NOTHING, Consensus, consensus, misfit, robust_variance
 from .constraint import Constraint, Unknowns, constraint_of
 from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
-from .open_start import has_one_axis, isotropic_residuals
+from .open_start import isotropic_residuals
 from .starts import leaves_open, sound_start
 
 # The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NOTHING it does not count at all.
@@ -231,7 +231,7 @@ def fit_robustly(
 
 def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: int | np.random.Generator) -> Consensus:
     """`consensus`; where the motions leave a part of X open, the rows that agree best with the start."""
-    if not (has_one_axis(constraint) and leaves_open(constraint, noise, start)):
+    if not (constraint.one_axis.all() and leaves_open(constraint, noise, start)):
         return consensus(constraint, noise, seed)
     squares = misfit(constraint, start)
     squares = (squares / np.maximum(np.median(squares, axis=0), 1e-24)).sum(axis=-1)

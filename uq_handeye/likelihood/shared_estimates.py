@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.special import erfc
@@ -33,7 +33,7 @@ from ..files.validate import array_of
 from ..formatting.units import small_unit
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import Noise, PairNoise, PoseNoise
+from ..noise.models import Noise, PoseNoise
 from ..noise.square_roots import pulled, whiten
 from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.shared_error import OF_LENGTHS, SharedError
@@ -145,81 +145,76 @@ def _rescaled(S: Any, factors: dict[str, float]) -> Any:
     return replace(S, shared=S.shared * np.array([factors.get(name, 1.0) for name in S.names]))
 
 
-class _Joint(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class JointFit(ReadOnlyArrays):
     """The joint fit of (x, z) at the named columns, in the order of the errors; see the module."""
 
+    fit: Fit
     parts: list[tuple[SharedError, str, float]]  # of which error, name, prior standard deviation
     z: Array  # (q,)
     told: Array  # (q,) 1 - Var(z)
     response: Array  # (p, q) Cov(x, z), which is also -C J^T S^-1 f
 
+    @classmethod
+    def of(cls, fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> JointFit:
+        """At those of the errors that the noise of the fit has columns of."""
+        named: dict[str, Array] = {}
+        if isinstance(noise, PoseNoise):
+            for S, D in zip((noise.robot, noise.camera), fit.linear.sides, strict=True):
+                if isinstance(S, JointCovariance):
+                    named |= {name: (D @ S.shared[..., j, None])[..., 0] for j, name in enumerate(S.names) if name}
+        parts = [
+            (error, name, float(sd))
+            for error in errors
+            for name, sd in zip(error.parts, error.widest, strict=True)
+            if name in named
+        ]
+        J, C = fit.linear.J, fit.covariance
+        p = J.shape[-1]
+        if not parts:
+            return cls(fit, parts, np.zeros(0), np.zeros(0), np.zeros((p, 0)))
+        f = np.stack([named[name] for _, name, _ in parts], axis=-1)  # (n, 6, q)
+        factor = fit.weighted_factor
+        back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
+        flat = f.reshape(-1, f.shape[-1])
+        by = flat.T @ back.reshape(len(flat), -1)  # f^T S^-1 (J, r, f)
+        response = -C @ by[:, :p].T
+        explained = np.diag(by[:, p + 1 :] + by[:, :p] @ response)
+        return cls(fit, parts, by[:, p], np.clip(explained, 0.0, 1.0), response)
 
-def _joint(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> _Joint | None:
-    if isinstance(noise, PairNoise):
-        return None
-    named: dict[str, Array] = {}
-    for S, D in zip((noise.robot, noise.camera), fit.linear.sides, strict=True):
-        if isinstance(S, JointCovariance):
-            named |= {name: (D @ S.shared[..., j, None])[..., 0] for j, name in enumerate(S.names) if name}
-    parts = [
-        (error, name, float(sd))
-        for error in errors
-        for name, sd in zip(error.parts, error.widest, strict=True)
-        if name in named
-    ]
-    if not parts:
-        return None
-    f = np.stack([named[name] for _, name, _ in parts], axis=-1)  # (n, 6, q)
-    J, C = fit.linear.J, fit.covariance
-    factor = fit.weighted_factor
-    back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
-    p, flat = J.shape[-1], f.reshape(-1, f.shape[-1])
-    by = flat.T @ back.reshape(len(flat), -1)  # f^T S^-1 (J, r, f)
-    response = -C @ by[:, :p].T
-    explained = np.diag(by[:, p + 1 :] + by[:, :p] @ response)
-    return _Joint(parts, by[:, p], np.clip(explained, 0.0, 1.0), response)
+    def estimates(self, resolved: Resolved | None = None) -> tuple[SharedEstimate, ...]:
+        """In the order of the errors; ``resolved``: what `resolve_doubts` made of those with doubt."""
+        if not self.parts:
+            return ()
+        to_unit = np.linalg.inv(np.linalg.cholesky(self.fit.covariance[:6, :6]))
+        found = []
+        for k, (error, name, sd) in enumerate(self.parts):
+            told, value, effect = float(self.told[k]), sd * float(self.z[k]), self.response[:6, k]
+            left = 1.0 - told
+            more = 0.0 if resolved is None else resolved.left_open.get(name, 0.0)
+            says = told > NOTHING
+            if error.name in OF_LENGTHS:
+                says = says and told > SIGNAL * 3 * len(self.fit.residual) * left * sd * sd
+            found.append(
+                SharedEstimate(
+                    name, error.name, error.side, error.unit, sd, value,
+                    float(np.hypot(sd * np.sqrt(left), more)),
+                    value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
+                    effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
+                    error.default, None if resolved is None else resolved.wide.get(name), error.focal_length_px,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+    def moves(self, left_open: Mapping[str, float]) -> dict[str, Array]:
+        """By name how X and W move (p,), ``Cov(x, e) / Var(e)``, times the deviation of what was left open."""
+        return {
+            name: self.response[:, k] / (sd * max(1.0 - float(self.told[k]), NOTHING)) * left_open[name]
+            for k, (_, name, sd) in enumerate(self.parts)
+            if left_open.get(name, 0.0) > 0
+        }
 
 
-def shared_estimates(
-    fit: Fit, noise: Noise, errors: Sequence[SharedError], resolved: Resolved | None = None
-) -> tuple[SharedEstimate, ...]:
-    """Those of the errors that the noise of this fit has columns of, in the order of ``errors``.
-
-    ``resolved``: what `resolve_doubts` made of those with doubt.
-    """
-    joint = _joint(fit, noise, errors)
-    if joint is None:
-        return ()
-    to_unit = np.linalg.inv(np.linalg.cholesky(fit.covariance[:6, :6]))
-    found = []
-    for k, (error, name, sd) in enumerate(joint.parts):
-        told, value, effect = float(joint.told[k]), sd * float(joint.z[k]), joint.response[:6, k]
-        left = 1.0 - told
-        more = 0.0 if resolved is None else resolved.left_open.get(name, 0.0)
-        says = told > NOTHING
-        if error.name in OF_LENGTHS:
-            says = says and told > SIGNAL * 3 * len(fit.residual) * left * sd * sd
-        found.append(
-            SharedEstimate(
-                name, error.name, error.side, error.unit, sd, value,
-                float(np.hypot(sd * np.sqrt(left), more)),
-                value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
-                effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
-                error.default, None if resolved is None else resolved.wide.get(name), error.focal_length_px,
-            )
-        )  # fmt: skip
-    return tuple(found)
-
-
-def moves_left_open(
-    fit: Fit, noise: Noise, errors: Sequence[SharedError], left_open: Mapping[str, float]
-) -> dict[str, Array]:
-    """By name how X and W move (p,), ``Cov(x, e) / Var(e)``, times the standard deviation of what was left open."""
-    joint = _joint(fit, noise, errors)
-    if joint is None:
-        return {}
-    found = {}
-    for k, (_, name, sd) in enumerate(joint.parts):
-        if left_open.get(name, 0.0) > 0:
-            found[name] = joint.response[:, k] / (sd * max(1.0 - float(joint.told[k]), NOTHING)) * left_open[name]
-    return found
+def shared_estimates(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> tuple[SharedEstimate, ...]:
+    """`JointFit.estimates` of a fit."""
+    return JointFit.of(fit, noise, errors).estimates()

@@ -99,10 +99,9 @@ def camera_noise(
     intrinsics : "estimated", "pinhole", "exact", covariance or None
         ``estimated`` from the same pictures, so that their errors go with the pixel noise, ``pinhole`` without any
         distortion; or a covariance, (4, 4) of fx, fy, cx, cy or (1, 1) of one focal length (pixels^2), from another
-        calibration. None: the covariance that
-        the `camera_matrix` brings; where it brings none ``estimated``, and of fewer than 8 points, such as a single
-        tag, which no camera is calibrated with, a focal length within 0.1 % and a centre within 0.001 of it
-        (`SharedError`).
+        calibration. None: the covariance that the `camera_matrix` brings; where it brings none ``estimated``, and of
+        fewer than 8 points, such as a single tag, which no camera is calibrated with, a focal length within 0.1 % and
+        a centre within 0.001 of it (`SharedError`).
     pixel_sd : float, text or None
         Standard deviation of a pixel coordinate, pixels; None: `calibrate` estimates it.
     image_size : (width, height) or None

@@ -245,10 +245,9 @@ def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str,
         of_side = [error for error in errors if error.side == side and not error.is_exact]
         if of_side:
             F = np.concatenate([error.at(poses) * error.widest for error in of_side], axis=-1)
-            names = tuple(name for error in of_side for name in error.parts)
+            names = np.array([name for error in of_side for name in error.parts])
             known = np.concatenate([error.widest for error in of_side]) > 0
-            names = tuple(name for name, some in zip(names, known, strict=True) if some)
-            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F[..., known], names)
+            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F[..., known], tuple(names[known].tolist()))
     return found
 
 

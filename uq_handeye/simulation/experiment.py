@@ -22,7 +22,6 @@ from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..geometry.se3 import Array, inverse
 from ..likelihood.constraint import constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
-from ..likelihood.open_start import has_one_axis
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise_estimation.estimate import estimate_noise
 from ..poses.motions import Motions, pair_indices, relative_motions
@@ -223,7 +222,7 @@ def experiment(
 
 def _require_closed(truth: PosePairs | Motions, noise: Noise, X: Array | None = None) -> None:
     """Raise `DegenerateMotionError` where true motions about one axis leave a part of X open, whatever the method."""
-    if has_one_axis(constraint_of(truth, noise)):
+    if constraint_of(truth, noise).one_axis.all():
         with suppress(SingularNoiseError):  # only published methods run on such noise, and judge motions themselves
             _require_rank(bound(truth, noise, X))
 
