@@ -173,7 +173,7 @@ def test_ctrl_c_while_the_program_is_being_loaded():
         "import sys, builtins\n"
         "class Interrupt:\n"
         "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name == 'uq_handeye.cli.inputs': raise KeyboardInterrupt\n"
+        "        if name == 'uq_handeye.cli.pose_files': raise KeyboardInterrupt\n"
         "from uq_handeye.__main__ import main\n"
         "sys.meta_path.insert(0, Interrupt())\n"
         "main()\n"

@@ -187,7 +187,7 @@ def test_ctrl_c_before_there_is_anything_to_print(run, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(signal, "signal", lambda *_: None)  # of this process
-    for place in ("uq_handeye.cli.inputs.PoseFiles.read", "uq_handeye.validation.monte_carlo.run.experiment"):
+    for place in ("uq_handeye.cli.pose_files.PoseFiles.read", "uq_handeye.validation.monte_carlo.run.experiment"):
         with monkeypatch.context() as context:
             context.setattr(place, interrupted)
             assert run(*OPTIONS, "--trials", 100) == (130, "", "uq-handeye: interrupted\n")

@@ -9,8 +9,8 @@ import typer
 
 from ...errors import InputError
 from ...runtime.progress import working
-from ..inputs import Given, PoseFiles, given_of, pose_prior_of, prior_of, problem_for
 from ..messages import command_line, progress_wanted, timed
+from ..noise_options import Given, given_of, pose_prior_of, prior_of
 from ..options import (
     AT_THE_BOUND,
     BUNDLE,
@@ -29,6 +29,7 @@ from ..options import (
     option,
     require_writable,
 )
+from ..pose_files import PoseFiles, problem_for
 from ..views import pictures_of
 
 if TYPE_CHECKING:

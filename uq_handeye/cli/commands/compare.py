@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import Given, PoseFiles, given_of
 from ..messages import fail, progress_wanted, timed
+from ..noise_options import Given, given_of
 from ..options import (
     EVERY_METHOD,
     OUTPUT,
@@ -20,6 +20,7 @@ from ..options import (
     methods_of,
     option,
 )
+from ..pose_files import PoseFiles
 from ..views import views_of
 
 if TYPE_CHECKING:

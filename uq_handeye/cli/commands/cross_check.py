@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ..inputs import Given, PoseFiles, calibrated, given_of, problem_for
 from ..messages import progress_wanted, timed
+from ..noise_options import Given, given_of
 from ..options import (
     JsonOption,
     PairsOption,
@@ -17,6 +17,7 @@ from ..options import (
     option,
     require_writable,
 )
+from ..pose_files import PoseFiles, calibrated, problem_for
 from ..views import views_of
 from .calibrate import REPORTS, ReportFile, write_report
 from .validate import INTERRUPTED, NOT_COMPLETE

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Annotated
 
 from ...errors import InputError
-from ..inputs import Given, PoseFiles, given_of
 from ..messages import timed
+from ..noise_options import Given, given_of
 from ..options import OUTPUT, JsonOption, emit, flag, made_of, option, require_writable
+from ..pose_files import PoseFiles
 
 CRITERIA = ("trace", "logdet", "point")
 

@@ -4,9 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import Given, PoseFiles, calibrated, given_of, pose_prior_of, problem_for
 from ..messages import progress_wanted, timed
+from ..noise_options import Given, given_of, pose_prior_of
 from ..options import JsonOption, emit, flag, folder_option, made_of, option
+from ..pose_files import PoseFiles, calibrated, problem_for
 from ..views import views_of
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ...errors import InputError
-from ..inputs import NoiseOptions, exact_beside
+from ..noise_options import NoiseOptions, exact_beside
 from ..options import SETUP_NAMES, emit, made_of, option
 
 MAX_POSES = 1_000_000  # about 1 GB of memory; more would end the machine's, not the work

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-from ..inputs import StreamFiles
 from ..messages import LOG, timed
 from ..options import JsonOption, emit, flag, folder_option, made_of, one_of, option
+from ..pose_files import StreamFiles
 
 INTERPOLATIONS = ("so4", "geodesic")
 

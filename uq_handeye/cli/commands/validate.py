@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..inputs import Given, PoseFiles, calibrated, given_of, pose_prior_of, problem_for
 from ..messages import LOG, progress_wanted
+from ..noise_options import Given, given_of, pose_prior_of
 from ..options import (
     EVERY_METHOD,
     OUTPUT,
@@ -22,6 +22,7 @@ from ..options import (
     option,
     require_writable,
 )
+from ..pose_files import PoseFiles, calibrated, problem_for
 from ..views import views_of
 
 if TYPE_CHECKING:
