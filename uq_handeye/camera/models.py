@@ -25,22 +25,35 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 
 LINEAR = ("fx", "fy", "cx", "cy")
+Pair = tuple[Array, Array]  # along u and v, each of the shape of the points
 
 
 class Projected(NamedTuple):
-    """Pixels of points (..., 3) and their derivatives; where a point is behind the camera they mean nothing."""
+    """Pixels of points (..., 3) and their derivatives; where a point is behind the camera they mean nothing.
+
+    In memory each component of points (..., m, 3) lies together: of a derivative, ``swapaxes(-1, -3)`` is contiguous.
+    """
 
     pixels: Array  # (..., 2)
-    by_parameters: Array  # (..., 2, k) in the order of the model's names
+    by_parameters: Array  # (..., 2, k) in the order of the model's names, of those that were asked for
     by_point: Array  # (..., 2, 3)
 
 
-# Distorted coordinates (..., 2) of points (..., 3), derivatives by the coefficients (..., 2, c) and points (..., 2, 3).
-Distortion = Callable[[Array, Array], tuple[Array, Array, Array]]
+class Distorted(NamedTuple):
+    """Distorted coordinates (x_d, y_d), and their derivatives."""
+
+    at: Pair
+    by_coefficients: tuple[Pair, ...]
+    by_point: tuple[Pair, Pair, Pair]
+
+
+# Of the coefficients, x, y and z.
+Distortion = Callable[[Array, Array, Array, Array], Distorted]
 
 
 @dataclass(frozen=True)
@@ -56,79 +69,81 @@ class CameraModel:
         """Of all parameters: focal lengths and centre in pixels, coefficients without unit."""
         return LINEAR + self.coefficients
 
-    def project(self, parameters: Array, points: Array) -> Projected:
-        """Of ``points`` (..., 3) in the camera frame with ``parameters`` (k,)."""
-        fx, fy, cx, cy = parameters[:4]
-        distorted, by_coefficients, by_point = self.distort(parameters[4:], points)
-        scale = np.array([fx, fy])
-        by_parameters = np.zeros((*distorted.shape, 4 + len(self.coefficients)))
-        by_parameters[..., 0, 0], by_parameters[..., 1, 1] = distorted[..., 0], distorted[..., 1]
-        by_parameters[..., 0, 2] = by_parameters[..., 1, 3] = 1.0
-        by_parameters[..., 4:] = scale[:, None] * by_coefficients
-        return Projected(scale * distorted + np.array([cx, cy]), by_parameters, scale[:, None] * by_point)
+    def project(self, parameters: Array, points: Array, free: NDArray[np.bool_] | None = None) -> Projected:
+        """Of ``points`` (..., 3) in the camera frame with ``parameters`` (k,); derivatives by the ``free`` ones."""
+        if points.ndim == 1:
+            return Projected(*(part[0] for part in self.project(parameters, points[None], free)))
+        seen = self.distort(parameters[4:], *(points[..., k] for k in range(3)))
+        scale, centre = parameters[:2], parameters[2:4]
+        wanted = np.arange(len(self.names)) if free is None else np.flatnonzero(free)
+        lead, m = points.shape[:-2], points.shape[-2]
+        pixels, by_point = np.empty((*lead, 2, m)), np.empty((*lead, 3, 2, m))
+        by_parameters = np.empty((*lead, len(wanted), 2, m))
+        for axis in (0, 1):  # along u, along v
+            np.multiply(seen.at[axis], scale[axis], out=pixels[..., axis, :])
+            pixels[..., axis, :] += centre[axis]
+            for k in range(3):
+                np.multiply(seen.by_point[k][axis], scale[axis], out=by_point[..., k, axis, :])
+            for place, k in enumerate(wanted.tolist()):
+                column = by_parameters[..., place, axis, :]
+                if k >= len(LINEAR):
+                    np.multiply(seen.by_coefficients[k - len(LINEAR)][axis], scale[axis], out=column)
+                elif k % 2 == axis:
+                    column[...] = seen.at[axis] if k < 2 else 1.0
+                else:
+                    column[...] = 0.0
+        return Projected(pixels.mT, by_parameters.swapaxes(-1, -3), by_point.swapaxes(-1, -3))
 
 
-def _normalised(points: Array) -> tuple[Array, Array, Array]:
-    """a = x/z, b = y/z, and their derivatives by the point (..., 2, 3)."""
-    z = points[..., 2]
-    a, b = points[..., 0] / z, points[..., 1] / z
-    by_point = np.zeros((*points.shape[:-1], 2, 3))
-    by_point[..., 0, 0] = by_point[..., 1, 1] = 1.0 / z
-    by_point[..., 0, 2], by_point[..., 1, 2] = -a / z, -b / z
-    return a, b, by_point
+def _pinhole(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
+    w = 1.0 / z
+    a, b = x * w, y * w
+    none = np.zeros_like(w)
+    return Distorted((a, b), (), ((w, none), (none, w), (-a * w, -b * w)))
 
 
-def _pinhole(coefficients: Array, points: Array) -> tuple[Array, Array, Array]:
-    a, b, by_point = _normalised(points)
-    return np.stack([a, b], axis=-1), np.empty((*a.shape, 2, 0)), by_point
+def _brown(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
+    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients.tolist()
+    w = 1.0 / z
+    a, b = x * w, y * w
+    aa, bb, ab = a * a, b * b, 2.0 * a * b
+    s = aa + bb
+    over = 1.0 / (1.0 + s * (k4 + s * (k5 + s * k6)))
+    g = (1.0 + s * (k1 + s * (k2 + s * k3))) * over
+    g_s = 2.0 * over * (k1 + s * (2.0 * k2 + s * (3.0 * k3)) - g * (k4 + s * (2.0 * k5 + s * (3.0 * k6))))
+    across, along = s + 2.0 * aa, s + 2.0 * bb
+    at = g * a + p1 * ab + p2 * across, g * b + p1 * along + p2 * ab
+    radial = s * over
+    first = radial * a, radial * b
+    second = first[0] * s, first[1] * s
+    third = second[0] * s, second[1] * s
+    below = tuple((-g * u, -g * v) for u, v in (first, second, third))
+    by_coefficients = (first, second, (ab, along), (across, ab), third, *below)
+    turned = 2.0 * (p1 * b + p2 * a)
+    xx = (g + aa * g_s + turned + (4.0 * p2) * a) * w
+    yy = (g + bb * g_s + turned + (4.0 * p1) * b) * w
+    xy = (0.5 * ab * g_s + 2.0 * (p1 * a + p2 * b)) * w
+    return Distorted(at, by_coefficients, ((xx, xy), (xy, yy), (-(xx * a + xy * b), -(xy * a + yy * b))))
 
 
-def _brown(coefficients: Array, points: Array) -> tuple[Array, Array, Array]:
-    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
-    a, b, by_point = _normalised(points)
-    s = a * a + b * b
-    powers = np.stack([s, s * s, s * s * s], axis=-1)
-    below = 1.0 + powers @ np.array([k4, k5, k6])
-    g = (1.0 + powers @ np.array([k1, k2, k3])) / below
-    slopes = np.stack([np.ones_like(s), 2 * s, 3 * s * s], axis=-1)
-    g_s = (slopes @ np.array([k1, k2, k3]) - g * (slopes @ np.array([k4, k5, k6]))) / below
-    distorted = np.stack(
-        [g * a + 2 * p1 * a * b + p2 * (s + 2 * a * a), g * b + p1 * (s + 2 * b * b) + 2 * p2 * a * b], axis=-1
-    )
-    ab = np.stack([a, b], axis=-1)
-    by_coefficients = np.empty((*a.shape, 2, 8))
-    radial = ab[..., :, None] * (powers / below[..., None])[..., None, :]
-    by_coefficients[..., [0, 1, 4]] = radial
-    by_coefficients[..., 5:] = -g[..., None, None] * radial
-    by_coefficients[..., 0, 2] = by_coefficients[..., 1, 3] = 2 * a * b
-    by_coefficients[..., 0, 3], by_coefficients[..., 1, 2] = s + 2 * a * a, s + 2 * b * b
-    by_ab = np.empty((*a.shape, 2, 2))
-    by_ab[..., 0, 0] = g + 2 * a * a * g_s + 2 * p1 * b + 6 * p2 * a
-    by_ab[..., 1, 1] = g + 2 * b * b * g_s + 6 * p1 * b + 2 * p2 * a
-    by_ab[..., 0, 1] = by_ab[..., 1, 0] = 2 * a * b * g_s + 2 * p1 * a + 2 * p2 * b
-    return distorted, by_coefficients, by_ab @ by_point
-
-
-def _fisheye(coefficients: Array, points: Array) -> tuple[Array, Array, Array]:
-    x, y, z = points[..., 0], points[..., 1], points[..., 2]
-    square = x * x + y * y
+def _fisheye(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
+    k1, k2, k3, k4 = coefficients.tolist()
     # On the optical axis h/rho is 1/z, and its derivative by rho is 0: the tiny number keeps that without a branch.
-    rho = np.sqrt(square) + 1e-12 * np.abs(z)
+    rho = np.sqrt(x * x + y * y) + 1e-12 * np.abs(z)
     phi = np.arctan2(rho, z)
-    powers = np.stack([phi**3, phi**5, phi**7, phi**9], axis=-1)
-    h = phi + powers @ coefficients
-    h_phi = 1.0 + (powers / phi[..., None]) @ (coefficients * np.array([3.0, 5.0, 7.0, 9.0]))
-    ratio = h / rho
-    xy = points[..., :2]
-    by_coefficients = xy[..., :, None] * (powers / rho[..., None])[..., None, :]
-    whole = rho * rho + z * z
-    ratio_rho = (h_phi * z / whole - ratio) / rho
-    by_point = np.zeros((*x.shape, 2, 3))
-    by_point[..., :2] = xy[..., :, None] * (xy * (ratio_rho / rho)[..., None])[..., None, :]
-    by_point[..., 0, 0] += ratio
-    by_point[..., 1, 1] += ratio
-    by_point[..., 2] = -xy * (h_phi / whole)[..., None]
-    return ratio[..., None] * xy, by_coefficients, by_point
+    q = phi * phi
+    over = 1.0 / rho
+    ratio = phi * over * (1.0 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
+    whole = (1.0 + q * (3.0 * k1 + q * (5.0 * k2 + q * (7.0 * k3 + q * (9.0 * k4))))) / (rho * rho + z * z)
+    slope = (whole * z - ratio) * over * over  # of the ratio by rho, over rho
+    columns = []
+    power = phi * over
+    for _ in range(4):
+        power = power * q
+        columns.append((power * x, power * y))
+    xy = slope * x * y
+    by_point = (slope * x * x + ratio, xy), (xy, slope * y * y + ratio), (-whole * x, -whole * y)
+    return Distorted((ratio * x, ratio * y), tuple(columns), by_point)
 
 
 MODELS = {
