@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from .models import CameraModel
 
 # Focal lengths of a fisheye that are tried, as multiples of half the picture's width per radian.
 FISHEYE_FOCAL = np.geomspace(0.3, 3.0, 16)
+ENOUGH = 60  # corners of a picture, for that trial
 WIDEST = np.radians(80.0)  # corners farther from the axis are not used for the start
 # The distortion of a fisheye that is a pinhole: tan(phi) as a series.
 TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
@@ -75,7 +77,9 @@ def poses_of(corners: Corners, normalised: Array, keep: Array | None = None) -> 
             part &= keep
         ok = False
         with suppress(cv2.error):  # of corners on one line
-            ok, turn, shift = cv2.solvePnP(corners.points[part], normalised[part], np.eye(3), None)
+            ok, turn, shift = cv2.solvePnP(
+                corners.points[part], normalised[part], np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
+            )
         if not ok or not np.isfinite([turn, shift]).all():
             raise InputError(f"OpenCV finds no pose for the corners of {corners.names[i]}: leave that picture out.")
         poses[i, :3, :3], poses[i, :3, 3] = cv2.Rodrigues(turn)[0], shift[:, 0]
@@ -84,21 +88,29 @@ def poses_of(corners: Corners, normalised: Array, keep: Array | None = None) -> 
 
 def unlike_a_board(corners: Corners) -> NDArray[np.bool_]:
     """Pictures (n,) whose corners are no picture of the flat board by any camera: they would spoil the start of all."""
-    off = np.zeros(corners.n)
+    cv2 = opencv()
     try:
         flat = _flat(corners)[:, :2]
     except InputError:
-        return off > 0
-    cv2 = opencv()
+        return np.zeros(corners.n, dtype=bool)
+    off = _off_homography(corners, flat, 0)
+    if (off > BENT).any():  # few wrong corners may bend least squares, not the least median
+        off = _off_homography(corners, flat, cv2.LMEDS)
+    return np.asarray(off > max(BENT, OFTEN * float(np.median(off))))
+
+
+def _off_homography(corners: Corners, flat: Array, method: int) -> Array:
+    """(n,) median distance of the corners of each picture from a homography of the board, as a share of their spread."""
+    cv2, off = opencv(), np.zeros(corners.n)
     for i in range(corners.n):
         part = corners.picture == i
         points, pixels, H = flat[part], corners.pixels[part], None
         with suppress(cv2.error):  # of corners on one line
-            H, _ = cv2.findHomography(points, pixels, cv2.LMEDS)
+            H, _ = cv2.findHomography(points, pixels, method)
         if H is not None:
             distance = np.linalg.norm(cv2.perspectiveTransform(points[None], H)[0] - pixels, axis=1)
             off[i] = np.median(distance) / max(float(np.linalg.norm(pixels.std(axis=0))), 1e-9)
-    return np.asarray(off > max(BENT, OFTEN * float(np.median(off))))
+    return off
 
 
 def _flat(corners: Corners) -> Array:
@@ -116,8 +128,12 @@ def _flat(corners: Corners) -> Array:
 
 
 def _fisheye(model: CameraModel, corners: Corners, flat: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
-    """Of equidistant lenses of many focal lengths, and of a pinhole, that which predicts the corners best."""
+    """Of equidistant lenses of many focal lengths, and of a pinhole, that which predicts ENOUGH corners best."""
     width, height = image_size
+    # Multiples of the golden section are spread evenly, whatever the columns of the board.
+    part = (corners.place * 0.618034) % 1.0 < ENOUGH / np.bincount(corners.picture)[corners.picture]
+    corners = replace(corners, row=corners.row[part], points=corners.points[part], pixels=corners.pixels[part])
+    flat = flat[part]
     starts = [np.array([f, f, 0.5 * (width - 1), 0.5 * (height - 1), 0, 0, 0, 0]) for f in FISHEYE_FOCAL * 0.5 * width]
     with suppress(InputError):  # of a wide lens, where it may fail
         starts.append(np.concatenate([_linear(corners, flat, image_size), TANGENT]))
