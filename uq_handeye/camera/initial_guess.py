@@ -100,7 +100,7 @@ def unlike_a_board(corners: Corners) -> NDArray[np.bool_]:
 
 
 def _off_homography(corners: Corners, flat: Array, method: int) -> Array:
-    """(n,) median distance of the corners of each picture from a homography of the board, as a share of their spread."""
+    """(n,) median distance of each picture's corners from a homography of the board, as a share of their spread."""
     cv2, off = opencv(), np.zeros(corners.n)
     for i in range(corners.n):
         part = corners.picture == i
