@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from uq_handeye.camera.variable_projection import STILL, diagonal, minimised
+from uq_handeye.camera.variable_projection import STILL, diagonal, minimised, reduced
 
 N, M, F = 5, 20, 3
 
@@ -58,18 +58,20 @@ def test_it_is_the_minimum_over_everything_at_once(rng, known, far):
     information = np.linalg.inv(np.linalg.inv(whole)[:F, :F])
     assert found.converged
     J = found.J.reshape(-1, F)
-    reduced, squares = J.T @ J, np.sum(found.r**2)
+    normal, squares = J.T @ J, np.sum(found.r**2)
     if known:
-        reduced = reduced + prior[1].T @ prior[1]
+        normal = normal + prior[1].T @ prior[1]
         squares += np.sum((prior[1] @ (found.values - prior[0])) ** 2)
     assert squares == pytest.approx(cost, rel=1e-10)
     off = found.values - v
     assert off @ information @ off < 2 * STILL * cost
     np.testing.assert_allclose(found.blocks, p, atol=1e-5)
-    np.testing.assert_allclose(reduced, information, rtol=1e-4, atol=1e-4 * np.abs(information).max())
+    np.testing.assert_allclose(normal, information, rtol=1e-4, atol=1e-4 * np.abs(information).max())
     r, A, B = problem.rows(found.values, found.blocks)
     np.testing.assert_array_equal(found.r, r)
     np.testing.assert_allclose(B.mT @ (A + B @ found.G), 0, atol=1e-9)
+    for part, same in zip(reduced(A, B), (found.J, found.G), strict=True):
+        np.testing.assert_allclose(part, same, atol=1e-12)
 
 
 def test_the_start_at_the_minimum_costs_one_evaluation(rng):

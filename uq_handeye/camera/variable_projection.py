@@ -94,6 +94,13 @@ def minimised(problem: Problem, values: Array, blocks: Array, prior: tuple[Array
         (values, blocks), (r, A, B), cost = there, rows, new
 
 
+def reduced(A: Array, B: Array) -> tuple[Array, Array]:
+    """``A + B G`` (n, m, f) and G (n, 6, f)."""
+    own, to_blocks = diagonal(B.mT @ B)
+    G = -to_blocks @ ((to_blocks.mT @ (B.mT @ A)) / own[..., None])
+    return A + B @ G, G
+
+
 def diagonal(H: Array) -> tuple[Array, Array]:
     """e (..., d), Q (..., d, d) with ``(H + l diag(H))^-1 = Q diag(1 / (e + l)) Q^T`` of normal matrices (..., d, d).
 
