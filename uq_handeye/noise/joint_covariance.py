@@ -6,9 +6,9 @@ its own, covariance S_i, and z standard normal, common to all (q components, 4 t
     Sigma = blkdiag(S_1 .. S_n) + F F^T,        F = [F_1; ..; F_n]  (6n, q)
 
 takes n (36 + 6q) numbers, and everything that is done with it takes time in proportion to n. With the Cholesky factor
-B of the blocks and ``V = B^-1 F = Q diag(s) Y^T`` (thin SVD)
+B of the blocks, ``V = B^-1 F``, ``V^T V = Y diag(h^2 - 1) Y^T`` and ``U = V Y``
 
-    Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - Q diag(1 - 1/sqrt(1 + s^2)) Q^T) B^-1
+    Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - U diag(1 / (h (1 + h))) U^T) B^-1
 
 which `JointFactor` applies without forming it. Errors that pass on from pose to pose (`SerialErrors`) may come beside
 those of each pose; B is then the square root of the sum of both, in O(n), too. A column may bear the name of what it is
@@ -28,6 +28,7 @@ from ..errors import InputError
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
 from .serial_errors import SerialErrors, SerialFactor
+from .triangular import checked_cholesky, substitute, substitute_transposed
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,36 +180,34 @@ class JointCovariance(ReadOnlyArrays):
         serial = SerialErrors.from_dict(values["serial"]) if "serial" in values else None
         return cls(own, shared, tuple(map(str, values.get("names", ()))), serial)
 
+    @cached_property
     def factor(self) -> JointFactor:
-        """L with ``Sigma = L L^T``; raises `numpy.linalg.LinAlgError` where a block of ``own`` is singular."""
-        B: Array | SerialFactor
-        if self.serial is None:
-            B = np.asarray(np.linalg.cholesky(self.own))
-            V = np.linalg.solve(B, self.shared)
-        else:
-            B = self.serial.factor(self.own)
-            V = B.whiten(self.shared)
-        Q, s, _ = np.linalg.svd(V.reshape(*V.shape[:-3], 6 * self.n, V.shape[-1]), full_matrices=False)
-        return JointFactor(B, Q, 1.0 - 1.0 / np.sqrt(1.0 + s * s))
+        """L with ``Sigma = L L^T``; raises `SingularNoiseError` where a block of ``own`` is singular."""
+        own = checked_cholesky(self.own)
+        passed_on = None if self.serial is None else self.serial.factor(self.own)
+        V = substitute(own, self.shared) if passed_on is None else passed_on.whiten(self.shared)
+        V = V.reshape(*V.shape[:-3], 6 * self.n, V.shape[-1])
+        squares, Y = np.linalg.eigh(V.mT @ V)
+        return JointFactor(own if passed_on is None else passed_on, V @ Y, np.sqrt(1.0 + np.maximum(squares, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class JointFactor:
-    """``L^-1 = (I - Q diag(c) Q^T) B^-1`` of a `JointCovariance`; L is square, not triangular."""
+    """``L^-1 = (I - U diag(1 / (h (1 + h))) U^T) B^-1`` of a `JointCovariance`; L is square, not triangular."""
 
     B: Array | SerialFactor  # (..., n, 6, 6), or of what passes on from pose to pose, too
-    Q: Array  # (..., 6n, q)
-    c: Array  # (..., q)
+    U: Array  # (..., 6n, q), U^T U = diag(h^2 - 1)
+    h: Array  # (..., q)
 
     def _reflected(self, values: Array) -> Array:
-        """``(I - Q c Q^T)`` times (..., n, 6, p)."""
+        """``(I - U diag(1 / (h (1 + h))) U^T)`` times (..., n, 6, p)."""
         flat = values.reshape(*values.shape[:-3], 6 * values.shape[-3], values.shape[-1])
-        flat = flat - self.Q @ (self.c[..., None] * (self.Q.mT @ flat))
+        flat = flat - self.U @ ((1.0 / (self.h * (1.0 + self.h)))[..., None] * (self.U.mT @ flat))
         return np.asarray(flat.reshape(*flat.shape[:-2], *values.shape[-3:]))
 
     def whiten(self, values: Array) -> Array:
         """``L^-1 values`` (..., n, 6, p)."""
-        of_each = self.B.whiten(values) if isinstance(self.B, SerialFactor) else np.linalg.solve(self.B, values)
+        of_each = self.B.whiten(values) if isinstance(self.B, SerialFactor) else substitute(self.B, values)
         return self._reflected(np.asarray(of_each))
 
     def pull(self, white: Array) -> Array:
@@ -216,22 +215,22 @@ class JointFactor:
         reflected = self._reflected(white)
         if isinstance(self.B, SerialFactor):
             return self.B.pull(reflected)
-        return np.asarray(np.linalg.solve(self.B.mT, reflected))
+        return substitute_transposed(self.B, reflected)
 
     def log_determinant(self) -> Array:
-        """(...) ``log|Sigma|``: of the blocks, and of what is shared ``log(1 + s^2)``, ``1 + s^2 = (1 - c)^-2``."""
+        """(...) ``log|Sigma|``: of the blocks, and of what is shared ``log h^2``."""
         if isinstance(self.B, SerialFactor):
             own = self.B.log_determinant()
         else:
             own = 2.0 * np.log(np.diagonal(self.B, axis1=-2, axis2=-1)).sum(axis=(-2, -1))
-        return np.asarray(own - 2.0 * np.log1p(-self.c).sum(axis=-1))
+        return np.asarray(own + 2.0 * np.log(self.h).sum(axis=-1))
 
     def inverse_blocks(self) -> Array:
-        """(..., n, 6, 6) diagonal blocks of ``Sigma^-1 = B^-T (I - Q c(2 - c) Q^T) B^-1``."""
-        Q = self.Q.reshape(*self.Q.shape[:-2], self.Q.shape[-2] // 6, 6, self.Q.shape[-1])
+        """(..., n, 6, 6) diagonal blocks of ``Sigma^-1 = B^-T (I - U diag(1 / h^2) U^T) B^-1``."""
+        U = self.U.reshape(*self.U.shape[:-2], self.U.shape[-2] // 6, 6, self.U.shape[-1])
         if isinstance(self.B, SerialFactor):
-            own, left = self.B.inverse_blocks(), self.B.pull(Q)
+            own, left = self.B.inverse_blocks(), self.B.pull(U)
         else:
             half = np.linalg.inv(self.B)
-            own, left = half.mT @ half, half.mT @ Q
-        return np.asarray(own - (left * (self.c * (2.0 - self.c))[..., None, None, :]) @ left.mT)
+            own, left = half.mT @ half, half.mT @ U
+        return np.asarray(own - (left / (self.h * self.h)[..., None, None, :]) @ left.mT)

@@ -6,21 +6,16 @@ S has one of three forms: blocks (..., n, 6, 6), independent from pose to pose; 
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
-from ..errors import SingularNoiseError
 from ..geometry.se3 import Array
 from .joint_covariance import JointCovariance, JointFactor
+from .triangular import checked_cholesky, substitute, substitute_transposed
 
 Covariance = Array | JointCovariance
 Factor = Array | JointFactor
-
-# Share of a variance below which what is left of it beside the other components is rounding.
-EXACT = 1e-14
 
 
 def joint_residuals(S: Covariance) -> bool:
@@ -30,20 +25,7 @@ def joint_residuals(S: Covariance) -> bool:
 
 def cholesky_of(S: Covariance) -> Factor:
     """L with ``S = L L^T``; raises where the noise leaves a part of the residuals exact."""
-    if isinstance(S, JointCovariance):
-        cholesky_of(S.own)
-        return S.factor()
-    factor = None
-    with suppress(np.linalg.LinAlgError):
-        factor = np.linalg.cholesky(S)
-    if factor is not None:  # rounding may hide that it is singular
-        pivots, variances = (np.diagonal(M, axis1=-2, axis2=-1) for M in (factor, S))
-        if (pivots * pivots > EXACT * variances).all():
-            return np.asarray(factor)
-    raise SingularNoiseError(
-        "The noise given leaves a part of the residuals exact, so that they cannot be weighted by its inverse. Give "
-        "the poses of one side a rotation and a translation deviation above 0, or use method '4dpa'."
-    )
+    return S.factor if isinstance(S, JointCovariance) else checked_cholesky(S)
 
 
 def whiten(factor: Factor, values: Array) -> Array:
@@ -51,7 +33,7 @@ def whiten(factor: Factor, values: Array) -> Array:
     if isinstance(factor, JointFactor):
         return factor.whiten(values)
     if factor.shape[-1] == 6:
-        return _substituted(factor, values)
+        return substitute(factor, values)
     n, q = values.shape[-3], values.shape[-1]
     flat = values.reshape(*values.shape[:-3], 6 * n, q)
     white = np.asarray(solve_triangular(factor, flat, lower=True))
@@ -62,8 +44,8 @@ def pulled(factor: Factor, white: Array) -> Array:
     """``L^-T white``; of whitened values, ``S^-1 values``."""
     if isinstance(factor, JointFactor):
         return factor.pull(white)
-    if factor.shape[-1] == 6:  # the last row first: a lower triangle again
-        return _substituted(factor.mT[..., ::-1, ::-1], white[..., ::-1, :])[..., ::-1, :]
+    if factor.shape[-1] == 6:
+        return substitute_transposed(factor, white)
     n, q = white.shape[-3], white.shape[-1]
     flat = white.reshape(*white.shape[:-3], 6 * n, q)
     return np.asarray(solve_triangular(factor, flat, lower=True, trans="T")).reshape(white.shape)
@@ -136,17 +118,6 @@ def weighted(S: Covariance, weights: Array) -> Covariance:
     for k in range(n):
         own = slice(6 * k, 6 * k + 6)
         result[..., own, own] *= scale[..., k, None, None]
-    return result
-
-
-def _substituted(lower: Array, values: Array) -> Array:
-    """``lower^-1 values``, row by row for all poses at once: NumPy's solver goes from pose to pose."""
-    result = np.empty((*np.broadcast_shapes(lower.shape[:-2], values.shape[:-2]), *values.shape[-2:]))
-    for i in range(lower.shape[-1]):
-        row = values[..., i : i + 1, :]
-        if i:
-            row = row - lower[..., i : i + 1, :i] @ result[..., :i, :]
-        result[..., i : i + 1, :] = row / lower[..., i : i + 1, i : i + 1]
     return result
 
 
