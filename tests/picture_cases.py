@@ -1,16 +1,18 @@
 """Pictures of boards, and corners as a known camera sees them; the references are OpenCV's own functions."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 import uq_handeye as uq
+from studies.common.pictures import Camera
+from studies.common.pictures import picture as taken
 from uq_handeye.io import write_pose_file
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.005deg", "0.02mm"), camera=("0.1deg", "0.5mm"))
 SIZE = (640, 480)
 CAMERA = np.array([[750.0, 0, 320], [0, 746, 240], [0, 0, 1]])
-UP = 60  # pixels of a drawn square
-FINE = 2  # pictures are drawn so many times as large
 
 
 def camera_to_board(camera_T_target, board):
@@ -21,32 +23,17 @@ def camera_to_board(camera_T_target, board):
     return seen
 
 
-def drawing(board):
-    """The board with a white rim, and board_from_pixel (3, 3)."""
-    cv2 = pytest.importorskip("cv2")
-    if board.kind == "chessboard":
-        j, i = np.indices((board.rows + 1, board.columns + 1))
-        squares = np.kron(((i + j) % 2 * 255).astype(np.uint8), np.ones((UP, UP), np.uint8))
-        first = 2  # squares before the origin: the rim and the first square
-    else:
-        words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{board.dictionary}"))
-        layout = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker, words)
-        squares = layout.generateImage((board.columns * UP, board.rows * UP))
-        first = 1
-    scale = board.square / UP
-    shift = 0.5 * scale - first * board.square  # the edge of a pixel is half a pixel before its centre
-    return np.pad(squares, UP, constant_values=255), np.array([[scale, 0, shift], [0, scale, shift], [0, 0, 1]])
+@cache
+def pinhole(focal, centre, size):
+    """A camera without distortion, once for all its pictures."""
+    return Camera("pinhole", np.array([*focal, *centre]), size)
 
 
 def picture(board, camera_T_board, rng, K=CAMERA, size=SIZE, noise=2.0):
     """What a camera without distortion sees, with noise and a rim of neither white nor black."""
-    cv2 = pytest.importorskip("cv2")
-    texture, board_from_pixel = drawing(board)
-    fine = np.array([[FINE, 0, (FINE - 1) / 2], [0, FINE, (FINE - 1) / 2], [0, 0, 1]])
-    H = fine @ K @ camera_T_board[:3, [0, 1, 3]] @ board_from_pixel
-    large = cv2.warpPerspective(texture, H, (FINE * size[0], FINE * size[1]), borderValue=200)
-    small = cv2.resize(large, size, interpolation=cv2.INTER_AREA)
-    return np.clip(20 + 0.8 * small + noise * rng.normal(size=small.shape), 0, 255).astype(np.uint8)
+    pytest.importorskip("cv2")
+    camera = pinhole((K[0, 0], K[1, 1]), (K[0, 2], K[1, 2]), size)
+    return taken(camera, board, camera_T_board, rng, noise=noise)
 
 
 def write_pictures(folder, board, rng, n=10, blank=(), seed=3):

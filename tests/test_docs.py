@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from pages import DOCS, ROOT, blocks, missing, run_command, run_page
-from picture_cases import write_pictures
+from picture_cases import camera_to_board, picture, write_pictures
 from stream_cases import motion, streams
 
 import uq_handeye as uq
@@ -43,7 +43,7 @@ def test_a_page_prints_what_it_shows(page, tmp_path, monkeypatch):
         assert block.kind != "shown" or missing(block) == [], block.printed
 
 
-def test_poses_from_pictures_of_a_board(tmp_path, monkeypatch, capsys):
+def test_poses_from_pictures_of_a_board(tmp_path, monkeypatch, capsys, rng):
     """The block that reads pictures, on rendered ones; one of them is blank and must be left out by its number."""
     cv2 = pytest.importorskip("cv2")
     monkeypatch.chdir(tmp_path)
@@ -53,16 +53,11 @@ def test_poses_from_pictures_of_a_board(tmp_path, monkeypatch, capsys):
     K = np.array([[1500.0, 0, 640], [0, 1500, 480], [0, 0, 1]])
     np.savetxt("K.txt", K)
     np.savetxt("distortion.txt", np.zeros(5))
-    words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    board = cv2.aruco.CharucoBoard((7, 5), 0.030, 0.022, words).generateImage((420, 300))  # 2 pixels per mm
+    board = uq.Board(7, 5, 0.030, kind="charuco", marker=0.022)
     (tmp_path / "pictures").mkdir()
     for k, T in enumerate(poses.truth.camera):
-        # z of OpenCV's boards points away from the camera; the middle of the board is the target's origin
-        seen = T @ np.diag([1.0, -1, -1, 1])
-        middle = seen[:3, 3] - seen[:3, :3] @ [0.105, 0.075, 0]
-        H = K @ np.column_stack([seen[:3, 0], seen[:3, 1], middle]) @ np.diag([1 / 2000, 1 / 2000, 1])
-        picture = cv2.warpPerspective(board, H, (1280, 960), flags=cv2.INTER_AREA, borderValue=255)
-        cv2.imwrite(f"pictures/{k:02d}.png", np.full_like(picture, 255) if k == 4 else picture)
+        shot = picture(board, camera_to_board(T, board), rng, K, (1280, 960), noise=0.0)
+        cv2.imwrite(f"pictures/{k:02d}.png", np.full_like(shot, 255) if k == 4 else shot)
     exec(compile(code, "opencv.md", "exec"), {"__name__": "page"})
     assert "04.png: board not found" in capsys.readouterr().out
     paired = uq.read_poses("robot.csv", "camera.csv", pair="time")

@@ -43,12 +43,17 @@ LARGEST = 200  # corners along a side
 # Of ChArUco it is a share of the white around the markers, whose corners are no part of a corner of the board.
 CHESSBOARD_SHARE, CHARUCO_SHARE = 0.4, 0.33
 WINDOW = (2, 30)
+RIM = 2  # pixels beyond the window that a corner moved a little, and the gradient, take
+# Pixels, standard deviation of the Gaussian that a picture is smoothed with before, and share of the window that it may
+# be. Between the pixels of a sharp edge `cornerSubPix` interpolates linearly, which alone moves corners by 0.03 pixels.
+SMOOTH, SMOOTH_SHARE = 1.0, 0.25
 MAX_BYTES = 500_000_000  # of a picture's file
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
 
 Picture = NDArray[np.uint8]
-# Numbers of the board's points and their pixels, or None.
-Found = tuple[NDArray[np.intp], Array] | None
+# Numbers of the board's points, their pixels and half the widths of the windows in which these were refined.
+Seen = tuple[NDArray[np.intp], Array, NDArray[np.intp]]
+Found = Seen | None
 
 
 @dataclass(frozen=True)
@@ -188,7 +193,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
     paths = picture_paths(images)
     names = _names(paths)
     find = (_chessboard_finder if board.kind == "chessboard" else _charuco_finder)(board)
-    found: dict[int, tuple[NDArray[np.intp], Array]] = {}
+    found: dict[int, Seen] = {}
     sizes: dict[tuple[int, int], str] = {}
     with progress_bar("looking for the board", len(paths), "pictures", progress) as more:
         for row, path in enumerate(paths):
@@ -217,13 +222,15 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
             stacklevel=3,
         )
     (size,) = sizes
+    numbers, pixels, window = (np.concatenate(part) for part in zip(*found.values(), strict=True))
     return Corners(
-        np.repeat(list(found), [len(numbers) for numbers, _ in found.values()]),
-        board.points[np.concatenate([numbers for numbers, _ in found.values()])],
-        np.concatenate([pixels for _, pixels in found.values()]),
+        np.repeat(list(found), [len(seen[0]) for seen in found.values()]),
+        board.points[numbers],
+        pixels,
         tuple(names[row] for row in found),
         image_size=size,
         missing=missing,
+        window=window,
     )
 
 
@@ -336,39 +343,47 @@ def _chessboard_finder(board: Board) -> Callable[[Picture], Found]:
             )
             if not ok:
                 return None
-        grid = _refined(picture, corners, CHESSBOARD_SHARE).reshape(board.rows, board.columns, 2)
-        return numbers, _ordered(grid, picture).reshape(-1, 2)
+        pixels, window = _refined(picture, corners, CHESSBOARD_SHARE)
+        order = _ordered(pixels.reshape(board.rows, board.columns, 2), picture).ravel()
+        return numbers, pixels[order], window[order]
 
     return find
 
 
-def _refined(picture: Picture, corners: Array, share: float) -> Array:
-    """By the gradients around each corner (m, 2), within a share of the distance to its nearest neighbour."""
+def _refined(picture: Picture, corners: Array, share: float) -> tuple[Array, NDArray[np.intp]]:
+    """By the gradients around each corner (m, 2), and half the width (m,) of the window: a share of the distance to the
+    nearest neighbour, but within the picture, as beyond its rim edges would seem to run on along the rows."""
     cv2 = opencv()
     flat = np.asarray(corners, dtype=float).reshape(-1, 2)
     apart = np.linalg.norm(flat[:, None] - flat, axis=-1) + 1e9 * np.eye(len(flat))
     near = apart.min(axis=1)
     near = np.minimum(near, 1.2 * np.median(near))  # a neighbour may not have been found
-    windows = np.clip(share * near, *WINDOW).astype(int).tolist()
+    rim = np.minimum(flat, np.array(picture.shape[::-1]) - 1 - flat).min(axis=1) - RIM
+    windows = np.clip(np.minimum(share * near, rim), *WINDOW).astype(np.intp)
     enough = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+    sigma = min(SMOOTH, SMOOTH_SHARE * float(np.median(windows)))
+    smooth = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), sigma)
     found = [
-        cv2.cornerSubPix(picture, np.array(corner, dtype=np.float32).reshape(1, 1, 2), (w, w), (-1, -1), enough)
-        for corner, w in zip(flat, windows, strict=True)
+        cv2.cornerSubPix(smooth, np.array(corner, dtype=np.float32).reshape(1, 1, 2), (w, w), (-1, -1), enough)
+        for corner, w in zip(flat, windows.tolist(), strict=True)
     ]
-    return np.concatenate(found)[:, 0].astype(float)
+    return np.concatenate(found)[:, 0].astype(float), windows
 
 
-def _ordered(grid: Array, picture: Picture) -> Array:
-    """Corners (rows, columns, 2) such that z points away and the colours, or else the picture, tell where x points."""
+def _ordered(grid: Array, picture: Picture) -> NDArray[np.intp]:
+    """Numbers (rows, columns) of corners (rows, columns, 2) such that z points away and the colours, or else the
+    picture, tell where x points."""
+    number = np.arange(grid.shape[0] * grid.shape[1]).reshape(grid.shape[:2])
     along = (grid[:, 1:] - grid[:, :-1]).mean(axis=(0, 1))
     down = (grid[1:] - grid[:-1]).mean(axis=(0, 1))
     if along[0] * down[1] - along[1] * down[0] < 0:  # seen from the front no board is a mirror image
-        grid = grid[:, ::-1]
-    turned = [np.rot90(grid, k) for k in (range(4) if grid.shape[0] == grid.shape[1] else (0, 2))]
-    dark = np.array([_first_is_dark(one, picture) for one in turned])
+        number = number[:, ::-1]
+    turned = [np.rot90(number, k) for k in (range(4) if grid.shape[0] == grid.shape[1] else (0, 2))]
+    flat = grid.reshape(-1, 2)
+    dark = np.array([_first_is_dark(flat[one], picture) for one in turned])
     if dark.any() and not dark.all():
         turned = [one for one, is_dark in zip(turned, dark, strict=True) if is_dark]
-    right = [(one[:, -1] - one[:, 0]).mean(axis=0) for one in turned]
+    right = [(flat[one[:, -1]] - flat[one[:, 0]]).mean(axis=0) for one in turned]
     best = int(np.argmax([d[0] / np.hypot(*d) for d in right]))
     return turned[best]
 
@@ -416,7 +431,7 @@ def _charuco_finder(board: Board) -> Callable[[Picture], Found]:
             if k:
                 detectors.reverse()  # it will be this one in all pictures
             # Releases of OpenCV differ by half a pixel here; refined once more, all give the same.
-            return numbers, _refined(picture, corners, share)
+            return numbers, *_refined(picture, corners, share)
         return None
 
     return find

@@ -24,6 +24,8 @@ class Corners:
     ``row`` (m,) is the number of the picture and of the robot pose that it was taken at; ``points`` (m, 3) are on the
     board, in its frame and the unit of length of the poses; ``pixels`` (m, 2) where they were seen, the centre of the
     first pixel at (0, 0). ``names`` are those of the pictures, in ascending order of their rows. Kept sorted by row.
+    ``window`` (m,) is half the width, in pixels, of the square in which ``cornerSubPix`` found each corner; 0, or None
+    for all, where it is not known. What that square does to a corner `bent_edges` takes out.
 
     Raises `InputError`: shapes that do not fit, numbers that are not finite, fewer than 4 corners in a picture.
     """
@@ -34,6 +36,7 @@ class Corners:
     names: Sequence[str] = field(default=())  # of the pictures
     image_size: tuple[int, int] | None = None  # (width, height), where it is known from the pictures
     missing: Sequence[str] = ()  # pictures without a board; their rows are left out
+    window: NDArray[np.intp] | None = None  # (m,) half the width of the square in which `cornerSubPix` looked
 
     def __post_init__(self) -> None:
         row, points, pixels = (as_numbers(getattr(self, name), name) for name in ("row", "points", "pixels"))
@@ -60,6 +63,13 @@ class Corners:
         if len(names) != len(numbers):
             raise InputError(f"Expected {len(numbers)} `names`, one for each picture, got {len(names)}.")
         kept: dict[str, NDArray[Any]] = {"row": row.astype(np.intp), "points": points, "pixels": pixels}
+        if self.window is not None:
+            window = as_numbers(self.window, "window")
+            if window.shape != (m,) or not (window >= 0).all() or (window != np.floor(window)).any():
+                raise InputError(
+                    f"Expected `window` ({m},) to be half widths in whole pixels, 0 where not known, got others."
+                )
+            kept["window"] = window.astype(np.intp)
         for name, value in kept.items():
             value = np.array(value[order])
             value.flags.writeable = False
@@ -103,7 +113,11 @@ class Corners:
 def without_pictures(corners: Corners, out: NDArray[np.bool_]) -> Corners:
     """All but some of the n pictures."""
     kept = ~out[corners.picture]
-    names = tuple(np.array(corners.names)[~out].tolist())
     return replace(
-        corners, row=corners.row[kept], points=corners.points[kept], pixels=corners.pixels[kept], names=names
+        corners,
+        row=corners.row[kept],
+        points=corners.points[kept],
+        pixels=corners.pixels[kept],
+        names=tuple(np.array(corners.names)[~out].tolist()),
+        window=None if corners.window is None else corners.window[kept],
     )
