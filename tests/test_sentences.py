@@ -39,6 +39,7 @@ NAMED = {
     "part": "rotation",
     "flag": "downweighted",
     "why": "too few",
+    "test": "normality",
     "name": "focal length",
     "length_of": "target",
     "frame": "gripper",

@@ -20,7 +20,9 @@ from uq_handeye.diagnostics.result import Diagnostics
 from uq_handeye.diagnostics.scale_errors import scale_errors, shared_lengths
 from uq_handeye.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
 from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
+from uq_handeye.likelihood.own_residuals import own_residuals
 from uq_handeye.likelihood.robust import robust_fit
+from uq_handeye.noise.serial_errors import SerialErrors
 from uq_handeye.noise.square_roots import cholesky_of, whiten
 from uq_handeye.shared_errors.shared_error import shared_columns, with_shared
 
@@ -450,12 +452,77 @@ def test_what_the_noise_holds_is_not_asked_for(rng):
     assert not found.asked_for and not any("not declared" in text for text in found.warnings())
 
 
-def test_a_joint_covariance_is_not_tested_by_rows(rng):
-    noise = joint_noise(rng, 10)
-    drawn = uq.simulate(10, noise=noise, seed=rng)
-    found = diagnose(efficient(drawn, noise), drawn, noise)
-    for reason in (found.autocorrelation.reason, found.regression.reason):
-        assert "joint covariance" in str(reason)
+def passing_on(way):
+    """Noise of 30 poses that have errors in common: all (a dense covariance), or the neighbours."""
+    n, own = 30, np.diag([1e-6] * 6)
+    if way == "dense":
+        return uq.PoseNoise(NOISE.robot, np.kron(0.4 * np.ones((n, n)) + np.eye(n), own))
+    drift = SerialErrors(np.arange(float(n)), np.tile(np.eye(6), (n, 1, 1)), 4 * own, 10.0)
+    F = np.random.default_rng(3).normal(size=(n, 6, 2)) * 1e-3
+    return uq.PoseNoise(NOISE.robot, uq.JointCovariance(np.tile(own, (n, 1, 1)), F, serial=drift))
+
+
+@pytest.mark.parametrize("way", ["dense", "serial"])
+def test_errors_in_common_are_tested_too(way):
+    """False alarms are rare, and what the noise does not hold is found: more correlation, a bent camera, tails."""
+    noise = passing_on(way)
+    n, sets = 30, 100
+    poses = uq.simulate(n, noise=noise, trials=sets, seed=[SEED, 21])
+    found = []
+    for k in range(sets):
+        one = uq.PosePairs(poses.robot[k] if poses.robot.ndim == 4 else poses.robot, poses.camera[k])
+        tests = residual_tests_of(one, noise)
+        assert all(test.reason is None for test in tests)
+        found.append([test.p_value for test in tests])
+    assert ((np.array(found) < 0.01).mean(axis=0) <= stats.binom.ppf(0.9999, sets, 0.02) / sets).all()
+    rng = np.random.default_rng([SEED, 22])
+    alarms = []
+    for k in range(20):
+        robot, camera = (T[k] if T.ndim == 4 else T for T in (poses.robot, poses.camera))
+        walk = np.cumsum(rng.normal(size=(n, 6)), axis=0)
+        depth = camera[:, 2, 3]
+        bent = camera.copy()
+        bent[:, :2, 3] += 0.1 * camera[:, :2, 3] * (depth / 0.6)[:, None]
+        bent[:, 2, 3] += 0.1 * (depth - 0.6)
+        wrong = moved(camera, 3e-3 * walk), moved(camera, 3e-3 * rng.standard_t(2, size=(n, 6))), bent
+        alarms.append([
+            residual_tests_of(uq.PosePairs(robot, T), noise)[m].p_value < 1e-3 for m, T in enumerate(wrong)
+        ])  # fmt: skip
+    assert (np.mean(alarms, axis=0) > 0.8).all(), np.mean(alarms, axis=0)
+
+
+def residual_tests_of(poses, noise):
+    found = diagnose(efficient(poses, noise), poses, noise)
+    return found.autocorrelation, found.normality, found.regression
+
+
+def test_a_rejected_pose_reaches_no_other_beside_a_drift():
+    """Poses behind it are not judged by what it says of the drift."""
+    noise, n, wrong = passing_on("serial"), 30, 7
+    poses = uq.simulate(n, noise=noise, seed=[SEED, 23])
+    camera = poses.camera.copy()
+    camera[wrong] = moved(camera[wrong], np.array([0.1, 0, 0.05, 0, 0.1, 0]))
+    found = robust_fit(uq.PosePairs(poses.robot, camera), noise).fit
+    assert found.weights[wrong] == 0
+    kept = np.arange(n) != wrong
+    rest = poses.rows(kept)
+    rest_noise = noise.rows(kept)
+    without = own_residuals(efficient(rest, rest_noise))
+    np.testing.assert_allclose(own_residuals(found).e[kept], without.e, atol=0.02)
+
+
+def test_tests_that_were_not_run_have_no_numbers(rng):
+    few = uq.simulate(5, noise=NOISE, seed=rng)
+    found = diagnose(efficient(few, NOISE), few, NOISE)
+    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    for name in ("autocorrelation", "normality", "regression"):
+        numbers = {key: value for key, value in data[name].items() if key != "reason"}
+        assert all(value is None or value == [] for value in numbers.values())
+    said = [str(reason) for reason in found.not_run]
+    assert len(said) == 3 and all("was not run, because 5 rows are too few, 8 are needed" in text for text in said)
+    assert not found.correlated and Diagnostics.from_dict(data).not_run == found.not_run
+    with pytest.raises(uq.InputError, match="regression of the residuals among the diagnostics, or why"):
+        Diagnostics.from_dict(data | {"regression": data["regression"] | {"reason": None}})
 
 
 # ---------------------------------------------------------------------------------------------- as a whole

@@ -158,7 +158,9 @@ def test_what_is_not_possible():
     still = np.repeat(poses.robot[:1], 6, axis=0), np.repeat(poses.camera[:1], 6, axis=0)
     halted = uq.PosePairs(np.concatenate([still[0], poses.robot[6:]]), np.concatenate([still[1], poses.camera[6:]]))
     found = split_half(halted, NOISE, split="contiguous")
-    assert not found.possible and found.X1 is None and "not possible: a half of the data alone fails" in found.sentence
+    assert (
+        not found.possible and found.X1 is None and "not run, because a half of the data alone fails" in found.sentence
+    )
     data = json.loads(json.dumps(found.to_dict()))
     assert data["reason"]["code"] == "diagnostics.half_fails" and SplitHalf.from_dict(data).to_dict() == data
     with pytest.raises(uq.InputError, match="X1 to be numbers"):

@@ -39,8 +39,8 @@ def caution(text):
     return (Finding("stored.text", "caution", {"text": text}),)
 
 
-def simulated(**options):
-    return uq.simulate(n_poses=12, noise=NOISE, seed=SEED, **options)
+def simulated(n=12, **options):
+    return uq.simulate(n_poses=n, noise=NOISE, seed=SEED, **options)
 
 
 @pytest.fixture(scope="module")
@@ -131,8 +131,24 @@ def test_the_answer_comes_first_and_has_its_deviations(result, page):
 def test_warnings_stand_out_or_nothing_looked_wrong(small, page):
     assert "Nothing looked wrong." in page.words("warnings")
     warned = Page(report_html(replace(small, findings=caution("The axes are <parallel>."))))
-    assert warned.words("warnings") == "Warnings Warning The axes are <parallel>."
+    assert warned.words("warnings").startswith("Warnings Warning The axes are <parallel>.")
     assert {"class": "marked"} in warned.all("li")
+
+
+def test_what_was_not_tested_is_not_counted_as_passed(small, page):
+    assert "No test of the data" in page.words("warnings") and "not run" not in page.words("warnings")
+    few = uq.calibrate(simulated(n=5), noise=NOISE)
+    for found in (few, uq.calibrate(simulated(n=5), noise=NOISE, method="park")):
+        words = Page(report_html(replace(found, findings=()))).words("warnings")
+        assert "No test that was run gave a warning" in words and "No test of" not in words
+        assert "was not run, because" in words or "were not run, because" in words
+        assert "not run, because" in " ".join(found.summary().split())
+    words = Page(report_html(few)).words("warnings")
+    for test in ("autocorrelation", "normality", "linear pattern", "split-half test (interleaved)"):
+        assert test in words
+    estimated = uq.calibrate(simulated())
+    assert estimated.fit.p_value is None and json.loads(estimated.to_json())["fit"]["p_value"] is None
+    assert "chi-square test of the noise was not run" in Page(report_html(estimated)).words("warnings")
 
 
 def test_methods_are_compared_with_this_result(result, page, quick):

@@ -196,6 +196,9 @@ def _assembled(
     dof = None if estimate is not None and estimate.from_corners else reference_for(fit, alone).dof
     analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, read_only(beside))
     angle, distance = residuals(motions.A, motions.B, fit.X)
+    judged = goodness_of_fit(fit)
+    if estimate is not None and not estimate.tested:
+        judged = replace(judged, p_value=None)
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
         covariance=covariance,
@@ -206,7 +209,7 @@ def _assembled(
         noise_estimate=estimate,
         bound=fit.covariance_X,
         fourdpa=None if start is None else FourDPA(start.X, start.covariances(noise)[0]),
-        fit=goodness_of_fit(fit),
+        fit=judged,
         table=table,
         time_offset=time_offset,
         shared=joint.estimates(resolved),

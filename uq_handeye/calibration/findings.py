@@ -76,7 +76,7 @@ SUSPICIOUS = np.radians(1.0)
 def against_data_sheet(result: Calibration) -> list[Finding]:
     """Whether the residuals contradict what was taken as known of the noise."""
     estimate, fit = result.noise_estimate, result.fit
-    if estimate is None or fit is None or not estimate.has_prior or fit.p_value > RARE:
+    if estimate is None or fit is None or fit.p_value is None or not estimate.has_prior or fit.p_value > RARE:
         return []
     rotation, translation = fit.rotation_sigma0, fit.translation_sigma0
     severity: Severity = "failure" if max(rotation, translation) > GROSS else "caution"

@@ -47,7 +47,7 @@ def _diagnostics(data: dict[str, Any]) -> dict[str, Any]:
         ("normality", "Normality of the residuals was not tested: "),
         ("regression", f"The residuals were not regressed on the {data['item']}s: "),
     ):
-        found[name] = _with_reason(data[name], start)
+        found[name] = _untested(data[name], start)
     covered = (data.get("focal_covered", False), False, False)
     found["probes"] = [
         _with_reason(probe, f"The effect of the {probe['name']} is not known: ") | {"name": name, "covered": known}
@@ -58,6 +58,14 @@ def _diagnostics(data: dict[str, Any]) -> dict[str, Any]:
 
 def _with_reason(data: dict[str, Any], start: str) -> dict[str, Any]:
     return data | {"reason": _text(f"{start}{data['reason']}.") if data["reason"] else None}
+
+
+def _untested(data: dict[str, Any], start: str) -> dict[str, Any]:
+    """With the reason why there is no test, and then without the numbers that stood for it."""
+    found = _with_reason(data, start)
+    if found["reason"] is None:
+        return found
+    return {name: value if name == "reason" or isinstance(value, list) else None for name, value in found.items()}
 
 
 def _budget(data: dict[str, Any], estimated: bool) -> dict[str, Any]:

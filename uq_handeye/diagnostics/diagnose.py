@@ -86,7 +86,7 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
     measured = (poses.robot, poses.camera) if on_poses and poses is not None else (data.A, data.B)  # type: ignore[union-attr]
     first, second = corrected(fit, noise, *measured)
     lengths = shared_lengths(first, second, data, poses, on_poses)
-    tests = residual_tests(fit, poses if on_poses else None, second, joint)
+    tests = residual_tests(fit, poses if on_poses else None, second)
     frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
     distance = float(np.sqrt(np.mean(np.sum(second[:, :3, 3] ** 2, axis=-1))))
     return Diagnostics(

@@ -9,6 +9,11 @@ quotient ``q = r^T A r / r^T r`` has (P. A. P. Moran 1950; A. D. Cliff and J. K.
 which is what makes the test of autocorrelation (A: the pairs of rows k apart) right for few poses. A regression of the
 residuals on the poses is an F test of the columns that the fit has not used up already. Skewness and kurtosis
 are brought to normal scores by D'Agostino (1970) and by Anscombe and Glynn (1983).
+
+Where poses have errors in common the residuals are those of each pose alone, with the shared errors as unknowns
+(`likelihood.own_residuals`). Beside errors that pass on from pose to pose, and with a covariance (6n, 6n), row i is
+what the poses before i do not predict of pose i: independent as well where the noise is right. A test that was not run
+has a ``reason``, and no numbers.
 """
 
 from __future__ import annotations
@@ -22,8 +27,9 @@ from scipy.special import chdtrc, fdtrc, ndtr
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import SINGULAR, Fit
-from ..likelihood.own_residuals import has_own_residuals, own_residuals
-from ..noise.square_roots import gram, whiten
+from ..likelihood.own_residuals import own_residuals
+from ..noise.joint_covariance import JointCovariance
+from ..noise.square_roots import gram, joint_residuals, whiten
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
 
@@ -43,10 +49,10 @@ class Autocorrelation(ReadOnlyArrays):
     reason: Finding | None  # why there is no test
     correlation: Array  # (lags,) of lag 1, 2, ..., less its expectation for independent rows
     standard_error: Array  # (lags,) for independent rows
-    p_value: float
-    factor: float  # 1 + 2 sum of correlations, initial positive sequence
-    effective_number: float  # n / factor
-    growth: float  # factor on the standard deviations of X, pooled over its six directions
+    p_value: float | None
+    factor: float | None  # 1 + 2 sum of correlations, initial positive sequence
+    effective_number: float | None  # n / factor
+    growth: float | None  # factor on the standard deviations of X, pooled over its six directions
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +61,10 @@ class Normality(ReadOnlyArrays):
 
     reason: Finding | None
     skewness: Array  # (6,)
-    excess_kurtosis: float  # mean of the six components
-    p_skewness: float
-    p_kurtosis: float
-    p_value: float
+    excess_kurtosis: float | None  # mean of the six components
+    p_skewness: float | None
+    p_kurtosis: float | None
+    p_value: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,21 +72,21 @@ class Regression:
     """Whitened residuals as a linear function of camera translation and rotation vector."""
 
     reason: Finding | None
-    r_squared: float
-    chance: float  # its expectation without any pattern
-    p_value: float
+    r_squared: float | None
+    chance: float | None  # its expectation without any pattern
+    p_value: float | None
 
 
-def residual_tests(
-    fit: Fit, poses: PosePairs | None, second: Array, joint: bool
-) -> tuple[Autocorrelation, Normality, Regression]:
-    if joint and has_own_residuals(fit):
-        (white, J, _, _), joint = own_residuals(fit), False
-    else:
-        white, J = fit.white
-    if joint and fit.weights is not None:  # a joint S would carry a rejected pose into the rows of the others
+def residual_tests(fit: Fit, poses: PosePairs | None, second: Array) -> tuple[Autocorrelation, Normality, Regression]:
+    """Of one fit; ``second`` are the poses (motions) of the camera, corrected by the fit."""
+    known: Array | float = 0.0
+    if isinstance(fit.S, JointCovariance):
+        white, J, _, known = own_residuals(fit)
+    elif joint_residuals(fit.S):  # a joint S would carry a rejected pose into the rows behind it: weights in the factor
         stacked = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
         white, J = stacked[..., -1], stacked[..., :-1]
+    else:
+        white, J = fit.white
     n = len(white)
     rows = np.arange(n) if fit.weights is None else np.flatnonzero(fit.weights > 0.5)
     if poses is not None and poses.timestamps is not None:
@@ -97,24 +103,20 @@ def residual_tests(
     elif np.sqrt(np.mean(white[rows] ** 2)) < 1e-6:
         why = "exact"
     if why is not None:
-        normality = Normality(untested("normality", why), np.zeros(0), 0.0, 1.0, 1.0, 1.0)
-        regression = Regression(untested("pattern", why), 0.0, 0.0, 1.0)
+        return (
+            Autocorrelation(untested("autocorrelation", why), np.zeros(0), np.zeros(0), None, None, None, None),
+            Normality(untested("normality", why), np.zeros(0), None, None, None, None),
+            Regression(untested("pattern", why), None, None, None),
+        )
+    r, U = standardised(white[rows], J[rows])
+    skewness, kurtosis, p = normality_of(r)
+    normality = Normality(None, skewness, float(kurtosis), *(float(value) for value in p))
+    found = regression_of(r, U, _regressors(second[rows]))
+    if found is None:
+        regression = Regression(untested("pattern", "coefficients"), None, None, None)
     else:
-        r, U = standardised(white[rows], J[rows])
-        skewness, kurtosis, p = normality_of(r)
-        normality = Normality(None, skewness, float(kurtosis), *(float(value) for value in p))
-        # rows of a joint covariance belong to no single pose once they are whitened
-        found = None if joint else regression_of(r, U, _regressors(second[rows]))
-        if found is None:
-            regression = Regression(untested("pattern", "no rows" if joint else "coefficients"), 0.0, 0.0, 1.0)
-        else:
-            regression = Regression(None, *(float(value) for value in found))
-    if why is not None or joint:
-        reason = untested("autocorrelation", why or "no order")
-        autocorrelation = Autocorrelation(reason, np.zeros(0), np.zeros(0), 1.0, 1.0, float(n), 1.0)
-    else:
-        autocorrelation = _autocorrelation(r, U, J[rows])
-    return autocorrelation, normality, regression
+        regression = Regression(None, *(float(value) for value in found))
+    return _autocorrelation(r, U, J[rows], known), normality, regression
 
 
 def standardised(r: Array, J: Array) -> tuple[Array, Array]:
@@ -145,12 +147,13 @@ def _unit(information: Array) -> tuple[Array, Array]:
     return information * scale[..., :, None] * scale[..., None, :], scale
 
 
-def _autocorrelation(r: Array, U: Array, J: Array) -> Autocorrelation:
+def _autocorrelation(r: Array, U: Array, J: Array, known: Array | float) -> Autocorrelation:
+    """``known`` is the information of priors of the unknowns."""
     n = len(r)
     rho, se, p = autocorrelation_of(r, U)
     factor = _integrated(r, U, r.size, p)
     # What each row adds to X, in units where X has the covariance I: how these add up is what X feels.
-    unit, scale = _unit(gram(J))
+    unit, scale = _unit(gram(J) + known)
     C = np.linalg.pinv(unit, rcond=SINGULAR, hermitian=True) * np.outer(scale, scale)
     A = J @ C[:, :6] @ np.linalg.inv(np.linalg.cholesky(C[:6, :6])).T  # (n, 6, 6)
     growth = _integrated((A.mT @ r[..., None])[..., 0], A.mT @ U, 6.0, p)

@@ -144,7 +144,14 @@ class Diagnostics:
     @property
     def correlated(self) -> bool:
         """Whether neighbouring residuals are correlated beyond chance."""
-        return self.autocorrelation.reason is None and self.autocorrelation.p_value < RARE
+        p_value = self.autocorrelation.p_value
+        return p_value is not None and p_value < RARE
+
+    @property
+    def not_run(self) -> tuple[Finding, ...]:
+        """Why tests of the residuals were not run."""
+        tests = (self.autocorrelation, self.normality, self.regression)
+        return tuple(test.reason for test in tests if test.reason is not None)
 
     def sentences(self) -> list[str]:
         """All findings in words."""
@@ -178,6 +185,9 @@ class Diagnostics:
             raise InputError(f"Expected the errors of {', '.join(PROBED)} among the diagnostics.")
         if not all(probe.sd >= 0 and probe.shift_sd >= 0 for probe in values["probes"]):
             raise InputError("Expected standard deviations of 0 or more among the diagnostics.")
+        for name in ("autocorrelation", "normality", "regression"):
+            if values[name].reason is None and values[name].p_value is None:
+                raise InputError(f"Expected the {name} of the residuals among the diagnostics, or why it is not known.")
         if lags == 0 and values["autocorrelation"].reason is None:
             raise InputError("Expected autocorrelations among the diagnostics, or the reason why there are none.")
         return cls(**values)
@@ -188,7 +198,7 @@ class Diagnostics:
         return self.spectrum.frame
 
     def _of_residuals(self) -> list[Finding]:
-        a, m, g = self.autocorrelation, self.normality, self.regression
+        a, m = self.autocorrelation, self.normality
         found = []
         if a.reason is not None:
             found.append(a.reason)
@@ -199,20 +209,25 @@ class Diagnostics:
             found.append(_note("uncorrelated", lag_1=a.correlation[0], standard_error=a.standard_error[0]))
         if m.reason is not None:
             found.append(m.reason)
-        elif m.p_value < RARE:
+            return found + self._of_pattern()
+        assert m.p_value is not None and m.p_kurtosis is not None and m.p_skewness is not None
+        if m.p_value < RARE:
             tails = m.excess_kurtosis if m.p_kurtosis < max(m.p_skewness, RARE) else None
             skewed = np.abs(m.skewness).max() if m.p_skewness < max(m.p_kurtosis, RARE) else None
             found.append(_caution("not_gaussian", p_value=m.p_value, excess_kurtosis=tails, skewness=skewed))
         else:
             found.append(_note("gaussian", p_value=m.p_value))
+        return found + self._of_pattern()
+
+    def _of_pattern(self) -> list[Finding]:
+        g = self.regression
         if g.reason is not None:
-            found.append(g.reason)
-        elif g.p_value < RARE_PATTERN:
-            values = {"r_squared": g.r_squared, "chance": g.chance, "p_value": g.p_value}
-            found.append(_caution("pattern", item=self.item, correlated=self.correlated, **values))
-        else:
-            found.append(_note("no_pattern", item=self.item))
-        return found
+            return [g.reason]
+        assert g.p_value is not None
+        if g.p_value >= RARE_PATTERN:
+            return [_note("no_pattern", item=self.item)]
+        values = {"r_squared": g.r_squared, "chance": g.chance, "p_value": g.p_value}
+        return [_caution("pattern", item=self.item, correlated=self.correlated, **values)]
 
     def _of_shared_errors(self) -> list[Finding]:
         names = ("name", "estimate", "sd")

@@ -54,7 +54,10 @@ class ScaleError(ReadOnlyArrays):
 
 
 def inflation(found: Autocorrelation) -> float:
-    return float(np.sqrt(max(found.factor, 1.0))) if found.p_value < RARE else 1.0
+    """Factor on the standard deviations of the estimates below; 1 where no correlation was found."""
+    if found.p_value is None or found.factor is None or found.p_value >= RARE:
+        return 1.0
+    return float(np.sqrt(max(found.factor, 1.0)))
 
 
 def shared_lengths(

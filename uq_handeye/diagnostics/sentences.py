@@ -118,15 +118,19 @@ def _moves(item: str, row: int, shift_sd: float, rotation: float, translation: f
 @sentence("diagnostics.not_tested")
 def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
     reason = {
-        "too few": f"{rows} rows are too few: {needed} are needed",
+        "too few": f"{rows} rows are too few, {needed} are needed",
         "exact": "the residuals are zero next to the noise",
+        "coefficients": f"{rows} rows are too few for so many coefficients",
+        # of files written before these tests knew joint covariances
         "no order": "rows of a joint covariance have no order once they are whitened",
         "no rows": "rows of a joint covariance belong to no single pose once they are whitened",
-        "coefficients": f"{rows} rows are too few for so many coefficients",
     }[why]
-    if test == "pattern":
-        return f"The residuals were not regressed on the {item}s: {reason}."
-    return f"{test.capitalize()} of the residuals was not tested: {reason}."
+    what = {
+        "autocorrelation": "the autocorrelation of the residuals",
+        "normality": "the normality of the residuals",
+        "pattern": f"a linear pattern of the residuals over the {item}s",
+    }[test]
+    return f"The test of {what} was not run, because {reason}."
 
 
 @sentence("diagnostics.correlated")
@@ -208,21 +212,21 @@ def relative(estimate: float, sd: float) -> str:
 
 @sentence("diagnostics.halves_too_small")
 def _(split: str, item: str, rows: int, needed: int) -> str:
-    return f"{_impossible(split)}: a half has {rows} {item}s, {needed} are needed."
+    return f"{_not_run(split)} a half has {rows} {item}s, {needed} are needed."
 
 
 @sentence("diagnostics.halves_without_freedom")
 def _(split: str, dof: float) -> str:
-    return f"{_impossible(split)}: the noise was estimated with {dof:.2g} degrees of freedom only."
+    return f"{_not_run(split)} the noise was estimated with {dof:.2g} degrees of freedom only."
 
 
 @sentence("diagnostics.half_fails")
 def _(split: str, error: str) -> str:
-    return f"{_impossible(split)}: a half of the data alone fails. {error}"
+    return f"{_not_run(split)} a half of the data alone fails. {error}"
 
 
-def _impossible(split: str) -> str:
-    return f"The split-half test ({split}) is not possible"
+def _not_run(split: str) -> str:
+    return f"The split-half test ({split}) was not run, because"
 
 
 @sentence("diagnostics.halves")

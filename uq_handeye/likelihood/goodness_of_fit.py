@@ -63,7 +63,8 @@ class GoodnessOfFit:
     chi2: float
     dof: float
     sigma0: float
-    p_value: float  # two-sided: small where residuals are larger or smaller than the noise says
+    p_value: float | None  # two-sided: small where residuals are larger or smaller than the noise says; None: no test,
+    # as the noise was made of the same residuals
     rotation_sigma0: float
     translation_sigma0: float
 

@@ -3,6 +3,9 @@ r"""What is left of the residuals once the errors that all poses share are taken
 With ``S = blkdiag(S_i) + F F^T`` and r the residuals after the fit, ``z = (F^T S_i^-1 F + 1)^-1 F^T S_i^-1 r`` is the
 estimate of the shared errors, and ``e = r - F z`` are those of each pose alone, whitened by S_i. They belong to one
 pose each, as residuals of independent noise do, with the unknowns (X, W, z).
+
+Errors that pass on from pose to pose (`serial_errors`) stand beside the S_i: e is then whitened by both, so that its
+row i is what the poses before i do not predict of pose i.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
-from ..noise.square_roots import cholesky_of, gram, whiten
+from ..noise.square_roots import cholesky_of, gram, least_weight, whiten
 from .gauss_helmert import Fit
 
 # Information (1 where it equals that of the prior) below which the data tell nothing of a shared error.
@@ -22,7 +25,7 @@ TOLD = 1e-4
 
 
 class OwnResiduals(NamedTuple):
-    """Of one fit, in units of each pose's own noise; no weights are in them."""
+    """Of one fit, in units of each pose's own noise; weights are in them beside serial errors alone."""
 
     e: Array  # (n, 6)
     J: Array  # (n, 6, p + q), q combinations of shared errors of which the data tell something
@@ -31,7 +34,7 @@ class OwnResiduals(NamedTuple):
 
 
 def has_own_residuals(fit: Fit) -> bool:
-    """Whether the poses have errors in common of this kind, and no others."""
+    """Whether the poses have errors in common of this kind, and no serial ones."""
     return isinstance(fit.S, JointCovariance) and fit.S.serial is None
 
 
@@ -41,8 +44,14 @@ def own_residuals(fit: Fit) -> OwnResiduals:
     assert isinstance(S, JointCovariance)
     if fit.covariance.ndim != 2:
         raise InputError(f"Expected one data set beside shared errors, got leading axes {fit.covariance.shape[:-2]}.")
-    white = whiten(cholesky_of(S.own), np.concatenate([fit.linear.J, S.shared, fit.residual[..., None]], axis=-1))
-    root = np.ones(len(white)) if fit.weights is None else np.sqrt(fit.weights)
+    values = np.concatenate([fit.linear.J, S.shared, fit.residual[..., None]], axis=-1)
+    root = np.ones(len(values)) if fit.weights is None else np.sqrt(fit.weights)
+    if S.serial is None:
+        white = whiten(cholesky_of(S.own), values)
+    else:  # a rejected pose must not reach those behind it
+        scale = 1.0 / np.maximum(root**2, least_weight(S))
+        white = S.serial.factor(scale[:, None, None] * S.own).whiten(values)
+        root = np.ones(len(values))
     sums = gram(white * root[:, None, None])
     q = S.shared.shape[-1]
     F = slice(p, p + q)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..calibration.points_ahead import ahead
+from ..calibration.report.analysis import tests_not_run
 from ..calibration.report.shared_errors import included_words
 from ..calibration.report.text import answer, directions, ellipsoid_words, not_covered, parent_frame, source_words
 from ..formatting.numbers import concise, fixed
@@ -15,7 +16,6 @@ from ..geometry.pose_numbers import pose_numbers
 from ..geometry.se3 import Array
 from ..presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ..validation.cross_check.text import state, verdict
-from .sections_data import needs
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -93,17 +93,17 @@ def _pose_cells(T: Array, covariance: Array | None, opened: Array | None) -> lis
 
 def warnings_section(result: Calibration) -> Section:
     """What looked wrong, or that nothing did."""
+    not_run = tests_not_run(result)
+    blocks: list[Block] = []
     if result.warnings:
-        return Section("warnings", "Warnings", [Points(result.warnings, frozenset(range(len(result.warnings))))])
-    text = "Nothing looked wrong."
-    if result.analysis is None:
-        text += f" {needs('Residuals and halves of the data are tested', result)}"
+        blocks.append(Points(result.warnings, frozenset(range(len(result.warnings)))))
     else:
-        text += (
-            " No test of the data, of the residuals or of the two halves gave a warning. What no test can show stands "
-            "in the last section."
-        )
-    return Section("warnings", "Warnings", [Paragraph(text)])
+        which = "No test of the data, of the residuals or of the two halves"
+        text = f"Nothing looked wrong. {which if not not_run else 'No test that was run'} gave a warning."
+        blocks.append(Paragraph(f"{text} What no test can show stands in the last section."))
+    if not_run:
+        blocks += [Paragraph("Tests that were not run, and say nothing:"), Points(not_run)]
+    return Section("warnings", "Warnings", blocks)
 
 
 def ellipses_section(result: Calibration, drawings: Mapping[str, Drawing], cross_check: CrossCheck | None) -> Section:

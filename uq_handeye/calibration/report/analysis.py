@@ -47,13 +47,14 @@ def noise_blocks(result: Calibration) -> list[Block]:
     else:
         blocks.append(Paragraph(NO_NOISE, empty=True))
     if result.fit is not None:
-        sentences = _fit_sentences(result.fit, by_construction=estimate is not None and not estimate.tested)
+        sentences = _fit_sentences(result.fit)
         blocks += [Paragraph(text) for text in (_counts(result), *sentences)]
     elif estimate is not None and estimate.noise is not None:
         blocks.append(Paragraph(f"The residuals have {estimate.dof:.0f} degrees of freedom."))
     return blocks
 
 
+NO_TEST_OF_NOISE = "The chi-square test of the noise was not run, because the noise comes from the same residuals."
 NO_NOISE = "Not known: no noise was given, and none could be estimated from the residuals."
 
 
@@ -90,14 +91,11 @@ def _counts(result: Calibration) -> str:
     return f"Data: {6 * n} residuals (6 of each {of}), {variables}."
 
 
-def _fit_sentences(fit: GoodnessOfFit, by_construction: bool) -> list[str]:
-    """The chi-square test in words, sigma_0, and where it is so what the noise gets wrong.
-
-    ``by_construction``: the noise is made of the same residuals, so that the test says nothing.
-    """
+def _fit_sentences(fit: GoodnessOfFit) -> list[str]:
+    """The chi-square test in words, sigma_0, and where it is so what the noise gets wrong."""
     start = f"Fit: chi-square {fit.chi2:.1f} with {fit.dof:.0f} degrees of freedom (reduced: {fit.chi2 / fit.dof:.2f})"
-    if by_construction:
-        text = f"{start}; near their number by construction, as the noise comes from them."
+    if fit.p_value is None:
+        text = f"{start}; near their number by construction. {NO_TEST_OF_NOISE}"
     else:
         verdict = "the noise explains the residuals" if fit.p_value > 0.01 else _misfit(fit.sigma0)
         text = f"{start}, {probability(fit.p_value, 2)}: {verdict}."
@@ -110,7 +108,7 @@ def _fit_sentences(fit: GoodnessOfFit, by_construction: bool) -> list[str]:
     # Each part has about half of the degrees of freedom, and its sigma_0 the deviation 1 / sqrt(2 dof / 2).
     least = max(FAR / np.sqrt(fit.dof), MUCH)
     off = [name for name, value in parts.items() if abs(value - 1) > least]
-    if off and (by_construction or fit.p_value > 0.01):
+    if off and (fit.p_value is None or fit.p_value > 0.01):
         how = " and ".join(f"{name} {digits(parts[name])} times" for name in off)
         sentences.append(
             f"The residuals are not what this noise makes of them ({how} as large): the model of the noise is wrong."
@@ -301,10 +299,24 @@ def diagnosis_blocks(result: Calibration) -> list[Block]:
     """Diagnostics and split halves in words."""
     analysis = result.analysis
     if analysis is None:
-        return []
+        return [Heading("Diagnostics:"), Points(tests_not_run(result))]
     found = [f for f in analysis.diagnostics.findings if f.code not in _SAID_ELSEWHERE]
     found.sort(key=lambda f: f.code != "diagnostics.joint_spectrum")  # that one first
     found += [analysis.split_half.finding, analysis.split_in_time.finding]
     below = [f for f in found if f not in result.findings]
     title = f"Diagnostics{' (see the cautions above)' if len(below) < len(found) else ''}:"
     return [Heading(title), Points([str(f) for f in below])]
+
+
+def tests_not_run(result: Calibration) -> list[str]:
+    """Sentences that name the tests of the noise, of the residuals and of halves that were not run, and why."""
+    found = [] if result.fit is None or result.fit.p_value is not None else [NO_TEST_OF_NOISE]
+    analysis = result.analysis
+    if analysis is None:
+        why = f"they are made by the methods efficient and ml, not by {result.method}"
+        if result.covariance is None:
+            why = "there is no noise, given or estimated"
+        return [*found, f"The tests of the residuals and of two halves of the data were not run, because {why}."]
+    reasons = list(analysis.diagnostics.not_run)
+    reasons += [half.reason for half in (analysis.split_half, analysis.split_in_time) if half.reason is not None]
+    return [*found, *map(str, reasons)]

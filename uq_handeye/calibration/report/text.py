@@ -89,8 +89,9 @@ def answer(result: Calibration) -> str:
         text += f" Open: {'; '.join(result.open_words)}."
     if result.analysis is not None and result.covariance_kind != "hac":
         found = result.analysis.diagnostics
-        if found.correlated and found.autocorrelation.growth > 1.1:
-            times = digits(found.autocorrelation.growth, 2)
+        growth = found.autocorrelation.growth
+        if found.correlated and growth is not None and growth > 1.1:
+            times = digits(growth, 2)
             text += f" Neighbouring poses are not independent: about {times} times as much is nearer the truth."
     return text
 
