@@ -17,7 +17,8 @@ from ...noise.estimate import SHOWN, Component
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import Noise, PairNoise, is_joint, marginals
 from ...presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
-from ..result import Calibration, deviations_of
+from ..estimated_poses import deviations_of
+from ..result import Calibration
 
 KINDS = ("rotation", "translation")
 # Poses that a text lists; the table of the result has them all.
