@@ -1,9 +1,10 @@
 r"""Bundle adjustment of intrinsics and camera poses on the corners of a board, and the joint covariance of the poses.
 
-Model: corner j of picture i is seen at ``z_ij = project(k, C_i P_j) + e``, ``C_i = camera_T_target``, e Gaussian and
-independent with the deviation s (pixels) per coordinate. The parameters k may have a Gaussian prior. Minimised is
+Model: corner j of picture i is seen at ``z_ij = project(c, C_i P_j(w)) + e``, ``C_i = camera_T_target``, e Gaussian and
+independent with the deviation s (pixels) per coordinate. What all pictures share, ``k = (c, w)``, the intrinsics c and
+the shape w of the board (`board_shape`), may have a Gaussian prior. Minimised is
 
-    sum_ij w_i |z_ij - project(k, C_i P_j)|^2 / s^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
+    sum_ij w_i |z_ij - project(c, C_i P_j(w))|^2 / s^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
 
 with a weight w_i for each picture (`picture_weights`; rows of picture i below are multiplied by its root), over k and
 all poses; the poses are eliminated (`variable_projection`). With the derivatives of the residuals A_i by k and B_i by
@@ -31,6 +32,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..geometry.se3 import Array, perturb, skew
 from ..runtime.read_only import ReadOnlyArrays
+from .board_shape import BoardShape, flat_shape
 from .corners import Corners
 from .models import CameraModel, Projected
 from .variable_projection import Minimum, minimised
@@ -45,7 +47,7 @@ LOST = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Prior(ReadOnlyArrays):
-    """What is known of the parameters beforehand: mean (k,) and covariance (k, k); variance 0 is exact."""
+    """What is known of the parameters beforehand: mean (p,) and covariance (p, p); variance 0 is exact."""
 
     mean: Array
     covariance: Array
@@ -53,22 +55,53 @@ class Prior(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Bundle(ReadOnlyArrays):
-    """Intrinsics and poses at the minimum, what is left, and their covariance to first order."""
+    """Parameters and poses at the minimum, what is left, and their covariance to first order.
+
+    The p parameters are the k intrinsics of the model and the q coefficients of the board's shape, in this order.
+    """
 
     model: CameraModel
-    parameters: Array  # (k,)
+    shape: BoardShape
+    parameters: Array  # (p,)
     poses: Array  # (n, 4, 4) camera_T_target
     residuals: Array  # (m, 2) measured less predicted pixels, also of corners that were left out
     used: NDArray[np.bool_]  # (m,)
-    free: NDArray[np.bool_]  # (k,) parameters that were estimated
+    free: NDArray[np.bool_]  # (p,) parameters that were estimated
     pixel_noise: float  # s, pixels per coordinate
-    covariance: Array  # (k, k) of the parameters; 0 where fixed
+    covariance: Array  # (p, p) of the parameters; 0 where fixed
     own: Array  # (n, 6, 6) s^2 V_i^-1
-    by_parameters: Array  # (n, 6, k) G_i
+    by_parameters: Array  # (n, 6, p) G_i
     weights: Array  # (n,) w_i of the pictures
     converged: bool
     iterations: int
     prior: Prior | None = None  # that the parameters were fitted with
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return (*self.model.names, *self.shape.names)
+
+    @property
+    def intrinsics(self) -> Array:
+        """(k,)"""
+        return self.parameters[: len(self.model.names)]
+
+    @property
+    def intrinsics_covariance(self) -> Array:
+        """(k, k)"""
+        k = len(self.model.names)
+        return self.covariance[:k, :k]
+
+    @property
+    def bend(self) -> Array:
+        """(q,) coefficients of the board's shape, m."""
+        return self.parameters[len(self.model.names) :]
+
+    @property
+    def bend_covariance(self) -> Array:
+        """(q, q)"""
+        k = len(self.model.names)
+        return self.covariance[k:, k:]
 
     @property
     def picture_noise(self) -> Array:
@@ -86,40 +119,64 @@ class Sight:
     """What the pictures show, padded to the same number of corners: see `Corners.by_picture`."""
 
     model: CameraModel
-    points: Array  # (n, most, 3)
+    shape: BoardShape
+    points: Array  # (n, most, 3) with the shape's offset
+    fields: Array  # (n, most, 3, q) displacement of the points by the shape's coefficients
     pixels: Array  # (n, most, 2)
     weights: Array  # (n, most): what residuals are multiplied by, 0 for corners that do not count
 
     @classmethod
-    def of(cls, model: CameraModel, corners: Corners, used: NDArray[Any]) -> Sight:
-        return cls(model, *(corners.by_picture(part) for part in (corners.points, corners.pixels, used)))
+    def of(cls, model: CameraModel, shape: BoardShape, corners: Corners, used: NDArray[Any]) -> Sight:
+        row = shape.rows(corners.points)
+        points = corners.points + shape.offset[row]
+        parts = (points, shape.fields[row], corners.pixels, used)
+        return cls(model, shape, *(corners.by_picture(part) for part in parts))
+
+    @property
+    def names(self) -> NDArray[np.str_]:
+        """(p,) of the parameters."""
+        return np.array((*self.model.names, *self.shape.names))
 
     def rows(self, parameters: Array, poses: Array) -> tuple[Array, Array, Array]:
-        """r (n, 2 most), A (n, 2 most, k) by the parameters and B (n, 2 most, 6) by the poses, in pixels.
+        """r (n, 2 most), A (n, 2 most, p) by the parameters and B (n, 2 most, 6) by the poses, in pixels.
 
         Rows of corners that do not count are 0.
         """
         turned, seen, r = self._seen(parameters, poses)
         n, most = self.weights.shape
+        k = len(self.model.names)
         weight = self.weights[..., None, None]
-        A = (weight * seen.by_parameters).reshape(n, 2 * most, -1)
         by_point = weight * seen.by_point
+        A = np.empty((n, most, 2, len(parameters)))
+        A[..., :k] = weight * seen.by_parameters
+        if len(parameters) > k:
+            A[..., k:] = (by_point @ poses[:, None, :3, :3]) @ self.fields
         by_pose = np.empty((n, most, 2, 6))
         by_pose[..., :3] = -by_point @ skew(turned)
         by_pose[..., 3:] = by_point
-        return r, A, by_pose.reshape(n, 2 * most, 6)
+        return r, A.reshape(n, 2 * most, -1), by_pose.reshape(n, 2 * most, 6)
 
     def residuals(self, parameters: Array, poses: Array) -> Array:
         """r alone."""
         return self._seen(parameters, poses)[2]
 
-    def _seen(self, parameters: Array, poses: Array) -> tuple[Array, Projected, Array]:
-        turned = self.points @ poses[:, :3, :3].mT
+    def predicted(self, parameters: Array, poses: Array) -> Array:
+        """Pixels (n, most, 2) of all points, also of those that do not count."""
+        return self._projected(parameters, poses)[1].pixels
+
+    def _projected(self, parameters: Array, poses: Array) -> tuple[Array, Projected, NDArray[np.bool_]]:
+        k = len(self.model.names)
+        on_board = self.points + self.fields @ parameters[k:] if len(parameters) > k else self.points
+        turned = on_board @ poses[:, :3, :3].mT
         points = turned + poses[:, None, :3, 3]
         in_front = np.asarray(points[..., 2] > 0) | (self.model.name == "fisheye")
-        seen = self.model.project(parameters, np.where(in_front[..., None], points, [0.0, 0.0, 1.0]))
+        seen = self.model.project(parameters[:k], np.where(in_front[..., None], points, [0.0, 0.0, 1.0]))
+        return turned, seen, in_front
+
+    def _seen(self, parameters: Array, poses: Array) -> tuple[Array, Projected, Array]:
+        turned, seen, in_front = self._projected(parameters, poses)
         off = np.where(in_front[..., None], seen.pixels - self.pixels, LOST)
-        return turned, seen, np.asarray(self.weights[..., None] * off).reshape(len(points), -1)
+        return turned, seen, np.asarray(self.weights[..., None] * off).reshape(len(poses), -1)
 
 
 class _Problem:
@@ -129,7 +186,7 @@ class _Problem:
         self.sight, self.parameters, self.free = sight, parameters, free
 
     def all(self, values: Array) -> Array:
-        """All parameters (k,)."""
+        """All parameters (p,)."""
         parameters = self.parameters.copy()
         parameters[self.free] = values
         return parameters
@@ -151,20 +208,22 @@ def adjust(
     start: tuple[Array, Array],
     *,
     free: NDArray[np.bool_],
+    shape: BoardShape | None = None,
     used: NDArray[np.bool_] | None = None,
     weights: Array | None = None,
     prior: Prior | None = None,
     pixel_noise: float | None = None,
 ) -> Bundle:
-    """Minimise from ``start`` (parameters, poses) over the ``free`` parameters (k,) and all poses.
+    """Minimise from ``start`` (parameters, poses) over the ``free`` parameters (p,) and all poses.
 
-    ``used`` (m,) says which corners count, ``weights`` (n,) how much those of each picture do. ``pixel_noise`` None:
-    estimated from those used, ``s^2 = |r|^2 / (coordinates - parameters)``; with a prior it weighs the prior too, and
-    the fit is repeated until both agree.
+    ``shape`` None: the board is flat. ``used`` (m,) says which corners count, ``weights`` (n,) how much those of each
+    picture do. ``pixel_noise`` None: estimated from those used, ``s^2 = |r|^2 / (coordinates - parameters)``; with a
+    prior it weighs the prior too, and the fit is repeated until both agree.
     """
     used = np.ones(corners.m, dtype=bool) if used is None else used
     weights = np.ones(corners.n) if weights is None else weights
-    sight = Sight.of(model, corners, used * np.sqrt(weights)[corners.picture])
+    shape = flat_shape(corners.points) if shape is None else shape
+    sight = Sight.of(model, shape, corners, used * np.sqrt(weights)[corners.picture])
     problem = _Problem(sight, start[0].copy(), free)
     values, poses = start[0][free], start[1]
     s = 1.0 if pixel_noise is None else pixel_noise
@@ -218,16 +277,16 @@ def _bundle(
     information = np.einsum("nij,nik->jk", found.J, found.J) / s**2
     if prior is not None:
         information = information + np.linalg.inv(prior.covariance[np.ix_(free, free)])
-    k = len(free)
-    covariance, by_parameters = np.zeros((k, k)), np.zeros((len(poses), 6, k))
-    covariance[np.ix_(free, free)] = _inverse(information, np.array(sight.model.names)[free])
+    p = len(free)
+    covariance, by_parameters = np.zeros((p, p)), np.zeros((len(poses), 6, p))
+    covariance[np.ix_(free, free)] = _inverse(information, sight.names[free])
     by_parameters[..., free] = found.G
     own = s**2 * np.linalg.inv(found.B.mT @ found.B)
     parameters = problem.all(found.values)
-    points = sight.points @ poses[:, :3, :3].mT + poses[:, None, :3, 3]
-    residuals = (sight.pixels - sight.model.project(parameters, points).pixels)[corners.picture, corners.place]
+    residuals = (sight.pixels - sight.predicted(parameters, poses))[corners.picture, corners.place]
     return Bundle(
         sight.model,
+        sight.shape,
         parameters,
         poses,
         residuals,

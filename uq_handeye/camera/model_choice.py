@@ -1,13 +1,15 @@
-r"""Which camera model: by the Bayesian information criterion, and never radial distortion alone.
+r"""Which camera model, and which shape of the board: by the Bayesian information criterion, never radial terms alone.
 
-Of candidates with p free parameters in all, that leave the sum of squares Q of the N coordinates that count
-(G. Schwarz, Annals of Statistics 6 (1978)):
+Of candidates with p free parameters in common, that leave the sum of squares Q of the N coordinates that count in n
+pictures (G. Schwarz, Annals of Statistics 6 (1978)):
 
-    BIC = N ln(Q / N) + p ln N
+    BIC = nu ln(Q / nu) + p ln nu,    nu = N - 6 n
 
-the smallest is best. It takes residuals of different corners as independent. Where they are not, as with a board that
-was printed badly, it takes more coefficients than there are; that does little harm, as X is then only a little less
-certain, while a coefficient that is missing shifts X.
+the smallest is best. nu and not N: the poses of the pictures take 6 numbers each, whatever the candidate. Their
+marginal likelihood has the exponent nu / 2; with N the profile likelihood counts what they take as evidence (J. Neyman,
+E. Scott, Econometrica 16 (1948)), which for boards of few corners takes coefficients that are not there.
+The criterion takes residuals of different corners as independent. Where they are not it takes more coefficients than
+there are; that does little harm, as X is then only a little less certain, while one that is missing shifts X.
 
 A lens that distorts is not centred to the last micron either. Too small for the criterion, the decentring p1, p2 still
 turns X by several standard deviations where it is taken as 0: with k1 = -0.1, p1 = 3e-4, p2 = -2e-4 and 20 pictures of
@@ -23,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .bundle import Bundle
+from .board_shape import FLAT
 
 # Candidates of "auto", from few parameters to many: model and coefficients that are free.
 CANDIDATES: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -47,10 +49,13 @@ class Candidate(NamedTuple):
     coefficients: tuple[str, ...]
     bic: float  # infinite where the fit did not succeed
     rms: float  # pixels per coordinate, of what is left
+    shape: str = FLAT  # of the board
 
     @property
     def label(self) -> str:
-        return self.model + (f" ({', '.join(self.coefficients)})" if self.coefficients else "")
+        """Model, coefficients and shape."""
+        text = self.model + (f" ({', '.join(self.coefficients)})" if self.coefficients else "")
+        return text if self.shape == FLAT else f"{text}, board {self.shape}"
 
 
 def best(candidates: Sequence[Candidate]) -> Candidate | None:
@@ -63,8 +68,7 @@ def best(candidates: Sequence[Candidate]) -> Candidate | None:
     return min(whole, key=lambda c: c.bic, default=found)
 
 
-def criterion(found: Bundle) -> float:
-    """BIC of a bundle."""
-    N = 2 * int(found.used.sum())
-    p = 6 * len(found.poses) + int(found.free.sum())
-    return float(N * np.log(np.sum(found.residuals[found.used] ** 2) / N) + p * np.log(N))
+def criterion(squares: float, coordinates: int, pictures: int, parameters: int) -> float:
+    """BIC of what is left, see the module."""
+    nu = max(coordinates - 6 * pictures, 1)
+    return float(nu * np.log(max(squares, np.finfo(float).tiny) / nu) + parameters * np.log(nu))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -32,10 +31,6 @@ UNCERTAIN = 0.01
 SMALL = 2.0
 
 
-# A value, which is exact, or a value and its standard deviation.
-Known = Mapping[str, float | tuple[float, float]]
-
-
 @dataclass(frozen=True, eq=False)
 class CameraCalibration:
     """A calibrated camera, the poses it saw the board at, and how well all of that is known; see `calibrate_camera`."""
@@ -60,18 +55,18 @@ class CameraCalibration:
     @cached_property
     def intrinsics(self) -> dict[str, float]:
         """Parameters by name: pixels, coefficients without unit."""
-        return dict(zip(self.bundle.model.names, map(float, self.bundle.parameters), strict=True))
+        return dict(zip(self.bundle.model.names, map(float, self.bundle.intrinsics), strict=True))
 
     @cached_property
     def std(self) -> dict[str, float]:
         """Their standard deviations; 0 where they were not estimated."""
-        deviations = np.sqrt(np.diag(self.bundle.covariance))
+        deviations = np.sqrt(np.diag(self.bundle.intrinsics_covariance))
         return dict(zip(self.bundle.model.names, map(float, deviations), strict=True))
 
     @property
     def estimated(self) -> tuple[str, ...]:
         """Names of the parameters that were estimated."""
-        return tuple(np.array(self.bundle.model.names)[self.bundle.free].tolist())
+        return tuple(name for name, free in zip(self.bundle.model.names, self.bundle.free, strict=False) if free)
 
     @property
     def poses(self) -> Array:

@@ -75,5 +75,7 @@ def certainty(cam: Calibrated) -> tuple[Array, Array, Array]:
     nodes = [max(round(NODES * length / max(width, height)), 9) for length in (width, height)]
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, nodes[0]), np.linspace(-0.5, height - 0.5, nodes[1]))
     bundle = cam.bundle
-    deviation = pixel_deviation(bundle.model, bundle.parameters, bundle.covariance, np.stack([u, v], axis=-1))
+    deviation = pixel_deviation(
+        bundle.model, bundle.intrinsics, bundle.intrinsics_covariance, np.stack([u, v], axis=-1)
+    )
     return u, v, deviation

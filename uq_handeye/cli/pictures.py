@@ -110,11 +110,21 @@ class LensOptions:
             "or exact.",
         ),
     ] = None
+    board_shape: Annotated[
+        str | None,
+        option(
+            "--board-shape",
+            metavar="NAME",
+            panel=LENS,
+            help="Of the board: auto, flat, bow2, bow3, bow4 (degree of its height), plane1, plane2 (aspect and shear; "
+            "and degree 2), or both, such as bow2+plane1. Left out: auto, the best by BIC.",
+        ),
+    ] = None
 
     @property
     def given(self) -> list[str]:
         """Names of the options that were given."""
-        return [f"--{name}" for name, value in vars(self).items() if value is not None]
+        return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
 
     def calibrate(self, corners: "Corners", image_size: tuple[int, int] | None) -> "CameraCalibration":
         """The camera that saw these corners."""
@@ -140,7 +150,10 @@ class LensOptions:
             raise InputError("Corners do not say how large the pictures are: give --image-size, e.g. 1920x1080.")
         names = None if self.coefficients is None else [part.strip() for part in self.coefficients.split(",") if part]
         with timed("calibrating the camera"), working("calibrating the camera", progress_wanted()):
-            return calibrate_camera(corners, image_size, model or "auto", coefficients=names, intrinsics=values)
+            return calibrate_camera(
+                corners, image_size, model or "auto", coefficients=names, intrinsics=values,
+                shape=self.board_shape or "auto",
+            )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class RigBundle(NamedTuple):
     X: Array  # (4, 4)
     W: Array  # (4, 4)
     covariance: Array  # (12 + f, 12 + f) of the errors of X and W, then of the f free intrinsics
-    parameters: Array  # (k,) intrinsics
+    parameters: Array  # (p,) intrinsics and shape of the board
     robot: Array  # (n, 4, 4) as adjusted
     chi2: float  # what is left of the objective
     dof: int
@@ -238,7 +238,7 @@ def _problem(
     bundle, kept = seen.bundle, weights > 0
     root = np.sqrt(np.where(kept, weights, 1.0))
     of_picture = root * np.sqrt(bundle.weights)
-    sight = Sight.of(bundle.model, seen.corners, bundle.used * of_picture[seen.corners.picture])
+    sight = Sight.of(bundle.model, bundle.shape, seen.corners, bundle.used * of_picture[seen.corners.picture])
     inverted = poses.setup == "eye-to-hand"
     L = np.zeros((poses.n, 6, 6)) if robot is None else np.broadcast_to(factor(robot), (poses.n, 6, 6))
     L = np.where(kept[:, None, None], L / root[:, None, None], UNKNOWN * np.eye(6))

@@ -182,7 +182,7 @@ def _checked_points(points: ArrayLike) -> Array:
 def _lens_of(given: Any, image_size: tuple[int, int] | None) -> Lens:
     if isinstance(given, CameraCalibration):
         size = image_size or given.image_size
-        lens = Lens(given.bundle.model, given.bundle.parameters, given.bundle.covariance, size)
+        lens = Lens(given.bundle.model, given.bundle.intrinsics, given.bundle.intrinsics_covariance, size)
     elif isinstance(given, KnownIntrinsics):
         lens = _of_known(given, image_size)
     else:

@@ -26,7 +26,8 @@ from ...formats.csv_poses import read_pose_file
 from ...formats.numpy_poses import MAX_BYTES, members
 from ...geometry.checks import as_transforms
 from ...geometry.se3 import Array
-from ..bundle import Bundle, Prior
+from ..board_shape import FLAT, BoardShape, flat_shape
+from ..bundle import Bundle, Prior, Sight
 from ..corners import Corners
 from ..model_choice import Candidate
 from ..models import MODELS
@@ -114,6 +115,20 @@ def _prior(value: Any, free: NDArray[np.bool_], where: str) -> Prior | None:
     return Prior(mean, S)
 
 
+def _shape(tree: Any, arrays: dict[str, Any], corners: Corners) -> BoardShape:
+    """Of the board; flat where the folder is of a version that knew no other."""
+    if "board" not in tree:
+        return flat_shape(corners.points)
+    names = tuple(map(str, tree["board"]["names"]))
+    u, q = len(arrays["board_points"]), len(names)
+    sd = np.asarray(arrays["board_sd"], dtype=float)
+    if sd.shape != (q,) or not (sd > 0).all():
+        raise InputError(f"{COVARIANCE}, board_sd: expected {q} deviations above 0; the files are {_OTHER_RUN}")
+    parts = {"points": (u, 3), "offset": (u, 3), "fields": (u, 3, q)}
+    points, offset, fields = (_numbers(arrays, f"board_{part}", shape) for part, shape in parts.items())
+    return BoardShape(str(tree["board"]["shape"]), names, points, offset, fields, sd)
+
+
 def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any], name: str) -> CameraCalibration:
     if not isinstance(tree, dict) or tree.get("format") != FORMAT:
         came = short(str(tree.get("format"))) if isinstance(tree, dict) else got(tree)
@@ -122,26 +137,37 @@ def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any],
         raise InputError(f"{name}, model: expected one of {', '.join(MODELS)}, got {short(str(tree['model']))}.")
     model = MODELS[tree["model"]]
     k, n = len(model.names), corners.n
+    shape = _shape(tree, arrays, corners)
+    p = k + shape.q
     parameters = np.array([number(item(tree["parameters"], key, name), f"{name}, {key}") for key in model.names])
-    covariance = np.array([vector(row, k, f"{name}, covariance") for row in tree["covariance"]])
-    if covariance.shape != (k, k) or (covariance != covariance.T).any():
+    of_lens = np.array([vector(row, k, f"{name}, covariance") for row in tree["covariance"]])
+    if "board" in tree:
+        bend = vector(tree["board"]["coefficients"], shape.q, f"{name}, board")
+        parameters = np.concatenate([parameters, np.array(bend, dtype=float)])
+        covariance = _numbers(arrays, "covariance", (p, p))
+    else:  # of a version that took every board as flat
+        covariance = of_lens
+    if of_lens.shape != (k, k) or (covariance != covariance.T).any():
         raise InputError(f"{name}, covariance: expected a symmetric matrix, {k} x {k}.")
+    if not np.array_equal(covariance[:k, :k], of_lens):
+        raise InputError(f"{name} and {COVARIANCE} are {_OTHER_RUN}")
     width, height = (int(number(value, f"{name}, image_size")) for value in vector(tree["image_size"], 2, name))
     poses = as_transforms(_numbers(arrays, "poses", (n, 4, 4)), "poses")
     own = _numbers(arrays, "own", (n, 6, 6))
-    by_parameters = _numbers(arrays, "by_parameters", (n, 6, k))
+    by_parameters = _numbers(arrays, "by_parameters", (n, 6, p))
     weights = _numbers(arrays, "weights", (n,))
     if (weights <= 0).any():
         raise InputError(f"{COVARIANCE}, weights: expected weights of the pictures above 0, got {weights.min():.3g}.")
-    free = np.isin(model.names, tree["estimated"])
-    if not np.array_equal(_numbers(arrays, "parameters", (k,)), parameters):
+    free = np.isin((*model.names, *shape.names), [*tree["estimated"], *shape.names])
+    if not np.array_equal(_numbers(arrays, "parameters", (p,)), parameters):
         raise InputError(f"{name} and {COVARIANCE} are {_OTHER_RUN}")
     if (own != own.mT).any() or np.linalg.eigvalsh(own).min() < 0:
         raise InputError(f"{COVARIANCE}, own: expected covariances, got other matrices.")
-    seen = corners.by_picture(corners.points) @ poses[:, :3, :3].mT + poses[:, None, :3, 3]
-    predicted = model.project(parameters, seen).pixels[corners.picture, corners.place]
+    sight = Sight.of(model, shape, corners, used)
+    predicted = sight.predicted(parameters, poses)[corners.picture, corners.place]
     bundle = Bundle(
         model,
+        shape,
         parameters,
         poses,
         corners.pixels - predicted,
@@ -160,7 +186,9 @@ def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any],
         Candidate(
             str(one["model"]),
             tuple(map(str, one["coefficients"])),
-            *(float("inf") if one[key] is None else number(one[key], f"{name}, {key}") for key in ("bic", "rms")),
+            float("inf") if one["bic"] is None else number(one["bic"], f"{name}, bic"),
+            float("inf") if one["rms"] is None else number(one["rms"], f"{name}, rms"),
+            str(one.get("board", FLAT)),
         )
         for one in tree["candidates"]
     )

@@ -44,8 +44,10 @@ def camera_files(cam: Calibrated) -> dict[str, str | bytes]:
         "poses": cam.poses,
         "by_parameters": cam.bundle.by_parameters,
         "parameters": cam.bundle.parameters,
+        "covariance": cam.bundle.covariance,
         "weights": cam.bundle.weights,
         "convention": CONVENTION,
+        **{f"board_{name}": getattr(cam.bundle.shape, name) for name in ("points", "offset", "fields", "sd")},
     }
     np.savez(buffer, **arrays)
     return {
@@ -68,7 +70,8 @@ def to_dict(cam: Calibrated) -> dict[str, Any]:
         "std": cam.std,
         "estimated": list(cam.estimated),
         "names": list(bundle.model.names),
-        "covariance": bundle.covariance.tolist(),
+        "covariance": bundle.intrinsics_covariance.tolist(),
+        "board": {"shape": bundle.shape.name, "names": list(bundle.shape.names), "coefficients": bundle.bend.tolist()},
         "prior": None
         if bundle.prior is None
         else {"mean": bundle.prior.mean.tolist(), "covariance": bundle.prior.covariance.tolist()},
@@ -86,6 +89,7 @@ def to_dict(cam: Calibrated) -> dict[str, Any]:
             {
                 "model": one.model,
                 "coefficients": list(one.coefficients),
+                "board": one.shape,
                 "bic": one.bic if np.isfinite(one.bic) else None,
                 "rms": one.rms if np.isfinite(one.rms) else None,
             }

@@ -70,7 +70,7 @@ def camera_matrix(cam: Calibrated) -> Array:
 
 
 def _python_text(cam: Calibrated) -> str:
-    free = cam.bundle.free
+    free = np.isin(cam.bundle.model.names, cam.estimated)
     rows = [
         "import numpy as np",
         "",
@@ -78,7 +78,7 @@ def _python_text(cam: Calibrated) -> str:
         f"d = np.array([{_row(coefficients_of(cam).ravel())}])",
     ]
     if free.any():
-        rows.append(f"covariance = {_array(cam.bundle.covariance[np.ix_(free, free)], 13)}")
+        rows.append(f"covariance = {_array(cam.bundle.intrinsics_covariance[np.ix_(free, free)], 13)}")
     return "\n".join(rows) + "\n"
 
 

@@ -31,7 +31,7 @@ WIDEST = np.radians(80.0)
 
 def certainty_figure(cam: Calibrated) -> Figure | None:
     """Map of the standard deviation in pixels over the picture; None where the intrinsics are exact."""
-    if not cam.bundle.free.any():
+    if not cam.estimated:
         return None
     width, height = cam.image_size
     u, v, deviation = certainty(cam)
@@ -129,7 +129,7 @@ def _edges(cam: Calibrated, side: int, depth: float) -> list[Array]:
     centre = cam.bundle.parameters[2:4]
     ends = np.array([[-0.5, centre[1]], [width - 0.5, centre[1]]] if side == 0 else
                     [[centre[0], -0.5], [centre[0], height - 0.5]])  # fmt: skip
-    found = rays(cam.bundle.model, cam.bundle.parameters, ends)
+    found = rays(cam.bundle.model, cam.bundle.intrinsics, ends)
     return [
         np.stack([np.zeros(3), ray * depth / ray[2]])
         for ray in found

@@ -1,0 +1,98 @@
+"""What is estimated of a camera and its board, what is known beforehand, and where a fit of it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..geometry.se3 import Array
+from .board_shape import BoardShape
+from .bundle import Bundle, Prior, adjust
+from .corners import Corners
+from .initial_guess import first_guess, poses_of
+from .models import LINEAR, CameraModel
+
+# A value, which is exact, or a value and its standard deviation.
+Known = Mapping[str, float | tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """Which of the p parameters are estimated, from where, and what is known of them."""
+
+    model: CameraModel
+    shape: BoardShape
+    free: NDArray[np.bool_]  # (p,)
+    values: Array  # (p,) nan where the start must find them
+    prior: Prior | None
+
+    @classmethod
+    def of(cls, model: CameraModel, coefficients: Sequence[str], known: Known, shape: BoardShape) -> Setting:
+        for name in (*coefficients, *known):
+            if name not in model.names:
+                raise InputError(
+                    f"The model {model.name!r} has no parameter {name!r}; it has {', '.join(model.names)}."
+                )
+        names = (*model.names, *shape.names)
+        mean, deviation = np.zeros(len(names)), np.concatenate([np.full(len(model.names), np.inf), shape.sd])
+        values = np.where(np.isin(names, LINEAR), np.nan, 0.0)
+        free = np.isin(names, (*LINEAR, *coefficients, *shape.names))
+        for k, name in enumerate(model.names):
+            if name not in known:
+                continue
+            entry = known[name]
+            value, sd = entry if isinstance(entry, tuple) else (entry, 0.0)
+            if not (np.isfinite(value) and np.isfinite(sd) and sd >= 0):
+                raise InputError(
+                    f"Expected `intrinsics[{name!r}]` to be a number, or one and a deviation; got {entry!r}."
+                )
+            mean[k], deviation[k], values[k] = value, sd, value
+            free[k] = sd > 0
+        if not np.isfinite(deviation[free]).any():
+            return cls(model, shape, free, values, None)
+        # What is not known gets so wide a prior that it says nothing.
+        wide = np.where(np.isin(names, LINEAR), 1e6, 1e3)
+        prior = Prior(mean, np.diag(np.where(np.isfinite(deviation), deviation, wide) ** 2))
+        return cls(model, shape, free, values, prior)
+
+    def start(self, corners: Corners, size: tuple[int, int]) -> tuple[Array, Array]:
+        """Parameters and poses."""
+        if np.isnan(self.values).any():
+            guess, poses = first_guess(self.model, corners, size)
+            parameters = np.concatenate([guess, np.zeros(self.shape.q)])
+            if np.isnan(self.values[:4]).all():
+                return np.where(np.isnan(self.values) | (self.values == 0), parameters, self.values), poses
+            parameters = np.where(np.isnan(self.values), parameters, self.values)
+        else:
+            parameters = self.values
+        return parameters, poses_of(corners, (corners.pixels - parameters[2:4]) / parameters[:2])
+
+    def after(self, found: Bundle) -> tuple[Array, Array]:
+        """Parameters and poses to start from once others were fitted, both of a fisheye or neither."""
+        before = dict(zip(found.names, found.parameters, strict=True))
+        values = np.array([before.get(name, 0.0) for name in (*self.model.names, *self.shape.names)])
+        return np.where(self.free, values, self.values), found.poses
+
+    def fit(
+        self,
+        corners: Corners,
+        start: tuple[Array, Array],
+        used: NDArray[np.bool_],
+        before: Bundle | None = None,
+        weights: Array | None = None,
+    ) -> Bundle:
+        """The bundle from a start, or from one that was fitted ``before`` with this setting."""
+        at = start if before is None else (before.parameters, before.poses)
+        how: dict[str, Any] = {"free": self.free, "shape": self.shape, "prior": self.prior}
+        try:
+            return adjust(self.model, corners, at, used=used, weights=weights, **how)
+        except np.linalg.LinAlgError as error:
+            raise InputError(
+                f"The model {self.model.name!r} does not fit the corners: they look farther to the side than it can "
+                "describe (try 'fisheye' or 'auto'), or those of one picture lie on a line."
+            ) from error
