@@ -3,7 +3,9 @@
 import multiprocessing
 import os
 import signal
+import struct
 import sys
+import threading
 import time
 from concurrent.futures import BrokenExecutor
 
@@ -23,6 +25,23 @@ def test_leaving_ends_worker_processes_at_once():
         time.sleep(0.5)
     assert time.monotonic() - started < 100 and multiprocessing.active_children() == []
     assert all(one.cancelled() or isinstance(one.exception(5), BrokenExecutor) for one in sleeping)
+
+
+def _half_a_result() -> None:
+    """What a process leaves that is ended while it writes: a length, and nothing of what is announced."""
+    os.write(sys._getframe(1).f_locals["result_queue"]._writer.fileno(), struct.pack("!i", 1000))
+    time.sleep(600)
+
+
+def test_half_a_result_is_not_waited_for():
+    with LocalProcesses(1) as pool:
+        assert pool.submit(max, 1, 2).result(60) == 2
+        pool.submit(_half_a_result)
+        time.sleep(1.0)
+        ended = threading.Thread(target=pool.end, daemon=True)
+        ended.start()
+        ended.join(60)
+        assert not ended.is_alive()
 
 
 def test_workers_have_one_thread_and_no_ctrl_c():

@@ -49,6 +49,11 @@ class LocalProcesses(ProcessPoolExecutor):
         for process in self._context.processes:
             if process.pid is not None:  # it started
                 process.terminate()
+        # One that ends while it writes leaves half a result, and the thread that reads waits for the other half as long
+        # as anybody could write it: this process could.
+        results: Any = self._result_queue
+        if results is not None:  # else it was ended before
+            results._writer.close()
         self.shutdown(cancel_futures=True)
 
     def describe_loss(self) -> str:
