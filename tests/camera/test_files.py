@@ -45,9 +45,11 @@ def test_a_camera_is_read_as_it_was_written(rng, tmp_path, model):
     cam = replace(cam, candidates=(Candidate("pinhole", (), -7.5, 0.1), Candidate("brown", ("k1", "k2"), inf, inf)))
     write_files(tmp_path / "camera", camera_files(cam))
     read = uq.read_camera(tmp_path / "camera")
-    for field in fields(cam.bundle):
-        one, other = getattr(cam.bundle, field.name), getattr(read.bundle, field.name)
-        assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other, field.name
+    for here, there in ((cam.bundle, read.bundle), (cam.bundle.shape, read.bundle.shape)):
+        for field in fields(here):
+            one, other = getattr(here, field.name), getattr(there, field.name)
+            same = np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
+            assert same or field.name == "shape", field.name
     for name in ("own", "shared"):
         np.testing.assert_array_equal(getattr(read.covariance, name), getattr(cam.covariance, name))
     for name in ("row", "points", "pixels", "names", "missing", "image_size"):
@@ -195,7 +197,7 @@ def folder(tmp_path_factory):
         ("camera_covariance.npz", of_archive(poses=np.zeros((13, 4, 4))), "poses"),
         ("camera_covariance.npz", of_archive(rows=np.arange(13)), "not of the same run"),
         ("corners.csv", lambda data: data[: len(data) // 2] + b"\n", r"line \d+.*expected|expected finite numbers"),
-        ("corners.csv", lambda data: data.replace(b",0.02,", b",0.025,"), "does not fit the poses"),
+        ("corners.csv", lambda data: data.replace(b",0.02,", b",0.025,"), "not of the same run"),
         ("camera.csv", lambda data: data.replace(b"\n0.0,", b"\n0.5,"), "not of the same run"),
         ("camera.csv", lambda data: data[:300], "field|number|line"),
     ],

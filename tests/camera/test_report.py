@@ -63,13 +63,13 @@ def seen(shift=0.0, n=16):
 @pytest.fixture(scope="module")
 def right():
     """The right model, one corner 10 pixels off."""
-    return calibrate_camera(seen(SHIFT), SIZE, "brown", coefficients=["k1", "k2"])
+    return calibrate_camera(seen(SHIFT), SIZE, "brown", coefficients=["k1", "k2"], shape="flat")
 
 
 @pytest.fixture(scope="module")
 def wrong():
     with pytest.warns(uq.InputWarning, match="pattern"):
-        return calibrate_camera(seen(), SIZE, "pinhole")
+        return calibrate_camera(seen(), SIZE, "pinhole", shape="flat")
 
 
 @pytest.fixture(scope="module")
@@ -266,7 +266,7 @@ def test_the_summary_says_why_this_model(right, pages):
         Candidate("fisheye", ("k1",), np.inf, np.inf),
     )
     text = replace(right, candidates=candidates).summary()
-    assert "Model chosen of 3" in text
+    assert "Model and shape of the board chosen of 3" in text
     assert [line.split() for line in text.splitlines() if line.startswith("pinhole")] == [
         ["pinhole", "112.5", "0.5000"]
     ]

@@ -103,7 +103,7 @@ def calibrate_camera(
             bundle,
         )
     pattern = pattern_of(bundle, corners, size)
-    findings = _findings(bundle, corners, pattern, candidates != ())
+    findings = _findings(bundle, corners, pattern, model == "auto")
     if wrong:
         findings.append(Finding("camera.pictures_left_out", "caution", {"pictures": wrong}))
     warn(findings)

@@ -201,7 +201,7 @@ class _Linearised(NamedTuple):
         J, r = self.R[:, free], self.e + self.R @ off
         size = np.linalg.norm(J, axis=0)
         unit = J / np.maximum(size, np.finfo(float).tiny)
-        if not np.linalg.svd(unit, compute_uv=False)[-1] ** 2 > SINGULAR:
+        if free.any() and not np.linalg.svd(unit, compute_uv=False)[-1] ** 2 > SINGULAR:
             return float("inf"), float("inf")
         left = r - unit @ np.linalg.lstsq(unit, r, rcond=None)[0]
         squares = float(left @ left)

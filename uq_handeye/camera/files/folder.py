@@ -163,7 +163,10 @@ def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any],
         raise InputError(f"{name} and {COVARIANCE} are {_OTHER_RUN}")
     if (own != own.mT).any() or np.linalg.eigvalsh(own).min() < 0:
         raise InputError(f"{COVARIANCE}, own: expected covariances, got other matrices.")
-    sight = Sight.of(model, shape, corners, used)
+    try:
+        sight = Sight.of(model, shape, corners, used)
+    except InputError as error:
+        raise InputError(f"{CORNERS} and {COVARIANCE} are {_OTHER_RUN}") from error
     predicted = sight.predicted(parameters, poses)[corners.picture, corners.place]
     bundle = Bundle(
         model,

@@ -159,8 +159,8 @@ def boards_words(cam: Calibrated) -> str:
 def choice_words(cam: Calibrated) -> str:
     """Why this model."""
     return (
-        f"Model chosen of {len(cam.candidates)} by the smallest Bayesian information criterion (BIC), of a lens that "
-        f"distorts with p1 and p2 at least: {model_name(cam)}."
+        f"Model and shape of the board chosen of {len(cam.candidates)} by the smallest Bayesian information criterion "
+        f"(BIC), of a lens that distorts with p1 and p2 at least: {model_name(cam)}, board {cam.bundle.shape.name}."
     )
 
 
