@@ -75,7 +75,9 @@ def test_noise_of_the_robot_alone_is_completed(recording):
 
 def test_a_data_sheet_of_the_robot(recording):
     found = calibrate(recording[0], prior=NoisePrior(robot=("0.003deg", "0.02mm"), factor=1)).noise_estimate
-    assert found["robot rotation"].status == "fixed" and found.tested
+    assert found["robot rotation"].status == "fixed"
+    excess = found["camera beyond its corners"]
+    assert excess.unit == "px" and found.tested == (excess.value == 0)
     with pytest.raises(InputError, match="for the robot alone"):
         calibrate(recording[0], prior=NoisePrior(camera=("0.1deg", None)))
 

@@ -86,3 +86,44 @@ def test_a_folder_keeps_the_weights(rng, tmp_path):
     cam.write(tmp_path / "camera")
     np.testing.assert_array_equal(uq.read_camera(tmp_path / "camera").bundle.weights, cam.bundle.weights)
     assert cam.select(np.array([2, 5])).bundle.weights.tolist() == cam.bundle.weights[[2, 5]].tolist()
+
+
+def shifted(corners, rng, pixels):
+    """With errors that all corners of a picture share."""
+    shift = pixels * rng.normal(size=(corners.picture.max() + 1, 2))
+    return replace(corners, pixels=corners.pixels + shift[corners.picture])
+
+
+@pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
+def test_what_corners_of_a_picture_share_is_carried_beside_a_known_robot():
+    """An exact robot shows it, residuals within the pictures do not: without it d^2 is 116."""
+    exact = uq.NoisePrior(robot=(0.0, 0.0), factor=1)
+    found, pixels = [], []
+    for k in range(12):
+        rng = np.random.default_rng([SEED, 31, k])
+        corners, robot, X = recorded(rng, pixel=0.03, robot=None)
+        result = uq.calibrate(poses_of(shifted(corners, rng, 0.025), robot), prior=exact, shared=[])
+        e = error(result.X, X)
+        found.append(e @ np.linalg.solve(result.covariance, e))
+        pixels.append(result.noise_estimate["camera beyond its corners"].value)
+    assert np.mean(found) < 9
+    assert 0.05 < np.median(pixels) < 0.025 * np.sqrt(54)
+    said = [one for one in result.findings if one.code == "noise_estimation.camera_excess"]
+    assert said[0].severity == "caution" and "those of one picture share errors" in str(said[0])
+    again = uq.Calibration.from_json(result.to_json())
+    assert again.noise_estimate.to_dict() == result.noise_estimate.to_dict()
+    assert not result.noise_estimate.tested and result.fit.p_value is None
+
+
+def test_a_known_robot_asks_for_nothing_where_corners_are_independent():
+    """A component more costs nothing: as often 0 as not, and the covariance stays what it is."""
+    known = uq.NoisePrior(robot=(5e-5, 2e-5), factor=1)
+    growth, zero = [], []
+    for k in range(12):
+        corners, robot, _ = recorded(np.random.default_rng([SEED, 32, k]))
+        poses = poses_of(corners, robot)
+        result = uq.calibrate(poses, prior=known, shared=[])
+        plain = efficient(poses, uq.PoseNoise(ROBOT, poses.camera_calibration.covariance))
+        growth.append(np.trace(np.linalg.solve(plain.covariance_X, result.covariance)) / 6)
+        zero.append(result.noise_estimate["camera beyond its corners"].value == 0)
+    assert 0.2 < np.mean(zero) < 0.9 and 0.95 < np.mean(growth) < 1.2

@@ -85,6 +85,18 @@ class CameraCalibration:
         factor = np.linalg.cholesky(self.bundle.covariance[np.ix_(free, free)])
         return JointCovariance(self.bundle.own, self.bundle.by_parameters[..., free] @ factor)
 
+    @property
+    def per_pixel(self) -> JointCovariance:
+        """Covariance of the poses, per pixel^2, for errors that are as large in all pictures, whatever their weights.
+
+        Of each pose by itself ``(B_i^T B_i)^-1``; of the intrinsics ``sum w_i^2 / sum w_i`` times that of the noise,
+        as if all pictures told as much of them.
+        """
+        w, s = self.bundle.weights, self.bundle.pixel_noise
+        found = self.covariance
+        own = found.own * (w / s**2)[:, None, None]
+        return JointCovariance(own, found.shared * float(np.sqrt(np.sum(w**2) / np.sum(w)) / s), found.names)
+
     def summary(self) -> str:
         """Model, intrinsics with their deviations, pixel noise, corners that were left out, warnings: as text."""
         return to_text(camera_document(self))

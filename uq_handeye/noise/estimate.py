@@ -23,6 +23,9 @@ from .models import Noise, PairNoise, PoseNoise
 # Units of components, and the factor to those that people read.
 SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
 
+# Errors that the corners of a picture share: what residuals ask for beside a known robot (`beside_camera`).
+CAMERA_EXCESS = "camera beyond its corners"
+
 PartlyKnown = tuple[str | float | None, str | float | None]
 
 
@@ -149,7 +152,8 @@ class NoiseEstimate(ReadOnlyArrays):
 
     ``variances`` and ``covariance`` (of their estimates) are of side 1 rotation, side 2 rotation (rad^2) and of the
     translations together (m^2): what S is made of. Beside a covariance of the camera poses they are of the robot's
-    rotation and translation, and of the pixels (pixels^2), as far as they are not given.
+    rotation and translation, and of the pixels (pixels^2), as far as they are not given, or of what corners of a
+    picture share (pixels^2, `CAMERA_EXCESS`).
     """
 
     noise: PoseNoise | PairNoise | None  # None: exact data
@@ -186,6 +190,8 @@ class NoiseEstimate(ReadOnlyArrays):
     def tested(self) -> bool:
         """Whether residuals can contradict this noise: most of what they see was not made of them."""
         factor = self.camera_factor
+        if any(component.name == CAMERA_EXCESS and component.value > 0 for component in self.components):
+            return False
         return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)
 
     def __getitem__(self, name: str) -> Component:

@@ -11,6 +11,11 @@ Pixel noise. log of its standard deviation is Gaussian about that of PIXEL pixel
 standard deviation: what detectors do, from 0.02 to 2 pixels, at 95 %. Residuals of a few poses need it: where they are
 the robot's as well as the camera's, d alone may have its minimum at a camera without noise.
 
+A robot that is known. Where both its deviations are fixed, poses that disagree by more than they may are the camera's
+doing: the corners of one picture share errors (of light, of blur, of a rendering) that residuals within the picture do
+not show. Then ``S = K + phi_4 D_C E D_C^T``, phi_4 >= 0 the one unknown (pixels^2) and E what errors of one pixel, as
+large in all pictures, do to the poses (`CameraCalibration.per_pixel`).
+
 Whether a known Sigma_C is true. One more component, a factor kappa on Sigma_C, is not estimated but tested at kappa =
 1. As ``P S P = P``, all that its score and information need is known already: with ``q_k = r^T P V_k P r``, ``t_k =
 tr(P V_k)`` and ``dof = 6 n - 12``
@@ -40,13 +45,13 @@ from ..likelihood.constraint import Constraint, OnPoses, Unknowns, constraint_of
 from ..likelihood.reduced_rows import reduce_rows
 from ..likelihood.starts import start_of
 from ..noise.camera_noise import CameraNoise
-from ..noise.estimate import CameraFactor, Component, NoiseEstimate, NoisePrior
+from ..noise.estimate import CAMERA_EXCESS, CameraFactor, Component, NoiseEstimate, NoisePrior
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, marginals, rows_of
 from ..noise.pose_prior import PosePrior
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.shared_error import with_shared
-from .components_beside_camera import PIXEL_KIND, ROBOT_KINDS, AtVariances, ComponentRows
+from .components_beside_camera import EXCESS_KIND, PIXEL_KIND, ROBOT_KINDS, AtVariances, ComponentRows
 from .findings import beside_camera_findings
 from .restricted_likelihood import QUANTILE
 
@@ -178,6 +183,11 @@ class BesideCamera:
     robot: Any = None  # covariance, where it is known
     columns: Mapping[str, JointCovariance] = field(default_factory=dict)  # errors that all poses of a side share
     pose_prior: PosePrior | None = None
+    excess: JointCovariance | None = None  # of the camera beside what corners say, per pixel^2, if the robot is known
+
+    @property
+    def _robot_known(self) -> bool:
+        return self.robot is not None or (self.prior.factor == 1 and not np.isnan(self.prior.values[:2]).any())
 
     def find(self, at: Unknowns, weights: Array | None = None) -> FoundRobotNoise:
         """The variances near the unknowns; ``weights`` (n,) of 0 leave poses out. Raises as `estimate_robot_noise`."""
@@ -185,6 +195,7 @@ class BesideCamera:
             how = "but for that of their pixels" if isinstance(self.camera, CameraNoise) else "from their corners"
             raise InputError(f"Expected a `prior` for the robot alone: the noise of the camera poses is known {how}.")
         constraint, camera, robot, columns = self.constraint, self.camera, self.robot, self.columns
+        excess = self.excess if self._robot_known else None
         if isinstance(camera, CameraNoise) and camera.pixel_sd is not None:
             camera = camera.covariance()
         if weights is not None and not (weights == 1).all():
@@ -196,6 +207,7 @@ class BesideCamera:
             constraint = constraint.rows(kept)
             camera = camera.rows(kept) if isinstance(camera, CameraNoise) else rows_of(camera, kept)
             robot = rows_of(robot, kept)
+            excess = None if excess is None else excess.rows(kept)
             columns = {side: of_side.rows(kept) for side, of_side in columns.items()}
         n = constraint.n
         if 6 * n - 12 <= 0:
@@ -203,7 +215,7 @@ class BesideCamera:
         for done in range(MOST_ROUNDS):
             linear = constraint.linearise(at, constraint.first, constraint.second)
             reduced = reduce_rows(constraint, linear, at, None, self.pose_prior)
-            rows = ComponentRows.of(linear, camera, robot, columns, reduced)
+            rows = ComponentRows.of(linear, camera, robot, columns, reduced, excess)
             search = _search(rows, self.prior)
             if done == 0:
                 x = _first(search)
@@ -251,7 +263,8 @@ class FoundRobotNoise:
         """The covariance of all camera poses, without errors that are declared beside it."""
         camera = self.source.camera
         if not isinstance(camera, CameraNoise):
-            return camera
+            excess, size = self.source.excess, self.variances.get(CAMERA_EXCESS, 0.0)
+            return camera if excess is None or size == 0 else camera.plus(excess * size)
         pixels = self.variances.get(PIXEL_KIND[0])
         return camera.covariance(None if pixels is None else float(np.sqrt(pixels)))
 
@@ -261,10 +274,11 @@ class FoundRobotNoise:
 
 
 def _search(rows: ComponentRows, prior: NoisePrior) -> _Search:
-    robot = len(rows.parts) > 1  # its variances are among the components
-    pixels = rows.parts[-1].kind == PIXEL_KIND
-    values = np.append(prior.values[:2] if robot else np.zeros(0), [PIXEL] if pixels else [])
-    factor = np.append(np.full(2 if robot else 0, prior.factor), [PIXEL_FACTOR] if pixels else [])
+    kinds = [part.kind for part in rows.parts]
+    pixels = PIXEL_KIND in kinds
+    given = dict(zip(ROBOT_KINDS, [(value, prior.factor) for value in prior.values[:2]], strict=True))
+    given |= {PIXEL_KIND: (PIXEL, PIXEL_FACTOR), EXCESS_KIND: (np.nan, prior.factor)}
+    values, factor = np.array([given[kind] for kind in kinds]).reshape(-1, 2).T
     known, fixed = ~np.isnan(values), factor == 1
     some = np.where(known & (values > 0), values, 1.0)
     mean = np.where(known, np.log(some), 0.0)
@@ -276,8 +290,8 @@ def _search(rows: ComponentRows, prior: NoisePrior) -> _Search:
     low, high = scale + np.log(1e-2 * np.sqrt(NOTHING)), scale + np.log(FARTHEST)
     if pixels:
         scale[-1], low[-1], high[-1] = np.log([PIXEL, *PIXEL_ENDS])
-    given = np.where(known, values, 0.0) ** 2
-    return _Search(rows, ~(known & fixed), given, (mean, deviation), scale, (low, high), np.ones_like(scale))
+    held = np.where(known, values, 0.0) ** 2
+    return _Search(rows, ~(known & fixed), held, (mean, deviation), scale, (low, high), np.ones_like(scale))
 
 
 def _first(search: _Search) -> Array:
@@ -378,7 +392,13 @@ def _report(of: FoundRobotNoise) -> NoiseEstimate:
     known = np.isfinite(search.prior[1])
     by_prior = np.where(known, 0.25 / (np.where(v > 0, v, 1.0) * search.prior[1]) ** 2, 0.0)
     pixels = rows.parts[-1].kind == PIXEL_KIND
-    factor = None if pixels else _camera_factor(found, v, information, by_prior, search.free & ~zero, n)
+    factor = None
+    if rows.parts[-1].kind == EXCESS_KIND:  # the covariance is tested as it was given
+        given = replace(rows, parts=rows.parts[:-1])
+        at, held = given.at(v[:-1]), np.zeros(len(v) - 1, dtype=bool)
+        factor = _camera_factor(at, v[:-1], given.information(v[:-1], at), by_prior[:-1], held, n)
+    elif not pixels:
+        factor = _camera_factor(found, v, information, by_prior, search.free & ~zero, n)
     covariance = np.zeros_like(information)
     free = np.ix_(search.free, search.free)
     covariance[free] = np.linalg.inv((information + np.diag(by_prior))[free])

@@ -34,6 +34,7 @@ from ..likelihood.constraint import Linearised, block_diagonal, residual_covaria
 from ..likelihood.gauss_helmert import SINGULAR, inverse_information
 from ..likelihood.reduced_rows import Reduced
 from ..noise.camera_noise import CameraNoise
+from ..noise.estimate import CAMERA_EXCESS
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise
 from ..noise.square_roots import Covariance, cholesky_of, gram, inverse_blocks, log_determinant, pulled, whiten
@@ -42,6 +43,7 @@ from ..shared_errors.shared_error import add_columns
 # Names and units of the components.
 ROBOT_KINDS = (("robot rotation", "rad"), ("robot translation", "m"))
 PIXEL_KIND = ("pixel noise", "px")
+EXCESS_KIND = (CAMERA_EXCESS, "px")
 # Relative step of the differences that give the information.
 STEP = 1e-4
 
@@ -82,10 +84,12 @@ class ComponentRows:
         robot: Any = None,
         columns: Mapping[str, JointCovariance] | None = None,
         reduced: Reduced | None = None,
+        excess: JointCovariance | None = None,
     ) -> ComponentRows:
         """The robot's two variances, unless its covariance is given, and that of the pixels of a `CameraNoise`.
 
-        ``columns`` are errors that all poses of a side share (`shared_columns`).
+        ``columns`` are errors that all poses of a side share (`shared_columns`); ``excess`` of the camera, per
+        pixel^2, is a component, too.
         """
         first, second = linear.sides
         reduced = Reduced(linear.J, None, None) if reduced is None else reduced
@@ -102,6 +106,8 @@ class ComponentRows:
             parts.append(VariancePart(PIXEL_KIND, second @ np.linalg.cholesky(own), second @ scaled))
             fixed = camera.fixed()
             camera = JointCovariance(np.zeros_like(own), fixed) if fixed.shape[-1] else None
+        elif excess is not None:
+            parts.append(VariancePart(EXCESS_KIND, second @ np.linalg.cholesky(excess.own), second @ excess.shared))
         columns = columns or {}
         robot, camera = add_columns(robot, columns.get("robot")), add_columns(camera, columns.get("camera"))
         given = robot is not None or camera is not None

@@ -206,7 +206,8 @@ def choose_source(
             raise InputError(f"Expected `camera` noise of these {constraint.n} poses, got that of {camera.n}.")
         return BesideCamera(constraint, camera, prior, robot, columns, pose_prior)
     if poses is not None and poses.camera_calibration is not None:
-        return BesideCamera(constraint, poses.camera_calibration.covariance, prior, None, columns, pose_prior)
+        seen = poses.camera_calibration
+        return BesideCamera(constraint, seen.covariance, prior, None, columns, pose_prior, seen.per_pixel)
     return FromResiduals(constraint, prior, columns, pose_prior)
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ..findings import Finding, Severity
-from ..noise.estimate import CameraFactor, Component, together
+from ..noise.estimate import CAMERA_EXCESS, CameraFactor, Component, together
 from .sentences import CONTRADICTION
 
 # Fewer degrees of freedom than this tell nothing worth saying of the camera's covariance.
@@ -71,7 +71,12 @@ def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | N
     else:
         found.append(_note("robot_shows", components=_plain(robot)))
         found += [_note("near_zero", name=part.name) for part in robot if part.low == 0 and part.status == "estimated"]
-    if pixels is None:
+    excess = parts.get(CAMERA_EXCESS)
+    if excess is not None and excess.value > 0 and factor is not None:
+        contradicted = factor.p_value < CONTRADICTION
+        values = {"pixels": excess.value, "p_value": factor.p_value, "dof": factor.dof, "wrong": contradicted}
+        found.append(Finding("noise_estimation.camera_excess", "caution" if contradicted else "note", values))
+    elif pixels is None:
         found.append(against_camera(factor))
     elif pixels.status == "given":
         found.append(against_pixels(pixels, factor))

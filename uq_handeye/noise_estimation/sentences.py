@@ -208,6 +208,21 @@ def _(factor: float, p_value: float, dof: float) -> str:
     )
 
 
+@sentence("noise_estimation.camera_excess")
+def _(pixels: float, p_value: float, dof: float, wrong: bool) -> str:
+    text = (
+        "The robot being known, the camera poses disagree by more than the residuals of their corners say "
+        f"({probability(p_value)}, {dof:.0f} degrees of freedom), as if these had {_digits(pixels)} px more of noise: "
+        "those of one picture share errors. The covariance of X contains it."
+    )
+    if not wrong:
+        return text
+    return (
+        f"{text} So much has a cause: the camera model is wrong, the board is not flat or not as long as given, "
+        "corners are wrong, or the robot is not as exact as was said."
+    )
+
+
 def _digits(pixels: float | None) -> str:
     return "?" if pixels is None else digits(pixels, 2)
 
