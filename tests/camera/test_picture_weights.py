@@ -1,5 +1,6 @@
 """Pictures of different noise count accordingly: X is better for it, and its covariance true."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +9,10 @@ from support import SEED, mean_interval
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, SIZE, error, poses_of, recorded
-from uq_handeye.camera.bundle import SHRINK, adjust, picture_weights
+from uq_handeye.camera.bundle import adjust
 from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.models import MODELS
+from uq_handeye.camera.picture_weights import common_variance, picture_weights
 from uq_handeye.camera.report.text import noise_words
 from uq_handeye.likelihood.gauss_helmert import efficient
 
@@ -53,31 +55,53 @@ def test_uneven_pictures_are_weighed_and_equal_ones_lose_nothing():
     assert np.sqrt(np.mean(equal_mm**2)) < 1.05 * np.sqrt(np.mean(same_mm**2))
 
 
-def test_the_weights_are_those_of_the_noise(rng):
+def test_the_weights_are_those_of_the_noise_up_to_the_median(rng):
     noise = uneven(rng, spread=1.0)
     corners, _, _ = recorded(rng, pixel=noise)
     cam = calibrate_camera(corners, SIZE, "pinhole")
-    ratio = cam.bundle.picture_noise / noise.ravel()[: corners.n]
-    assert np.exp(np.std(np.log(ratio))) < 1.35 and 0.8 < np.median(ratio) < 1.25
-    assert cam.bundle.picture_noise.max() > 5 * cam.bundle.picture_noise.min()
+    weights, true = cam.bundle.weights, noise.ravel()[: corners.n]
+    assert (weights == weights.max()).sum() == corners.n // 2  # a good picture counts for no more than the median one
+    noisy = true > 1.2 * np.median(true)
+    ratio = cam.bundle.picture_noise[noisy] / true[noisy]
+    assert np.exp(np.std(np.log(ratio))) < 1.2 and 0.85 < np.median(ratio) < 1.2
+    assert (cam.bundle.picture_noise[~noisy] > 0.8 * true[~noisy]).all()
     # s is the root mean square over all corners still, and the weights do not change it
     assert cam.pixel_noise == pytest.approx(
         np.sqrt(np.sum(cam.bundle.residuals[cam.bundle.used] ** 2) / cam.bundle.freedom), rel=0.1
     )
     assert "Pictures differ, from" in noise_words(cam)
+
+
+def test_pictures_that_differ_by_chance_alone_count_alike(rng):
     even, _, _ = recorded(rng)
-    assert "differ" not in noise_words(calibrate_camera(even, SIZE, "pinhole"))
+    cam = calibrate_camera(even, SIZE, "pinhole")
+    assert cam.bundle.weights.min() > 0.9 * cam.bundle.weights.max()
+    assert "differ" not in noise_words(cam)
 
 
 def test_few_corners_are_shrunk_to_the_common_noise(rng):
+    """A picture that fits perfectly by chance counts for no more, one that fits badly for a little less."""
     corners, _, _ = recorded(rng)
     cam = calibrate_camera(corners, SIZE, "pinhole")
-    residuals = cam.bundle.residuals.copy()
     first = corners.picture == 0
-    residuals[first] = 0.0
-    weights = picture_weights(replace(cam.bundle, residuals=residuals), corners)
-    most = (2 * first.sum() - 6 + SHRINK) / SHRINK
-    assert weights[0] / np.median(weights[1:]) == pytest.approx(most, rel=0.2)
+    for factor, least in ((0.0, 0.99), (2.0, 0.2)):
+        residuals = cam.bundle.residuals.copy()
+        residuals[first] *= factor
+        weights = picture_weights(replace(cam.bundle, residuals=residuals), corners)
+        assert least < weights[0] / np.median(weights[1:]) < 1.01
+    same = picture_weights(replace(cam.bundle, residuals=np.zeros_like(residuals)), corners)
+    np.testing.assert_array_equal(same, np.ones(corners.n))
+
+
+@pytest.mark.parametrize("nu", [3.0, 30.0, np.inf])
+def test_the_common_variance_and_its_spread_are_found(nu):
+    """Mean and spread of scaled inverse chi-square variances, from 2000 of them."""
+    rng = np.random.default_rng([SEED, 40])
+    m = rng.integers(20, 110, 2000).astype(float)
+    v = 0.04 * np.ones(2000) if nu == np.inf else 0.04 * nu / rng.chisquare(nu, 2000)
+    common, found = common_variance(v * rng.chisquare(m) / m, m)
+    assert common == pytest.approx(0.04, rel=0.05)
+    assert found > 400 if nu == np.inf else found == pytest.approx(nu, rel=0.15)
 
 
 def test_a_folder_keeps_the_weights(rng, tmp_path):
@@ -110,7 +134,7 @@ def test_what_corners_of_a_picture_share_is_carried_beside_a_known_robot():
     assert 0.05 < np.median(pixels) < 0.025 * np.sqrt(54)
     said = [one for one in result.findings if one.code == "noise_estimation.camera_excess"]
     assert said[0].severity == "caution" and "those of one picture share errors" in str(said[0])
-    again = uq.Calibration.from_json(result.to_json())
+    again = uq.Calibration.from_dict(json.loads(result.to_json()))
     assert again.noise_estimate.to_dict() == result.noise_estimate.to_dict()
     assert not result.noise_estimate.tested and result.fit.p_value is None
 

@@ -39,8 +39,6 @@ from .variable_projection import Minimum, minimised
 
 # Smallest eigenvalue of the information on the parameters, scaled to a unit diagonal, that still determines them.
 SINGULAR = 1e-12
-# Coordinates of the common noise that each picture's own is mixed with.
-SHRINK = 6.0
 # Residual, in pixels, of a point that would be behind the camera: no step goes there.
 LOST = 1e6
 
@@ -236,23 +234,6 @@ def adjust(
             break
         s = bundle.pixel_noise
     return bundle
-
-
-def picture_weights(bundle: Bundle, corners: Corners) -> Array:
-    """(n,) from the residuals of pictures whose noise may differ (blur, distance, light): near ``s^2 / s_i^2``.
-
-    ``w_i ~ (m_i + SHRINK) / (|r_i|^2 + SHRINK c)`` with the ``m_i = 2 n_i - 6`` degrees of freedom of picture i and
-    the median c of all ``|r_i|^2 / m_i``: SHRINK coordinates of the common noise keep a picture of few corners from a
-    weight that chance gave it. Scaled so that s, the root mean square over all corners, stays what it was.
-    """
-    part = corners.picture[bundle.used]
-    squares = np.bincount(part, np.sum(bundle.residuals[bundle.used] ** 2, axis=1), corners.n)
-    freedom = np.maximum(2.0 * np.bincount(part, minlength=corners.n) - 6.0, 0.0)
-    enough = freedom > 0
-    common = float(np.median(squares[enough] / freedom[enough])) if enough.any() else 0.0
-    common = common or bundle.pixel_noise**2  # of exact corners
-    weights = common * (freedom + SHRINK) / (squares + SHRINK * common)
-    return np.asarray(weights * squares.sum() / np.sum(weights * squares))
 
 
 def prior_rows(prior: Prior, free: NDArray[np.bool_], s: float) -> tuple[Array, Array]:

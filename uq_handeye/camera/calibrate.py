@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from ..errors import InputError, NotConvergedError
 from ..findings import Finding, warn
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
-from .bundle import Bundle, picture_weights
+from .bundle import Bundle
 from .corners import Corners, without_pictures
 from .initial_guess import unlike_a_board
 from .model_choice import CANDIDATES, USUAL
 from .models import MODELS
 from .outliers import spoilt, without_outliers
+from .picture_weights import picture_weights
 from .residual_pattern import Pattern, pattern_of
 from .result import SMALL, UNCERTAIN, CameraCalibration
 from .search import Lens, search
@@ -93,9 +94,10 @@ def calibrate_camera(
         wrong += np.array(corners.names)[bad].tolist()
         corners = _rejected(corners, bad)
         setting, bundle, candidates = search(corners, size, lenses, shapes, known)
-    weights = picture_weights(bundle, corners)
+    weights, s = picture_weights(bundle, corners), bundle.pixel_noise
     at = bundle.parameters, bundle.poses
-    bundle, _ = without_outliers(corners, partial(setting.fit, corners, at, weights=weights), bundle)
+    fit = partial(setting.fit, corners, at, weights=weights, pixel_noise=s)
+    bundle, _ = without_outliers(corners, fit, bundle)
     if not bundle.converged:
         raise NotConvergedError(
             f"The bundle adjustment of the camera did not converge within {bundle.iterations} steps: look at the "

@@ -85,12 +85,13 @@ class Setting:
         used: NDArray[np.bool_],
         before: Bundle | None = None,
         weights: Array | None = None,
+        pixel_noise: float | None = None,
     ) -> Bundle:
         """The bundle from a start, or from one that was fitted ``before`` with this setting."""
         at = start if before is None else (before.parameters, before.poses)
         how: dict[str, Any] = {"free": self.free, "shape": self.shape, "prior": self.prior}
         try:
-            return adjust(self.model, corners, at, used=used, weights=weights, **how)
+            return adjust(self.model, corners, at, used=used, weights=weights, pixel_noise=pixel_noise, **how)
         except np.linalg.LinAlgError as error:
             raise InputError(
                 f"The model {self.model.name!r} does not fit the corners: they look farther to the side than it can "
