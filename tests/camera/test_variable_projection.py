@@ -28,10 +28,15 @@ class Problem:
         problem.y = problem.rows(*truth)[0] + noise * rng.normal(size=(N, M))
         return problem, truth
 
-    def rows(self, values, blocks):
+    @property
+    def m(self):
+        return M
+
+    def rows(self, values, blocks, part=slice(None)):
         self.evaluated += 1
-        grown, x = np.exp(self.T @ values), (self.S @ blocks[..., None])[..., 0]
-        return grown + x + x**3 - self.y, grown[..., None] * self.T, (1 + 3 * x**2)[..., None] * self.S
+        T, S = self.T[part], self.S[part]
+        grown, x = np.exp(T @ values), (S @ blocks[..., None])[..., 0]
+        return grown + x + x**3 - self.y[part], grown[..., None] * T, (1 + 3 * x**2)[..., None] * S
 
     def moved(self, blocks, step):
         return blocks + step
@@ -57,21 +62,25 @@ def test_it_is_the_minimum_over_everything_at_once(rng, known, far):
     v, p, cost, whole = problem.jointly(values, blocks, prior)
     information = np.linalg.inv(np.linalg.inv(whole)[:F, :F])
     assert found.converged
-    J = found.J.reshape(-1, F)
-    normal, squares = J.T @ J, np.sum(found.r**2)
-    if known:
-        normal = normal + prior[1].T @ prior[1]
-        squares += np.sum((prior[1] @ (found.values - prior[0])) ** 2)
-    assert squares == pytest.approx(cost, rel=1e-10)
+    normal = found.information + (prior[1].T @ prior[1] if known else 0.0)
+    assert found.squares == pytest.approx(cost, rel=1e-10)
     off = found.values - v
     assert off @ information @ off < 2 * STILL * cost
     np.testing.assert_allclose(found.blocks, p, atol=1e-5)
     np.testing.assert_allclose(normal, information, rtol=1e-4, atol=1e-4 * np.abs(information).max())
-    r, A, B = problem.rows(found.values, found.blocks)
-    np.testing.assert_array_equal(found.r, r)
-    np.testing.assert_allclose(B.mT @ (A + B @ found.G), 0, atol=1e-9)
-    for part, same in zip(reduced(A, B), (found.J, found.G), strict=True):
-        np.testing.assert_allclose(part, same, atol=1e-12)
+    _, A, B = problem.rows(found.values, found.blocks)
+    J, G = reduced(A, B)
+    np.testing.assert_allclose(found.G, G, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(found.V, B.mT @ B, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(found.information, np.einsum("nij,nik->jk", J, J), rtol=1e-3)
+
+
+def test_pictures_taken_one_by_one_are_the_same(rng, monkeypatch):
+    problem, (values, blocks) = Problem.random(rng, 0.05)
+    whole = minimised(problem, values + 0.1, blocks)
+    monkeypatch.setattr("uq_handeye.camera.variable_projection.AT_ONCE", 2 * M * (F + 6))
+    for part, same in zip(minimised(problem, values + 0.1, blocks), whole, strict=True):
+        np.testing.assert_allclose(part, same, rtol=1e-9, atol=1e-9)
 
 
 def test_the_start_at_the_minimum_costs_one_evaluation(rng):
@@ -80,7 +89,7 @@ def test_the_start_at_the_minimum_costs_one_evaluation(rng):
     problem.evaluated = 0
     again = minimised(problem, found.values, found.blocks)
     assert problem.evaluated == again.steps == 1 and again.converged
-    np.testing.assert_array_equal(again.values, found.values)
+    np.testing.assert_allclose(again.values, found.values, atol=1e-8)
 
 
 def test_a_problem_that_is_solved_exactly(rng):
@@ -96,10 +105,10 @@ def test_without_values_and_with_blocks_that_nothing_determines(rng):
     problem.S[2], problem.S[3, :, 1] = 0.0, problem.S[3, :, 0]
     start = blocks + 0.1
     found = minimised(problem, values, start)
-    assert found.converged and found.values.shape == (0,) and found.J.shape == (N, M, 0)
+    assert found.converged and found.values.shape == (0,) and found.G.shape == (N, 6, 0)
     np.testing.assert_array_equal(found.blocks[2], start[2])
     _, _, cost, _ = problem.jointly(values, blocks)
-    assert np.sum(found.r**2) == pytest.approx(cost, rel=1e-10)
+    assert found.squares == pytest.approx(cost, rel=1e-10)
     assert np.ptp((found.blocks - start)[3, :2]) < 1e-9  # the shortest step of many
 
 
@@ -113,7 +122,7 @@ def test_values_that_nothing_determines_stay(rng):
 def test_a_step_that_is_never_better_ends(rng):
     """As where the derivatives are wrong; it stays where it was."""
     problem, (values, blocks) = Problem.random(rng, 0.05)
-    problem.rows = lambda v, p, true=problem.rows: (lambda r, A, B: (r, -A, -B))(*true(v, p))
+    problem.rows = lambda *at, true=problem.rows: (lambda r, A, B: (r, -A, -B))(*true(*at))
     found = minimised(problem, values + 0.1, blocks)
     assert found.steps < 100
     np.testing.assert_allclose(found.values, values + 0.1, atol=1e-6)
@@ -127,3 +136,10 @@ def test_damped_inverses(rng):
         damped = H + damping * np.einsum("nii->ni", H)[:, None] * np.eye(6)
         inverse = Q @ ((1 / (e + damping))[..., None] * Q.mT)
         np.testing.assert_allclose(inverse @ damped, np.broadcast_to(np.eye(6), (4, 6, 6)), atol=1e-6)
+
+
+def test_a_start_without_residuals_is_refused(rng):
+    problem, (values, blocks) = Problem.random(rng, 0.05)
+    problem.y[1, 2] = np.nan
+    with pytest.raises(np.linalg.LinAlgError, match="start are not finite"):
+        minimised(problem, values, blocks)

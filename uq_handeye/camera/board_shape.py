@@ -39,6 +39,8 @@ PLANES = ("plane1", "plane2")
 SHAPES = (FLAT, *BOWS, *PLANES, *(f"{bow}+{plane}" for bow in BOWS for plane in PLANES))
 # Share of a field that must remain beside the others for the points to tell it, and height that is no plane.
 TOLD, PLANE = 1e-6, 1e-6
+# What rounding makes of components of a field that are 0.
+ROUNDED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +122,7 @@ def polynomial_shape(name: str, points: Array) -> BoardShape:
     if M.shape[1] > M.shape[0] or (np.abs(left) < TOLD).any():
         raise InputError(f"The {len(unique)} points of the board do not tell a shape {name!r}: take 'flat'.")
     B = (Q * np.sign(left))[:, len(rigid) :] * np.sqrt(len(unique))
+    B[np.abs(B) < ROUNDED] = 0.0  # heights and shapes in the plane have nothing in common
     fields = axes.T @ B.reshape(len(unique), 3, -1)
     names = tuple(text for text, _ in named)
     return BoardShape(name, names, unique, flat.offset, fields, np.full(len(names), np.inf))

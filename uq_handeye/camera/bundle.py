@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..geometry.se3 import Array, perturb, skew
+from ..geometry.se3 import Array, perturb
 from ..runtime.read_only import ReadOnlyArrays
 from .board_shape import BoardShape, flat_shape
 from .corners import Corners
@@ -114,67 +114,79 @@ class Bundle(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What the pictures show, padded to the same number of corners: see `Corners.by_picture`."""
+    """What the pictures show, padded to the same number of corners: see `Corners.by_picture`.
+
+    In memory the corners of a picture lie together, component by component.
+    """
 
     model: CameraModel
     shape: BoardShape
-    points: Array  # (n, most, 3) with the shape's offset
-    fields: Array  # (n, most, 3, q) displacement of the points by the shape's coefficients
-    pixels: Array  # (n, most, 2)
+    points: Array  # (n, 3, most) with the shape's offset
+    fields: Array  # (n, q, 3, most) displacement of the points by the shape's coefficients
+    pixels: Array  # (n, 2, most)
     weights: Array  # (n, most): what residuals are multiplied by, 0 for corners that do not count
 
     @classmethod
     def of(cls, model: CameraModel, shape: BoardShape, corners: Corners, used: NDArray[Any]) -> Sight:
-        row = shape.rows(corners.points)
-        points = corners.points + shape.offset[row]
-        parts = (points, shape.fields[row], corners.pixels, used)
-        return cls(model, shape, *(corners.by_picture(part) for part in parts))
+        points, which = corners.on_board
+        row = corners.by_picture(shape.rows(points)[which]).astype(np.intp)
+        parts = (shape.points + shape.offset, shape.fields)
+        points, fields = (np.moveaxis(np.take(part.T, row, axis=-1), -2, 0) for part in parts)
+        pixels = np.ascontiguousarray(corners.by_picture(corners.pixels).mT)
+        return cls(model, shape, points, fields, pixels, corners.by_picture(used))
+
+    def pictures(self, part: slice) -> Sight:
+        """Of some pictures."""
+        arrays = (self.points, self.fields, self.pixels, self.weights)
+        return Sight(self.model, self.shape, *(array[part] for array in arrays))
 
     @property
     def names(self) -> NDArray[np.str_]:
         """(p,) of the parameters."""
         return np.array((*self.model.names, *self.shape.names))
 
-    def rows(self, parameters: Array, poses: Array) -> tuple[Array, Array, Array]:
-        """r (n, 2 most), A (n, 2 most, p) by the parameters and B (n, 2 most, 6) by the poses, in pixels.
+    def rows(
+        self, parameters: Array, poses: Array, free: NDArray[np.bool_] | None = None
+    ) -> tuple[Array, Array, Array]:
+        """r (n, 2 most), A (n, 2 most, f) by the ``free`` parameters and B (n, 2 most, 6) by the poses, in pixels.
 
         Rows of corners that do not count are 0.
         """
-        turned, seen, r = self._seen(parameters, poses)
-        n, most = self.weights.shape
-        k = len(self.model.names)
-        weight = self.weights[..., None, None]
-        by_point = weight * seen.by_point
-        A = np.empty((n, most, 2, len(parameters)))
-        A[..., :k] = weight * seen.by_parameters
-        if len(parameters) > k:
-            A[..., k:] = (by_point @ poses[:, None, :3, :3]) @ self.fields
-        by_pose = np.empty((n, most, 2, 6))
-        by_pose[..., :3] = -by_point @ skew(turned)
-        by_pose[..., 3:] = by_point
-        return r, A.reshape(n, 2 * most, -1), by_pose.reshape(n, 2 * most, 6)
-
-    def residuals(self, parameters: Array, poses: Array) -> Array:
-        """r alone."""
-        return self._seen(parameters, poses)[2]
+        k, (n, most) = len(self.model.names), self.weights.shape
+        free = np.ones(len(parameters), dtype=bool) if free is None else free
+        turned, seen, in_front = self._projected(parameters, poses, free[:k])
+        r = np.where(in_front[:, None], seen.pixels.mT - self.pixels, LOST) * self.weights[:, None]
+        weight = (self.weights * in_front)[:, None, None]
+        B = np.empty((n, 6, 2, most))
+        x, y, z = (turned[:, [axis]] for axis in range(3))
+        by_x, by_y, by_z = (B[:, axis] for axis in (3, 4, 5))
+        np.multiply(seen.by_point.swapaxes(-1, -3), weight, out=B[:, 3:])
+        B[:, 0], B[:, 1], B[:, 2] = y * by_z - z * by_y, z * by_x - x * by_z, x * by_y - y * by_x
+        A = np.empty((n, int(free.sum()), 2, most))
+        first = int(free[:k].sum())
+        np.multiply(seen.by_parameters.swapaxes(-1, -3), weight, out=A[:, :first])
+        if first < A.shape[1]:
+            on_board = poses[:, :3, :3].mT @ B[:, 3:].reshape(n, 3, -1)  # derivatives by a point of the board
+            on_board, moves = on_board.reshape(n, 3, 2, most), np.any(self.shape.fields != 0, axis=0)
+            for column, q in enumerate(np.flatnonzero(free[k:]), first):
+                parts = [on_board[:, axis] * self.fields[:, q, [axis]] for axis in range(3) if moves[axis, q]]
+                A[:, column] = sum(parts[1:], start=parts[0])
+        return r.reshape(n, -1), A.reshape(n, -1, 2 * most).mT, B.reshape(n, 6, -1).mT
 
     def predicted(self, parameters: Array, poses: Array) -> Array:
         """Pixels (n, most, 2) of all points, also of those that do not count."""
-        return self._projected(parameters, poses)[1].pixels
+        return self._projected(parameters, poses, np.zeros(len(self.model.names), dtype=bool))[1].pixels
 
-    def _projected(self, parameters: Array, poses: Array) -> tuple[Array, Projected, NDArray[np.bool_]]:
+    def _projected(
+        self, parameters: Array, poses: Array, free: NDArray[np.bool_]
+    ) -> tuple[Array, Projected, NDArray[np.bool_]]:
         k = len(self.model.names)
-        on_board = self.points + self.fields @ parameters[k:] if len(parameters) > k else self.points
-        turned = on_board @ poses[:, :3, :3].mT
-        points = turned + poses[:, None, :3, 3]
-        in_front = np.asarray(points[..., 2] > 0) | (self.model.name == "fisheye")
-        seen = self.model.project(parameters[:k], np.where(in_front[..., None], points, [0.0, 0.0, 1.0]))
-        return turned, seen, in_front
-
-    def _seen(self, parameters: Array, poses: Array) -> tuple[Array, Projected, Array]:
-        turned, seen, in_front = self._projected(parameters, poses)
-        off = np.where(in_front[..., None], seen.pixels - self.pixels, LOST)
-        return turned, seen, np.asarray(self.weights[..., None] * off).reshape(len(poses), -1)
+        turned = poses[:, :3, :3] @ (self.points + np.einsum("q,nqcm->ncm", parameters[k:], self.fields))
+        points = turned + poses[:, :3, 3:]
+        in_front = np.asarray((points[:, 2] > 0) | (self.model.name == "fisheye"))
+        if not in_front.all():
+            points = np.where(in_front[:, None], points, np.array([0.0, 0.0, 1.0])[:, None])
+        return turned, self.model.project(parameters[:k], points.mT, free), in_front
 
 
 class _Problem:
@@ -189,12 +201,12 @@ class _Problem:
         parameters[self.free] = values
         return parameters
 
-    def rows(self, values: Array, blocks: Array) -> tuple[Array, Array, Array]:
-        r, A, B = self.sight.rows(self.all(values), blocks)
-        return r, A[..., self.free], B
+    @property
+    def m(self) -> int:
+        return 2 * int(self.sight.weights.shape[1])
 
-    def residuals(self, values: Array, blocks: Array) -> Array:
-        return self.sight.residuals(self.all(values), blocks)
+    def rows(self, values: Array, blocks: Array, part: slice) -> tuple[Array, Array, Array]:
+        return self.sight.pictures(part).rows(self.all(values), blocks, self.free)
 
     def moved(self, blocks: Array, step: Array) -> Array:
         return perturb(blocks, step)
@@ -220,7 +232,7 @@ def adjust(
     """
     used = np.ones(corners.m, dtype=bool) if used is None else used
     weights = np.ones(corners.n) if weights is None else weights
-    shape = flat_shape(corners.points) if shape is None else shape
+    shape = flat_shape(corners.on_board[0]) if shape is None else shape
     sight = Sight.of(model, shape, corners, used * np.sqrt(weights)[corners.picture])
     problem = _Problem(sight, start[0].copy(), free)
     values, poses = start[0][free], start[1]
@@ -254,23 +266,24 @@ def _bundle(
     """The covariances at the minimum."""
     free, poses, sight = problem.free, found.blocks, problem.sight
     freedom = 2 * int(used.sum()) - 6 * len(poses) - int(free.sum())
-    s = pixel_noise if pixel_noise is not None else float(np.sqrt(np.sum(found.r**2) / max(freedom, 1)))
-    information = np.einsum("nij,nik->jk", found.J, found.J) / s**2
+    parameters = problem.all(found.values)
+    off = sight.pixels.mT - sight.predicted(parameters, poses)
+    squares = float(np.sum((sight.weights[..., None] * off) ** 2))
+    s = pixel_noise if pixel_noise is not None else float(np.sqrt(squares / max(freedom, 1)))
+    information = found.information / s**2
     if prior is not None:
         information = information + np.linalg.inv(prior.covariance[np.ix_(free, free)])
     p = len(free)
     covariance, by_parameters = np.zeros((p, p)), np.zeros((len(poses), 6, p))
     covariance[np.ix_(free, free)] = _inverse(information, sight.names[free])
     by_parameters[..., free] = found.G
-    own = s**2 * np.linalg.inv(found.B.mT @ found.B)
-    parameters = problem.all(found.values)
-    residuals = (sight.pixels - sight.predicted(parameters, poses))[corners.picture, corners.place]
+    own = s**2 * np.linalg.inv(found.V)
     return Bundle(
         sight.model,
         sight.shape,
         parameters,
         poses,
-        residuals,
+        off[corners.picture, corners.place],
         used,
         free,
         s,

@@ -127,7 +127,8 @@ def _shapes(shape: str | BoardShape, corners: Corners) -> Sequence[BoardShape]:
     """Shapes of the board, out of which the best is taken."""
     if isinstance(shape, BoardShape):
         return [shape]
-    return possible_shapes(corners.points) if shape == "auto" else [polynomial_shape(shape, corners.points)]
+    points, _ = corners.on_board
+    return possible_shapes(points) if shape == "auto" else [polynomial_shape(shape, points)]
 
 
 def _rejected(corners: Corners, bad: NDArray[np.bool_]) -> Corners:

@@ -102,6 +102,12 @@ class Corners:
         """(m,) which corner of its picture each is, from 0."""
         return np.arange(self.m) - np.searchsorted(self.row, self.row)
 
+    @cached_property
+    def on_board(self) -> tuple[Array, NDArray[np.intp]]:
+        """The points (u, 3) of the board, each once, and which of them each corner is (m,)."""
+        points, which = np.unique(self.points, axis=0, return_inverse=True)
+        return points, which.ravel()
+
     def by_picture(self, values: Any, empty: float = 0.0) -> Array:
         """Values (m, ...) of corners as (n, most, ...), pictures with fewer corners filled up with ``empty``."""
         values = np.asarray(values, dtype=float)

@@ -7,12 +7,15 @@ pictures. With the derivatives A_i by v and B_i by p_i, and
 
 the normal matrix is block diagonal in the coordinates v and ``q_i = p_i - G_i v``: the Schur complement over the blocks
 
-    S = sum_i (A_i^T A_i + A_i^T B_i G_i) + R^T R       for v,        V_i = B_i^T B_i       for q_i
+    S = sum_i (A_i + B_i G_i)^T (A_i + B_i G_i) + R^T R       for v,        V_i = B_i^T B_i       for q_i
 
-so that time and memory grow with the number of residuals. Levenberg-Marquardt in these coordinates, each damped by its
-own diagonal (D. Marquardt, J. SIAM 11 (1963)); the damping follows the decrease found over that predicted (H. Nielsen,
-IMM-REP-1999-05, Technical University of Denmark). It ends where the undamped step is predicted to lower the sum of
-squares by less than the share STILL of it: for N residuals within ``sqrt(STILL N)`` standard deviations of the minimum.
+Pictures are taken a few at a time, so that time grows with the number of residuals, and memory with that of pictures.
+Levenberg-Marquardt in these coordinates, each damped by its own diagonal (D. Marquardt, J. SIAM 11 (1963)); the damping
+follows the decrease found over that predicted (H. Nielsen, IMM-REP-1999-05, Technical University of Denmark).
+
+A point is predicted to lie as much above the minimum as the undamped step lowers the sum of squares. It is the last one
+where that is less than the share NEAR of it, and the step, if it gains like the one before, leaves less than STILL: for
+N residuals within ``sqrt(STILL N)`` standard deviations of the minimum. That step needs no further evaluation.
 """
 
 from __future__ import annotations
@@ -23,12 +26,15 @@ import numpy as np
 
 from ..geometry.se3 import Array
 
-STILL = 1e-11
+STILL, NEAR = 1e-11, 1e-7
 MOST_STEPS = 100
-# Damping of the first step, by how much it falls at most, and that beyond which nothing can be improved.
-DAMPING, FALL, STUCK = 1e-6, 0.1, 1e8
+# Damping of the first step, by how much it falls at most and grows at first, and beyond which nothing can be improved.
+DAMPING, FALL, GROWTH, STUCK = 1e-6, 0.1, 4.0, 1e8
 # What a normal matrix of unit diagonal has for eigenvalues where it is singular.
 RANK = 1e-14
+
+# Numbers in the rows of the pictures that are taken at a time: they stay in the cache, and memory small.
+AT_ONCE = 2**18
 
 Rows = tuple[Array, Array, Array]  # r (n, m), A (n, m, f), B (n, m, 6)
 
@@ -36,62 +42,104 @@ Rows = tuple[Array, Array, Array]  # r (n, m), A (n, m, f), B (n, m, 6)
 class Problem(Protocol):
     """What is minimised."""
 
-    def rows(self, values: Array, blocks: Array) -> Rows:
-        """Residuals and derivatives; rows that do not count are 0."""
+    @property
+    def m(self) -> int:
+        """Rows of a picture."""
+
+    def rows(self, values: Array, blocks: Array, part: slice) -> Rows:
+        """Residuals and derivatives of a part of the pictures, with its ``blocks``; rows that do not count are 0."""
 
     def moved(self, blocks: Array, step: Array) -> Array:
         """The blocks (n, ...) after a step (n, 6)."""
 
 
 class Minimum(NamedTuple):
-    """Where everything is at its minimum, and the derivatives there."""
+    """Where everything is at its minimum, and the derivatives where the last step came from."""
 
     values: Array  # (f,)
     blocks: Array  # (n, ...)
-    r: Array  # (n, m)
-    B: Array  # (n, m, 6)
+    squares: float  # the sum of squares, with that of the prior
+    information: Array  # (f, f) S without the prior
+    V: Array  # (n, 6, 6)
     G: Array  # (n, 6, f)
-    J: Array  # (n, m, f) A + B G
     converged: bool
     steps: int  # evaluations of the rows
 
 
+class Normal(NamedTuple):
+    """Normal equations about a point, diagonal in coordinates ``Q_0^-1 v`` and ``Q_i^-1 q_i``."""
+
+    squares: float  # with that of the prior
+    information: Array  # (f, f) S without the prior
+    V: Array  # (n, 6, 6)
+    G: Array  # (n, 6, f)
+    e: Array  # (f + 6 n,) the normal matrix
+    c: Array  # (f + 6 n,) half the gradient
+    to_values: Array  # (f, f) Q_0
+    to_blocks: Array  # (n, 6, 6) Q_i
+
+    @classmethod
+    def of(cls, problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array]) -> Normal | None:
+        """None where the residuals are not finite."""
+        n, f = len(blocks), len(values)
+        off = prior[1] @ (values - prior[0])
+        squares, S, g = float(off @ off), np.zeros((f, f)), prior[1].T @ off
+        V, G, own, to_blocks, h = (np.empty((n, 6, *more)) for more in ((6,), (f,), (), (6,), (1,)))
+        step = max(1, AT_ONCE // (problem.m * (f + 6)))
+        for part in (slice(first, first + step) for first in range(0, n, step)):
+            r, A, B = problem.rows(values, blocks[part], part)
+            squares += float(np.vdot(r, r))
+            if not np.isfinite(squares):
+                return None
+            V[part], h[part] = B.mT @ B, B.mT @ r[..., None]
+            own[part], Q = diagonal(V[part])
+            to_blocks[part] = Q
+            G[part] = -Q @ ((Q.mT @ (B.mT @ A)) / own[part][..., None])
+            J = A.mT + G[part].mT @ B.mT  # (n, f, m)
+            S += (J @ J.mT).sum(axis=0)
+            g += (J @ r[..., None]).sum(axis=0)[:, 0]
+        shared, to_values = diagonal(S + prior[1].T @ prior[1])
+        e, c = np.concatenate([shared, own.ravel()]), np.concatenate([to_values.T @ g, (to_blocks.mT @ h).ravel()])
+        return cls(squares, S, V, G, e, c, to_values, to_blocks)
+
+    def step(self, damping: float) -> tuple[Array, Array, float]:
+        """Of the values and of the blocks, and by how much the sum of squares is predicted to fall."""
+        y = -self.c / (self.e + damping)
+        f = len(self.to_values)
+        values = self.to_values @ y[:f]
+        blocks = (self.to_blocks @ y[f:].reshape(-1, 6, 1))[..., 0] + self.G @ values
+        return values, blocks, float(np.sum(-y * self.c * (1.0 + damping / (self.e + damping))))
+
+
 def minimised(problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array] | None = None) -> Minimum:
-    """The minimum from a start; ``prior`` is v_0 (f,) and R (f, f)."""
-    middle, R = (values, np.zeros((0, len(values)))) if prior is None else prior
+    """The minimum from a start; ``prior`` is v_0 (f,) and R (f, f).
 
-    def sum_of_squares(r: Array, values: Array) -> float:
-        return float(np.vdot(r, r) + np.sum((R @ (values - middle)) ** 2))
-
-    r, A, B = problem.rows(values, blocks)
-    cost, damping, steps = sum_of_squares(r, values), DAMPING, 1
+    Raises `LinAlgError` where the start has residuals that are not finite.
+    """
+    prior = (values, np.zeros((0, len(values)))) if prior is None else prior
+    here = Normal.of(problem, values, blocks, prior)
+    if here is None:
+        raise np.linalg.LinAlgError("The residuals of the start are not finite.")
+    damping, growth, steps, before = DAMPING, GROWTH, 1, 0.0
     while True:
-        h = (B.mT @ r[..., None])[..., 0]
-        own, to_blocks = diagonal(B.mT @ B)
-        W = B.mT @ A
-        G = -to_blocks @ ((to_blocks.mT @ W) / own[..., None])
-        shared, to_values = diagonal((A.mT @ A + W.mT @ G).sum(axis=0) + R.T @ R)
-        g = (A.mT @ r[..., None] + G.mT @ h[..., None]).sum(axis=0)[:, 0] + R.T @ (R @ (values - middle))
-        # Eigenvalues and gradient of the whole normal matrix, which is diagonal after a rotation of v and of each q_i.
-        e = np.concatenate([shared, own.ravel()])
-        c = np.concatenate([to_values.T @ g, (to_blocks.mT @ h[..., None]).ravel()])
-        converged, growth = bool(np.sum(c**2 / e) <= STILL * cost), 4.0
-        while not converged and steps < MOST_STEPS:
-            y = -c / (e + damping)
-            move = to_values @ y[: len(values)]
-            step = (to_blocks @ y[len(values) :].reshape(-1, 6, 1))[..., 0] + G @ move
-            there = values + move, problem.moved(blocks, step)
-            rows = problem.rows(*there)
-            new, steps = sum_of_squares(rows[0], there[0]), steps + 1
-            if new < cost:
-                gain = (cost - new) / np.sum(-y * c * (1.0 + damping / (e + damping)))
-                damping *= max(FALL, 1.0 - (2.0 * gain - 1.0) ** 3)
-                break
-            damping, growth = growth * max(damping, e.min()), 2 * growth
-            converged = damping > STUCK
-        if converged or steps >= MOST_STEPS:
-            return Minimum(values, blocks, r, B, G, A + B @ G, converged, steps)
-        (values, blocks), (r, A, B), cost = there, rows, new
+        move, step, above = here.step(0.0)
+        rate = min(1.0, above / before) if before else 1.0
+        near = above <= NEAR * here.squares and rate * above <= STILL * here.squares
+        if near:
+            values, blocks = values + move, problem.moved(blocks, step)
+            here = here._replace(squares=here.squares - above)
+        if near or damping > STUCK or steps == MOST_STEPS:
+            return Minimum(values, blocks, *here[:4], near or damping > STUCK, steps)
+        move, step, fall = here.step(damping)
+        there = values + move, problem.moved(blocks, step)
+        found = Normal.of(problem, *there, prior)
+        steps += 1
+        if found is not None and found.squares < here.squares:
+            damping *= max(FALL, 1.0 - (2.0 * (here.squares - found.squares) / fall - 1.0) ** 3)
+            growth, before, here = GROWTH, above, found
+            values, blocks = there
+        else:
+            damping, growth = growth * max(damping, here.e.min()), 2 * growth
 
 
 def reduced(A: Array, B: Array) -> tuple[Array, Array]:

@@ -133,21 +133,20 @@ class _Problem:
         G = inverse(robot) if self.inverted else robot
         return np.asarray(inverse(G @ at.X) @ at.W)
 
-    def corrected(self, blocks: Array) -> tuple[Array, Array]:
-        """Robot poses without their errors, and those errors xi (n, 6)."""
-        xi = (self.L @ blocks[..., None])[..., 0]
-        return perturb(self.robot, -xi), xi
+    def corrected(self, blocks: Array, part: slice) -> tuple[Array, Array]:
+        """Robot poses of a part of the pictures without their errors, and those errors xi (n, 6)."""
+        xi = (self.L[part] @ blocks[..., None])[..., 0]
+        return perturb(self.robot[part], -xi), xi
 
-    def residuals(self, values: Array, blocks: Array) -> Array:
-        robot, _ = self.corrected(blocks)
-        r = self.sight.residuals(self._all(values), self._camera(self.start.moved(values[:12]), robot))
-        return np.concatenate([r / self.s, blocks], axis=-1)
+    @property
+    def m(self) -> int:
+        return 2 * int(self.sight.weights.shape[1]) + 6
 
-    def rows(self, values: Array, blocks: Array) -> tuple[Array, Array, Array]:
-        at = self.start.moved(values[:12])
-        robot, xi = self.corrected(blocks)
+    def rows(self, values: Array, blocks: Array, part: slice) -> tuple[Array, Array, Array]:
+        at, sight, L = self.start.moved(values[:12]), self.sight.pictures(part), self.L[part]
+        robot, xi = self.corrected(blocks, part)
         camera = self._camera(at, robot)
-        r, by_parameters, by_pose = self.sight.rows(self._all(values), camera)
+        r, by_parameters, by_pose = sight.rows(self._all(values), camera, self.free)
         linear = OnPoses(robot, camera, self.inverted).linearise(at, robot, camera)
         D_G, D_C = linear.sides
         J, D = linear.J.copy(), D_G.copy()
@@ -158,8 +157,8 @@ class _Problem:
         n, m, f = len(r), r.shape[1], len(values)
         A, B = np.zeros((n, m + 6, f)), np.empty((n, m + 6, 6))
         A[:, :m, :12] = by_pose @ J
-        A[:, :m, 12:] = by_parameters[..., self.free] / self.s
-        B[:, :m] = -(by_pose @ (D @ self.L))
+        A[:, :m, 12:] = by_parameters / self.s
+        B[:, :m] = -(by_pose @ (D @ L))
         B[:, m:] = np.eye(6)
         return np.concatenate([r / self.s, blocks], axis=-1), A, B
 
@@ -205,11 +204,7 @@ def adjust_rig(poses: PosePairs, robot: Array | None, start: Unknowns, weights: 
         mean, R = prior_rows(known, problem.free, 1.0)
         prior = np.concatenate([np.zeros(12), mean]), np.pad(R, ((0, 0), (12, 0)))
     found = minimised(problem, values, np.zeros((poses.n, 6)), prior)
-    J = found.J.reshape(-1, len(values))
-    information, chi2 = J.T @ J, float(np.sum(found.r**2))
-    if prior is not None:
-        information = information + prior[1].T @ prior[1]
-        chi2 += float(np.sum((prior[1] @ (found.values - prior[0])) ** 2))
+    information = found.information if prior is None else found.information + prior[1].T @ prior[1]
     for first in (0, 6):  # of errors at the solution, not of steps from the start
         turn = np.linalg.inv(left_jacobian(found.values[first : first + 3]))
         part = slice(first, first + 3)
@@ -221,8 +216,9 @@ def adjust_rig(poses: PosePairs, robot: Array | None, start: Unknowns, weights: 
     dof = 2 * int(seen.bundle.used.sum()) - len(values) + (0 if prior is None else len(prior[1]))
     dof -= 6 * int((w == 0).sum())
     parameters = problem._all(found.values)
-    robots = problem.corrected(found.blocks)[0]
-    result = RigBundle(at.X, at.W, inverse_information(information), parameters, robots, chi2, dof, found.steps)
+    robots, _ = problem.corrected(found.blocks, slice(None))
+    covariance = inverse_information(information)
+    result = RigBundle(at.X, at.W, covariance, parameters, robots, found.squares, dof, found.steps)
     if not found.converged:
         raise NotConvergedError(
             f"Method 'bundle' did not converge within {found.steps} steps: the residuals are too large for the noise. "
