@@ -32,7 +32,7 @@ from ..files.source import Source
 from ..formatting.units import parse_length
 from ..geometry.se3 import Array
 from ..runtime.progress import progress_bar
-from .corners import Corners
+from .corners import Corners, smoothing
 from .initial_guess import opencv
 
 KINDS = ("chessboard", "charuco")
@@ -44,9 +44,6 @@ LARGEST = 200  # corners along a side
 CHESSBOARD_SHARE, CHARUCO_SHARE = 0.4, 0.33
 WINDOW = (2, 30)
 RIM = 2  # pixels beyond the window that a corner moved a little, and the gradient, take
-# Pixels, standard deviation of the Gaussian that a picture is smoothed with before, and share of the window that it may
-# be. Between the pixels of a sharp edge `cornerSubPix` interpolates linearly, which alone moves corners by 0.03 pixels.
-SMOOTH, SMOOTH_SHARE = 1.0, 0.25
 MAX_BYTES = 500_000_000  # of a picture's file
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
 
@@ -361,11 +358,11 @@ def _refined(picture: Picture, corners: Array, share: float) -> tuple[Array, NDA
     rim = np.minimum(flat, np.array(picture.shape[::-1]) - 1 - flat).min(axis=1) - RIM
     windows = np.clip(np.minimum(share * near, rim), *WINDOW).astype(np.intp)
     enough = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-    sigma = min(SMOOTH, SMOOTH_SHARE * float(np.median(windows)))
-    smooth = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), sigma)
+    grey, sigma = picture.astype(np.float32), smoothing(windows)
+    smooth = {s: cv2.GaussianBlur(grey, (0, 0), s) for s in set(sigma.tolist())}
     found = [
-        cv2.cornerSubPix(smooth, np.array(corner, dtype=np.float32).reshape(1, 1, 2), (w, w), (-1, -1), enough)
-        for corner, w in zip(flat, windows.tolist(), strict=True)
+        cv2.cornerSubPix(smooth[s], np.array(corner, dtype=np.float32).reshape(1, 1, 2), (w, w), (-1, -1), enough)
+        for corner, w, s in zip(flat, windows.tolist(), sigma.tolist(), strict=True)
     ]
     return np.concatenate(found)[:, 0].astype(float), windows
 

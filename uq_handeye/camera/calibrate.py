@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, NotConvergedError
 from ..findings import Finding, warn
+from ..geometry.se3 import Array
+from .bent_edges import bias
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
 from .bundle import Bundle
 from .corners import Corners, without_pictures
@@ -32,6 +34,7 @@ from .setting import Known
 
 # Pictures that must remain where others are left out as a whole.
 FEWEST_PICTURES = 3
+TELLING = 0.001  # pixels that corners are moved by without a word
 
 
 def calibrate_camera(
@@ -48,7 +51,8 @@ def calibrate_camera(
     Parameters
     ----------
     corners : Corners
-        At least three pictures, with the board tilted in different ways.
+        At least three pictures, with the board tilted in different ways. Those that `detect_board` found (`window`)
+        are moved to where they would be if the lens bent no edges; the result has them so.
     image_size : (width, height) or None
         Pixels. None: as the corners say (`detect_board`).
     model : "pinhole", "brown", "fisheye" or "auto"
@@ -89,11 +93,19 @@ def calibrate_camera(
         wrong += np.array(corners.names)[bad].tolist()
         corners = _rejected(corners, bad)
     lenses, shapes = _lenses(model, coefficients), _shapes(shape, corners)
-    setting, bundle, candidates = search(corners, size, lenses, shapes, known)
-    while (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
-        wrong += np.array(corners.names)[bad].tolist()
-        corners = _rejected(corners, bad)
+    moved: list[Finding] = []
+    while True:
         setting, bundle, candidates = search(corners, size, lenses, shapes, known)
+        if (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
+            wrong += np.array(corners.names)[bad].tolist()
+            corners = _rejected(corners, bad)
+        elif corners.window is not None:
+            # Once: with the camera found from corners that were moved d changes by less than 0.001 pixels.
+            d = bias(bundle, corners)
+            moved = _moved(d[corners.window > 0])
+            corners = replace(corners, pixels=corners.pixels - d, window=None)
+        else:
+            break
     weights, s = picture_weights(bundle, corners), bundle.pixel_noise
     at = bundle.parameters, bundle.poses
     fit = partial(setting.fit, corners, at, weights=weights, pixel_noise=s)
@@ -105,7 +117,7 @@ def calibrate_camera(
             bundle,
         )
     pattern = pattern_of(bundle, corners, size)
-    findings = _findings(bundle, corners, pattern, model == "auto")
+    findings = [*_findings(bundle, corners, pattern, model == "auto"), *moved]
     if wrong:
         findings.append(Finding("camera.pictures_left_out", "caution", {"pictures": wrong}))
     warn(findings)
@@ -135,6 +147,15 @@ def _rejected(corners: Corners, bad: NDArray[np.bool_]) -> Corners:
     """Without some pictures, which were taken all the same: of pictures, unlike of a table, their number is known."""
     counted = () if corners.image_size is None else tuple(np.array(corners.names)[bad].tolist())
     return replace(without_pictures(corners, bad), missing=(*corners.missing, *counted))
+
+
+def _moved(d: Array) -> list[Finding]:
+    """By how far corners (k, 2) were moved, in pixels; nothing to say where no edge is bent."""
+    distance = np.linalg.norm(d, axis=1)
+    if distance.max(initial=0.0) < TELLING:
+        return []
+    values = {"largest": float(distance.max()), "rms": float(np.sqrt(np.mean(distance**2)))}
+    return [Finding("camera.bent_edges", "note", values)]
 
 
 def _findings(bundle: Bundle, corners: Corners, pattern: Pattern, automatic: bool) -> list[Finding]:

