@@ -203,7 +203,7 @@ def test_what_bundle_needs(recording):
         uq.calibrate(poses, method="bundle", covariance="sandwich")
     with pytest.raises(InputError, match=r"give PoseNoise\(robot=...\) alone"):
         uq.calibrate(poses, method="bundle", noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm")))
-    with pytest.raises(InputError, match="got a joint covariance"):
+    with pytest.raises(InputError, match="got a dense joint covariance"):
         uq.calibrate(poses, method="bundle", noise=uq.PoseNoise(robot=1e-8 * np.eye(120)))
     given = calibrate(poses, method="bundle", noise=uq.PoseNoise(ROBOT))
     assert given.agreement.distance < 0.1 and given.noise_estimate is None

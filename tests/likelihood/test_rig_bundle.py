@@ -2,6 +2,7 @@
 
 import os
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,12 +50,38 @@ def test_the_joint_covariance_is_the_bundle_to_first_order(rng, model, robot, se
     assert low < bundle.chi2 < high
 
 
+@pytest.mark.filterwarnings("ignore:The target would sit")
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_errors_that_all_robot_poses_share_are_unknowns(rng, setup):
+    """The robot's scale, 0.5 % off: found, and X as `efficient` with the same joint noise has it."""
+    poses, X = rig(rng, 15, setup=setup)
+    longer = poses.robot.copy()
+    longer[:, :3, 3] *= 1.005
+    poses = replace(poses, robot=longer)
+    scale = uq.SharedError.robot_scale(0.01)
+    F = scale.at(poses) * 0.01
+    robot = uq.JointCovariance(np.tile(ROBOT, (poses.n, 1, 1)), F)
+    fit = joint_fit(poses, robot)
+    bundle = adjust_rig(poses, robot, fit.unknowns)
+    off = difference(bundle.X, fit.X)
+    assert off @ np.linalg.solve(fit.covariance_X, off) < 0.15**2
+    assert_same_covariance(bundle.covariance_X, fit.covariance_X, 0.05)
+    error = difference(bundle.X, X)
+    assert error @ np.linalg.solve(bundle.covariance_X, error) < 27.9  # 99.99 %
+    without = difference(adjust_rig(poses, ROBOT, fit.unknowns).X, X)
+    assert without @ np.linalg.solve(bundle.covariance_X, without) > 100
+    assert len(bundle.covariance) == 12 + poses.camera_calibration.bundle.free.sum() + 1
+    found = uq.calibrate(poses, method="bundle", noise=uq.PoseNoise(robot), robust=False)
+    np.testing.assert_allclose(found.agreement.eigenvalues, 1, atol=0.05)
+
+
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_derivatives(rng, setup):
     poses, _ = rig(rng, 5, "brown", setup)
     fit = joint_fit(poses, ROBOT)
-    problem = _problem(poses, poses.camera_calibration, 1e4 * ROBOT, fit.unknowns, np.array([1, 1, 0.5, 1, 0]))
-    values = np.concatenate([0.02 * rng.normal(size=12), problem.parameters[problem.free]])
+    robot = uq.JointCovariance(np.tile(1e4 * ROBOT, (5, 1, 1)), 0.01 * rng.normal(size=(5, 6, 2)))
+    problem = _problem(poses, poses.camera_calibration, robot, fit.unknowns, np.array([1, 1, 0.5, 1, 0]))
+    values = np.concatenate([0.02 * rng.normal(size=12), problem.parameters[problem.free], rng.normal(size=2)])
     blocks = rng.normal(size=(5, 6)) * np.where(np.arange(5) == 4, 1e-4, 1.0)[:, None]
     whole = slice(None)
     _, A, B = problem.rows(values, blocks, whole)

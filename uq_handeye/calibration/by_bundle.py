@@ -8,6 +8,7 @@ import numpy as np
 
 from ..findings import Finding
 from ..likelihood.rig_bundle import Agreement, adjust_rig
+from ..noise.estimate import CAMERA_EXCESS
 from ..noise.models import PoseNoise
 from ..poses.residuals import residuals, summarise
 from .analysis import Analysis
@@ -26,7 +27,9 @@ def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
     assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None
     assert result.covariance is not None
     fit, robot = analysis.fit, analysis.noise.robot
-    found = adjust_rig(poses, robot, fit.unknowns, fit.weights)
+    components = () if result.noise_estimate is None else result.noise_estimate.components
+    excess = sum(part.value for part in components if part.name == CAMERA_EXCESS)
+    found = adjust_rig(poses, robot, fit.unknowns, fit.weights, excess)
     agreement = Agreement.of(found.X, found.covariance_X, fit.X, fit.covariance_X)
     of_offset = result.covariance - fit.covariance_X
     angle, distance = residuals(job.motions.A, job.motions.B, found.X)

@@ -15,10 +15,11 @@ from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
+from ..likelihood.rig_bundle import require_shared
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count, with_prior
+from ..noise.models import Noise, PairNoise, PoseNoise, require_count, with_prior
 from ..noise.pose_prior import PosePrior
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
@@ -106,11 +107,8 @@ def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance:
         raise InputError(
             "Method 'bundle' takes the noise of the camera from the corners: give PoseNoise(robot=...) alone, or none."
         )
-    if noise is not None and is_joint(noise.robot):
-        raise InputError(
-            "Method 'bundle' takes robot noise that is independent from pose to pose, got a joint covariance. Use "
-            "method 'efficient'."
-        )
+    if noise is not None:
+        require_shared(noise.robot)
 
 
 def _open_noise(noise: Any) -> tuple[Noise | None, CameraNoise | None, Any]:

@@ -8,6 +8,8 @@ m), u_i standard normal, ``L_i L_i^T`` its covariance: singular or 0 where the r
     sum_ij |z_ij - project(k, C_i P_j)|^2 / s^2  +  sum_i |u_i|^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
 
 over X, W, the free intrinsics k and all u_i; those are eliminated picture by picture (`camera.variable_projection`).
+Errors that all robot poses share (a `JointCovariance`, ``xi_i = L_i u_i + F_i v``) are q more unknowns v, standard
+normal, beside k: ``|v|^2`` comes to the sum.
 The covariance of X and W is their block of the inverse of the reduced information. s is that of the camera calibration.
 
 Derivatives. ``G X C = W`` linearised (`constraint`) is ``J d(X, W) + D_G d(G) + D_C d(C) = 0``, and D_C is orthogonal:
@@ -32,6 +34,7 @@ from ..camera.result import CameraCalibration
 from ..camera.variable_projection import minimised
 from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array, inverse, left_jacobian, logarithm, perturb
+from ..noise.joint_covariance import JointCovariance
 from ..noise.models import factor, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
@@ -47,7 +50,9 @@ class RigBundle(NamedTuple):
 
     X: Array  # (4, 4)
     W: Array  # (4, 4)
-    covariance: Array  # (12 + f, 12 + f) of the errors of X and W, then of the f free intrinsics
+    covariance: (
+        Array  # (12 + f + q,) * 2 of the errors of X and W, the f free intrinsics, the q shared errors of the robot
+    )
     parameters: Array  # (p,) intrinsics and shape of the board
     robot: Array  # (n, 4, 4) as adjusted
     chi2: float  # what is left of the objective
@@ -112,7 +117,7 @@ class Agreement(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Values: errors of X and W (12) from a start, then the free intrinsics; blocks: u (n, 6)."""
+    """Values: errors of X and W (12) from a start, the f free intrinsics, v (q); blocks: u (n, 6)."""
 
     sight: Sight
     s: float
@@ -121,11 +126,17 @@ class _Problem:
     start: Unknowns
     robot: Array  # (n, 4, 4) measured
     L: Array  # (n, 6, 6)
+    F: Array  # (n, 6, q)
     inverted: bool
+
+    @property
+    def last(self) -> int:
+        """Where the intrinsics end among the values."""
+        return 12 + int(self.free.sum())
 
     def _all(self, values: Array) -> Array:
         parameters = self.parameters.copy()
-        parameters[self.free] = values[12:]
+        parameters[self.free] = values[12 : self.last]
         return parameters
 
     def _camera(self, at: Unknowns, robot: Array) -> Array:
@@ -133,9 +144,9 @@ class _Problem:
         G = inverse(robot) if self.inverted else robot
         return np.asarray(inverse(G @ at.X) @ at.W)
 
-    def corrected(self, blocks: Array, part: slice) -> tuple[Array, Array]:
+    def corrected(self, values: Array, blocks: Array, part: slice) -> tuple[Array, Array]:
         """Robot poses of a part of the pictures without their errors, and those errors xi (n, 6)."""
-        xi = (self.L[part] @ blocks[..., None])[..., 0]
+        xi = (self.L[part] @ blocks[..., None])[..., 0] + self.F[part] @ values[self.last :]
         return perturb(self.robot[part], -xi), xi
 
     @property
@@ -143,8 +154,8 @@ class _Problem:
         return 2 * int(self.sight.weights.shape[1]) + 6
 
     def rows(self, values: Array, blocks: Array, part: slice) -> tuple[Array, Array, Array]:
-        at, sight, L = self.start.moved(values[:12]), self.sight.pictures(part), self.L[part]
-        robot, xi = self.corrected(blocks, part)
+        at, sight = self.start.moved(values[:12]), self.sight.pictures(part)
+        robot, xi = self.corrected(values, blocks, part)
         camera = self._camera(at, robot)
         r, by_parameters, by_pose = sight.rows(self._all(values), camera, self.free)
         linear = OnPoses(robot, camera, self.inverted).linearise(at, robot, camera)
@@ -157,8 +168,9 @@ class _Problem:
         n, m, f = len(r), r.shape[1], len(values)
         A, B = np.zeros((n, m + 6, f)), np.empty((n, m + 6, 6))
         A[:, :m, :12] = by_pose @ J
-        A[:, :m, 12:] = by_parameters / self.s
-        B[:, :m] = -(by_pose @ (D @ L))
+        A[:, :m, 12 : self.last] = by_parameters / self.s
+        A[:, :m, self.last :] = -(by_pose @ (D @ self.F[part]))
+        B[:, :m] = -(by_pose @ (D @ self.L[part]))
         B[:, m:] = np.eye(6)
         return np.concatenate([r / self.s, blocks], axis=-1), A, B
 
@@ -166,25 +178,33 @@ class _Problem:
         return blocks + step
 
 
-def adjust_rig(poses: PosePairs, robot: Array | None, start: Unknowns, weights: Array | None = None) -> RigBundle:
+def adjust_rig(
+    poses: PosePairs,
+    robot: Array | JointCovariance | None,
+    start: Unknowns,
+    weights: Array | None = None,
+    excess: float = 0.0,
+) -> RigBundle:
     """The least squares estimate of X, W, intrinsics and robot poses on the corners.
 
     Parameters
     ----------
     poses : PosePairs
         With a ``camera_calibration``, whose corners, intrinsics, prior and pixel noise are taken.
-    robot : (6, 6), (n, 6, 6) or None
-        Covariance of the robot poses; None: they are exact.
+    robot : (6, 6), (n, 6, 6), JointCovariance or None
+        Covariance of the robot poses, with errors that all of them share; None: they are exact.
     start : Unknowns
         X and W near the solution.
     weights : (n,) or None
         Robust weights in [0, 1]: divide the variances of the corners and of the robot pose; 0 says that the robot pose
         belongs to another picture or is wrong, and is taken as unknown.
+    excess : float
+        Pixels: noise of all corners beside that of the camera calibration (`noise.estimate.CAMERA_EXCESS`).
 
     Raises
     ------
     InputError
-        Poses without corners; a covariance that is joint or of another number of poses.
+        Poses without corners; a covariance (6n, 6n), of serial errors, or of another number of poses.
     DegenerateMotionError
         The data do not determine X and W.
     NotConvergedError
@@ -193,16 +213,19 @@ def adjust_rig(poses: PosePairs, robot: Array | None, start: Unknowns, weights: 
     seen = poses.camera_calibration
     if seen is None or start.W is None:
         raise InputError("Expected poses with a `camera_calibration`, and W beside X to start from.")
-    if robot is not None and is_joint(robot):
-        raise InputError("Expected robot noise that is independent from pose to pose, got a joint covariance.")
+    require_shared(robot)
     require_count(robot, poses.n, "robot", "poses")
     w = np.ones(poses.n) if weights is None else np.asarray(weights, dtype=float)
-    problem = _problem(poses, seen, robot, start, w)
-    values = np.concatenate([np.zeros(12), problem.parameters[problem.free]])
-    prior = None
+    problem = _problem(poses, seen, robot, start, w, excess)
+    q = problem.F.shape[-1]
+    values = np.concatenate([np.zeros(12), problem.parameters[problem.free], np.zeros(q)])
+    rows = [np.eye(len(values))[problem.last :]]  # of v, and of what is known of the intrinsics
+    mean = np.zeros(len(values))
     if (known := seen.bundle.prior) is not None:
-        mean, R = prior_rows(known, problem.free, 1.0)
-        prior = np.concatenate([np.zeros(12), mean]), np.pad(R, ((0, 0), (12, 0)))
+        mean[12 : problem.last], R = prior_rows(known, problem.free, 1.0)
+        rows.append(np.pad(R, ((0, 0), (12, q))))
+    told = np.concatenate(rows)
+    prior = (mean, told) if len(told) else None
     found = minimised(problem, values, np.zeros((poses.n, 6)), prior)
     information = found.information if prior is None else found.information + prior[1].T @ prior[1]
     for first in (0, 6):  # of errors at the solution, not of steps from the start
@@ -216,7 +239,7 @@ def adjust_rig(poses: PosePairs, robot: Array | None, start: Unknowns, weights: 
     dof = 2 * int(seen.bundle.used.sum()) - len(values) + (0 if prior is None else len(prior[1]))
     dof -= 6 * int((w == 0).sum())
     parameters = problem._all(found.values)
-    robots, _ = problem.corrected(found.blocks, slice(None))
+    robots, _ = problem.corrected(found.values, found.blocks, slice(None))
     covariance = inverse_information(information)
     result = RigBundle(at.X, at.W, covariance, parameters, robots, found.squares, dof, found.steps)
     if not found.converged:
@@ -228,17 +251,36 @@ def adjust_rig(poses: PosePairs, robot: Array | None, start: Unknowns, weights: 
     return result
 
 
+def require_shared(robot: Array | JointCovariance | None) -> None:
+    """Raise `InputError` for a joint covariance of the robot other than by errors that all poses share."""
+    joint = robot is not None and is_joint(robot)
+    if joint and (not isinstance(robot, JointCovariance) or robot.serial is not None):
+        raise InputError(
+            "Method 'bundle' takes robot noise that is independent from pose to pose but for errors that all share "
+            "(JointCovariance), got a dense joint covariance or a drift. Use method 'efficient'."
+        )
+
+
 def _problem(
-    poses: PosePairs, seen: CameraCalibration, robot: Array | None, start: Unknowns, weights: Array
+    poses: PosePairs,
+    seen: CameraCalibration,
+    robot: Array | JointCovariance | None,
+    start: Unknowns,
+    weights: Array,
+    excess: float = 0.0,
 ) -> _Problem:
     bundle, kept = seen.bundle, weights > 0
     root = np.sqrt(np.where(kept, weights, 1.0))
-    of_picture = root * np.sqrt(bundle.weights)
+    of_picture = root / np.sqrt(1.0 / bundle.weights + (excess / bundle.pixel_noise) ** 2)
     sight = Sight.of(bundle.model, bundle.shape, seen.corners, bundle.used * of_picture[seen.corners.picture])
     inverted = poses.setup == "eye-to-hand"
+    F = np.zeros((poses.n, 6, 0))
+    if isinstance(robot, JointCovariance):
+        F = np.where(kept[:, None, None], robot.shared, 0.0)
+        robot = robot.own
     L = np.zeros((poses.n, 6, 6)) if robot is None else np.broadcast_to(factor(robot), (poses.n, 6, 6))
     L = np.where(kept[:, None, None], L / root[:, None, None], UNKNOWN * np.eye(6))
     assert start.W is not None
     G = start.W @ inverse(start.X @ poses.camera)  # where the camera saw the board from
     measured = np.where(kept[:, None, None], poses.robot, inverse(G) if inverted else G)
-    return _Problem(sight, bundle.pixel_noise, bundle.parameters, bundle.free, start, measured, L, inverted)
+    return _Problem(sight, bundle.pixel_noise, bundle.parameters, bundle.free, start, measured, L, F, inverted)
