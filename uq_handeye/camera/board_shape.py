@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,8 +60,16 @@ class BoardShape(ReadOnlyArrays):
         """Number of coefficients."""
         return len(self.names)
 
+    @cached_property
+    def moves(self) -> list[list[tuple[int, Array]]]:
+        """Of each coefficient, along which axes it moves the points, and how far (u,)."""
+        fields = np.ascontiguousarray(self.fields.T)
+        return [[(axis, by) for axis, by in enumerate(field) if by.any()] for field in fields]
+
     def rows(self, points: Array) -> NDArray[np.intp]:
         """(m,) which of the board's points these (m, 3) are; raises `InputError` for others."""
+        if np.array_equal(points, self.points):
+            return np.arange(len(points))
         both, number = np.unique(np.concatenate([self.points, points]), axis=0, return_inverse=True)
         of = np.full(len(both), -1, dtype=np.intp)
         number = number.ravel()

@@ -121,8 +121,7 @@ class Sight:
 
     model: CameraModel
     shape: BoardShape
-    points: Array  # (n, 3, most) with the shape's offset
-    fields: Array  # (n, q, 3, most) displacement of the points by the shape's coefficients
+    row: NDArray[np.intp]  # (n, most) which of the shape's points each corner is
     pixels: Array  # (n, 2, most)
     weights: Array  # (n, most): what residuals are multiplied by, 0 for corners that do not count
 
@@ -130,15 +129,12 @@ class Sight:
     def of(cls, model: CameraModel, shape: BoardShape, corners: Corners, used: NDArray[Any]) -> Sight:
         points, which = corners.on_board
         row = corners.by_picture(shape.rows(points)[which]).astype(np.intp)
-        parts = (shape.points + shape.offset, shape.fields)
-        points, fields = (np.moveaxis(np.take(part.T, row, axis=-1), -2, 0) for part in parts)
         pixels = np.ascontiguousarray(corners.by_picture(corners.pixels).mT)
-        return cls(model, shape, points, fields, pixels, corners.by_picture(used))
+        return cls(model, shape, row, pixels, corners.by_picture(used))
 
     def pictures(self, part: slice) -> Sight:
         """Of some pictures."""
-        arrays = (self.points, self.fields, self.pixels, self.weights)
-        return Sight(self.model, self.shape, *(array[part] for array in arrays))
+        return Sight(self.model, self.shape, self.row[part], self.pixels[part], self.weights[part])
 
     @property
     def names(self) -> NDArray[np.str_]:
@@ -167,10 +163,10 @@ class Sight:
         np.multiply(seen.by_parameters.swapaxes(-1, -3), weight, out=A[:, :first])
         if first < A.shape[1]:
             on_board = poses[:, :3, :3].mT @ B[:, 3:].reshape(n, 3, -1)  # derivatives by a point of the board
-            on_board, moves = on_board.reshape(n, 3, 2, most), np.any(self.shape.fields != 0, axis=0)
+            on_board = on_board.reshape(n, 3, 2, most)
             for column, q in enumerate(np.flatnonzero(free[k:]), first):
-                parts = [on_board[:, axis] * self.fields[:, q, [axis]] for axis in range(3) if moves[axis, q]]
-                A[:, column] = sum(parts[1:], start=parts[0])
+                parts = [on_board[:, axis] * np.take(by, self.row)[:, None] for axis, by in self.shape.moves[q]]
+                A[:, column] = sum(parts[1:], start=parts[0]) if parts else 0.0
         return r.reshape(n, -1), A.reshape(n, -1, 2 * most).mT, B.reshape(n, 6, -1).mT
 
     def predicted(self, parameters: Array, poses: Array) -> Array:
@@ -181,7 +177,8 @@ class Sight:
         self, parameters: Array, poses: Array, free: NDArray[np.bool_]
     ) -> tuple[Array, Projected, NDArray[np.bool_]]:
         k = len(self.model.names)
-        turned = poses[:, :3, :3] @ (self.points + np.einsum("q,nqcm->ncm", parameters[k:], self.fields))
+        board = (self.shape.points + self.shape.displacement(parameters[k:])).T
+        turned = poses[:, :3, :3] @ np.moveaxis(np.take(board, self.row, axis=-1), 1, 0)
         points = turned + poses[:, :3, 3:]
         in_front = np.asarray((points[:, 2] > 0) | (self.model.name == "fisheye"))
         if not in_front.all():

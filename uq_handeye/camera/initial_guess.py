@@ -16,7 +16,7 @@ from .models import CameraModel
 
 # Focal lengths of a fisheye that are tried, as multiples of half the picture's width per radian.
 FISHEYE_FOCAL = np.geomspace(0.3, 3.0, 16)
-ENOUGH = 60  # corners of a picture, for that trial
+ENOUGH = 60  # corners of a picture, for a start
 WIDEST = np.radians(80.0)  # corners farther from the axis are not used for the start
 # The distortion of a fisheye that is a pinhole: tan(phi) as a series.
 TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
@@ -41,11 +41,12 @@ def first_guess(model: CameraModel, corners: Corners, image_size: tuple[int, int
 
     Raises `InputError` for boards that are not flat, and pictures that do not determine a focal length.
     """
-    flat = _flat(corners)
+    few = _thinned(corners)
+    flat = _flat(few)
     if model.name == "fisheye":
-        return _fisheye(model, corners, flat, image_size)
+        return _fisheye(model, few, flat, image_size)
     parameters = np.zeros(len(model.names))
-    parameters[:4] = _linear(corners, flat, image_size)
+    parameters[:4] = _linear(few, flat, image_size)
     return parameters, poses_of(corners, (corners.pixels - parameters[2:4]) / parameters[:2])
 
 
@@ -88,14 +89,13 @@ def poses_of(corners: Corners, normalised: Array, keep: Array | None = None) -> 
 
 def unlike_a_board(corners: Corners) -> NDArray[np.bool_]:
     """Pictures (n,) whose corners are no picture of the flat board by any camera: they would spoil the start of all."""
-    cv2 = opencv()
+    few = _thinned(corners)
     try:
-        flat = _flat(corners)[:, :2]
+        off = _off_homography(few, _flat(few)[:, :2], 0)
+        if (off > BENT).any():  # few wrong corners may bend least squares, not the least median
+            off = _off_homography(corners, _flat(corners)[:, :2], opencv().LMEDS)
     except InputError:
         return np.zeros(corners.n, dtype=bool)
-    off = _off_homography(corners, flat, 0)
-    if (off > BENT).any():  # few wrong corners may bend least squares, not the least median
-        off = _off_homography(corners, flat, cv2.LMEDS)
     return np.asarray(off > max(BENT, OFTEN * float(np.median(off))))
 
 
@@ -113,6 +113,12 @@ def _off_homography(corners: Corners, flat: Array, method: int) -> Array:
     return off
 
 
+def _thinned(corners: Corners) -> Corners:
+    """About ENOUGH corners of each picture, spread as multiples of the golden section are, whatever the columns."""
+    part = (corners.place * 0.618034) % 1.0 < ENOUGH / np.bincount(corners.picture)[corners.picture]
+    return replace(corners, row=corners.row[part], points=corners.points[part], pixels=corners.pixels[part])
+
+
 def _flat(corners: Corners) -> Array:
     """The points in coordinates of their plane, (m, 3) with z = 0."""
     centre = corners.points.mean(axis=0)
@@ -128,12 +134,8 @@ def _flat(corners: Corners) -> Array:
 
 
 def _fisheye(model: CameraModel, corners: Corners, flat: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
-    """Of equidistant lenses of many focal lengths, and of a pinhole, that which predicts ENOUGH corners best."""
+    """Of equidistant lenses of many focal lengths, and of a pinhole, that which predicts the corners best."""
     width, height = image_size
-    # Multiples of the golden section are spread evenly, whatever the columns of the board.
-    part = (corners.place * 0.618034) % 1.0 < ENOUGH / np.bincount(corners.picture)[corners.picture]
-    corners = replace(corners, row=corners.row[part], points=corners.points[part], pixels=corners.pixels[part])
-    flat = flat[part]
     starts = [np.array([f, f, 0.5 * (width - 1), 0.5 * (height - 1), 0, 0, 0, 0]) for f in FISHEYE_FOCAL * 0.5 * width]
     with suppress(InputError):  # of a wide lens, where it may fail
         starts.append(np.concatenate([_linear(corners, flat, image_size), TANGENT]))
