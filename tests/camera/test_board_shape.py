@@ -13,7 +13,7 @@ from studies import board_shape as study
 from studies.camera_covariance import SIZE, board, recorded
 from tests.support import jacobian
 from uq_handeye.camera.board_shape import SHAPES, BoardShape, flat_shape, polynomial_shape, possible_shapes
-from uq_handeye.camera.bundle import Sight
+from uq_handeye.camera.bundle import LOST, Sight
 from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.model_choice import criterion
 from uq_handeye.camera.models import MODELS
@@ -98,6 +98,22 @@ def test_derivatives_of_what_is_seen(rng, model):
     np.testing.assert_allclose(scale * A.reshape(r.size, -1), slope, atol=1e-5 * np.abs(slope).max())
     slope = jacobian(lambda d: np.array([sight.rows(parameters, perturb(poses, one))[0].ravel() for one in d]), 6)
     np.testing.assert_allclose(B.reshape(r.size, 6), slope, rtol=1e-4, atol=1e-4 * np.abs(slope).max())
+
+
+def test_what_moves_no_point_and_what_is_behind_the_camera_pull_nothing(rng):
+    corners, _, _ = recorded(rng, 3)
+    still = polynomial_shape("bow2", corners.points)
+    still = BoardShape("measured", still.names, still.points, still.offset, 0 * still.fields, np.ones(3))
+    sight = Sight.of(MODELS["pinhole"], still, corners, np.ones(corners.m))
+    parameters, poses = (
+        np.array([1100, 1090, 640, 480, 0, 0, 0.0]),
+        quietly(corners, SIZE, "pinhole", shape="flat").poses,
+    )
+    poses = poses.copy()
+    poses[1, 2, 3] -= 10.0
+    r, A, B = sight.rows(parameters, poses)
+    assert not A[..., 4:].any() and not A[1].any() and not B[1].any()
+    assert (r[1] == LOST).all() and A[0, :, :4].any() and B[0].any()
 
 
 def test_every_nested_candidate_is_predicted_by_one_linearised_fit(rng):
