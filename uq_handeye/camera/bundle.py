@@ -39,6 +39,8 @@ from .variable_projection import Minimum, minimised
 
 # Smallest eigenvalue of the information on the parameters, scaled to a unit diagonal, that still determines them.
 SINGULAR = 1e-12
+# Poses ahead that are looked at together.
+AT_ONCE = 500
 # Residual, in pixels, of a point that would be behind the camera: no step goes there.
 LOST = 1e6
 
@@ -243,6 +245,24 @@ def adjust(
             break
         s = bundle.pixel_noise
     return bundle
+
+
+def response_ahead(bundle: Bundle, points: Array, poses: Array) -> Array:
+    """G (m, 6, p) of poses (m, 4, 4) that are yet to be seen: their error for one of the parameters.
+
+    ``points`` (u, 3) of the board are all taken as seen, alike, also where they would lie beyond the picture.
+    """
+    row = bundle.shape.rows(points)
+    found = []
+    for start in range(0, len(poses), AT_ONCE):
+        some = poses[start : start + AT_ONCE]
+        m, u = len(some), len(points)
+        on_board = np.broadcast_to((bundle.shape.points + bundle.shape.offset)[row].T, (m, 3, u))
+        fields = np.broadcast_to(np.moveaxis(bundle.shape.fields[row], 0, -1).swapaxes(0, 1), (m, bundle.shape.q, 3, u))
+        sight = Sight(bundle.model, bundle.shape, on_board, fields, np.zeros((m, 2, u)), np.ones((m, u)))
+        _, A, B = sight.rows(bundle.parameters, some)
+        found.append(-np.linalg.solve(B.mT @ B, B.mT @ A))
+    return np.concatenate(found)
 
 
 def prior_rows(prior: Prior, free: NDArray[np.bool_], s: float) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
 from ..presentation.document import to_text
 from ..presentation.notebook import to_html
-from .bundle import Bundle
+from .bundle import Bundle, response_ahead
 from .corners import Corners, without_pictures
 from .model_choice import Candidate
 from .report.text import camera_document
@@ -96,6 +96,26 @@ class CameraCalibration:
         found = self.covariance
         own = found.own * (w / s**2)[:, None, None]
         return JointCovariance(own, found.shared * float(np.sqrt(np.sum(w**2) / np.sum(w)) / s), found.names)
+
+    def shared_ahead(self, poses: Array, shared: Array) -> Array:
+        """(m, 6, q) what errors ``shared`` (n, 6, q) of the poses so far do to ``poses`` (m, 4, 4) yet to be seen.
+
+        They are errors of the parameters that the camera is used with: ``shared_i = G_i T`` gives T, ``G T`` theirs.
+
+        Raises
+        ------
+        InputError
+            Errors of something else.
+        """
+        bundle = self.bundle
+        G = bundle.by_parameters[..., bundle.free].reshape(-1, int(bundle.free.sum()))
+        flat = shared.reshape(len(G), -1)
+        size = np.linalg.norm(G, axis=0)
+        T = np.linalg.lstsq(G / size, flat)[0] / size[:, None]
+        if not np.linalg.norm(flat - G @ T) <= 1e-3 * np.linalg.norm(flat):
+            raise InputError("Expected the errors that the camera poses share to be those of the camera's calibration.")
+        points, _ = self.corners.on_board
+        return np.asarray(response_ahead(bundle, points, poses)[..., bundle.free] @ T)
 
     def summary(self) -> str:
         """Model, intrinsics with their deviations, pixel noise, corners that were left out, warnings: as text."""

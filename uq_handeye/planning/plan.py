@@ -7,6 +7,9 @@ inverted for eye-to-hand). To first order the covariance after the poses c is th
 
     Sigma(c) = ( I_so_far + sum_(j in c) B_j^T B_j )^-1,    B_j = L_j^-1 J_j (6x12),    S_j = L_j L_j^T,
 
+The camera that saw the poses so far will see the next, with the intrinsics it was calibrated with: their errors are
+further unknowns too, with the columns ``D_C G T`` at the poses to come (`CameraCalibration.shared_ahead`).
+
 *Shared errors* (T10) are further unknowns z with the prior N(0, I): J becomes ``[J, D F]``, new poses have the columns
 of where they will be seen, and what is known so far is an identity more. More poses do not average them out.
 
@@ -28,7 +31,6 @@ Poses that leave a part of X open (parallel axes, pure translations) can be plan
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -41,8 +43,9 @@ from ..formatting.units import parse_length
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, skew
 from ..likelihood.constraint import Linearised, OnPoses, constraint_of, residual_covariance
+from ..likelihood.gauss_helmert import efficient
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import PoseNoise, is_joint, marginals
+from ..noise.models import PoseNoise, is_joint
 from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES, warn_left_out
@@ -58,8 +61,6 @@ from .candidates import MOST, predicted_camera, sample_candidates
 from .result import Plan
 from .selection import covariance_of, exchanged, greedy, value
 from .weak_prior import so_far
-
-_log = logging.getLogger("uq_handeye")
 
 CRITERIA = ("trace", "logdet", "point")
 
@@ -88,7 +89,8 @@ def plan(
         Robot poses ``base_T_gripper`` to choose from; None draws ``sample`` of them by `sample_candidates`.
     k : int
     noise : PoseNoise or None
-        6x6 or (n, 6, 6), whose mean is taken for new poses. None estimates it from the poses so far.
+        6x6 or (n, 6, 6), whose mean is taken for new poses; of the camera also what its calibration says
+        (``camera_calibration``), which stands where it is left out. None estimates it from the poses so far.
     criterion : "trace", "logdet" or "point"
         What the poses are chosen by: the mean squared error of points at a distance (``length``), the volume of the
         ellipsoid, or the mean squared error of one point (``point``).
@@ -136,10 +138,15 @@ def plan(
     errors = tuple(shared or ())
     if noise is None:
         data, noise, errors = _estimated_noise(data, shared)
-    elif isinstance(noise, PoseNoise) and not any(
-        isinstance(S, JointCovariance) and S.shared.shape[-1] for S in (noise.robot, noise.camera)
+    elif isinstance(noise, PoseNoise) and not (
+        isinstance(noise.robot, JointCovariance) and noise.robot.shared.shape[-1]
     ):
         noise = _of_each_pose(noise)  # of a drift
+    intrinsics, seen = np.zeros((data.n, 6, 0)), data.camera_calibration
+    if seen is not None and isinstance(noise, PoseNoise):
+        if noise.camera is None:
+            noise = PoseNoise(noise.robot, seen.covariance, prior=noise.prior)
+        noise, intrinsics = _without_intrinsics(noise, intrinsics)
     target, distance = _target(data, criterion, point, length)
     constraint = constraint_of(data, noise)
     if not isinstance(constraint, OnPoses):
@@ -147,10 +154,18 @@ def plan(
     of_new = _noise_of_new(noise)
 
     at, information, open_directions = so_far(data, noise)
-    assert at.W is not None
-    if errors:
+    if intrinsics.shape[-1] and not len(open_directions):  # X is far better known by what the poses share
+        assert noise.camera is not None
+        camera_noise = JointCovariance(np.broadcast_to(noise.camera, (data.n, 6, 6)), intrinsics)
+        at = efficient(data, PoseNoise(noise.robot, camera_noise, prior=noise.prior)).unknowns
         before = constraint.linearise(at, constraint.first, constraint.second)
-        F = _white_columns(before, noise, errors, data)
+        information = gram(whiten(cholesky_of(residual_covariance(before.sides, noise)), before.J))
+        if noise.prior is not None:
+            information = information + noise.prior.normal_equations(at.X, at.W)[0]
+    assert at.W is not None
+    if errors or intrinsics.shape[-1]:
+        before = constraint.linearise(at, constraint.first, constraint.second)
+        F = _white_columns(before, noise, errors, data, intrinsics)
         J = whiten(cholesky_of(residual_covariance(before.sides, noise)), before.J)
         across = np.einsum("nri,nrj->ij", J, F)
         information = np.block([[information, across], [across.T, np.eye(F.shape[-1]) + gram(F)]])
@@ -170,9 +185,10 @@ def plan(
     camera = predicted_camera(robot, at.X, at.W, data.setup)
     linear = OnPoses(robot, camera, constraint.inverted).linearise(at, robot, camera)
     rows = whiten(cholesky_of(residual_covariance(linear.sides, of_new)), linear.J)
-    if errors:
+    if errors or intrinsics.shape[-1]:
         new = PosePairs(robot, camera, data.setup)
-        rows = np.concatenate([rows, _white_columns(linear, of_new, errors, new)], axis=-1)
+        ahead = np.zeros((len(robot), 6, 0)) if seen is None else seen.shared_ahead(camera, intrinsics)
+        rows = np.concatenate([rows, _white_columns(linear, of_new, errors, new, ahead)], axis=-1)
 
     Q = None if criterion == "logdet" else _weight(at.X, target, distance)
     chosen = greedy(information, rows, np.arange(len(rows)), k, Q, repeat)
@@ -233,9 +249,14 @@ def _target(
     return None, distance
 
 
-def _white_columns(linear: Linearised, noise: PoseNoise, errors: tuple[SharedError, ...], poses: PosePairs) -> Array:
-    """(n, 6, q) what one standard deviation of each shared error does to the whitened residuals of these poses."""
-    f = []
+def _white_columns(
+    linear: Linearised, noise: PoseNoise, errors: tuple[SharedError, ...], poses: PosePairs, intrinsics: Array
+) -> Array:
+    """(n, 6, q) what one standard deviation of each shared error does to the whitened residuals of these poses.
+
+    ``intrinsics`` (n, 6, k): what those of the camera do to its poses.
+    """
+    f = [linear.sides[1] @ intrinsics]
     for error in errors:
         if error.name == CLOCK_OFFSET and poses.timestamps is None:  # the robot stands still
             f.append(np.zeros((poses.n, 6, 1)))
@@ -271,15 +292,21 @@ def _estimated_noise(
 
 
 def _of_each_pose(noise: PoseNoise) -> PoseNoise:
-    """The marginals of what is not the same for new poses: errors of intrinsics, and what neighbours have in common."""
+    """With the marginals of what neighbours have in common, which says nothing of new poses."""
     sides = []
     for S in (noise.robot, noise.camera):
-        if isinstance(S, JointCovariance) and S.shared.shape[-1]:  # of a camera that was calibrated from corners
-            _log.info(
-                "planned as if each pose had its own error of the intrinsics; what they share does not average out"
-            )
-        sides.append(marginals(S) if isinstance(S, JointCovariance) else S)
+        if isinstance(S, JointCovariance):
+            own = S.own if S.serial is None else S.own + S.serial.blocks
+            S = JointCovariance(own, S.shared, S.names) if S.shared.shape[-1] else own
+        sides.append(S)
     return PoseNoise(*sides, prior=noise.prior)
+
+
+def _without_intrinsics(noise: PoseNoise, none: Array) -> tuple[PoseNoise, Array]:
+    """The noise of each pose, and what errors of the intrinsics do to the camera poses so far (n, 6, q)."""
+    if not isinstance(noise.camera, JointCovariance):
+        return noise, none
+    return PoseNoise(noise.robot, noise.camera.own, prior=noise.prior), noise.camera.shared
 
 
 def _noise_of_new(noise: PoseNoise) -> PoseNoise:
