@@ -257,9 +257,8 @@ def response_ahead(bundle: Bundle, points: Array, poses: Array) -> Array:
     for start in range(0, len(poses), AT_ONCE):
         some = poses[start : start + AT_ONCE]
         m, u = len(some), len(points)
-        on_board = np.broadcast_to((bundle.shape.points + bundle.shape.offset)[row].T, (m, 3, u))
-        fields = np.broadcast_to(np.moveaxis(bundle.shape.fields[row], 0, -1).swapaxes(0, 1), (m, bundle.shape.q, 3, u))
-        sight = Sight(bundle.model, bundle.shape, on_board, fields, np.zeros((m, 2, u)), np.ones((m, u)))
+        every = np.tile(row.astype(np.intp), (m, 1))
+        sight = Sight(bundle.model, bundle.shape, every, np.zeros((m, 2, u)), np.ones((m, u)))
         _, A, B = sight.rows(bundle.parameters, some)
         found.append(-np.linalg.solve(B.mT @ B, B.mT @ A))
     return np.concatenate(found)
