@@ -33,7 +33,8 @@ def functional_minimum(a, directions, curvature, sigma):
         value, slope = [], []
         for angle, k in zip(directions, curvature, strict=True):
             t, n = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
-            beside = (q @ n - 0.5 * k * (q @ t) ** 2) / (np.sqrt(2) * sigma)
+            # blurred as heat spreads: a bent edge moves inwards
+            beside = (q @ n - 0.5 * k * ((q @ t) ** 2 + sigma**2)) / (np.sqrt(2) * sigma)
             value.append(erf(beside))
             slope.append(np.exp(-(beside**2))[..., None] * (n - k * (q @ t)[..., None] * t))
         g = value[1][..., None] * slope[0] + value[0][..., None] * slope[1]
@@ -43,14 +44,14 @@ def functional_minimum(a, directions, curvature, sigma):
     return p
 
 
-@pytest.mark.parametrize(("a", "angles"), [(20, (5, 95)), (30, (20, 100)), (30, (-35, 40)), (20, (0, 110))])
+@pytest.mark.parametrize(("a", "angles"), [(10, (5, 95)), (12, (20, 100)), (30, (-35, 40)), (20, (0, 110))])
 def test_the_closed_form_is_the_minimum_of_the_functional(a, angles):
     angles, curvature = np.radians(angles), np.array([4e-4, -7e-4])
     tangent = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     d = bent_edges.shift(np.array([float(a)]), tangent[None], curvature[None])[0]
     p = functional_minimum(a, angles, curvature, float(bent_edges.blur(np.array(float(a)))))
     assert np.linalg.norm(p) > 0.004
-    np.testing.assert_allclose(d, p, atol=0.06 * np.linalg.norm(p))
+    np.testing.assert_allclose(d, p, atol=0.03 * np.linalg.norm(p))
 
 
 @cache

@@ -31,7 +31,7 @@ def opencv() -> Any:
         import cv2
     except ImportError as error:
         raise MissingExtraError(
-            "Calibrating a camera needs OpenCV 4 for its start: pip install 'uq-handeye[camera]'."
+            "Calibrating a camera needs OpenCV for its start: pip install 'uq-handeye[camera]'."
         ) from error
     return cv2
 
