@@ -107,10 +107,10 @@ def recorded(
 
 
 def poses_of(corners: Corners, robot: Any, model: str = "pinhole", setup: str = "eye-in-hand") -> uq.PosePairs:
-    """The calibrated camera beside the robot."""
+    """The calibrated camera beside the robot; the board is flat."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)
-        seen = calibrate_camera(corners, SIZE, model)
+        seen = calibrate_camera(corners, SIZE, model, shape="flat")
     return uq.PosePairs(robot[seen.rows], seen.poses, setup, camera_calibration=seen)
 
 
