@@ -136,6 +136,8 @@ def test_a_lens_that_distorts_is_decentred_too(rng):
     flat, failed = Candidate("pinhole", (), 5.0, 0.2), Candidate("fisheye", ("k1",), float("inf"), float("inf"))
     assert best([flat, radial, whole, failed]) == whole
     assert best([flat._replace(bic=-1.0), radial, whole]) == flat._replace(bic=-1.0)
+    wide = Candidate("fisheye", ("k1", "k2", "k3", "k4"), 0.0, 0.2)
+    assert best([whole, wide]) == whole and best([whole._replace(bic=11.0), wide]) == wide == best([wide])
     assert best([radial, failed]) == radial and best([failed]) is None and best([]) is None
     found = quietly(recorded(rng, model="brown")[0], SIZE)
     assert found.model == "brown" and {"p1", "p2"} <= set(found.estimated)

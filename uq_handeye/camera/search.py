@@ -24,7 +24,7 @@ from ..geometry.se3 import Array
 from .board_shape import BoardShape
 from .bundle import SINGULAR, Bundle, Sight, prior_rows
 from .corners import Corners
-from .model_choice import Candidate, best, criterion
+from .model_choice import CLEARLY, Candidate, best, criterion
 from .models import MODELS
 from .outliers import without_outliers
 from .setting import Known, Setting
@@ -66,7 +66,9 @@ def search(
             reasons.append(error)
             continue
         tried = (*(found.candidates if found else ()), *other.candidates)
-        found = (other if found is None or _bic(other) < _bic(found) else found)._replace(candidates=tried)
+        if found is None or _bic(other) < _bic(found) - CLEARLY:
+            found = other
+        found = found._replace(candidates=tried)
     if found is None:
         if len(lenses) == 1:
             raise reasons[0]
@@ -102,7 +104,7 @@ def _best_of(
     else:
         setting = Setting.of(MODELS[lens[0]], lens[1], known, other.setting.shape)
         first = Found(setting, setting.fit(corners, _as_fisheye(other.bundle, corners), other.bundle.used), ())
-        if not _bic(first) < _bic(other):  # then no shape of the board will make it the best
+        if not _bic(first) < _bic(other) - CLEARLY:  # then no shape of the board will make it the best
             return first._replace(candidates=(_candidate(first, lens),))
     used = first.bundle.used
     fullest = first
