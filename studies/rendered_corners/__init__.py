@@ -5,7 +5,7 @@
 Cameras with distortion, their X and the poses of the robot are drawn anew for every set; 15 pictures of a board of 9 x
 6 corners are rendered, with blur and noise, and go all the way: detection, calibration of the camera with the model
 chosen by ``auto``, X by ``efficient`` with the robot known to be exact. Each set twice: with the corners as they were
-found, and with the shift that bent edges give them taken out (`uq_handeye.camera.bent_edges`), as is the default. 40
+found, and with the shift that bent edges give them taken out (`uq_handeye.camera.bent_edges`), as is the default. 60
 sets of each kind of lens with ``--full``, 1 without.
 """
 
@@ -38,7 +38,7 @@ from uq_handeye.runtime.progress import progress_bar
 SEED = 12
 SIZE = (640, 480)
 BOARD = uq.Board(9, 6, 0.025)
-PICTURES, SETS, FULL = 15, 1, 40
+PICTURES, SETS, FULL = 15, 1, 60
 NOISE = 2.0  # grey levels
 RIM = 12  # pixels that all corners keep from it
 LENSES = {"brown": "Brown, k1 -0.2 to -0.3", "fisheye": "fisheye, f 280 to 360 pixels"}
