@@ -96,8 +96,8 @@ def by_picture_figure(cam: Calibrated) -> Figure:
     axis.set_xlabel("row of the picture, counted from 0", fontsize=TEXT)
     axis.set_ylabel("residual (pixels)", fontsize=TEXT)
     places = np.stack([number[corners.picture], distance], axis=-1)
-    _labelled(figure, axis, outlier_names(cam, MOST_NAMED), places, ~used)
     figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL, columnspacing=1.2)
+    _labelled(figure, axis, outlier_names(cam, MOST_NAMED), places, ~used)
     return finished(figure)
 
 
@@ -118,8 +118,8 @@ def over_picture_figure(cam: Calibrated) -> tuple[Figure, float]:
         out = corners.pixels[~used]
         label = f"corner left out ({int((~used).sum()):,})"
         handles += axis.plot(*out.T, **_CROSS, label=label, zorder=5)
-    _labelled(figure, axis, outlier_names(cam, MOST_NAMED), corners.pixels, ~used)
     figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL)
+    _labelled(figure, axis, outlier_names(cam, MOST_NAMED), corners.pixels, ~used)
     return finished(figure), factor
 
 
@@ -251,9 +251,10 @@ def _labelled(
             right = left + size
             outside = (left < low + 1).any() or (right > high - 1).any()
             covers = ((points > left - 3) & (points < right + 3)).all(axis=1).any()
-            if outside or covers or any((left < b).all() and (right > a).all() for a, b in taken):
+            whole = np.minimum(left, at[j]), np.maximum(right, at[j])  # with the line from the point
+            if outside or covers or any((whole[0] < b).all() and (whole[1] > a).all() for a, b in taken):
                 continue
-            taken.append((left, right))
+            taken.append(whole)
             axis.annotate(
                 name, places[j], xytext=shift, textcoords="offset points", fontsize=SMALL, color=INK, va="center",
                 ha="left" if shift[0] > 0 else "right", path_effects=HALO, zorder=9,
