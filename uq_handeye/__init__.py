@@ -16,11 +16,14 @@ if TYPE_CHECKING:
     from .calibration.calibrate import calibrate
     from .calibration.result import Calibration
     from .camera.board import Board, detect_board, tag_points
+    from .camera.board_shape import BoardShape
     from .camera.calibrate import calibrate_camera
     from .camera.corners import Corners
+    from .camera.files.board_file import read_board
     from .camera.files.corner_file import read_corners
     from .camera.files.folder import read_camera
     from .camera.files.intrinsics_file import read_intrinsics
+    from .camera.measured_board import MeasuredBoard
     from .camera.result import CameraCalibration
     from .comparison.compare import compare
     from .comparison.result import Comparison
@@ -80,6 +83,7 @@ __all__ = [
     "ROBOT_WORLD_METHODS",
     "Agreement",
     "Board",
+    "BoardShape",
     "Calibration",
     "CameraCalibration",
     "CameraNoise",
@@ -90,6 +94,7 @@ __all__ = [
     "InputError",
     "InputWarning",
     "JointCovariance",
+    "MeasuredBoard",
     "Method",
     "MissingExtraError",
     "MonteCarlo",
@@ -132,6 +137,7 @@ __all__ = [
     "paper_from_theta",
     "plan",
     "propagate",
+    "read_board",
     "read_camera",
     "read_corners",
     "read_intrinsics",
@@ -167,11 +173,14 @@ _LATER = {
         "detect_board",
         "tag_points",
     ),
+    "camera.board_shape": ("BoardShape",),
     "camera.calibrate": ("calibrate_camera",),
     "camera.corners": ("Corners",),
+    "camera.files.board_file": ("read_board",),
     "camera.files.corner_file": ("read_corners",),
     "camera.files.folder": ("read_camera",),
     "camera.files.intrinsics_file": ("read_intrinsics",),
+    "camera.measured_board": ("MeasuredBoard",),
     "camera.result": ("CameraCalibration",),
     "comparison.compare": ("compare",),
     "comparison.result": ("Comparison",),

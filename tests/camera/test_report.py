@@ -38,9 +38,9 @@ from uq_handeye.report.sections_camera import camera_sections, shares_words
 S = 0.1
 DISTORTION = (-0.3, 0.1, 0.0, 0.0)
 MOVED, SHIFT = 333, 10.0
-STEMS = ["pattern", "residuals", "pictures", "certainty", "boards"]
+STEMS = ["pattern", "residuals", "pictures", "certainty", "boards", "board_residuals"]
 ANCHORS = [
-    "answer", "warnings", "residuals", "outliers", "covered", "models", "poses", "forms", "repeat", "scope",
+    "answer", "warnings", "residuals", "board", "outliers", "covered", "models", "poses", "forms", "repeat", "scope",
 ]  # fmt: skip
 BOARD = 0.02 * np.stack([*np.meshgrid(np.arange(9.0), np.arange(7.0)), np.zeros((7, 9))], axis=-1).reshape(-1, 3)
 
@@ -268,10 +268,10 @@ def test_the_summary_says_why_this_model(right, pages):
     text = replace(right, candidates=candidates).summary()
     assert "Model and shape of the board chosen of 3" in text
     assert [line.split() for line in text.splitlines() if line.startswith("pinhole")] == [
-        ["pinhole", "112.5", "0.5000"]
+        ["pinhole", "flat", "112.5", "0.5000"]
     ]
     (chosen,) = (line for line in text.splitlines() if line.endswith("*"))
-    assert chosen.split() == ["brown", "(k1,", "k2)", "0.0", "0.1000", "*"]
+    assert chosen.split() == ["brown", "(k1,", "k2)", "flat", "0.0", "0.1000", "*"]
     (failed,) = (line for line in text.splitlines() if "no fit" in line)
     assert failed.split()[0] == "fisheye"
     assert "was given" in "".join(Page(pages["right"]).texts["models"])

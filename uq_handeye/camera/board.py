@@ -102,6 +102,14 @@ class Board:
         object.__setattr__(self, "marker", marker)
 
     @property
+    def text(self) -> str:
+        """One line that `board_of` reads: ``kind=chessboard columns=9 rows=6 square=0.02``."""
+        return " ".join(f"{name}={value}" for name, value in vars(self).items() if self._has(name))
+
+    def _has(self, name: str) -> bool:
+        return self.kind == "charuco" or name not in ("marker", "dictionary")
+
+    @property
     def side(self) -> float:
         """Of a square, in metres."""
         return float(self.square)
@@ -124,6 +132,20 @@ class Board:
     def __str__(self) -> str:
         what = "inner corners" if self.kind == "chessboard" else "squares"
         return f"{self.kind} of {self.columns} x {self.rows} {what}"
+
+
+def board_of(text: str) -> Board:
+    """Return the board of `Board.text`; raises `InputError` for other text."""
+    try:
+        values = dict(part.split("=", 1) for part in text.split())
+        columns, rows = int(values["columns"]), int(values["rows"])
+        marker = float(values["marker"]) if "marker" in values else None
+        more = {"dictionary": values["dictionary"]} if "dictionary" in values else {}
+        return Board(columns, rows, float(values["square"]), values["kind"], marker, **more)
+    except (KeyError, ValueError) as error:
+        raise InputError(
+            f"Expected a board such as kind=chessboard columns=9 rows=6 square=0.02, got {short(text)}."
+        ) from error
 
 
 def tag_points(side: float | str) -> Array:
@@ -227,6 +249,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         tuple(names[row] for row in found),
         image_size=size,
         missing=missing,
+        board=board.text,
         window=window,
     )
 

@@ -28,6 +28,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from ..errors import InputError
 from ..geometry.se3 import Array
@@ -42,6 +43,8 @@ SHAPES = (FLAT, *BOWS, *PLANES, *(f"{bow}+{plane}" for bow in BOWS for plane in 
 TOLD, PLANE = 1e-6, 1e-6
 # What rounding makes of components of a field that are 0.
 ROUNDED = 1e-12
+# Points nearer to each other than this share of the board are the same: they may come from tables in other units.
+SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,18 +73,15 @@ class BoardShape(ReadOnlyArrays):
         """(m,) which of the board's points these (m, 3) are; raises `InputError` for others."""
         if np.array_equal(points, self.points):
             return np.arange(len(points))
-        both, number = np.unique(np.concatenate([self.points, points]), axis=0, return_inverse=True)
-        of = np.full(len(both), -1, dtype=np.intp)
-        number = number.ravel()
-        of[number[: len(self.points)]] = np.arange(len(self.points))
-        found = of[number[len(self.points) :]]
-        if (found < 0).any():
-            odd = points[int(np.argmax(found < 0))]
+        distance, found = KDTree(self.points).query(points)
+        far = np.asarray(distance > SAME * np.ptp(self.points, axis=0).max())
+        if far.any():
+            odd = points[int(np.argmax(far))]
             raise InputError(
                 f"The corner at ({odd[0]:g}, {odd[1]:g}, {odd[2]:g}) m is none of the {len(self.points)} points of the "
                 "board that was given: is it another board, or in another unit?"
             )
-        return found
+        return np.asarray(found, dtype=np.intp)
 
     def displacement(self, coefficients: Array) -> Array:
         """(u, 3) of the points from where they were meant to be."""
@@ -107,7 +107,7 @@ def polynomial_shape(name: str, points: Array) -> BoardShape:
     parts = name.split("+")
     degree = max(BOWS.get(part, 0) for part in parts)
     unique = flat.points
-    axes = _axes(unique)
+    axes = board_axes(unique)
     local = (unique - unique.mean(axis=0)) @ axes.T
     if np.ptp(local[:, 2]) > PLANE * np.ptp(local[:, :2]):
         raise InputError(f"The points of the board lie in no plane, and {name!r} is the shape of a flat board.")
@@ -146,8 +146,8 @@ def possible_shapes(points: Array) -> list[BoardShape]:
     return found
 
 
-def _axes(points: Array) -> Array:
-    """Rows: x of the board's frame within the plane of the points, y, and the normal on the side of z."""
+def board_axes(points: Array) -> Array:
+    """Return (3, 3) rows: x of the board's frame within the plane of the points, y, and the normal on the side of z."""
     normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
     normal = normal * (np.sign(normal[2]) or 1.0)
     along = np.eye(3)[0] if abs(normal[0]) < 0.9 else np.eye(3)[1]

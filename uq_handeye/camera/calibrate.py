@@ -19,10 +19,12 @@ from ..errors import InputError, NotConvergedError
 from ..findings import Finding, warn
 from ..geometry.se3 import Array
 from .bent_edges import bias
+from .board_pattern import BoardPattern, board_pattern_of
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
 from .bundle import Bundle
 from .corners import Corners, without_pictures
 from .initial_guess import unlike_a_board
+from .measured_board import measured_board
 from .model_choice import CANDIDATES, USUAL
 from .models import MODELS
 from .outliers import spoilt, without_outliers
@@ -35,6 +37,8 @@ from .setting import Known
 # Pictures that must remain where others are left out as a whole.
 FEWEST_PICTURES = 3
 TELLING = 0.001  # pixels that corners are moved by without a word
+# Squares wider than high by this share, and by so many standard deviations, are warned of.
+STRETCHED, CERTAIN = 5e-4, 3.0
 
 
 def calibrate_camera(
@@ -117,11 +121,12 @@ def calibrate_camera(
             bundle,
         )
     pattern = pattern_of(bundle, corners, size)
-    findings = [*_findings(bundle, corners, pattern, model == "auto"), *moved]
+    board_pattern = board_pattern_of(bundle, corners)
+    findings = [*_findings(bundle, corners, pattern, board_pattern, model == "auto"), *moved]
     if wrong:
         findings.append(Finding("camera.pictures_left_out", "caution", {"pictures": wrong}))
     warn(findings)
-    return CameraCalibration(bundle, corners, size, candidates, pattern, tuple(findings))
+    return CameraCalibration(bundle, corners, size, candidates, pattern, board_pattern, tuple(findings))
 
 
 def _lenses(model: str, coefficients: Sequence[str] | None) -> Sequence[Lens]:
@@ -158,7 +163,9 @@ def _moved(d: Array) -> list[Finding]:
     return [Finding("camera.bent_edges", "note", values)]
 
 
-def _findings(bundle: Bundle, corners: Corners, pattern: Pattern, automatic: bool) -> list[Finding]:
+def _findings(
+    bundle: Bundle, corners: Corners, pattern: Pattern, board_pattern: BoardPattern, automatic: bool
+) -> list[Finding]:
     """What a user has to know before trusting the result."""
     found = []
     deviations = np.sqrt(np.diag(bundle.covariance))
@@ -179,6 +186,12 @@ def _findings(bundle: Bundle, corners: Corners, pattern: Pattern, automatic: boo
     if pattern.found:
         values = {"share": pattern.share, "model": bundle.model.name}
         found.append(Finding("camera.residual_pattern", "caution", values))
+    elif board_pattern.found:  # a wrong model makes such a pattern, too
+        values = {"share": board_pattern.share, "shape": bundle.shape.name}
+        found.append(Finding("camera.board_pattern", "caution", values))
+    stretch, sd = measured_board(bundle).stretch
+    if abs(stretch) > max(STRETCHED, CERTAIN * sd):
+        found.append(Finding("camera.squares_stretched", "caution", {"stretch": stretch, "std": sd}))
     return found
 
 

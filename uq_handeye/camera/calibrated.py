@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
+from .board_pattern import BoardPattern
 from .bundle import Bundle
 from .corners import Corners
+from .measured_board import MeasuredBoard
 from .model_choice import Candidate
 from .residual_pattern import Pattern
 
@@ -30,11 +32,17 @@ class Calibrated(Protocol):
     @property
     def pattern(self) -> Pattern: ...
     @property
+    def board_pattern(self) -> BoardPattern: ...
+    @property
+    def board(self) -> MeasuredBoard: ...
+    @property
     def findings(self) -> tuple[Finding, ...]: ...
     @property
     def warnings(self) -> tuple[str, ...]: ...
     @property
     def model(self) -> str: ...
+    @property
+    def shape(self) -> str: ...
     @property
     def intrinsics(self) -> dict[str, float]: ...
     @property

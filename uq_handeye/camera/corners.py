@@ -38,6 +38,7 @@ class Corners:
     names: Sequence[str] = field(default=())  # of the pictures
     image_size: tuple[int, int] | None = None  # (width, height), where it is known from the pictures
     missing: Sequence[str] = ()  # pictures without a board; their rows are left out
+    board: str = ""  # that was looked for, where it is known: `Board.text`
     window: NDArray[np.intp] | None = None  # (m,) half the width of the square in which `cornerSubPix` looked
 
     def __post_init__(self) -> None:

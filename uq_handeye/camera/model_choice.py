@@ -55,10 +55,9 @@ class Candidate(NamedTuple):
     shape: str = FLAT  # of the board
 
     @property
-    def label(self) -> str:
-        """Model, coefficients and shape."""
-        text = self.model + (f" ({', '.join(self.coefficients)})" if self.coefficients else "")
-        return text if self.shape == FLAT else f"{text}, board {self.shape}"
+    def lens(self) -> str:
+        """Model and coefficients."""
+        return self.model + (f" ({', '.join(self.coefficients)})" if self.coefficients else "")
 
 
 def best(candidates: Sequence[Candidate]) -> Candidate | None:

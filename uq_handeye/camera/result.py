@@ -17,8 +17,10 @@ from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
 from ..presentation.document import to_text
 from ..presentation.notebook import to_html
+from .board_pattern import BoardPattern
 from .bundle import Bundle, response_ahead
 from .corners import Corners, without_pictures
+from .measured_board import MeasuredBoard, measured_board
 from .model_choice import Candidate
 from .report.text import camera_document
 from .residual_pattern import Pattern
@@ -39,7 +41,8 @@ class CameraCalibration:
     corners: Corners
     image_size: tuple[int, int]
     candidates: tuple[Candidate, ...]  # models that were compared; empty if the model was given
-    pattern: Pattern
+    pattern: Pattern  # residuals over the picture
+    board_pattern: BoardPattern  # residuals over the board
     findings: tuple[Finding, ...]  # what to know before trusting it
 
     @property
@@ -72,6 +75,21 @@ class CameraCalibration:
     def poses(self) -> Array:
         """(n, 4, 4) camera_T_target."""
         return self.bundle.poses
+
+    @property
+    def shape(self) -> str:
+        """Name of the shape of the board: ``flat``, ``bow2``, ..., or ``measured`` (before)."""
+        return self.bundle.shape.name
+
+    @cached_property
+    def board(self) -> MeasuredBoard:
+        """The points of the board as measured with their covariance, its bow, and how its squares are stretched."""
+        return measured_board(self.bundle)
+
+    @property
+    def board_points(self) -> Array:
+        """(u, 3) points of the board as measured, in its frame, m; their covariance is that of ``board.factor``."""
+        return self.board.points
 
     @property
     def rows(self) -> NDArray[np.intp]:
@@ -126,7 +144,7 @@ class CameraCalibration:
         return to_html("Camera calibration", camera_document(self))
 
     def figure(self, path: StrPath, name: str = "pattern") -> Path:
-        """Write a figure as ``.png`` or ``.svg``; names: pattern, residuals, pictures, certainty, boards."""
+        """Write a figure as ``.png`` or ``.svg``; see `camera_figures` for the names."""
         from .report.figures import save_figure
 
         return save_figure(self, path, name)

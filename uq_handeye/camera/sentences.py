@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..findings import sentence
+from ..formatting.numbers import concise
 
 
 @sentence("camera.focal_uncertain")
@@ -38,6 +39,25 @@ def _(share: float, model: str) -> str:
     return (
         f"The residuals have a pattern over the picture, {share:.1f} times the pixel noise: the model {model} is wrong "
         "for this camera, or the board is not flat. Try model 'auto'."
+    )
+
+
+@sentence("camera.board_pattern")
+def _(share: float, shape: str) -> str:
+    more = ", or the board is bent: try shape 'auto'" if shape == "flat" else ""
+    return (
+        f"The residuals follow the points of the board, {share:.1f} times the pixel noise: points are printed or "
+        f"detected off their places in all pictures alike{more}. Such errors do not average out over pictures, and the "
+        "covariance does not contain them."
+    )
+
+
+@sentence("camera.squares_stretched")
+def _(stretch: float, std: float) -> str:
+    longer = "wider than high" if stretch > 0 else "higher than wide"
+    return (
+        f"The squares of the board are {concise(100 * abs(stretch), 100 * std)} % {longer}: are they measured along "
+        "both directions? The scale of X is that of the mean of both sides."
     )
 
 

@@ -11,6 +11,7 @@ from .options import one_of, option
 
 if TYPE_CHECKING:
     from ..camera.board import Board
+    from ..camera.board_shape import BoardShape
     from ..camera.corners import Corners
     from ..camera.result import CameraCalibration
     from ..poses.pose_pairs import PosePairs
@@ -35,10 +36,11 @@ class BoardOptions:
         str | None,
         option(
             "--board",
-            metavar="COLUMNSxROWS",
+            metavar="COLUMNSxROWS|FILE",
             panel=BOARD,
-            help="Inner corners of a chessboard, e.g. 9x6, one less than squares; squares of a ChArUco board. Beside "
-            "--camera-matrix also a file of points, x,y,z.",
+            help="Inner corners of a chessboard, e.g. 9x6, one less than squares; squares of a ChArUco board. Or the "
+            "board.csv of an earlier uq-handeye camera -o: the board as measured. Beside --camera-matrix also a "
+            "file of points, x,y,z.",
         ),
     ] = None
     square: Annotated[
@@ -59,10 +61,37 @@ class BoardOptions:
         """Names of the options that were given."""
         return [f"--{name}" for name, value in vars(self).items() if value is not None]
 
+    @property
+    def file(self) -> str | None:
+        """The file of points that ``--board`` names; raises `InputError` where further options say what it says."""
+        if self.board is None or not Path(self.board).suffix:
+            return None
+        if further := self.given[1:]:
+            raise InputError(f"{', '.join(further)}: --board {self.board} says all points; leave it out.")
+        return self.board
+
+    def shape(self) -> "BoardShape | None":
+        """The board as measured before, where ``--board`` names a file."""
+        if self.file is None:
+            return None
+        from ..camera.files.board_file import read_board
+
+        return read_board(self.file)
+
     def read(self) -> "Board":
         """The board that is meant."""
-        from ..camera.board import Board
+        from ..camera.board import Board, board_of
 
+        if self.file is not None:
+            from ..camera.files.board_file import read_board_table
+
+            if not (text := read_board_table(self.file).board):
+                raise InputError(
+                    f"{self.file} does not say which board to look for in pictures, as it was measured from a table of "
+                    "corners: give a table of corners again, or add a line such as # board: kind=chessboard columns=9 "
+                    "rows=6 square=0.02 before its header."
+                )
+            return board_of(text)
         if self.board is None or self.square is None:
             raise InputError("Pictures need --board and --square, e.g. --board 9x6 --square 20mm.")
         columns, rows = read_two_numbers(self.board, "--board", "9x6")
@@ -126,10 +155,14 @@ class LensOptions:
         """Names of the options that were given."""
         return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
 
-    def calibrate(self, corners: "Corners", image_size: tuple[int, int] | None) -> "CameraCalibration":
-        """The camera that saw these corners."""
+    def calibrate(
+        self, corners: "Corners", image_size: tuple[int, int] | None, measured: "BoardShape | None" = None
+    ) -> "CameraCalibration":
+        """The camera that saw these corners, of a board that was ``measured`` before."""
         from ..camera.calibrate import calibrate_camera
 
+        if measured is not None and self.board_shape is not None:
+            raise InputError("--board-shape: the file of --board says the shape of the board; leave one of them out.")
         model = None if self.model is None else one_of(self.model, "--model", MODEL_NAMES)
         values: Any = None
         if self.intrinsics is not None:
@@ -152,7 +185,7 @@ class LensOptions:
         with timed("calibrating the camera"), working("calibrating the camera", progress_wanted()):
             return calibrate_camera(
                 corners, image_size, model or "auto", coefficients=names, intrinsics=values,
-                shape=self.board_shape or "auto",
+                shape=measured or self.board_shape or "auto",
             )  # fmt: skip
 
 
@@ -176,7 +209,7 @@ class Pictures:
         board = self.board.read()
         with timed(f"looking for the board in {self.images}"):
             corners = find_corners(self.images, board, progress_wanted())
-        seen = self.lens.calibrate(corners, None)
+        seen = self.lens.calibrate(corners, None, self.board.shape())
         LOG.info("the camera: %s, pixel noise %.3g pixels", model_name(seen), seen.pixel_noise)
         poses = resolve_turns(read_poses(robot, seen, **how), board)
         return replace(poses, sources=(*poses.sources, source_of(self.images, board)))

@@ -110,12 +110,10 @@ class Views:
             from ..camera.board import tag_points
 
             return tag_points(read_length(tag, "--tag"))
-        if board.board is not None and Path(board.board).suffix:
-            if len(board.given) > 1:
-                raise InputError(f"{', '.join(board.given[1:])}: --board {board.board} says all points; leave it out.")
+        if board.file is not None:
             from ..camera.files.board_file import read_board_points
 
-            return read_board_points(board.board)
+            return read_board_points(board.file)
         if board.board is None or board.square is None:
             raise InputError("--camera-matrix needs what was seen: --board 9x6 --square 20mm, or --tag 40mm.")
         return board.read().points

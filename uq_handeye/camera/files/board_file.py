@@ -1,11 +1,18 @@
-"""Points of a target in CSV: ``x,y,z`` with a header line, one point per line, metres or the unit that the header says.
+r"""Points of a target in CSV, one per line: ``x,y,z`` as they are, and of a board as measured what that was made of.
 
-``x_mm,y_mm,z_mm`` and ``x [mm]`` are read as such. A target that no `Board` describes: circles, tags on a plate, marks.
+``x_mm,y_mm,z_mm`` and ``x [mm]`` are read as such: a target that no `Board` describes, circles, tags on a plate, marks.
+
+``board.csv`` of a calibrated camera has, in metres, the points as measured, as they were meant, and the q columns of a
+factor F (3u, q) of the covariance ``F F^T`` of all of them: no column where the board was taken as flat. A comment
+before the header says which board that is, where it is known:
+
+    # board: kind=chessboard columns=9 rows=6 square=0.02
+    x,y,z,nominal_x,nominal_y,nominal_z,dx_1,dy_1,dz_1,dx_2,...
 """
 
 from __future__ import annotations
 
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
@@ -15,46 +22,142 @@ from ...files.open import StrPath, as_path, opened, shown
 from ...formats.columns import meaning_and_unit
 from ...formatting.units import LENGTH_UNITS
 from ...geometry.se3 import Array
+from ..board_shape import MEASURED, BoardShape
+from ..measured_board import MeasuredBoard
 
-MAX_BYTES = 1_000_000
+MAX_BYTES = 20_000_000
 HEADER = "x,y,z"
+AXES = ("x", "y", "z")
+NOMINAL = tuple(f"nominal_{axis}" for axis in AXES)
+BOARD = "# board: "
+# No board is bent by more than this share of its size.
+MOVED = 0.1
+
+
+class BoardTable(NamedTuple):
+    """What a file of points says."""
+
+    name: str
+    points: Array  # (u, 3) m
+    nominal: Array | None  # (u, 3) m; None where the file has points only
+    factor: Array  # (u, 3, q) m
+    board: str  # `Board.text`; empty where it is not known
 
 
 def read_board_points(path: StrPath) -> Array:
-    """The points (m, 3) of a target in its own frame, in metres.
+    """The points (m, 3) of a target in its own frame, in metres; of a board that was measured, those as measured.
 
     Raises
     ------
     InputError
         One line that names the file and the line: a file that cannot be read, or is no such table.
     """
+    return read_board_table(path).points
+
+
+def read_board(path: StrPath) -> BoardShape:
+    """Return the board that an earlier calibration measured, from its ``board.csv``, for ``calibrate_camera(shape=)``.
+
+    The shape is known with the covariance of that calibration: the next one takes it as a Gaussian prior.
+
+    Raises
+    ------
+    InputError
+        One line that names the file and the line: a file that cannot be read, is damaged, or has no measured points.
+    """
+    return shape_of(read_board_table(path))
+
+
+def shape_of(table: BoardTable) -> BoardShape:
+    """The shape of a board that was measured; raises `InputError` where the file does not say what was meant."""
+    if table.nominal is None:
+        raise InputError(
+            f"{table.name}: expected the board.csv of uq-handeye camera -o, with the columns {', '.join(NOMINAL)}, got "
+            "points alone."
+        )
+    if len(np.unique(table.nominal, axis=0)) < len(table.nominal):
+        raise InputError(f"{table.name}: expected every point of the board once, got one twice; write the file anew.")
+    moved = table.points - table.nominal
+    if (most := float(np.abs(moved).max())) > MOVED * float(np.ptp(table.nominal, axis=0).max()):
+        raise InputError(
+            f"{table.name}: expected points as measured near to those as meant, got one that is {most:.3g} m off: were "
+            "columns changed, or their unit?"
+        )
+    factor = table.factor[..., np.any(table.factor != 0, axis=(0, 1))]  # a column of zeros is no coefficient
+    q = factor.shape[2]
+    names = tuple(f"measured {k + 1}" for k in range(q))
+    return BoardShape(MEASURED, names, table.nominal, moved, factor, np.ones(q))
+
+
+def read_board_table(path: StrPath) -> BoardTable:
+    """All that a file of points says; raises `InputError` as `read_board_points` does."""
     location = as_path(path)
     name = shown(location)
     factors: list[float] = []
+    board: list[str] = []
 
     def fields_of(text: bytes, where: str) -> list[bytes] | None:
         fields = text.replace(b";", b",").split(b",")
         if not factors:
             titles = decoded(text, f"{where}: expected the header {HEADER}").replace(";", ",").split(",")
-            found = [meaning_and_unit(title.strip(" \t\"'")) for title in titles]
-            if [column for column, _ in found] != ["x", "y", "z"]:
-                raise InputError(f"{where}: expected the header {HEADER}, got {short(','.join(titles))}.")
-            factors.extend(LENGTH_UNITS[unit or "m"] for _, unit in found)
+            factors.extend(_factors([title.strip(" \t\"'") for title in titles], where))
             return None
-        if len(fields) != 3:
-            raise InputError(f"{where}: expected a point, 3 numbers separated by ',', got {len(fields)} fields.")
+        if len(fields) != len(factors):
+            what = f"expected a point, {len(factors)} numbers separated by ','"
+            raise InputError(f"{where}: {what}, got {len(fields)} fields.")
         return fields
 
     def explain(fields: list[bytes], where: str) -> NoReturn:
         wrong = next(field for field in fields if not is_number(field))
-        what = f"{where}: expected a point, 3 numbers"
+        what = f"{where}: expected a point, {len(fields)} numbers"
         raise InputError(f"{what}, got {short(decoded(wrong, what).strip())}.")
 
+    def comment(text: bytes, where: str) -> None:
+        if text.startswith(BOARD.encode()):
+            board.append(decoded(text, f"{where}: expected a board").removeprefix(BOARD))
+
     with opened(location, MAX_BYTES) as file:
-        table, lines = rows_of(file, name, fields_of, explain, lambda text, where: None)
+        table, lines = rows_of(file, name, fields_of, explain, comment)
     if not len(lines):
         raise InputError(f"{name}: expected the header {HEADER} and one line per point of the board, got no point.")
     if not (finite := np.isfinite(table)).all():
         row = int(np.argmin(finite.all(axis=1)))
         raise InputError(f"{name}, line {lines[row]}: expected finite numbers, got {table[row].tolist()}.")
-    return np.asarray(table * factors)
+    table = table * factors
+    columns = table[:, 6:].reshape(len(table), max(table.shape[1] - 6, 0) // 3, 3)
+    nominal = None if table.shape[1] == 3 else table[:, 3:6]
+    return BoardTable(name, table[:, :3], nominal, columns.swapaxes(1, 2), "".join(board[:1]))
+
+
+def _factors(titles: list[str], where: str) -> list[float]:
+    """What the numbers of each column are multiplied by to be metres."""
+    found = [meaning_and_unit(title) for title in titles[:3]]
+    if [column for column, _ in found] == [*AXES]:
+        if len(titles) == 3:
+            return [LENGTH_UNITS[unit or "m"] for _, unit in found]
+        q = (len(titles) - 6) // 3
+        further = (*NOMINAL, *(f"d{axis}_{k + 1}" for k in range(q) for axis in AXES))
+        if titles == [*AXES, *further]:
+            return [1.0] * len(titles)
+    raise InputError(
+        f"{where}: expected the header {HEADER}, or that of board.csv of uq-handeye camera -o, got "
+        f"{short(','.join(titles))}."
+    )
+
+
+def board_text(board: MeasuredBoard, printed: str) -> str:
+    """What `read_board_table` reads back, points bit by bit; ``printed`` is `Board.text`, empty where not known."""
+    u, _, q = board.factor.shape
+    header = ",".join((*AXES, *NOMINAL, *(f"d{axis}_{k + 1}" for k in range(q) for axis in AXES)))
+    exact = np.concatenate([board.points, board.nominal], axis=1).tolist()
+    rounded = board.factor.swapaxes(1, 2).reshape(u, -1).tolist()
+    lines = (
+        ",".join([*map(repr, points), *(f"{value:.9g}" for value in columns)])
+        for points, columns in zip(exact, rounded, strict=True)
+    )
+    first = [
+        f"# points of a board as measured by uq-handeye camera (shape: {board.shape}), and as meant, in metres",
+        "# covariance of all points (3u, 3u): F F^T, F of the columns dx_1, dy_1, dz_1, ... below each other",
+        *([BOARD + printed] if printed else []),
+    ]
+    return "\n".join([*first, header, *lines, ""])

@@ -26,6 +26,7 @@ from ...formats.csv_poses import read_pose_file
 from ...formats.numpy_poses import MAX_BYTES, members
 from ...geometry.checks import as_transforms
 from ...geometry.se3 import Array
+from ..board_pattern import board_pattern_of
 from ..board_shape import FLAT, BoardShape, flat_shape
 from ..bundle import Bundle, Prior, Sight
 from ..corners import Corners
@@ -203,12 +204,21 @@ def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any],
         corners.names,
         image_size=size,
         missing=tuple(map(str, tree["pictures_without_board"])),
+        board=str(tree.get("board", {}).get("printed", "")),
     )
     if "findings" in tree:
         findings = tuple(map(Finding.from_dict, tree["findings"]))
     else:  # of a version that had sentences only
         findings = tuple(Finding("stored.text", "caution", {"text": str(text)}) for text in tree["warnings"])
-    found = CameraCalibration(bundle, corners, size, candidates, pattern_of(bundle, corners, size), findings)
+    found = CameraCalibration(
+        bundle,
+        corners,
+        size,
+        candidates,
+        pattern_of(bundle, corners, size),
+        board_pattern_of(bundle, corners),
+        findings,
+    )
     if np.sqrt(np.mean(bundle.residuals[used] ** 2)) > FAR * bundle.pixel_noise + 1e-6:
         raise InputError(
             f"{CORNERS} does not fit the poses and intrinsics beside it: it is of another run, or changed."

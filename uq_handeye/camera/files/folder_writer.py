@@ -14,16 +14,18 @@ from ...files.open import StrPath, as_path
 from ...formats.csv_poses import pose_text
 from ...geometry.conventions import TOOLKIT
 from ..calibrated import Calibrated
+from .board_file import board_text
 from .corner_file import corners_text
 from .intrinsics_file import FORMAT, opencv_text
 
 POSES, COVARIANCE, INTRINSICS, CORNERS = "camera.csv", "camera_covariance.npz", "intrinsics.json", "corners.csv"
+BOARD = "board.csv"
 # What a report may come with: `report.camera_figures`.
 FURTHER = {
     "report.html",
     *(
         f"{stem}.{kind}"
-        for stem in ("pattern", "residuals", "pictures", "certainty", "boards")
+        for stem in ("pattern", "residuals", "pictures", "certainty", "boards", "board", "board_residuals")
         for kind in ("png", "svg")
     ),
 }
@@ -56,6 +58,7 @@ def camera_files(cam: Calibrated) -> dict[str, str | bytes]:
         INTRINSICS: json_text(to_dict(cam)),
         "intrinsics.yaml": opencv_text(cam),
         CORNERS: corners_text(cam.corners, cam.bundle.used),
+        BOARD: board_text(cam.board, cam.corners.board),
     }
 
 
@@ -71,7 +74,7 @@ def to_dict(cam: Calibrated) -> dict[str, Any]:
         "estimated": list(cam.estimated),
         "names": list(bundle.model.names),
         "covariance": bundle.intrinsics_covariance.tolist(),
-        "board": {"shape": bundle.shape.name, "names": list(bundle.shape.names), "coefficients": bundle.bend.tolist()},
+        "board": board_dict(cam),
         "prior": None
         if bundle.prior is None
         else {"mean": bundle.prior.mean.tolist(), "covariance": bundle.prior.covariance.tolist()},
@@ -85,6 +88,11 @@ def to_dict(cam: Calibrated) -> dict[str, Any]:
             {"picture": picture, "corner": corner, "distance": distance} for picture, corner, distance in cam.outliers
         ],
         "pattern": {"p_value": cam.pattern.p_value, "share": cam.pattern.share, "found": cam.pattern.found},
+        "board_pattern": {
+            "p_value": cam.board_pattern.p_value,
+            "share": cam.board_pattern.share,
+            "found": cam.board_pattern.found,
+        },
         "candidates": [
             {
                 "model": one.model,
@@ -99,6 +107,24 @@ def to_dict(cam: Calibrated) -> dict[str, Any]:
         "iterations": bundle.iterations,
         "findings": [finding.to_dict() for finding in cam.findings],
         "warnings": list(cam.warnings),
+    }
+
+
+def board_dict(cam: Calibrated) -> dict[str, Any]:
+    """The shape of the board in numbers; lengths in m."""
+    shape, board = cam.bundle.shape, cam.board
+    (bow, bow_std), (stretch, stretch_std) = board.bow, board.stretch
+    return {
+        "shape": shape.name,
+        "names": list(shape.names),
+        "coefficients": cam.bundle.bend.tolist(),
+        "printed": cam.corners.board,
+        "size": board.size,
+        "bow": bow,
+        "bow_std": bow_std,
+        "in_plane_rms": board.in_plane,
+        "stretch": stretch,
+        "stretch_std": stretch_std,
     }
 
 

@@ -19,8 +19,9 @@ from ...presentation.figure_parts import Picture
 from ..calibrated import Calibrated
 from ..residual_pattern import LARGE
 from ..what_was_seen import certainty, picture_rms
+from .board_figures import height_figure, point_figure
 from .residual_figures import by_picture_figure, over_picture_figure, pattern_figure
-from .text import boards_words, coverage_words, noise_words, pattern_words
+from .text import board_pattern_words, board_words, boards_words, coverage_words, noise_words, pattern_words
 from .view_figures import boards_figure, certainty_figure
 
 
@@ -53,6 +54,8 @@ def camera_pictures(cam: Calibrated) -> dict[str, Picture]:
         "pictures": _by_picture(cam),
         "certainty": _certainty(cam),
         "boards": _boards(cam),
+        "board": _board(cam),
+        "board_residuals": _board_residuals(cam),
     }
     return {stem: picture for stem, picture in found.items() if picture is not None}
 
@@ -118,3 +121,36 @@ def _boards(cam: Calibrated) -> Picture:
         "that are all parallel to the picture do not."
     )
     return Picture(boards_figure(cam), alt, caption)
+
+
+def _board(cam: Calibrated) -> Picture | None:
+    figure = height_figure(cam)
+    if figure is None:
+        return None
+    sd = 1e3 * cam.board.deviations[:, 2]
+    alt = f"Map of the height of the board over its plane. {board_words(cam)}"
+    caption = (
+        f"{board_words(cam)} Height of the board over the plane nearest to its points (dots), seen from the front, "
+        f"with contours in mm; its shape is {cam.shape}. The standard deviation of a height is {fixed(sd.min(), 2)} to "
+        f"{fixed(sd.max(), 2)} mm, largest at the rim. board.csv has the points, and the covariance of all of them."
+    )
+    return Picture(figure, alt, caption)
+
+
+def _board_residuals(cam: Calibrated) -> Picture:
+    figure, factor, before = point_figure(cam)
+    after = cam.board_pattern
+    words = board_pattern_words(cam)
+    alt = f"What the residuals say of each point of the board, from the front. {words}"
+    caption = (
+        f"{words} Where all pictures together put each point, minus where it was taken to be: arrows within the plane "
+        f"of the board, enlarged {factor:,g} times, and colours along z. "
+    )
+    if before is not None:
+        caption += (
+            "Left: with the same camera model fitted once more to a flat board, part of whose errors then hide in "
+            f"intrinsics and poses ({fixed(before.share, 2)} times the pixel noise). Right: with the board as measured "
+            f"({fixed(after.share, 2)} times). "
+        )
+    caption += "Where the shape is right, arrows and colours have no order."
+    return Picture(figure, alt, caption)

@@ -21,8 +21,8 @@ from ..files.snippets import PIXELS, camera_snippets
 from ..what_was_seen import distances, picture_rms, tilts
 from .figures import camera_pictures
 from .text import (
-    NOT_COVERED,
     answer,
+    board_words,
     candidate_table,
     choice_words,
     coverage_words,
@@ -30,6 +30,7 @@ from .text import (
     noise_words,
     outlier_names,
     parameter_rows,
+    scope_words,
 )
 
 # Tables list all pictures and outliers up to so many, of more the worst.
@@ -55,13 +56,14 @@ def _page(cam: Calibrated, drawn: Mapping[str, Picture], date: str | None) -> st
         _answer(cam),
         _warnings(cam),
         _residuals(cam, drawings),
+        _board(cam, drawings),
         _outliers(cam),
         _covered(cam, drawings),
         _choice(cam),
         _poses(cam),
         _forms(cam),
         _repeat(cam, date),
-        _scope(),
+        _scope(cam),
     ]
     width, height = cam.image_size
     facts = [f"{width} x {height} pixels", f"{cam.corners.n:,} pictures", f"{cam.corners.m:,} corners", date]
@@ -98,6 +100,11 @@ def _warnings(cam: Calibrated) -> Section:
 def _residuals(cam: Calibrated, drawings: Mapping[str, Drawing]) -> Section:
     blocks = [drawings[stem] for stem in ("pattern", "residuals", "pictures")]
     return Section("residuals", "Residuals: is the model right?", blocks)
+
+
+def _board(cam: Calibrated, drawings: Mapping[str, Drawing]) -> Section:
+    blocks: list[Block] = [drawings["board"]] if "board" in drawings else [Paragraph(board_words(cam))]
+    return Section("board", "The board: is it flat?", [*blocks, drawings["board_residuals"]])
 
 
 def _outliers(cam: Calibrated) -> Section:
@@ -201,9 +208,9 @@ def _repeat(cam: Calibrated, date: str) -> Section:
     return Section("repeat", "To repeat this run", [table, written])
 
 
-def _scope() -> Section:
+def _scope(cam: Calibrated) -> Section:
     blocks = [
-        Paragraph(NOT_COVERED),
+        Paragraph(scope_words(cam)),
         Paragraph(
             "The errors of the intrinsics are common to all poses and do not average out: hand the poses on with their "
             "joint covariance (the folder as a whole, or PoseNoise(camera=camera.covariance)), not one by one."

@@ -18,6 +18,8 @@ MOST_LISTED = 12
 LITTLE = 0.5
 # Noise of the pictures that differs by this factor is told.
 UNEQUAL = 1.5
+# Squares are said to be stretched where they are by so many standard deviations.
+TOLD = 3.0
 UNITS = dict.fromkeys(LINEAR, "pixels")
 NOTATION = "12.345(67) means 12.345 with a standard deviation of 0.067"
 
@@ -31,16 +33,70 @@ def camera_document(cam: Calibrated) -> Document:
         Table(f"Intrinsics ({NOTATION}):", ["", ""], rows, frozenset({1})),
         [Paragraph(noise_words(cam)), *_outlier_lines(cam)],
         *(Paragraph(str(finding)) for finding in cam.findings if finding.severity == "note"),
-        *(Paragraph(text) for text in (pattern_words(cam), coverage_words(cam), boards_words(cam))),
+        *(Paragraph(text) for text in (pattern_words(cam), board_pattern_words(cam))),
+        *(Paragraph(text) for text in (coverage_words(cam), boards_words(cam))),
         *([[Paragraph(choice_words(cam)), candidate_table(cam, "")]] if cam.candidates else []),
-        Paragraph(NOT_COVERED),
+        Paragraph(scope_words(cam)),
     ]
 
 
-NOT_COVERED = (
-    "The deviations are 1 sigma, to first order, of independent noise of the corners. A board that is not flat or has "
-    "another size than was said, a focus or zoom that changed, blur by motion and a rolling shutter are not covered."
-)
+def scope_words(cam: Calibrated) -> str:
+    """What the deviations are made of, and what they do not cover."""
+    taken = cam.bundle.shape.q == 0 and not _shapes_compared(cam)
+    board = "A board that is not flat or has" if taken else "A board that has"
+    covered = "" if cam.bundle.shape.q == 0 else " and the shape of the board that was estimated with them"
+    return (
+        f"The deviations are 1 sigma, to first order, of independent noise of the corners{covered}. {board} another "
+        "size than was said, a focus or zoom that changed, blur by motion and a rolling shutter are not covered."
+    )
+
+
+def board_words(cam: Calibrated) -> str:
+    """How the board differs from what was meant, in one sentence."""
+    board, visible = cam.board, cam.board_pattern.visible
+    if board.flat:
+        if _shapes_compared(cam) and np.isfinite(visible):
+            return (
+                f"The board is flat as far as the pictures tell: a bow of more than {_length(visible)} mm would show."
+            )
+        return "The board was taken as flat."
+    bow, sd = board.bow
+    said = "The board does not bow"
+    if bow > 0:
+        said = f"The board bows by {concise(1e3 * bow, 1e3 * sd)} mm over {fixed(board.size, 2)} m"
+    if board.in_plane > 0:
+        said += f"; in the plane its points are off by {_length(board.in_plane)} mm RMS"
+        stretch, sd = board.stretch
+        if abs(stretch) > TOLD * sd:
+            longer = "wider than high" if stretch > 0 else "higher than wide"
+            said += f", its squares {concise(100 * abs(stretch), 100 * sd)} % {longer}"
+    return f"{said}."
+
+
+def board_pattern_words(cam: Calibrated) -> str:
+    """Whether the residuals follow the points of the board."""
+    found = cam.board_pattern
+    share, p = f"{fixed(found.share, 2)} times the pixel noise", probability(found.p_value, 2)
+    if found.found and cam.pattern.found:
+        return f"The residuals follow the points of the board, too, {share} ({p}), as a wrong model makes them do."
+    if found.found:
+        return (
+            f"The residuals follow the points of the board, {share} ({p}): in all pictures alike points lie elsewhere "
+            f"than where a {cam.shape} board has them. The covariance does not contain that."
+        )
+    if found.p_value < RARE:
+        return f"The residuals follow the points of the board by {share} ({p}): too small to matter."
+    return f"The residuals do not follow the points of the board ({p})."
+
+
+def _shapes_compared(cam: Calibrated) -> bool:
+    """Whether the pictures had a say in the shape of the board."""
+    return len({one.shape for one in cam.candidates}) > 1
+
+
+def _length(value: float) -> str:
+    """Millimetres of metres."""
+    return fixed(1e3 * value, 2)
 
 
 def title(cam: Calibrated) -> str:
@@ -68,7 +124,8 @@ def answer(cam: Calibrated) -> str:
             f"The focal length is known to {fixed(sd, 2)} pixels ({fixed(100 * sd / fx, 2)} %, 1 sigma): every "
             f"distance from the camera shares an error of {fixed(1e3 * sd / fx, 2)} mm per m."
         )
-    return f"{first} A corner is seen to {fixed(cam.pixel_noise, 2)} pixels. {pattern_words(cam, short=True)}"
+    corner = f"A corner is seen to {fixed(cam.pixel_noise, 2)} pixels."
+    return f"{first} {board_words(cam)} {corner} {pattern_words(cam, short=True)}"
 
 
 def parameter_rows(cam: Calibrated) -> list[tuple[str, str, str, str]]:
@@ -166,16 +223,17 @@ def choice_words(cam: Calibrated) -> str:
 
 
 def candidate_table(cam: Calibrated, caption: str, chosen: str = "*") -> Table:
-    """Model, BIC beyond the smallest, RMS in pixels, ``chosen`` beside the best; failed ones say so."""
+    """Model, board, BIC beyond the smallest, RMS in pixels, ``chosen`` beside the best; failed ones say so."""
     least, winner = min((c.bic for c in cam.candidates), default=0.0), best(cam.candidates)
     rows = [
         [
-            c.label,
+            c.lens,
+            c.shape,
             f"{c.bic - least:,.1f}" if np.isfinite(c.bic) else "no fit",
             f"{c.rms:.4f}" if np.isfinite(c.rms) else "",
             chosen if c == winner else "",
         ]
         for c in cam.candidates
     ]
-    head = ["model", "BIC beyond", "RMS (pixels)", ""]
-    return Table(caption, head, rows, frozenset({3}), frozenset(k for k, row in enumerate(rows) if row[3]))
+    head = ["model", "board", "BIC beyond", "RMS (pixels)", ""]
+    return Table(caption, head, rows, frozenset({1, 4}), frozenset(k for k, row in enumerate(rows) if row[4]))

@@ -33,8 +33,8 @@ def camera_command(
     output: Annotated[
         Path | None,
         folder_option(
-            "Write camera.csv, camera_covariance.npz, intrinsics.json, intrinsics.yaml (OpenCV), corners.csv and the "
-            "report here."
+            "Write camera.csv, camera_covariance.npz, intrinsics.json, intrinsics.yaml (OpenCV), corners.csv, "
+            "board.csv (the board as measured) and the report here."
         ),
     ] = None,
 ) -> None:
@@ -49,7 +49,7 @@ def camera_command(
     row k of the robot poses. Then: uq-handeye calibrate robot.csv camera/
     """
     if len(files) == 1 and Path(files[0]).suffix.lower() in TABLES:
-        if board.given:
+        if board.given and board.file is None:
             raise InputError(f"{', '.join(board.given)} are about pictures, and {files[0]} is a table of corners.")
         from ...camera.files.corner_file import read_corners
 
@@ -64,10 +64,10 @@ def camera_command(
                 )
         from ...camera.board import detect_board
 
-        shape, size = board.read(), None
+        size = None
         with timed("looking for the board"):
-            corners = detect_board(files, shape, progress=progress_wanted())
-    found = lens.calibrate(corners, size)
+            corners = detect_board(files, board.read(), progress=progress_wanted())
+    found = lens.calibrate(corners, size, board.shape())
     if output is not None:
         with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
             found.write(output)
