@@ -77,7 +77,7 @@ def test_the_guide_from_pictures_runs(tmp_path, monkeypatch, rng):
     page = (DOCS / "how-to" / "camera.md").read_text(encoding="utf-8")
     rows = "".join(re.findall(r"^\| .*", page, re.MULTILINE))
     named = set(re.findall(r"`(\w+\.(?:csv|npz|json|yaml|html))`", rows))
-    assert len(named) == 6 and named <= {path.name for path in Path("camera").iterdir()}
+    assert len(named) == 7 and named <= {path.name for path in Path("camera").iterdir()}
 
 
 def test_every_guide_is_run():

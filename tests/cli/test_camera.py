@@ -146,6 +146,27 @@ def test_corners_of_another_program(table):
     assert squared_distance(done.stdout, truth)[0] < FAR
 
 
+def test_the_board_as_measured_is_that_of_the_next_pictures(rig, table):
+    """From pictures board.csv says which board it is; from a table it does not, and serves tables."""
+    folder, _ = rig
+    assert run("camera", "img/*.png", *BOARD, "-o", "first", cwd=folder).returncode == 0
+    done = run("camera", "img/*.png", "--board", "first/board.csv", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)["board"]
+    assert found["shape"] == "measured" and found["printed"] == Board(9, 6, 0.02).text
+    folder, _ = table
+    again = ("camera", "corners.csv", "--image-size", "640x480", "--board", "camera/board.csv")
+    assert json.loads(run(*again, "--json", cwd=folder).stdout)["board"]["shape"] == "measured"
+    for more, message in (
+        (("--square", "20mm"), "--square: --board camera/board.csv says all points"),
+        (("--board-shape", "bow2"), "--board-shape: the file of --board says the shape"),
+    ):
+        done = run(*again, *more, cwd=folder)
+        assert done.returncode == 2 and message in done.stderr and done.stderr.count("\n") == 1
+    done = run("camera", "*.png", "--board", "camera/board.csv", cwd=folder)
+    assert done.returncode == 2 and "does not say which board to look for" in done.stderr
+
+
 def test_json_is_that_of_the_folder(table):
     folder, _ = table
     done = run("camera", "corners.csv", "--image-size", "640X480", "--model", "pinhole", "--json", cwd=folder)
