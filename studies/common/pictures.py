@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
+from uq_handeye.camera.adjustment.initial_guess import opencv
 from uq_handeye.camera.board import Board
-from uq_handeye.camera.initial_guess import opencv
 from uq_handeye.camera.models import MODELS
 from uq_handeye.camera.rays import rays
 from uq_handeye.geometry.se3 import Array

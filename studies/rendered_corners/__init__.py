@@ -5,7 +5,7 @@
 Cameras with distortion, their X and the poses of the robot are drawn anew for every set; 15 pictures of a board of 9 x
 6 corners are rendered, with blur and noise, and go all the way: detection, calibration of the camera with the model
 chosen by ``auto``, X by ``efficient`` with the robot known to be exact. Each set twice: with the corners as they were
-found, and with the shift that bent edges give them taken out (`uq_handeye.camera.bent_edges`), as is the default. 60
+found, and with the shift that bent edges give them taken out (`camera.adjustment.bent_edges`), as is the default. 60
 sets of each kind of lens with ``--full``, 1 without.
 """
 
@@ -27,9 +27,9 @@ from studies.camera_covariance import error, transforms
 from studies.common.pictures import Camera, picture
 from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
+from uq_handeye.camera.adjustment.initial_guess import opencv
 from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.corners import Corners
-from uq_handeye.camera.initial_guess import opencv
 from uq_handeye.geometry.se3 import Array, inverse
 from uq_handeye.likelihood.gauss_helmert import efficient
 from uq_handeye.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain

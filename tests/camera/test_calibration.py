@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from studies.camera_covariance import SIZE, board, recorded, transforms
+from uq_handeye.camera.adjustment.initial_guess import unlike_a_board
+from uq_handeye.camera.adjustment.model_choice import Candidate, best
 from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.corners import Corners
-from uq_handeye.camera.initial_guess import unlike_a_board
-from uq_handeye.camera.model_choice import Candidate, best
 from uq_handeye.camera.models import MODELS
 from uq_handeye.camera.rays import rays
 from uq_handeye.errors import InputError, InputWarning

@@ -11,9 +11,9 @@ from report_cases import Page, overlapping
 from support import SEED, jacobian, rotations, transforms
 
 import uq_handeye as uq
+from uq_handeye.camera.adjustment.model_choice import Candidate
 from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.files.snippets import camera_snippets
-from uq_handeye.camera.model_choice import Candidate
 from uq_handeye.camera.models import MODELS
 from uq_handeye.camera.rays import pixel_deviation, rays
 from uq_handeye.camera.report.figures import camera_figures, camera_pictures

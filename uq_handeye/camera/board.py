@@ -32,8 +32,8 @@ from ..files.source import Source
 from ..formatting.units import parse_length
 from ..geometry.se3 import Array
 from ..runtime.progress import progress_bar
+from .adjustment.initial_guess import opencv
 from .corners import Corners, smoothing
-from .initial_guess import opencv
 
 KINDS = ("chessboard", "charuco")
 # Fewest corners of a ChArUco board that are worth a pose.

@@ -24,11 +24,11 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
+from .adjustment.bundle import Bundle, Prior, Sight, adjust
+from .adjustment.variable_projection import reduced
 from .board_shape import BoardShape, polynomial_shape
-from .bundle import Bundle, Prior, Sight, adjust
 from .corners import Corners
 from .residual_pattern import LARGE, RARE
-from .variable_projection import reduced
 
 # Share of the largest eigenvalue of M_j below which a direction is not seen.
 SEEN = 1e-9

@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 from ..errors import InputError, NotConvergedError
 from ..findings import Finding, warn
 from ..geometry.se3 import Array
-from .bent_edges import bias
+from .adjustment.bent_edges import bias
+from .adjustment.bundle import Bundle
+from .adjustment.initial_guess import unlike_a_board
+from .adjustment.model_choice import CANDIDATES, USUAL
+from .adjustment.outliers import spoilt, without_outliers
+from .adjustment.picture_weights import picture_weights
+from .adjustment.search import Lens, search
+from .adjustment.setting import Known
 from .board_pattern import BoardPattern, board_pattern_of
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
-from .bundle import Bundle
 from .corners import Corners, without_pictures
-from .initial_guess import unlike_a_board
 from .measured_board import measured_board
-from .model_choice import CANDIDATES, USUAL
 from .models import MODELS
-from .outliers import spoilt, without_outliers
-from .picture_weights import picture_weights
 from .residual_pattern import Pattern, pattern_of
 from .result import SMALL, UNCERTAIN, CameraCalibration
-from .search import Lens, search
-from .setting import Known
 
 # Pictures that must remain where others are left out as a whole.
 FEWEST_PICTURES = 3

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
+from .adjustment.bundle import Bundle
+from .adjustment.model_choice import Candidate
 from .board_pattern import BoardPattern
-from .bundle import Bundle
 from .corners import Corners
 from .measured_board import MeasuredBoard
-from .model_choice import Candidate
 from .residual_pattern import Pattern
 
 

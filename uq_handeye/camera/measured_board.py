@@ -14,8 +14,8 @@ import numpy as np
 
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
+from .adjustment.bundle import Bundle
 from .board_shape import BoardShape, board_axes
-from .bundle import Bundle
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
-from .bundle import Bundle
+from .adjustment.bundle import Bundle
 from .corners import Corners
 
 CELLS = 8

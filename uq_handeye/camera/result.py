@@ -17,11 +17,11 @@ from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
 from ..presentation.document import to_text
 from ..presentation.notebook import to_html
+from .adjustment.bundle import Bundle, response_ahead
+from .adjustment.model_choice import Candidate
 from .board_pattern import BoardPattern
-from .bundle import Bundle, response_ahead
 from .corners import Corners, without_pictures
 from .measured_board import MeasuredBoard, measured_board
-from .model_choice import Candidate
 from .report.text import camera_document
 from .residual_pattern import Pattern
 

@@ -7,7 +7,8 @@ m), u_i standard normal, ``L_i L_i^T`` its covariance: singular or 0 where the r
 
     sum_ij |z_ij - project(k, C_i P_j)|^2 / s^2  +  sum_i |u_i|^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
 
-over X, W, the free intrinsics k and all u_i; those are eliminated picture by picture (`camera.variable_projection`).
+over X, W, the free intrinsics k and all u_i; those are eliminated picture by picture
+(`camera.adjustment.variable_projection`).
 Errors that all robot poses share (a `JointCovariance`, ``xi_i = L_i u_i + F_i v``) are q more unknowns v, standard
 normal, beside k: ``|v|^2`` comes to the sum.
 The covariance of X and W is their block of the inverse of the reduced information. s is that of the camera calibration.
@@ -29,9 +30,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.bundle import Sight, prior_rows
+from ..camera.adjustment.bundle import Sight, prior_rows
+from ..camera.adjustment.variable_projection import minimised
 from ..camera.result import CameraCalibration
-from ..camera.variable_projection import minimised
 from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array, inverse, left_jacobian, logarithm, perturb
 from ..noise.joint_covariance import JointCovariance

@@ -19,7 +19,7 @@ and the covariance Sigma_k of the intrinsics is
 - that of another calibration: as given, whatever the pixel noise is here;
 - 0 where they are exact.
 
-The first is the covariance that a bundle adjustment of the corners has (`camera.bundle`, T4b), without its corners:
+The first is the covariance that a bundle adjustment of the corners has (`camera.adjustment.bundle`, T4b), without them:
 pixels are compared with the same model at the same place. Intrinsics that are estimated are fx, fy, cx, cy and, as most
 pictures are calibrated with them, k1, k2, p1, p2, about 0 where none are known: poses share their errors as well, those
 of the tangential ones with the centre's. Pictures that were calibrated as those of a pinhole have the first four.

@@ -26,11 +26,11 @@ from ...formats.csv_poses import read_pose_file
 from ...formats.numpy_poses import MAX_BYTES, members
 from ...geometry.checks import as_transforms
 from ...geometry.se3 import Array
+from ..adjustment.bundle import Bundle, Prior, Sight
+from ..adjustment.model_choice import Candidate
 from ..board_pattern import board_pattern_of
 from ..board_shape import FLAT, BoardShape, flat_shape
-from ..bundle import Bundle, Prior, Sight
 from ..corners import Corners
-from ..model_choice import Candidate
 from ..models import MODELS
 from ..residual_pattern import pattern_of
 from ..result import CameraCalibration

@@ -6,8 +6,8 @@ import numpy as np
 
 from ...formatting.numbers import concise, fixed, probability
 from ...presentation.document import Block, Caution, Document, Heading, Paragraph, Table
+from ..adjustment.model_choice import best
 from ..calibrated import Calibrated
-from ..model_choice import best
 from ..models import LINEAR
 from ..residual_pattern import CELLS, RARE
 from ..what_was_seen import covered, distances, tilts

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, MissingExtraError
-from ..geometry.se3 import Array
-from .corners import Corners
-from .models import CameraModel
+from ...errors import InputError, MissingExtraError
+from ...geometry.se3 import Array
+from ..corners import Corners
+from ..models import CameraModel
 
 # Focal lengths of a fisheye that are tried, as multiples of half the picture's width per radian.
 FISHEYE_FOCAL = np.geomspace(0.3, 3.0, 16)

@@ -19,13 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
-from ..geometry.se3 import Array
-from .board_shape import BoardShape
+from ...errors import InputError
+from ...geometry.se3 import Array
+from ..board_shape import BoardShape
+from ..corners import Corners
+from ..models import MODELS
 from .bundle import SINGULAR, Bundle, Sight, prior_rows
-from .corners import Corners
 from .model_choice import CLEARLY, Candidate, best, criterion
-from .models import MODELS
 from .outliers import without_outliers
 from .setting import Known, Setting
 from .variable_projection import reduced

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..geometry.se3 import Array
-from .board_shape import BoardShape
+from ...errors import InputError
+from ...geometry.se3 import Array
+from ..board_shape import BoardShape
+from ..corners import Corners
+from ..models import LINEAR, CameraModel
 from .bundle import Bundle, Prior, adjust
-from .corners import Corners
 from .initial_guess import first_guess, poses_of
-from .models import LINEAR, CameraModel
 
 # A value, which is exact, or a value and its standard deviation.
 Known = Mapping[str, float | tuple[float, float]]

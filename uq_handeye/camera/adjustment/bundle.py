@@ -29,12 +29,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..geometry.se3 import Array, perturb
-from ..runtime.read_only import ReadOnlyArrays
-from .board_shape import BoardShape, flat_shape
-from .corners import Corners
-from .models import CameraModel, Projected
+from ...errors import InputError
+from ...geometry.se3 import Array, perturb
+from ...runtime.read_only import ReadOnlyArrays
+from ..board_shape import BoardShape, flat_shape
+from ..corners import Corners
+from ..models import CameraModel, Projected
 from .variable_projection import Minimum, minimised
 
 # Smallest eigenvalue of the information on the parameters, scaled to a unit diagonal, that still determines them.

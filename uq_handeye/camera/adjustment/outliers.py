@@ -23,9 +23,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.se3 import Array
+from ...geometry.se3 import Array
+from ..corners import FEWEST, Corners
 from .bundle import Bundle
-from .corners import FEWEST, Corners
 
 FAR = 6.0
 MOST_ROUNDS = 20

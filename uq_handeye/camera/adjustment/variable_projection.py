@@ -24,7 +24,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..geometry.se3 import Array
+from ...geometry.se3 import Array
 
 STILL, NEAR = 1e-11, 1e-7
 MOST_STEPS = 100

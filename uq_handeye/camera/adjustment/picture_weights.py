@@ -24,9 +24,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.se3 import Array
+from ...geometry.se3 import Array
+from ..corners import Corners
 from .bundle import Bundle
-from .corners import Corners
 
 # Between which nu is looked for: from pictures that say nothing of each other to pictures that are all alike.
 LEAST, MOST = 0.1, 1e6

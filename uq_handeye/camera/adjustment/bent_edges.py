@@ -33,9 +33,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import erf
 
-from ..geometry.se3 import Array
+from ...geometry.se3 import Array
+from ..corners import Corners, smoothing
 from .bundle import Bundle
-from .corners import Corners, smoothing
 
 # Second differences over +- so many times the half width: near the root of <s^2>.
 STEP = 0.5

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .board_shape import FLAT
+from ..board_shape import FLAT
 
 # Candidates of "auto", from few parameters to many: model and coefficients that are free.
 CANDIDATES: tuple[tuple[str, tuple[str, ...]], ...] = (
