@@ -164,6 +164,8 @@ def test_residuals_that_follow_the_points_are_found_and_others_are_not(bent, fla
     for cam in (bent, flat):
         assert cam.board_pattern.p_value > 1e-3 and "camera.board_pattern" not in codes(cam)
         assert "do not follow the points" in cam.summary()
+        z = cam.board_pattern.mean / cam.board_pattern.deviation  # of 63 points, less what the poses take out
+        assert 0.75 < np.sqrt(np.mean(z**2)) < 1.15
     assert flat_pattern(bent.bundle, bent.corners).found
 
 

@@ -40,6 +40,7 @@ class BoardPattern(ReadOnlyArrays):
 
     points: Array  # (u, 3) as meant, m
     mean: Array  # (u, 3) d_j, m, in the frame of the board
+    deviation: Array  # (u, 3) what chance makes of it, s times the roots of the diagonal of M_j^-1, m
     p_value: float
     share: float  # rms of the pattern beyond chance over s
     visible: float  # bow (m, highest minus lowest) that the pictures tell from a flat board; inf where none is
@@ -83,7 +84,10 @@ def board_pattern_of(bundle: Bundle, corners: Corners) -> BoardPattern:
     T = float(np.sum((root.mT @ g[..., None]) ** 2)) / s**2
     share = np.sqrt(max(T - nu, 0.0) / (2 * int(bundle.used.sum())))
     mean = (root @ root.mT @ g[..., None])[..., 0]
-    return BoardPattern(shape.points, mean, float(gammaincc(nu / 2, T / 2)), float(share), visible_bow(bundle, corners))
+    chance = s * np.linalg.norm(root, axis=2)
+    return BoardPattern(
+        shape.points, mean, chance, float(gammaincc(nu / 2, T / 2)), float(share), visible_bow(bundle, corners)
+    )
 
 
 def flat_pattern(bundle: Bundle, corners: Corners) -> BoardPattern:
