@@ -155,7 +155,7 @@ def not_covered(result: Calibration) -> list[str]:
     """Systematic errors that the covariance does not include."""
     names = column_names(result)
     camera = "a wrong model of the camera" if of_camera(result) or FOCAL_LENGTH in names else "wrong intrinsics"
-    target = "a bent target" if TARGET_SCALE in names else "a wrong size of the target"
+    target = "a target of another shape" if TARGET_SCALE in names else "a wrong size of the target"
     return [camera, "wrong robot kinematics", target]
 
 
