@@ -30,6 +30,8 @@ from .outliers import without_outliers
 from .setting import Known, Setting
 from .variable_projection import reduced
 
+# Corners of a picture, on average, below which lenses are fitted before they are ranked, and not predicted.
+FEW_CORNERS = 20
 # A first fit has at most so many coefficients: the denominator of the rational model is left to later ones.
 FIRST = 5
 Lens = tuple[str, tuple[str, ...]]  # a model and the coefficients that are free
@@ -124,18 +126,26 @@ def _best_of(
             settings[key] = setting = Setting.of(MODELS[lens[0]], lens[1], known, shape)
             tried[key] = Candidate(*lens, *linear.predicted(setting), shape.name)
     fitted: dict[tuple[Lens, str], Found] = {}
-    while (chosen := best(list(tried.values()))) is not None:
-        key = next(key for key, one in tried.items() if one is chosen)
-        if key in fitted:
-            beside = tuple(one for (lens, name), one in tried.items() if lens == key[0] or name == key[1])
-            return fitted[key]._replace(candidates=beside)
-        tried[key] = chosen._replace(bic=float("inf"), rms=float("inf"))
+
+    def fit(key: tuple[Lens, str]) -> None:
+        tried[key] = tried[key]._replace(bic=float("inf"), rms=float("inf"))
         with suppress(InputError):
             setting = settings[key]
             bundle = setting.fit(corners, setting.after(fullest.bundle), used)
             if bundle.converged:
                 fitted[key] = Found(setting, bundle, ())
                 tried[key] = _candidate(fitted[key], key[0])
+
+    if corners.m < FEW_CORNERS * corners.n:  # far from linear between the candidates, and soon fitted
+        for key in settings:
+            if key[1] == shapes[0].name:
+                fit(key)
+    while (chosen := best(list(tried.values()))) is not None:
+        key = next(key for key, one in tried.items() if one is chosen)
+        if key in fitted:
+            beside = tuple(one for (lens, name), one in tried.items() if lens == key[0] or name == key[1])
+            return fitted[key]._replace(candidates=beside)
+        fit(key)
     raise InputError(f"The model {lenses[0][0]!r} does not fit the corners, whatever the shape of the board.")
 
 
