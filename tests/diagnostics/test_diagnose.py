@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from uq_handeye.diagnostics import sentences as diagnosis_words
 from uq_handeye.diagnostics.diagnose import diagnose
 from uq_handeye.diagnostics.result import Diagnostics
 from uq_handeye.diagnostics.scale_errors import scale_errors, shared_lengths
+from uq_handeye.geometry.se3 import perturb
 from uq_handeye.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
 from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.likelihood.own_residuals import own_residuals
@@ -606,3 +608,21 @@ def test_focal_length_hides_from_independent_camera_noise(name):
     if name == "synthetic_camera_2":
         error = difference(fit.X, np.diag([1.0, -1.0, -1.0, 1.0]))
         assert error @ linalg.solve(fit.covariance_X, error) > 16.8  # the 99 % point of 6 degrees of freedom
+
+
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+def test_a_correlation_is_not_tested_on_the_residuals_that_it_was_estimated_from():
+    """And so not told twice, by two cautions."""
+    rng = np.random.default_rng([SEED, 11])
+    true = uq.simulate(n_poses=40, seed=11)
+    walk = np.cumsum(rng.normal(size=(40, 6)), axis=0) * np.array([*[6e-4] * 3, *[2e-4] * 3])
+    poses = replace(true, camera=perturb(true.camera, walk + 1e-4 * rng.normal(size=(40, 6))))
+    result = uq.calibrate(poses)
+    assert result.noise_estimate.correlation is not None
+    test = result.diagnostics.autocorrelation
+    assert test.p_value is None and "estimated from these same residuals" in str(test.reason)
+    assert "diagnostics.correlated" not in {finding.code for finding in result.findings}
+    assert "Neighbouring poses are not independent" not in result.summary()
+    assert uq.calibrate(poses, correlation="none").diagnostics.correlated
+    again = uq.Calibration.from_dict(result.to_dict())
+    assert str(again.diagnostics.autocorrelation.reason) == str(test.reason)

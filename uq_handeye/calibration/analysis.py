@@ -46,7 +46,8 @@ class Analysis:
     @cached_property
     def diagnostics(self) -> Diagnostics:
         """Observability, influence, tests of the residuals, systematic errors."""
-        return diagnose(self.fit.gauged(), self.data, self.noise)
+        known = self.estimate is not None and self.estimate.correlation is not None
+        return diagnose(self.fit.gauged(), self.data, self.noise, correlation_estimated=known)
 
     @cached_property
     def covariances(self) -> dict[str, Array | None]:

@@ -40,7 +40,7 @@ from .scale_errors import PROBED, inflation, scale_errors, shared_lengths
 _MM, _DEG = 1e3, 180.0 / np.pi
 
 
-def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
+def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_estimated: bool = False) -> Diagnostics:
     """Diagnostics of one fit, in O(n) time and memory, O(n^3) and O(n^2) for a joint covariance.
 
     Parameters
@@ -51,6 +51,8 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
         What it was fitted to; timestamps give the order for the autocorrelation.
     noise : PoseNoise or PairNoise
         What it was fitted with.
+    correlation_estimated : bool
+        The noise holds a correlation of neighbouring poses that was estimated from these residuals: it is not tested.
 
     Raises
     ------
@@ -86,7 +88,7 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise) -> Diagnostics:
     measured = (poses.robot, poses.camera) if on_poses and poses is not None else (data.A, data.B)  # type: ignore[union-attr]
     first, second = corrected(fit, noise, *measured)
     lengths = shared_lengths(first, second, data, poses, on_poses)
-    tests = residual_tests(fit, poses if on_poses else None, second)
+    tests = residual_tests(fit, poses if on_poses else None, second, correlation_estimated)
     frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
     distance = float(np.sqrt(np.mean(np.sum(second[:, :3, 3] ** 2, axis=-1))))
     return Diagnostics(

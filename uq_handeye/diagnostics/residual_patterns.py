@@ -77,8 +77,13 @@ class Regression:
     p_value: float | None
 
 
-def residual_tests(fit: Fit, poses: PosePairs | None, second: Array) -> tuple[Autocorrelation, Normality, Regression]:
-    """Of one fit; ``second`` are the poses (motions) of the camera, corrected by the fit."""
+def residual_tests(
+    fit: Fit, poses: PosePairs | None, second: Array, correlation_estimated: bool = False
+) -> tuple[Autocorrelation, Normality, Regression]:
+    """Of one fit; ``second`` are the poses (motions) of the camera, corrected by the fit.
+
+    The autocorrelation is not tested on the residuals that it was estimated from.
+    """
     known: Array | float = 0.0
     if isinstance(fit.S, JointCovariance):
         white, J, _, known = own_residuals(fit)
@@ -102,9 +107,10 @@ def residual_tests(fit: Fit, poses: PosePairs | None, second: Array) -> tuple[Au
         why = "too few"
     elif np.sqrt(np.mean(white[rows] ** 2)) < 1e-6:
         why = "exact"
+    unknown = np.zeros(0), np.zeros(0), None, None, None, None
     if why is not None:
         return (
-            Autocorrelation(untested("autocorrelation", why), np.zeros(0), np.zeros(0), None, None, None, None),
+            Autocorrelation(untested("autocorrelation", why), *unknown),
             Normality(untested("normality", why), np.zeros(0), None, None, None, None),
             Regression(untested("pattern", why), None, None, None),
         )
@@ -116,6 +122,8 @@ def residual_tests(fit: Fit, poses: PosePairs | None, second: Array) -> tuple[Au
         regression = Regression(untested("pattern", "coefficients"), None, None, None)
     else:
         regression = Regression(None, *(float(value) for value in found))
+    if correlation_estimated:
+        return Autocorrelation(untested("autocorrelation", "estimated"), *unknown), normality, regression
     return _autocorrelation(r, U, J[rows], known), normality, regression
 
 

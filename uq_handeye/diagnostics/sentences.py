@@ -121,6 +121,7 @@ def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
         "too few": f"{rows} rows are too few, {needed} are needed",
         "exact": "the residuals are zero next to the noise",
         "coefficients": f"{rows} rows are too few for so many coefficients",
+        "estimated": "the correlation in the noise was estimated from these same residuals",
         # of files written before these tests knew joint covariances
         "no order": "rows of a joint covariance have no order once they are whitened",
         "no rows": "rows of a joint covariance belong to no single pose once they are whitened",
