@@ -5,7 +5,7 @@
 Simulated cameras with distortion look at a board of 14 x 9 corners, 0.46 m long, from 20 poses each (camera, X and
 poses are drawn anew for every set; corners have Gaussian noise, the robot little). The board is flat; or it bows by
 0.3 mm from its lowest to its highest point, by a random polynomial of degree 2; or it is printed 0.2 % wider than high
-as well. Every set is calibrated with ``shape="auto"`` and ``shape="flat"``. 300 sets of each kind with ``--full``, 20
+as well. Every set is calibrated with ``shape="auto"`` and ``shape="flat"``. 300 sets of each kind with ``--full``, 4
 without.
 """
 
@@ -30,7 +30,7 @@ from uq_handeye.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT
 from uq_handeye.runtime.progress import progress_bar
 
 SEED = 2026
-SETS, FULL = 20, 300
+SETS, FULL = 4, 300
 PIXEL = 0.06
 BOW, ASPECT = 3e-4, 2e-3
 KINDS = {"flat": "flat", "bowed": "bows by 0.3 mm", "wide": "bows by 0.3 mm, 0.2 % wider than high"}

@@ -186,7 +186,8 @@ class Diagnostics:
         if not all(probe.sd >= 0 and probe.shift_sd >= 0 for probe in values["probes"]):
             raise InputError("Expected standard deviations of 0 or more among the diagnostics.")
         for name in ("autocorrelation", "normality", "regression"):
-            if values[name].reason is None and values[name].p_value is None:
+            numbers = [value for key, value in vars(values[name]).items() if key != "reason"]
+            if values[name].reason is None and any(value is None for value in numbers):
                 raise InputError(f"Expected the {name} of the residuals among the diagnostics, or why it is not known.")
         if lags == 0 and values["autocorrelation"].reason is None:
             raise InputError("Expected autocorrelations among the diagnostics, or the reason why there are none.")
