@@ -1,5 +1,7 @@
 """The next poses are seen by the camera that was calibrated from the poses so far: they share its errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,3 +52,13 @@ def test_the_error_of_the_intrinsics_does_not_average_out(poses):
     assert fallen < 0.4 and left > 1.1 * fallen
     estimated = plan(poses, k=2, sample=20)
     assert estimated.noise_estimated and np.linalg.eigvalsh(estimated.covariances).min() > 0
+
+
+@pytest.mark.filterwarnings("ignore:.*do not fit the others")
+def test_a_pose_that_does_not_belong_is_left_out_of_noise_and_poses(poses):
+    robot = poses.robot.copy()
+    robot[3, :3, 3] += 0.05
+    found = plan(replace(poses, robot=robot), k=1, sample=20)
+    assert found.n_poses == poses.n - 1
+    without = plan(poses.rows(np.arange(poses.n) != 3), k=1, sample=20)
+    np.testing.assert_allclose(np.diag(found.covariance_before), np.diag(without.covariance_before), rtol=0.2)

@@ -272,9 +272,10 @@ def _estimated_noise(
     give = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
     try:
         result = calibrate(data, shared=shared)
-        noise = result.noise
+        noise, kept = result.noise, np.arange(data.n)
         if result.table is not None and result.table.rejected:
-            data = data.rows(result.table.weight > 0)
+            kept = np.flatnonzero(result.table.weight > 0)
+            data = data.rows(kept)
     except (DegenerateMotionError, NotConvergedError) as error:
         raise InputError(
             f"The noise cannot be estimated from the poses so far, which may leave a part of X open. {give}"
@@ -288,7 +289,7 @@ def _estimated_noise(
         if error.name in settled
     )
     noise = without_shared(noise, errors)
-    return data, _of_each_pose(noise), errors
+    return data, _of_each_pose(noise).rows(kept), errors
 
 
 def _of_each_pose(noise: PoseNoise) -> PoseNoise:
