@@ -184,7 +184,7 @@ def _findings(
     if left_out > 0.02 * corners.m:
         found.append(Finding("camera.corners_left_out", "caution", {"count": left_out, "n": corners.m}))
     if pattern.found:
-        values = {"share": pattern.share, "model": bundle.model.name}
+        values = {"share": pattern.share, "model": bundle.model.name, "tried_all": automatic}
         found.append(Finding("camera.residual_pattern", "caution", values))
     elif board_pattern.found:  # a wrong model makes such a pattern, too
         values = {"share": board_pattern.share, "shape": bundle.shape.name}

@@ -35,10 +35,15 @@ def _(count: int, n: int) -> str:
 
 
 @sentence("camera.residual_pattern")
-def _(share: float, model: str) -> str:
+def _(share: float, model: str, tried_all: bool = False) -> str:
+    advice = (
+        "No other model that was tried describes it better: look for blur, glass before the lens, or a rolling shutter."
+        if tried_all
+        else "Try model 'auto'."
+    )
     return (
         f"The residuals have a pattern over the picture, {share:.1f} times the pixel noise: the model {model} is wrong "
-        "for this camera, or the board is not flat. Try model 'auto'."
+        f"for this camera, or the board has another shape. {advice}"
     )
 
 

@@ -184,9 +184,11 @@ def pattern_words(cam: Calibrated, short: bool = False) -> str:
         text = f"The model {cam.model} is wrong for these pictures: the residuals have a pattern, {share}."
         more = (
             f" Over the picture their means are not 0 ({probability(found.p_value, 2)}): lines that are straight are "
-            "predicted bent, or bent ones straight, or the board is not flat. Poses and X are off by more than their "
-            "deviations say. Use another model ('auto')."
+            "predicted bent, or bent ones straight, or the board has another shape. Poses and X are off by more than "
+            "their deviations say. "
         )
+        several = len({candidate.model for candidate in cam.candidates}) > 1
+        more += "No other model that was tried is better." if several else "Use another model ('auto')."
     elif found.p_value < RARE:
         text = f"The residuals have a pattern over the picture of {share}: too small to matter."
         more = f" With so many corners it is told from chance ({probability(found.p_value, 2)})."
