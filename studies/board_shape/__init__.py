@@ -21,12 +21,13 @@ from scipy import stats
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, SIZE, board, error, recorded
+from studies.common.quantiles import quantile_figure
 from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.camera.board_shape import polynomial_shape
 from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.likelihood.gauss_helmert import efficient
-from uq_handeye.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.presentation.figure_parts import BLUE, ORANGE
 from uq_handeye.runtime.progress import progress_bar
 
 SEED = 2026
@@ -106,25 +107,12 @@ def findings(tables: Tables) -> str:
 
 def figures(tables: Tables) -> Mapping[str, Any]:
     """The distribution of d^2 against chi-square, for boards that bow."""
-    figure = canvas(3.6)
-    axis = figure.subplots()
-    plain(axis)
-    table = tables["sets"]
-    part = table[table["kind"] == "bowed"]
-    n = len(part)
-    expected = stats.chi2.ppf((np.arange(n) + 0.5) / n, 6)
-    order = np.arange(1, n + 1)
-    low, high = (stats.chi2.ppf(stats.beta.ppf(level, order, n + 1 - order), 6) for level in (0.005, 0.995))
-    axis.fill_between(expected, low, high, color=GRID, label="99 % of true ones", linewidth=0)
-    for how, colour, line in (("auto", BLUE, "-"), ("flat", ORANGE, "--")):
-        label = "shape of the board estimated" if how == "auto" else "board taken as flat"
-        axis.plot(expected, np.sort(part[f"{how}_d2"]), color=colour, linestyle=line, label=label)
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    axis.set_xlabel("quantile of chi-square with 6 degrees of freedom", fontsize=TEXT)
-    axis.set_ylabel("squared distance of X from the truth", fontsize=TEXT)
-    axis.legend(fontsize=SMALL, frameon=False)
-    return {"board_shape": finished(figure)}
+    part = tables["sets"][tables["sets"]["kind"] == "bowed"]
+    curves = [
+        (part["auto_d2"], "shape of the board estimated", BLUE, "-"),
+        (part["flat_d2"], "board taken as flat", ORANGE, "--"),
+    ]
+    return {"board_shape": quantile_figure(curves)}
 
 
 STUDY = Study("board_shape", measure, findings, figures, packages=("opencv-python-headless",))

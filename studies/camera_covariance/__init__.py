@@ -21,6 +21,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
+from studies.common.quantiles import quantile_figure
 from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.camera.calibrate import calibrate_camera
@@ -33,7 +34,7 @@ from uq_handeye.likelihood.goodness_of_fit import effective_dof
 from uq_handeye.likelihood.rig_bundle import adjust_rig
 from uq_handeye.noise.models import marginals
 from uq_handeye.noise_estimation.estimate import estimate_noise
-from uq_handeye.presentation.figure_parts import BLUE, GREEN, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.presentation.figure_parts import BLUE, GREEN, ORANGE
 from uq_handeye.runtime.progress import progress_bar
 
 SEED = 2019
@@ -198,25 +199,9 @@ def findings(tables: Tables) -> str:
 
 def figures(tables: Tables) -> Mapping[str, Any]:
     """The distribution of d^2 against chi-square."""
-    figure = canvas(3.6)
-    axis = figure.subplots()
-    plain(axis)
-    table = tables["sets"]
-    n = len(table)
-    expected = stats.chi2.ppf((np.arange(n) + 0.5) / n, 6)
     looks = {"joint": (BLUE, "-"), "independent": (ORANGE, "--"), "estimated": (GREEN, "-.")}
-    order = np.arange(1, n + 1)
-    low, high = (stats.chi2.ppf(stats.beta.ppf(level, order, n + 1 - order), 6) for level in (0.005, 0.995))
-    axis.fill_between(expected, low, high, color=GRID, label="99 % of true ones", linewidth=0)
-    for name, words in NAMES.items():
-        colour, line = looks[name]
-        axis.plot(expected, np.sort(table[f"{name}_d2"]), color=colour, linestyle=line, label=words)
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    axis.set_xlabel("quantile of chi-square with 6 degrees of freedom", fontsize=TEXT)
-    axis.set_ylabel("squared distance of X from the truth", fontsize=TEXT)
-    axis.legend(fontsize=SMALL, frameon=False)
-    return {"camera_covariance": finished(figure)}
+    curves = [(tables["sets"][f"{name}_d2"], words, *looks[name]) for name, words in NAMES.items()]
+    return {"camera_covariance": quantile_figure(curves)}
 
 
 STUDY = Study("camera_covariance", measure, findings, figures, packages=("opencv-python-headless",))

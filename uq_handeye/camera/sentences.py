@@ -49,7 +49,7 @@ def _(share: float, model: str, tried_all: bool = False) -> str:
 
 @sentence("camera.board_pattern")
 def _(share: float, shape: str) -> str:
-    more = ", or the board is bent: try shape 'auto'" if shape == "flat" else ""
+    more = ", or the board is bent" if shape == "flat" else ""
     return (
         f"The residuals follow the points of the board, {share:.1f} times the pixel noise: points are printed or "
         f"detected off their places in all pictures alike{more}. Such errors do not average out over pictures, and the "

@@ -122,7 +122,7 @@ def read_board_table(path: StrPath) -> BoardTable:
         raise InputError(f"{name}: expected the header {HEADER} and one line per point of the board, got no point.")
     if not (finite := np.isfinite(table)).all():
         row = int(np.argmin(finite.all(axis=1)))
-        raise InputError(f"{name}, line {lines[row]}: expected finite numbers, got {table[row].tolist()}.")
+        raise InputError(f"{name}, line {lines[row]}: expected finite numbers, got {short(str(table[row].tolist()))}.")
     table = table * factors
     columns = table[:, 6:].reshape(len(table), max(table.shape[1] - 6, 0) // 3, 3)
     nominal = None if table.shape[1] == 3 else table[:, 3:6]
