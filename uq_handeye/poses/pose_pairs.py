@@ -23,6 +23,7 @@ from ..geometry.checks import as_numbers, as_transforms, first_duplicate
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array, inverse
 from ..runtime.read_only import read_only
+from .joint_values import as_joint_values
 from .timing import Timing
 
 if TYPE_CHECKING:
@@ -59,12 +60,14 @@ class PosePairs:
         Of poses that `synchronise` paired: their time offset and how it moves them.
     camera_calibration : CameraCalibration or None
         Where the camera poses come from corners (`calibrate_camera`): their joint covariance, and the corners.
+    joints : (n, L) array or None
+        Joint values of the robot at each pose (rad, or m for prismatic joints), in the order of its chain.
 
     Raises
     ------
     InputError
         Wrong shapes, matrices that are not rigid motions, different numbers of poses, repeated timestamps, a timing of
-        other poses.
+        other poses, joint values that are not finite or of another number of poses.
     """
 
     robot: Array
@@ -75,6 +78,7 @@ class PosePairs:
     sources: tuple[Source, ...] = ()
     timing: Timing | None = None
     camera_calibration: CameraCalibration | None = None
+    joints: Array | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.setup, str) or self.setup not in SETUPS:
@@ -101,6 +105,8 @@ class PosePairs:
             object.__setattr__(self, "timestamps", times)
         if self.timing is not None and (self.robot.ndim != 3 or len(self.timing) != self.n):
             raise InputError(f"Expected the `timing` of {self.n} poses, got one of {len(self.timing)}.")
+        if self.joints is not None:
+            object.__setattr__(self, "joints", as_joint_values(self.joints, self.n))
         seen = self.camera_calibration
         if seen is not None and not np.array_equal(seen.poses, self.camera):
             raise InputError("Expected the `camera` poses to be those of the `camera_calibration`, got others.")
@@ -119,7 +125,7 @@ class PosePairs:
     def rows(self, index: NDArray[Any], camera_index: NDArray[Any] | None = None) -> PosePairs:
         """Some of the poses, by their numbers or a mask, with all that is known about them.
 
-        Camera rows other than those of the robot pair the two anew; timestamps are those of the robot rows.
+        Camera rows other than those of the robot pair the two again; timestamps and joints are those of the robot rows.
         """
         of = {"robot": index, "camera": index if camera_index is None else camera_index}
         robot, camera = (getattr(self, side)[..., rows, :, :] for side, rows in of.items())
@@ -129,7 +135,8 @@ class PosePairs:
         times = None if self.timestamps is None else self.timestamps[index]
         timing = None if self.timing is None else self.timing.rows(of[self.timing.side])
         seen = None if self.camera_calibration is None else self.camera_calibration.select(of["camera"])
-        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen)
+        joints = None if self.joints is None else self.joints[index]
+        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen, joints)
 
     @property
     def effective_robot(self) -> Array:

@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..files.source import Source
 from ..geometry.checks import as_numbers, as_transforms, first_duplicate
 from ..geometry.se3 import Array
+from .joint_values import as_joint_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,16 +26,20 @@ class Stream:
         ``base_T_gripper`` of a robot, ``camera_T_target`` of a camera; metres.
     source : Source or None
         The file they came from.
+    joints : (n, L) array or None
+        Joint values of a robot at each pose (rad, or m for prismatic joints).
 
     Raises
     ------
     InputError
-        Wrong shapes, matrices that are not rigid motions, times that are not finite or repeat.
+        Wrong shapes, matrices that are not rigid motions, times that are not finite or repeat, joint values that are
+        not finite.
     """
 
     timestamps: NDArray[np.float64]
     poses: Array
     source: Source | None = None
+    joints: Array | None = None
 
     def __post_init__(self) -> None:
         poses = np.array(as_transforms(self.poses, "poses"), order="C")
@@ -51,6 +56,8 @@ class Stream:
         for name, value in (("timestamps", times), ("poses", poses)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
+        if self.joints is not None:
+            object.__setattr__(self, "joints", as_joint_values(self.joints, len(times)))
 
     def __len__(self) -> int:
         return len(self.timestamps)

@@ -21,6 +21,7 @@ What is not covered: clocks that drift against each other, delays that change, a
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from ..findings import Finding, warn
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from ..noise.models import PoseNoise, is_joint
+from ..poses.joint_values import joint_values_at
 from ..poses.pose_pairs import PosePairs
 from ..poses.stream import Stream
 from ..poses.timing import SIDES, Timing
@@ -91,7 +93,8 @@ def synchronise(
     Parameters
     ----------
     robot, camera : Stream
-        ``base_T_gripper`` and ``camera_T_target``; seconds and metres.
+        ``base_T_gripper`` and ``camera_T_target``; seconds and metres. Joint values of the robot are interpolated
+        linearly.
     setup : "eye-in-hand" or "eye-to-hand"
     offset : None, float or (value, deviation)
         ``robot_time = camera_time + offset`` (s). None estimates it; a number is taken as exact; with a standard
@@ -327,6 +330,8 @@ def _assembled(
         poses = _of_stops(
             stops, setup, origins[1], sources, Timing(offset, std, np.zeros((len(stops), 6)), pairing.side)
         )
+        if robot.joints is not None:
+            poses = replace(poses, joints=_joints_of_stops(robot, stops, origins[0] + at))
         gone = ()
     else:
         fine = found.rows(rows)
@@ -334,6 +339,9 @@ def _assembled(
         times = pairing.camera_times[rows] if pairing.side == "robot" else pairing.robot_times[rows] - at
         timing = Timing(offset, std, fine.rate, pairing.side)
         poses = PosePairs(*pair, setup, times + origins[1], None, sources, timing)
+        if robot.joints is not None:
+            joints = _sorted_by_time(robot, robot.joints)
+            poses = replace(poses, joints=joint_values_at(pairing.robot_times, joints, times + at))
     refined = None if estimate is None else estimate.refined
     findings = _against_streams(pairing, gone, len(rows), shift, offset, prior, estimate)
     side_times, side_poses = (
@@ -439,6 +447,19 @@ def _sorted(stream: Stream) -> tuple[Array, Array]:
         return stream.timestamps, stream.poses
     order = np.argsort(stream.timestamps, kind="stable")
     return stream.timestamps[order], stream.poses[order]
+
+
+def _sorted_by_time(stream: Stream, values: Array) -> Array:
+    """Return what a stream has for each pose in the order of time."""
+    return values[np.argsort(stream.timestamps, kind="stable")]
+
+
+def _joints_of_stops(robot: Stream, stops: list[Stop], shift: float) -> Array:
+    """Return the mean joint values (k, L) of the samples at each stop; robot time is stop time plus ``shift``."""
+    assert robot.joints is not None
+    times, joints = np.sort(robot.timestamps), _sorted_by_time(robot, robot.joints)
+    ends = np.searchsorted(times, [[stop.begin + shift, stop.end + shift] for stop in stops])
+    return np.stack([joints[first : max(behind, first + 1)].mean(axis=0) for first, behind in ends])
 
 
 def _prior(offset: object) -> tuple[float, float] | None:
