@@ -1,6 +1,7 @@
 """Errors that all poses share, as people read them: the table, the total, what contradicts or opens X; the file."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from calibration_cases import quietly
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.shared_errors import included_words, shared_table
+from uq_handeye.calibration.report.shared_errors import included_words, shared_groups, shared_table
 from uq_handeye.findings import Finding
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.03deg", "0.1mm"))
@@ -59,6 +60,55 @@ def test_other_methods_and_covariances_say_what_they_include_too(poses, by_defau
     assert included_words(park).endswith("focal length, principal point x, principal point y, target scale.")
     assert included_words(quietly(poses, covariance="sandwich")) == included_words(by_default)
     assert "not included" in included_words(quietly(poses, method="park", shared=[]))
+
+
+def waves(poses, count=8, size=1e-3):
+    """Smooth errors of the robot's position along the pose, as the numbers of one error."""
+    t = poses.robot[:, :3, 3]
+    rng = np.random.default_rng(1)
+    F = np.zeros((poses.n, 6, count))
+    for k in range(count):
+        F[:, 3 + k % 3, k] = np.cos(t @ rng.normal(0, 4.0, 3) + rng.uniform(0, 6))
+    error = SHARED.columns("waves", F, size, "robot", unit="m")
+    return replace(error, parts=tuple(f"waves: {k}" for k in range(count)))
+
+
+def test_numbers_of_one_error_are_one_row_and_one_source(poses):
+    """Table, total, budget, provenance; the joint share is that of the budget in its worst direction."""
+    result = quietly(poses, noise=NOISE, shared=[SHARED.focal_length(), waves(poses)])
+    assert len(result.shared) == 9
+    group = shared_groups(result)[-1]
+    assert (group.name, group.count) == ("waves", 8)
+    rows = {row[0]: row[1:] for row in shared_table(result).rows}
+    assert rows["waves (8)"][0] == "1 mm (declared)" and "waves: 1" not in rows
+    assert rows["waves (8)"][1].startswith("RMS ") and rows["waves (8)"][1].endswith(f"told {100 * group.told:.0f} %")
+    assert included_words(result).endswith("focal length 0.1 %, waves 1 mm.")
+    assert result.budget.sources.count("waves") == 1 and "waves: 1" not in result.budget.sources
+    of = result.budget.covariances[result.budget.sources.index("waves")][:6, :6]
+    L = np.linalg.inv(np.linalg.cholesky(result.bound))
+    assert group.share == pytest.approx(np.linalg.eigvalsh(L @ of @ L.T)[-1], rel=1e-6)
+    assert max(part.share for part in group.parts) < group.share < sum(part.share for part in group.parts)
+    np.testing.assert_allclose(result.budget.covariance[:6, :6], result.bound, rtol=1e-6, atol=1e-14)
+    assert "waves (8): 0.001" in result.provenance.options["shared"]
+    read = uq.Calibration.from_dict(json.loads(result.to_json()))
+    assert read.summary() == result.summary()
+    park = quietly(poses, noise=NOISE, shared=[waves(poses)], method="park")
+    assert included_words(park).endswith("share: waves.")
+
+
+@pytest.mark.parametrize(("times", "expected"), [(1.0, False), (6.0, True)])
+def test_numbers_of_one_error_are_tested_together(poses, times, expected):
+    """Of errors as large as declared nothing is said, of six times as large ones that they are about that."""
+    error = waves(poses)
+    e = times * error.sd * np.random.default_rng(4).normal(size=len(error.sd))
+    robot = poses.robot.copy()
+    robot[:, :3, 3] += (error.at(poses) @ e)[:, 3:]
+    result = quietly(uq.PosePairs(robot, poses.camera, poses.setup), noise=NOISE, shared=[error])
+    found = [finding for finding in result.findings if finding.code == "calibration.group_contradicted"]
+    assert bool(found) == expected and "calibration.shared_contradicted" not in codes(result)
+    if expected:
+        assert found[0].values["count"] == 8 and 3 < found[0].values["times"] < 9
+        assert "its 8 numbers ask for about" in str(found[0])
 
 
 @pytest.mark.parametrize("side", ["robot", "camera"])

@@ -23,6 +23,7 @@ from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.diagnostics.pose_table import PoseTable
 from uq_handeye.errors import InputError
 from uq_handeye.likelihood.shared_estimates import SharedEstimate
+from uq_handeye.likelihood.shared_groups import grouped
 from uq_handeye.presentation.ellipses import render
 from uq_handeye.presentation.figure_parts import BLUE, GREEN, WIDTH, inline_svg
 from uq_handeye.report.figures import figures, pictures
@@ -227,7 +228,7 @@ def test_shared_errors_are_drawn_in_what_was_assumed_of_them():
         shared_error("principal point x", 1e-3, 0.0, 1e-3, "rad"),
         shared_error("an error of the user's own with a long name", 1e-4, 5e-3, 1e-5),
     )
-    figure = shared_figure(errors)
+    figure = shared_figure(grouped(errors, np.eye(6)))
     axis = figure.get_axes()[0]
     bars = [bar for bar in axis.patches if bar.get_width() == 2.0]
     assert len(bars) == 3 and all(bar.get_x() == -1.0 for bar in bars)
@@ -236,6 +237,17 @@ def test_shared_errors_are_drawn_in_what_was_assumed_of_them():
     low, high = axis.get_xlim()
     assert low <= points.get_xdata()[2] <= high  # one far away stays at the rim, its number beside it
     assert [text.get_text() for text in axis.texts] == ["0.050(20) %", "0.0(1.0) mrad", "0.5000(10) %"]
+    assert overlapping(figure) == []
+
+
+def test_an_error_of_many_numbers_is_one_row_of_dots():
+    many = [shared_error(f"joint offsets: {k}", 1e-3, (k - 2) * 1e-4, 2e-4, "rad") for k in range(5)]
+    figure = shared_figure(grouped([shared_error("focal length", 1e-3, 5e-4, 2e-4), *many], np.eye(6)))
+    axis = figure.get_axes()[0]
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["focal length", "joint offsets"]
+    dots = next(line for line in axis.lines if len(line.get_xdata()) == 5)
+    np.testing.assert_allclose(dots.get_xdata(), [-0.2, -0.1, 0.0, 0.1, 0.2], atol=1e-12)
+    assert [text.get_text() for text in axis.texts] == ["0.050(20) %", "RMS 0.14 mrad; told 96 %"]
     assert overlapping(figure) == []
 
 

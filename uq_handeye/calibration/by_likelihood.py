@@ -230,7 +230,7 @@ def _assembled(
         findings += check_fit(rest, fit.X, known, None if known is None else fit.covariance_X)
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
-    findings += shared_findings(job, result)
+    findings += shared_findings(job, result, joint)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate)
         if len(data) < FEWEST_FOR_ROBUST:

@@ -168,7 +168,7 @@ def calibrate(
         **({} if job.pose_prior is None else {"pose_prior": job.pose_prior.to_dict()}),
         "seed": job.seed,
         "correlation": correlation,
-        "shared": [f"{part}: {sd:.6g}" for error in job.shared for part, sd in zip(error.parts, error.sd, strict=True)],
+        "shared": [line for error in job.shared for line in error.described],
     }
     result = replace(result, findings=tuple(findings), provenance=provenance(data, options))
     warn(findings)

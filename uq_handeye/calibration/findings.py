@@ -20,8 +20,9 @@ from ..likelihood.constraint import Unknowns
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.open_directions import OpenDirections
 from ..likelihood.robust import robust_fit
-from ..likelihood.shared_estimates import SharedEstimate
+from ..likelihood.shared_estimates import JointFit, SharedEstimate
 from ..noise.estimate import NoiseEstimate
+from ..noise.joint_covariance import group_of
 from ..noise.models import Noise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
@@ -95,10 +96,22 @@ def against_corners(estimate: NoiseEstimate) -> list[Finding]:
 CONTRADICTED, UNTOLD, ALL_OF_IT, HARDLY = 1e-3, 0.95, 0.8, 0.02
 
 
-def shared_findings(job: Job, result: Calibration) -> list[Finding]:
-    """Shared errors that contradict what was assumed of them, that show a wrong size, that X cannot be told from."""
+def shared_findings(job: Job, result: Calibration, joint: JointFit) -> list[Finding]:
+    """Shared errors that contradict what was assumed of them, that show a wrong size, that X cannot be told from.
+
+    The numbers of one error (`group_of`) are tested together: of many single ones some are far out by chance.
+    """
     found = []
+    by_name: dict[str, list[SharedEstimate]] = {}
     for error in result.shared:
+        by_name.setdefault(group_of(error.name), []).append(error)
+    for name, errors in by_name.items():
+        test = joint.test_of(name) if len(errors) > 1 else None
+        if test is not None and test.p_value < CONTRADICTED and test.times > 1:
+            of_group = {"name": name, "count": len(errors), "times": test.times, "p_value": test.p_value}
+            found.append(Finding("calibration.group_contradicted", "caution", of_group))
+    single = [errors[0] for errors in by_name.values() if len(errors) == 1]
+    for error in single:
         if error.alone is not None and error.alone_sd is not None and (error.p_value or 0) < CONTRADICTED:
             factor, unit = error.shown
             numbers = {"estimate": error.alone, "sd": error.alone_sd, "assumed": error.prior_sd}
@@ -109,7 +122,7 @@ def shared_findings(job: Job, result: Calibration) -> list[Finding]:
             size = {"estimate": error.estimate, "sd": error.sd, "square": _square_of(job)}
             found.append(Finding("calibration.target_size", "caution", size))
     groups: dict[str, list[SharedEstimate]] = {}
-    for error in result.shared:
+    for error in single:
         if error.share > ALL_OF_IT:
             groups.setdefault(error.error, []).append(error)
     return found + [finding for name, errors in groups.items() for finding in _confounded(result, name, errors)]

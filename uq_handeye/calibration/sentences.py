@@ -33,6 +33,14 @@ def _(name: str, unit: str, estimate: float, sd: float, assumed: float, p_value:
     )
 
 
+@sentence("calibration.group_contradicted")
+def _(name: str, count: int, times: float, p_value: float) -> str:
+    return (
+        f"The residuals contradict what was assumed of the {name}: its {count} numbers ask for about "
+        f"{digits(times, 2)} times as much ({probability(p_value)}). Declare it wider."
+    )
+
+
 @sentence("calibration.target_size")
 def _(estimate: float, sd: float, square: float | None) -> str:
     # Used / true - 1 = e, so that the true size is that used, over 1 + e.

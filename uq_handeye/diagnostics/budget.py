@@ -26,7 +26,7 @@ from ..geometry.se3 import Array
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit
 from ..noise.camera_noise import INTRINSICS
-from ..noise.joint_covariance import JointCovariance
+from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PairNoise, is_joint, require_count
 from ..noise.square_roots import pulled, whiten
 from ..runtime.read_only import ReadOnlyArrays
@@ -277,8 +277,8 @@ def budget_of_sensitivities(
     merged : groups of names
         See `Budget.merged`. Sources are named "robot rotation", "robot translation", "robot coupling", and so for
         "camera"; on motions "A" and "B". A coupling that is zero is left out. Of a `JointCovariance` they are instead
-        what each pose has by itself, "camera (each pose)", the shared errors by name, "camera (shared)", and what
-        passes on from pose to pose.
+        what each pose has by itself, "camera (each pose)", the shared errors by name up to ": ", "camera (shared)", and
+        what passes on from pose to pose.
 
     Raises
     ------
@@ -306,8 +306,9 @@ def budget_of_sensitivities(
             else:
                 sources.append(f"{name} {EACH}")
                 parts.append(_summed(D, D @ S.own))
-            for label in dict.fromkeys(S.names):  # the columns of each error that has a name, and the others
-                of_error = whole[:, [known == label for known in S.names]]
+            groups = list(map(group_of, S.names))
+            for label in dict.fromkeys(groups):  # the columns of each error that has a name, and the others
+                of_error = whole[:, [known == label for known in groups]]
                 sources.append(label or f"{name} {SHARED}")
                 parts.append(of_error @ of_error.T)
             of_pose = together @ whole.T

@@ -16,7 +16,7 @@ RATIO_UNITS = {"%": 1e-2, "ppm": 1e-6}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "\u03bcs": 1e-6}
 
 # Factor and unit in which people read relative numbers, angles and times that are small.
-_SMALL = {"": (1e2, "%"), "rad": (1e3, "mrad"), "s": (1e3, "ms")}
+_SMALL = {"m": (1e3, "mm"), "": (1e2, "%"), "rad": (1e3, "mrad"), "s": (1e3, "ms")}
 
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s.+-]*)\s*")
 
@@ -97,7 +97,7 @@ def parse_deviations(value: tuple[str | float, str | float], name: str) -> tuple
 
 
 def small_unit(unit: str) -> tuple[float, str]:
-    """Factor and name of the unit in which a small number is read: %, mrad, ms; another unit is left.
+    """Factor and name of the unit in which a small number is read: %, mm, mrad, ms; another unit is left.
 
     >>> small_unit("")
     (100.0, '%')

@@ -24,15 +24,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import erfc
+from scipy.special import chdtrc, erfc
 
 from ..files.validate import array_of
 from ..formatting.units import small_unit
 from ..geometry.se3 import Array
-from ..noise.joint_covariance import JointCovariance
+from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PoseNoise
 from ..noise.square_roots import pulled, whiten
 from ..runtime.read_only import ReadOnlyArrays
@@ -44,6 +44,8 @@ NOTHING = 1e-9
 # What X and W cannot explain of a column must exceed what the noise of the poses makes of it, in squares, by this
 # factor: else it is that noise which residuals and column have in common.
 SIGNAL = 10.0
+# Directions among the numbers of one error of whose prior variance the data take away less are not tested.
+HEARD = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +147,15 @@ def _rescaled(S: Any, factors: dict[str, float]) -> Any:
     return replace(S, shared=S.shared * np.array([factors.get(name, 1.0) for name in S.names]))
 
 
+class GroupTest(NamedTuple):
+    """The numbers of one error, all together, against what was assumed of them."""
+
+    chi2: float
+    dof: int
+    p_value: float
+    times: float  # that the standard deviations should have been so many times as large
+
+
 @dataclass(frozen=True, eq=False)
 class JointFit(ReadOnlyArrays):
     """The joint fit of (x, z) at the named columns, in the order of the errors; see the module."""
@@ -152,7 +163,7 @@ class JointFit(ReadOnlyArrays):
     fit: Fit
     parts: list[tuple[SharedError, str, float]]  # of which error, name, prior standard deviation
     z: Array  # (q,)
-    told: Array  # (q,) 1 - Var(z)
+    explained: Array  # (q, q) f^T M f, which is 1 - Cov(z), and the covariance of the estimates if the priors are right
     response: Array  # (p, q) Cov(x, z), which is also -C J^T S^-1 f
 
     @classmethod
@@ -172,24 +183,40 @@ class JointFit(ReadOnlyArrays):
         J, C = fit.linear.J, fit.covariance
         p = J.shape[-1]
         if not parts:
-            return cls(fit, parts, np.zeros(0), np.zeros(0), np.zeros((p, 0)))
+            return cls(fit, parts, np.zeros(0), np.zeros((0, 0)), np.zeros((p, 0)))
         f = np.stack([named[name] for _, name, _ in parts], axis=-1)  # (n, 6, q)
         factor = fit.weighted_factor
         back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
         flat = f.reshape(-1, f.shape[-1])
         by = flat.T @ back.reshape(len(flat), -1)  # f^T S^-1 (J, r, f)
         response = -C @ by[:, :p].T
-        explained = np.diag(by[:, p + 1 :] + by[:, :p] @ response)
-        return cls(fit, parts, by[:, p], np.clip(explained, 0.0, 1.0), response)
+        return cls(fit, parts, by[:, p], by[:, p + 1 :] + by[:, :p] @ response, response)
+
+    @property
+    def told(self) -> Array:
+        """(q,) 1 - Var(z)."""
+        return np.clip(np.diag(self.explained), 0.0, 1.0)
+
+    def test_of(self, group: str) -> GroupTest | None:
+        """Whether the estimates of the numbers of an error are as large as was assumed; None where data say nothing."""
+        of = np.array([group_of(name) == group for _, name, _ in self.parts], dtype=bool)
+        values, vectors = np.linalg.eigh(self.explained[np.ix_(of, of)])
+        heard = values > HEARD
+        if not heard.any():
+            return None
+        chi2, dof = float(np.sum((vectors.T @ self.z[of])[heard] ** 2 / values[heard])), int(heard.sum())
+        # A prior s times as wide would make it `dof + (s^2 - 1) sum(values)`, on average.
+        square = 1.0 + (chi2 - dof) / float(values[heard].sum())
+        return GroupTest(chi2, dof, float(chdtrc(dof, chi2)), float(np.sqrt(max(square, 0.0))))
 
     def estimates(self, resolved: Resolved | None = None) -> tuple[SharedEstimate, ...]:
         """In the order of the errors; ``resolved``: what `resolve_doubts` made of those with doubt."""
         if not self.parts:
             return ()
         to_unit = np.linalg.inv(np.linalg.cholesky(self.fit.covariance[:6, :6]))
-        found = []
+        found, of_all = [], self.told
         for k, (error, name, sd) in enumerate(self.parts):
-            told, value, effect = float(self.told[k]), sd * float(self.z[k]), self.response[:6, k]
+            told, value, effect = float(of_all[k]), sd * float(self.z[k]), self.response[:6, k]
             left = 1.0 - told
             more = 0.0 if resolved is None else resolved.left_open.get(name, 0.0)
             says = told > NOTHING

@@ -12,7 +12,8 @@ B of the blocks, ``V = B^-1 F``, ``V^T V = Y diag(h^2 - 1) Y^T`` and ``U = V Y``
 
 which `JointFactor` applies without forming it. Errors that pass on from pose to pose (`SerialErrors`) may come beside
 those of each pose; B is then the square root of the sum of both, in O(n), too. A column may bear the name of what it is
-the error of (a focal length); what an estimate says of it is told by that name.
+the error of (a focal length); what an estimate says of it is told by that name. Columns whose names agree before ": "
+("joint offsets: elbow", "joint offsets: wrist") are the numbers of one error, and one source of a budget (`group_of`).
 """
 
 from __future__ import annotations
@@ -29,6 +30,15 @@ from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
 from .serial_errors import SerialErrors, SerialFactor
 from .triangular import checked_cholesky, substitute, substitute_transposed
+
+
+def group_of(name: str) -> str:
+    """The error that a column is a number of: its name up to ": ".
+
+    >>> group_of("joint offsets: elbow"), group_of("focal length")
+    ('joint offsets', 'focal length')
+    """
+    return name.partition(": ")[0]
 
 
 @dataclass(frozen=True, eq=False)

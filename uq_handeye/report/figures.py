@@ -16,6 +16,7 @@ from ..calibration.report.analysis import budget_shares, shown_budget
 from ..calibration.report.budget_figure import budget_figure
 from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure
+from ..calibration.report.shared_errors import shared_groups
 from ..calibration.report.shared_figure import shared_figure
 from ..calibration.report.task_space_figure import task_space_figure
 from ..calibration.report.text import directions, parent_frame
@@ -191,12 +192,15 @@ def _budget(result: Calibration) -> Picture | None:
 def _shared(result: Calibration) -> Picture | None:
     if not result.shared:
         return None
-    alt = f"Errors that all poses share, assumed and found: {', '.join(error.name for error in result.shared)}."
+    groups = shared_groups(result)
+    alt = f"Errors that all poses share, assumed and found: {', '.join(group.name for group in groups)}."
     caption = (
         "What was assumed of each error (grey, one standard deviation to each side) and what is known of it after the "
         "fit (blue). Where blue is as wide as grey the data say nothing of it."
     )
-    return Picture(shared_figure(result.shared), alt, caption)
+    if any(group.count > 1 for group in groups):
+        caption += " Of an error of many numbers, each estimate is a dot."
+    return Picture(shared_figure(groups), alt, caption)
 
 
 def _task_space(result: Calibration) -> Picture | None:

@@ -40,7 +40,7 @@ from ..formatting.units import parse_angle, parse_ratio, parse_time
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array
 from ..noise.camera_noise import INTRINSICS
-from ..noise.joint_covariance import JointCovariance
+from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
@@ -99,6 +99,14 @@ class SharedError(ReadOnlyArrays):
     def is_exact(self) -> bool:
         """Whether it is switched off: standard deviations of 0."""
         return not self.widest.any()
+
+    @property
+    def described(self) -> list[str]:
+        """Each number with its standard deviation; one line where there are many (`group_of`)."""
+        if len(self.parts) > 1 and group_of(self.parts[0]) != self.parts[0]:
+            ends = list(dict.fromkeys(f"{end:.6g}" for end in (self.sd.min(), self.sd.max())))
+            return [f"{self.name} ({len(self.parts)}): {' to '.join(ends)}"]
+        return [f"{part}: {sd:.6g}" for part, sd in zip(self.parts, self.sd, strict=True)]
 
     @classmethod
     def focal_length(cls, sd: float | str = DEFAULT_SD[FOCAL_LENGTH]) -> SharedError:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ...diagnostics.scale_errors import ScaleError
 from ...diagnostics.sentences import relative
 from ...formatting.numbers import concise, digits
 from ...likelihood.shared_estimates import SharedEstimate
+from ...likelihood.shared_groups import SharedGroup, grouped
 from ...noise.camera_noise import INTRINSICS
-from ...noise.joint_covariance import JointCovariance
+from ...noise.joint_covariance import JointCovariance, group_of
 from ...noise.models import PoseNoise, is_joint
 from ...presentation.document import Block, Cell, Points, Table
 from ...shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
@@ -21,13 +24,18 @@ CAPTION = (
     "the fit, and share of the variance of X in the direction where it counts most. An error is used / true - 1 for "
     "lengths: +1 % says that the true value is 1 % smaller than the one used."
 )
+OF_MANY = (
+    " An error of many numbers is one row: the standard deviation assumed of each, the root mean square (RMS) of the "
+    "estimates, how much of the variance assumed the data took away, and the share of all numbers together."
+)
 # Findings that belong to the table.
 SHARED_CODES = ("calibration.shared_confounded", "calibration.shared_opens")
 
 
 def shared_table(result: Calibration) -> Table | None:
     """One row for each error that was declared or assumed, then those that were not; None where nothing is known."""
-    rows: list[list[Cell]] = [_declared(error) for error in result.shared]
+    groups = shared_groups(result)
+    rows: list[list[Cell]] = [_declared(group) for group in groups]
     if (found := result.time_offset) is not None and found.std > 0:
         known = concise(1e3 * found.offset, 1e3 * found.std, "ms")
         rows.append([CLOCK_OFFSET, "estimated from the streams", known, f"{100 * found.share:.1f} %"])
@@ -37,7 +45,13 @@ def shared_table(result: Calibration) -> Table | None:
             [probe.name, (_undeclared(probe), 3)] for probe in result.analysis.diagnostics.probes
             if probe.name not in names
         ]  # fmt: skip
-    return Table(CAPTION, ["error", "assumed", "found", "share"], rows, frozenset({1})) if rows else None
+    caption = CAPTION + (OF_MANY if any(group.count > 1 for group in groups) else "")
+    return Table(caption, ["error", "assumed", "found", "share"], rows, frozenset({1})) if rows else None
+
+
+def shared_groups(result: Calibration) -> list[SharedGroup]:
+    """The shared errors of a result, those of many numbers as one."""
+    return grouped(result.shared, result.bound if result.bound is not None else result.covariance)
 
 
 def shared_blocks(result: Calibration) -> list[Block]:
@@ -62,11 +76,30 @@ def _probes(result: Calibration) -> Sequence[ScaleError]:
     return () if result.analysis is None else result.analysis.diagnostics.probes
 
 
-def _declared(error: SharedEstimate) -> list[Cell]:
+def _declared(group: SharedGroup) -> list[Cell]:
+    how, share = "default" if group.default else "declared", f"{100 * group.share:.1f} %"
+    if group.count > 1:
+        return [f"{group.name} ({group.count})", f"{sizes_of(group)} ({how})", found_of(group), share]
+    error = group.parts[0]
     factor, unit = error.shown
-    assumed = f"{amount(error)} ({'default' if error.default else 'declared'})"
     found = concise(factor * error.estimate, factor * error.sd, unit)
-    return [error.name, assumed, found, f"{100 * error.share:.1f} %"]
+    return [error.name, f"{amount(error)} ({how})", found, share]
+
+
+def sizes_of(group: SharedGroup) -> str:
+    """The standard deviations assumed of the numbers of a group: one, or from the smallest to the largest."""
+    found = []
+    for unit in group.units:
+        prior = group.of_unit(unit)[0]
+        ends = list(dict.fromkeys(digits(end, 2) for end in (prior.min(), prior.max())))
+        found.append(f"{' to '.join(ends)} {unit}".rstrip())
+    return ", ".join(found)
+
+
+def found_of(group: SharedGroup) -> str:
+    """RMS of the estimates of a group, and how much the data told of it."""
+    sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
+    return f"RMS {', '.join(size.rstrip() for size in sizes)}; told {100 * group.told:.0f} %"
 
 
 def _undeclared(probe: ScaleError) -> str:
@@ -106,13 +139,13 @@ def _included(result: Calibration) -> tuple[list[tuple[str, bool]], int]:
         parts.append(("errors of the intrinsics", False))
     elif isinstance(result.noise, PoseNoise) and _unnamed(result.noise):
         parts.append(("the joint covariance of the noise", False))
-    groups: dict[str, list[SharedEstimate]] = {}
-    for error in result.shared:
-        groups.setdefault(error.error, []).append(error)
-    for name, errors in groups.items():
-        sizes = list(dict.fromkeys(map(amount, errors)))
-        parts.append((f"{name} {' and '.join(sizes)}", errors[0].default))
-    parts += [(name, False) for name in column_names(result) if not groups]
+    groups: dict[str, list[SharedGroup]] = {}  # by error: such as both coordinates of the principal point
+    for group in shared_groups(result):
+        groups.setdefault(group.parts[0].error, []).append(group)
+    for name, of_error in groups.items():
+        sizes = list(dict.fromkeys(map(sizes_of, of_error)))
+        parts.append((f"{name} {' and '.join(sizes)}", of_error[0].default))
+    parts += [(name, False) for name in dict.fromkeys(map(group_of, column_names(result))) if not groups]
     if result.time_offset is not None and result.time_offset.std > 0:
         parts.append((f"{CLOCK_OFFSET} {digits(1e3 * result.time_offset.std, 2)} ms", False))
     return parts, sum(default for _, default in parts)

@@ -11,33 +11,40 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...formatting.numbers import concise
-from ...likelihood.shared_estimates import SharedEstimate
+from ...likelihood.shared_groups import SharedGroup
 from ...presentation.figure_parts import BLUE, INK, QUIET, SMALL, TEXT, canvas, finished, plain
+from .shared_errors import found_of
 
 # Estimates are drawn up to so many of the standard deviations assumed.
 WIDEST = 6.0
 
 
-def shared_figure(errors: Sequence[SharedEstimate]) -> Figure:
-    """A bar of +- one assumed standard deviation for each error, and its estimate with the one after the fit."""
+def shared_figure(errors: Sequence[SharedGroup]) -> Figure:
+    """A bar of +- one assumed standard deviation for each error, and its estimate with the one after the fit.
+
+    Of an error of many numbers the estimates are dots, without their deviations.
+    """
     count = len(errors)
     figure = canvas(1.0 + 0.42 * count)
     axis = figure.subplots()
     plain(axis)
     axis.grid(axis="y", visible=False)
     y = np.arange(count)
-    estimate = np.array([error.estimate / error.prior_sd for error in errors])
-    after = np.array([error.sd / error.prior_sd for error in errors])
-    reach = float(min(max(1.3, 1.1 * np.max(np.abs(estimate) + after)), WIDEST))
+    z = [np.array([part.estimate / part.prior_sd for part in error.parts]) for error in errors]
+    after = [np.array([part.sd / part.prior_sd for part in error.parts]) for error in errors]
+    ends = [np.abs(of) + (sd if len(of) == 1 else 0.0) for of, sd in zip(z, after, strict=True)]
+    reach = float(min(max(1.3, 1.1 * max(float(end.max()) for end in ends)), WIDEST))
     axis.barh(y, 2.0, 0.56, left=-1.0, color=QUIET, alpha=0.35, label="assumed, 1 sigma")
+    single = [k for k, error in enumerate(errors) if error.count == 1]
     axis.errorbar(
-        np.clip(estimate, -reach, reach), y, xerr=after, fmt="o", markersize=4.5, color=BLUE, elinewidth=1.8, capsize=3,
-        label="found, 1 sigma after the fit",
+        np.clip([z[k][0] for k in single], -reach, reach), single, xerr=[after[k][0] for k in single], fmt="o",
+        markersize=4.5, color=BLUE, elinewidth=1.8, capsize=3, label="found, 1 sigma after the fit",
     )  # fmt: skip
     for k, error in enumerate(errors):
-        factor, unit = error.shown
+        if error.count > 1:
+            axis.plot(np.clip(z[k], -reach, reach), np.full(error.count, k), "o", markersize=3, color=BLUE, alpha=0.5)
         axis.annotate(
-            concise(factor * error.estimate, factor * error.sd, unit), (1.0, k), xycoords=("axes fraction", "data"),
+            _amount(error), (1.0, k), xycoords=("axes fraction", "data"),
             xytext=(4, 0), textcoords="offset points", va="center", fontsize=SMALL, color=INK, annotation_clip=False,
         )  # fmt: skip
     axis.axvline(0.0, color=INK, linewidth=0.8)
@@ -47,3 +54,10 @@ def shared_figure(errors: Sequence[SharedEstimate]) -> Figure:
     axis.set_xlabel("error, in standard deviations assumed", fontsize=TEXT)
     figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL)
     return finished(figure)
+
+
+def _amount(error: SharedGroup) -> str:
+    if error.count > 1:
+        return found_of(error)
+    factor, unit = error.parts[0].shown
+    return concise(factor * error.parts[0].estimate, factor * error.parts[0].sd, unit)
