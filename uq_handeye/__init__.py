@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .geometry.nearest_rotation import orthonormalise
     from .io import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
+    from .kinematics.chain import Joint, Kinematics
+    from .kinematics.errors import ErrorParameter
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
     from .likelihood.shared_estimates import SharedEstimate
@@ -91,9 +93,12 @@ __all__ = [
     "Corners",
     "CrossCheck",
     "DegenerateMotionError",
+    "ErrorParameter",
     "InputError",
     "InputWarning",
+    "Joint",
     "JointCovariance",
+    "Kinematics",
     "MeasuredBoard",
     "Method",
     "MissingExtraError",
@@ -213,6 +218,11 @@ _LATER = {
         "read_shared_errors",
         "read_stream",
     ),
+    "kinematics.chain": (
+        "Joint",
+        "Kinematics",
+    ),
+    "kinematics.errors": ("ErrorParameter",),
     "likelihood.gauss_helmert": (
         "bound",
         "efficient",

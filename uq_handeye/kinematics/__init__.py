@@ -1,0 +1,1 @@
+"""Forward kinematics of a serial arm, its derivatives, and the errors of its geometry, transmissions and elasticity."""
