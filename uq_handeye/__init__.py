@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .io import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
     from .kinematics.chain import Joint, Kinematics
     from .kinematics.errors import ErrorParameter
+    from .kinematics.joints_file import read_joints
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
     from .likelihood.shared_estimates import SharedEstimate
@@ -146,6 +147,7 @@ __all__ = [
     "read_camera",
     "read_corners",
     "read_intrinsics",
+    "read_joints",
     "read_noise_file",
     "read_poses",
     "read_prior",
@@ -223,6 +225,7 @@ _LATER = {
         "Kinematics",
     ),
     "kinematics.errors": ("ErrorParameter",),
+    "kinematics.joints_file": ("read_joints",),
     "likelihood.gauss_helmert": (
         "bound",
         "efficient",

@@ -42,14 +42,15 @@ def read_one_array(data: bytes, name: str) -> Array:
     """The numbers of a ``.npy``, or of a ``.npz`` that holds a single array."""
     if not data.startswith(b"PK"):
         return _numbers(_array(io.BytesIO(data), len(data), name), name)
-    arrays = _unpacked(data, name)
+    arrays = unpacked(data, name)
     if len(arrays) != 1:
         raise InputError(f"{name}: expected one array, got {short(', '.join(arrays))}.")
     (only,) = arrays.values()
     return _numbers(only, name)
 
 
-def _unpacked(data: bytes, name: str) -> dict[str, NDArray[Any]]:
+def unpacked(data: bytes, name: str) -> dict[str, NDArray[Any]]:
+    """All arrays of an archive, by name; raises `InputError`, also for a damaged one."""
     try:
         return members(data, name)
     except InputError:
@@ -60,7 +61,7 @@ def _unpacked(data: bytes, name: str) -> dict[str, NDArray[Any]]:
 
 def read_npz(data: bytes, name: str) -> Contents:
     """Arrays by name."""
-    arrays = _unpacked(data, name)
+    arrays = unpacked(data, name)
     keys = short(", ".join(arrays))
     setup, notes = None, []
     if "setup" in arrays:

@@ -1,0 +1,242 @@
+"""Files of joint values: columns by name, units, limits, and what is refused."""
+
+import os
+import re
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm_cases import SIX_AXES
+
+from uq_handeye.errors import InputError, InputWarning
+from uq_handeye.kinematics.chain import Joint, Kinematics
+from uq_handeye.kinematics.joints_file import read_joints
+
+# A revolute joint, an elbow that does not reach 0, and a slide.
+ARM = Kinematics(
+    "arm",
+    "base",
+    "tip",
+    (
+        Joint("shoulder", "revolute", np.eye(4), [0, 0, 1], -3.0, 3.0),
+        Joint("elbow", "revolute", np.eye(4), [0, 1, 0], -2.8, -0.2),
+        Joint("slide", "prismatic", np.eye(4), [0, 0, 1], 0.0, 0.4),
+    ),
+    np.eye(4),
+)
+Q = np.array([[0.1, -1.0, 0.2], [1.2, -0.5, 0.3], [-2.0, -2.5, 0.0]])
+TIMES = np.array([10.0, 10.5, 11.0])
+
+
+def table(header, columns, separator=","):
+    rows = np.column_stack(columns).tolist()
+    return "\n".join([header, *(separator.join(map(repr, row)) for row in rows), ""])
+
+
+@pytest.fixture
+def read(tmp_path):
+    def reader(content, arm=ARM, units=None):
+        path = tmp_path / "joints.csv"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return read_joints(path, arm, units)
+
+    return reader
+
+
+def test_columns_by_name_in_any_order(read):
+    found = read(table("timestamp,slide,extra,shoulder,elbow", [TIMES, Q[:, 2], Q[:, 0], Q[:, 0], Q[:, 1]]))
+    np.testing.assert_array_equal(found.q, Q)
+    np.testing.assert_array_equal(found.timestamps, TIMES)
+    assert found.notes == ("columns sorted by the names of the joints", "not used: the columns 'extra'")
+    plain = read(table("shoulder,elbow,slide", Q.T))
+    np.testing.assert_array_equal(plain.q, Q)
+    assert plain.timestamps is None and plain.notes == ("no timestamp column",)
+    names = read(table("b;a", [Q[:, 0], Q[:, 1]], ";"), ["a", "b"])
+    np.testing.assert_array_equal(names.q, Q[:, 1::-1])
+
+
+@pytest.mark.parametrize(
+    ("header", "units"),
+    [
+        ("shoulder [deg],elbow (deg),slide [mm]", None),
+        ("shoulder_deg,elbow_deg,slide_mm", None),
+        ("shoulder_deg,elbow_deg,slide_mm", "deg"),
+        ("shoulder,elbow,slide", "deg,mm"),
+        ("shoulder [deg],elbow,slide_mm", "deg"),
+    ],
+)
+def test_units(read, header, units):
+    found = read(table(header, [np.rad2deg(Q[:, 0]), np.rad2deg(Q[:, 1]), 1e3 * Q[:, 2]]), units=units)
+    np.testing.assert_allclose(found.q, Q, atol=1e-15)
+    assert "revolute joints in deg" in found.notes and "prismatic joints in mm" in found.notes
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "%time,/joint_states/shoulder/position,/joint_states/elbow/position,/joint_states/slide/position",
+        "time_ns,position/shoulder,position/elbow,position/slide",
+        "stamp [ns],shoulder.pos,elbow.pos,slide.pos",
+        "__time [ns],shoulder.position [rad],elbow_rad,slide [m]",
+    ],
+)
+def test_names_of_other_tools(read, header):
+    more = ",/joint_states/shoulder/velocity,/joint_states/elbow/effort,shoulder.vel"
+    found = read(table(header + more, [1e9 * TIMES, *Q.T, *(9 + Q.T)]))
+    np.testing.assert_array_equal(found.q, Q)
+    np.testing.assert_allclose(found.timestamps, TIMES)
+
+
+def test_rows_with_names_of_their_own(read):
+    """As ``rostopic echo -p`` writes a JointState, whose order may change."""
+    header = "%time,field.header.seq,field.name0,field.name1,field.name2,field.name3," + ",".join(
+        f"field.position{k}" for k in range(4)
+    )
+    rows = [
+        f"10000000000,0,elbow,slide,other,shoulder,{Q[0, 1]},{Q[0, 2]},77,{Q[0, 0]}",
+        f"10500000000,1,shoulder,other,elbow,slide,{Q[1, 0]},77,{Q[1, 1]},{Q[1, 2]}",
+    ]
+    found = read("\n".join([header, *rows]))
+    np.testing.assert_array_equal(found.q, Q[:2])
+    np.testing.assert_allclose(found.timestamps, TIMES[:2])
+    assert "joints sorted by the names in each row" in found.notes
+    with pytest.raises(InputError, match=r"line 2: no column of joint shoulder; nearest: 'shuolder'"):
+        read("\n".join([header, rows[0].replace("shoulder", "shuolder")]))
+    with pytest.raises(InputError, match="elbow is named twice"):
+        read("\n".join([header, rows[0].replace("other", "elbow")]))
+
+
+def test_headers_in_comments_byte_order_marks_and_decimal_commas(read):
+    found = read(b"\xef\xbb\xbf# recorded\r\n# shoulder, elbow, slide\r\n0.1,-1.0,0.2\r\n\r\n")
+    np.testing.assert_array_equal(found.q, Q[:1])
+    found = read('"shoulder";"elbow";"slide"\n0,1;-1,0;0,2\n')
+    np.testing.assert_array_equal(found.q, Q[:1])
+
+
+def test_arrays(tmp_path):
+    path = tmp_path / "q.npy"
+    np.save(path, Q)
+    found = read_joints(path, ARM)
+    np.testing.assert_array_equal(found.q, Q)
+    assert found.notes == ("columns in the order of the arm",)
+    path = tmp_path / "q.npz"
+    degrees = np.column_stack([Q[:, 2], np.rad2deg(Q[:, 1]), np.rad2deg(Q[:, 0])])
+    np.savez(path, joints=degrees, names=["slide", "elbow", "shoulder"], timestamps=TIMES)
+    found = read_joints(path, ARM, "deg")
+    np.testing.assert_allclose(found.q, Q, atol=1e-15)
+    np.testing.assert_array_equal(found.timestamps, TIMES)
+    for arrays, message in (
+        ({"z": Q}, "array q"),
+        ({"q": Q[:, :2]}, r"\(n, 3\), got \(3, 2\)"),
+        ({"q": Q, "timestamps": TIMES[:2]}, "a time for each"),
+        ({"q": Q, "names": ["slide", "elbow", "x"]}, "no column of joint shoulder"),
+        ({"q": np.array([["a"]])}, "numbers"),
+    ):
+        np.savez(path, **arrays)
+        with pytest.raises(InputError, match=message):
+            read_joints(path, ARM)
+    np.save(tmp_path / "o.npy", np.array([{}], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match="Python objects"):
+        read_joints(tmp_path / "o.npy", ARM)
+
+
+def test_degrees_read_as_radians_are_refused(read):
+    degrees = [np.rad2deg(Q[:, 0]), np.rad2deg(Q[:, 1]), Q[:, 2]]
+    with pytest.raises(InputError, match=r"line 2, joint shoulder: .*in degrees\? Give --joint-units deg"):
+        read(table("shoulder,elbow,slide", degrees))
+    with pytest.raises(InputError, match=r"in millimetres\? Give --joint-units mm"):
+        read(table("shoulder,elbow,slide", [Q[:, 0], Q[:, 1], 1e3 * Q[:, 2]]))
+    with pytest.raises(InputError, match=r"elbow: .*in radians\? Give --joint-units rad"):
+        read(table("shoulder,elbow,slide", Q.T), units="deg")
+    endless = Kinematics("a", "b", "c", (Joint("spin", "revolute", np.eye(4), [0, 0, 1]),), np.eye(4))
+    with pytest.raises(InputError, match="in degrees"):
+        read("spin\n45.0\n", endless)
+    assert read("spin\n45.0\n", endless, "rad").q[0, 0] == 45.0
+    with pytest.warns(InputWarning, match=r"joints\.csv: all joints stay within 1\.2 deg of zero.*radians"):
+        read("spin [deg]\n0.5\n1.2\n-0.3\n", endless)
+
+
+def test_limits(read):
+    q = Q.copy()
+    q[1, 0] = 3.02
+    with pytest.warns(InputWarning, match=r"line 3, joint shoulder: 3\.02 rad \(173 deg\) is outside -3 to 3 rad"):
+        read(table("shoulder,elbow,slide", q.T))
+    q[1, 0] = 3.2
+    with pytest.raises(InputError, match=r"line 3, joint shoulder: 3\.2 rad .* is this the arm of the URDF"):
+        read(table("shoulder,elbow,slide", q.T))
+    q[1] = 0.0, -1.0, 0.6
+    with pytest.raises(InputError, match=r"joint slide: 0\.6 m is outside 0 to 0\.4 m"):
+        read(table("shoulder,elbow,slide", q.T))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "empty"),
+        ("shoulder,elbow,slide\n", "no rows"),
+        ("0.1,-1.0,0.2\n", "got numbers; add it as the first line: 'shoulder, elbow, slide'"),
+        ("sholder,elbow,slide\n0,0,0\n", "no column of joint shoulder; nearest: 'sholder'"),
+        ("elbow\n-1\n", "no column of joint shoulder, slide"),
+        ("shoulder,elbow,slide,elbow\n0.1,-1,0.2,-1\n", "one column of joint elbow, got 'elbow, elbow'"),
+        ("shoulder,elbow_deg,elbow_rad,slide\n0,0,0,0\n", "one column of joint elbow"),
+        ("shoulder [deg],elbow,slide\n10,-1,0.2\n", "some revolute joints name a unit, that of elbow does not"),
+        ("shoulder,elbow,slide\n0.1,-1\n", "line 2: expected 3 fields, got 2"),
+        ("shoulder,elbow,slide\n0.1,x,0.2\n", "line 2, column elbow: expected a number, got 'x'"),
+        ("shoulder,elbow,slide\n0.1,,0.2\n", "an empty field"),
+        ("shoulder,elbow,slide\n0.1,nan,0.2\n", "line 2, joint elbow: expected a finite number"),
+        ("shoulder,elbow,slide\n0.1,-1_0,0.2\n", "got '-1_0'"),
+        ("time,shoulder,elbow,slide\n1,0.1,-1,0.2\n1,0.1,-1,0.2\n", "line 3: the timestamp repeats that of line 2"),
+        ("time,shoulder,elbow,slide\ninf,0.1,-1,0.2\n", "line 2: expected a finite timestamp"),
+        ("name,shoulder,elbow,slide\n1,0.1,-1,0.2\n\0\n", "NUL"),
+        (b"\xff\xfes\0h\0", "UTF-8"),
+        (b"PK\3\4 and no archive", "damaged"),
+        (b"\x93NUMPY\1\0", "not an array"),
+        ("shoulder,elbow,slide\n" + "1" * 10_001, "lines of at most"),
+    ],
+)
+def test_what_is_refused(read, content, message):
+    with pytest.raises(InputError, match=message) as error:
+        read(content)
+    assert "\n" not in str(error.value) and "joints.csv" in str(error.value)
+
+
+def test_bad_arguments(read, tmp_path):
+    content = table("shoulder,elbow,slide", Q.T)
+    for units in ("degrees", "deg,rad", 3, "", "deg,mm,m"):
+        with pytest.raises(InputError, match="--joint-units"):
+            read(content, units=units)
+    with pytest.raises(InputError, match="is in rad, and `units`"):
+        read(content.replace("shoulder", "shoulder_rad"), units="deg")
+    for arm in ("shoulder", [], 3, [1]):
+        with pytest.raises(InputError, match="`arm`"):
+            read(content, arm)
+    with pytest.raises(InputError, match="no such file"):
+        read_joints(tmp_path / "none.csv", ARM)
+
+
+def test_a_long_name_takes_no_time(read):
+    start = time.process_time()
+    with pytest.raises(InputError, match="no column"):
+        read("a" + " " * 4000 + "b,c" + "\t" * 4000 + "d\n1,2\n", [f"j{k}" for k in range(60)])
+    assert time.process_time() - start < 1.0
+
+
+@pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
+@pytest.mark.parametrize("name", ["fr3_philnad", "industrial_kinematic", "recode_dvrk_points", "mukca_panda/panda_2"])
+def test_real_files(name):
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / name
+    model = folder / "model.urdf"
+    arm = Kinematics.from_urdf(model if model.exists() else folder.parent / "model.urdf")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        found = read_joints(folder / "joints.csv", arm)
+    np.testing.assert_array_equal(found.q, np.loadtxt(folder / "joints.csv", delimiter=",", skiprows=1)[:, 1:])
+    assert found.timestamps is not None and found.notes == ()
+
+
+def test_another_arm(read):
+    names = ",".join(f"joint_{k}" for k in range(1, 7))
+    with pytest.raises(InputError, match=re.escape("no column of joint axis_1, axis_2")):
+        read(f"{names}\n0,0,0,0,0,0\n", Kinematics.from_urdf(SIX_AXES))
