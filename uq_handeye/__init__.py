@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .geometry.nearest_rotation import orthonormalise
     from .io import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
+    from .kinematics.against_controller import AgainstController, against_controller
     from .kinematics.chain import Joint, Kinematics
     from .kinematics.errors import ErrorParameter
     from .kinematics.joints_file import read_joints
@@ -84,6 +85,7 @@ from ._version import __version__ as __version__
 __all__ = [
     "METHODS",
     "ROBOT_WORLD_METHODS",
+    "AgainstController",
     "Agreement",
     "Board",
     "BoardShape",
@@ -122,6 +124,7 @@ __all__ = [
     "Stream",
     "Sweep",
     "Synchronised",
+    "against_controller",
     "bound",
     "calibrate",
     "calibrate_camera",
@@ -220,6 +223,7 @@ _LATER = {
         "read_shared_errors",
         "read_stream",
     ),
+    "kinematics.against_controller": ("AgainstController", "against_controller"),
     "kinematics.chain": (
         "Joint",
         "Kinematics",
