@@ -12,6 +12,8 @@ from ..formats.contents import Side
 
 # Fewer pairs make less than two motions.
 FEWEST = 3
+# Rows are synchronous within this (s): rounding of printed times; an arm at 1 m/s moves a micrometre in it.
+SYNCHRONOUS = 1e-6
 
 
 class Match(NamedTuple):
@@ -28,16 +30,13 @@ def match_times(robot: Side, camera: Side, tolerance: float) -> Match:
     Both may be in any order. Raises `InputError` if fewer than three remain, which says why: no common time, a
     difference beyond the tolerance, clocks that count in other units.
     """
-    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.number):
-        raise InputError(f"Expected `tolerance` (--tolerance) to be a number of seconds, got {tolerance!r}.")
-    if not 0 <= tolerance < np.inf:
-        raise InputError(f"Expected `tolerance` (--tolerance) to be at least 0 s and finite, got {tolerance!r}.")
+    check_tolerance(tolerance)
     r, c = robot.timestamps, camera.timestamps
     for side, times in ((robot, r), (camera, c)):
         if times is None:
             raise InputError(f"{side.name} has no timestamps, so its poses cannot be paired by time; use --pair rows.")
     assert r is not None and c is not None
-    of_robot, of_camera = _nearest(r, c), _nearest(c, r)
+    of_robot, of_camera = nearest(r, c), nearest(c, r)
     mutual = of_camera[of_robot] == np.arange(len(r))
     rows = np.flatnonzero(mutual & (np.abs(r - c[of_robot]) <= tolerance))
     rows = rows[np.argsort(r[rows], kind="stable")]
@@ -61,7 +60,15 @@ def match_times(robot: Side, camera: Side, tolerance: float) -> Match:
     return Match(rows, partners, tuple(notes))
 
 
-def _nearest(times: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.intp]:
+def check_tolerance(tolerance: float) -> None:
+    """Raise `InputError` unless it is a number of seconds."""
+    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.number):
+        raise InputError(f"Expected `tolerance` (--tolerance) to be a number of seconds, got {tolerance!r}.")
+    if not 0 <= tolerance < np.inf:
+        raise InputError(f"Expected `tolerance` (--tolerance) to be at least 0 s and finite, got {tolerance!r}.")
+
+
+def nearest(times: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.intp]:
     """For each time the index of the nearest among the others."""
     order = np.argsort(others, kind="stable")
     ordered = others[order]
@@ -95,7 +102,7 @@ def _too_few(
             f"{start}no others are within {tolerance:g} s of each other. Raise --tolerance if the rig stood still; if "
             "it moved, use --pair async, which interpolates."
         )
-    closest = float(np.min(np.abs(r - c[_nearest(r, c)])))
+    closest = float(np.min(np.abs(r - c[nearest(r, c)])))
     return (
         f"{start}the closest two are {closest:.3g} s apart, and the tolerance is {tolerance:g} s. Raise --tolerance if "
         "the rig stood still; if it moved, use --pair async, which interpolates."

@@ -19,15 +19,15 @@ from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
 from ..geometry.frames import SETUPS
+from ..geometry.se3 import Array
 from ..poses.pose_pairs import PosePairs
 from ..poses.stream import Stream
-from .matching import match_times
+from .joints import Joints, give_joints, joints_of
+from .matching import SYNCHRONOUS, match_times
 
 if TYPE_CHECKING:
     from ..camera.result import CameraCalibration
-
-# Rows are synchronous within this (s): rounding of printed times; an arm at 1 m/s moves a micrometre in it.
-SYNCHRONOUS = 1e-6
+    from ..kinematics.chain import Kinematics
 
 _PAIRINGS = ("rows", "time")
 
@@ -35,7 +35,7 @@ _log = logging.getLogger("uq_handeye")
 
 
 def read_poses(
-    robot: StrPath,
+    robot: StrPath | None,
     camera: StrPath | CameraCalibration | None = None,
     *,
     setup: str | None = None,
@@ -46,13 +46,17 @@ def read_poses(
     camera_frame: str = "camera_T_target",
     pair: str = "rows",
     tolerance: float = 0.02,
+    joints: StrPath | None = None,
+    kinematics: Kinematics | None = None,
+    joint_units: str | None = None,
 ) -> PosePairs:
     """Robot and camera poses from one or two files, paired.
 
     Parameters
     ----------
-    robot : path
-        ``base_T_gripper``; any of `uq_handeye.io.FORMATS`.
+    robot : path or None
+        ``base_T_gripper``; any of `uq_handeye.io.FORMATS`. None: the poses are those of ``joints``, by forward
+        kinematics.
     camera : path, CameraCalibration or None
         ``camera_T_target``. None: the robot's file holds both sides. A calibrated camera, or the folder that
         `CameraCalibration.write` made of it, brings the joint covariance of its poses along (field
@@ -75,6 +79,14 @@ def read_poses(
         Row k of one side with row k of the other; or those nearest in time, within ``tolerance``, one to one.
     tolerance : float
         Seconds.
+    joints : path or None
+        File of joint values (`read_joints`), for the ``joints`` of the pairs. Without ``robot`` its rows are paired as
+        those of a robot file; beside it row k belongs to row k of ``robot``, or to the nearest within ``tolerance``
+        where timestamps say so, and pairs without joints are left out.
+    kinematics : Kinematics or None
+        The chain that the joints move.
+    joint_units : str or None
+        Unit of ``joints`` such as ``"deg"`` or ``"deg,mm"``; None: as the file says, else rad and m.
 
     What was found out (format, setup, other names) is in the ``notes`` of `PosePairs.sources`, and logged.
 
@@ -99,6 +111,13 @@ def read_poses(
     both_units, formats, orders = (
         _two(value, name) for value, name in ((units, "units"), (format, "format"), (quaternion, "quaternion"))
     )
+    arm = joints_of(joints, kinematics, joint_units)
+    if robot is None:
+        if arm is None or camera is None:
+            missing = "joints and kinematics" if arm is None else "a camera"
+            raise InputError(f"Expected {missing}, or a file of robot poses.")
+        both_units, formats, orders = ("m", both_units[1]), (None, formats[1]), (None, orders[1])
+        robot_frame = FRAMES["robot"][0]
     seen = _calibrated(camera)
     if seen is not None:
         if pair != "rows" or camera_frame != FRAMES["camera"][0]:
@@ -106,9 +125,10 @@ def read_poses(
                 "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
                 "`camera_frame` (--camera-frame) out."
             )
-        return _with_calibrated(robot, seen, setup, both_units[0], formats[0], orders[0], robot_frame)
-    first, first_source = read_contents(as_path(robot), formats[0])
+        return _with_calibrated(robot, seen, setup, both_units[0], formats[0], orders[0], robot_frame, arm, tolerance)
+    first, first_source = _robot_contents(robot, arm, formats[0])
     if camera is None:
+        assert robot is not None
         sources: tuple[Source, ...] = (first_source,)
         contents = (first, first)
         if first.robot is None or first.camera is None:
@@ -119,7 +139,8 @@ def read_poses(
     else:
         second, second_source = read_contents(as_path(camera), formats[1])
         sources, contents = (first_source, second_source), (first, second)
-    paths = (as_path(robot), as_path(robot if camera is None else camera))
+    robot_path = _robot_path(robot, arm)
+    paths = (robot_path, robot_path if camera is None else as_path(camera))
     setup = _setup(setup, contents, paths)
     sides = [_side(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
     frames = [robot_frame, camera_frame]
@@ -131,18 +152,49 @@ def read_poses(
         for side, role, units, order, frame in zip(sides, FRAMES, both_units, orders, frames, strict=True)
     )
     robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
+    values = _joint_values(arm, robot, sides[0], tolerance)
     if pair == "time":
         match = match_times(sides[0], sides[1], tolerance)
         robot_poses, camera_poses = robot_poses[match.robot], camera_poses[match.camera]
         assert robot_times is not None
         robot_times = robot_times[match.robot]
+        values = None if values is None else values[match.robot]
         sources = _noted(sources, 0, paths[0], match.notes)
     else:
         for side in sides if camera is not None else sides[:1]:
             warn_if_back(side)
         _check_rows(sides[0], sides[1])
         robot_times = camera_times if robot_times is None else robot_times
-    return PosePairs(robot_poses, camera_poses, setup=setup, timestamps=robot_times, sources=sources)
+    sources = (*sources, *_joint_source(arm, robot))
+    poses = PosePairs(robot_poses, camera_poses, setup=setup, timestamps=robot_times, sources=sources)
+    return poses if values is None or arm is None else give_joints(poses, values, arm.name)
+
+
+def _robot_contents(robot: StrPath | None, arm: Joints | None, format: str | None) -> tuple[Contents, Source]:
+    """What the robot's file holds, or what the joints make of it."""
+    if robot is not None:
+        return read_contents(as_path(robot), format)
+    assert arm is not None
+    return Contents(robot=arm.side), arm.source
+
+
+def _robot_path(robot: StrPath | None, arm: Joints | None) -> Path:
+    if robot is not None:
+        return as_path(robot)
+    assert arm is not None
+    return Path(arm.name)
+
+
+def _joint_values(arm: Joints | None, robot: StrPath | None, side: Side, tolerance: float) -> Array | None:
+    """Joint values at the rows of the robot."""
+    if arm is None:
+        return None
+    return arm.values if robot is None else arm.beside(side, tolerance)
+
+
+def _joint_source(arm: Joints | None, robot: StrPath | None) -> tuple[Source, ...]:
+    """That of joints beside a file of robot poses; without one they are the robot's source."""
+    return () if arm is None or robot is None else (arm.source,)
 
 
 class _Seen(NamedTuple):
@@ -174,17 +226,19 @@ def _calibrated(camera: Any) -> _Seen | None:
 
 
 def _with_calibrated(
-    robot: StrPath,
+    robot: StrPath | None,
     seen: _Seen,
     setup: str | None,
     units: str,
     format: str | None,
     quaternion: str | None,
     frame: str,
+    arm: Joints | None,
+    tolerance: float,
 ) -> PosePairs:
     """The robot poses of a file that the pictures were taken at, and the poses of the pictures."""
-    path = as_path(robot)
-    contents, source = read_contents(path, format)
+    path = _robot_path(robot, arm)
+    contents, source = _robot_contents(robot, arm, format)
     setup = _setup(setup, (contents, contents), (path, path))
     side = _side(contents, "robot", shown(path))
     sources: tuple[Source, ...] = (source,)
@@ -193,6 +247,7 @@ def _with_calibrated(
         sources = _noted(sources, 0, path, ["robot poses are gripper_T_base in this format, and inverted"])
     poses = finished(side, "robot", units, quaternion, frame)
     warn_if_back(side)
+    values = _joint_values(arm, robot, side, tolerance)
     rows, corners = seen.camera.rows, seen.camera.corners
     taken = corners.n + len(corners.missing)
     # Of pictures it is known how many there were; a table of corners may leave out some.
@@ -204,27 +259,30 @@ def _with_calibrated(
             else (f"{corners.n} pictures, the last of row {rows[-1]}")
         )
         raise InputError(
-            f"{side.name} has {len(side)} poses and {seen.name} {count}: picture k, counted from 0 in the order of the "
-            "names (the column row of corners), belongs to row k of the robot. Leave out what the other side lacks; a "
-            "picture without a board stays."
+            f"{side.name} has {len(side)} {'rows' if robot is None else 'poses'} and {seen.name} {count}: picture k, "
+            "counted from 0 in the order of the names (the column row of corners), belongs to row k of the robot. "
+            "Leave out what the other side lacks; a picture without a board stays."
         )
     if len(left := np.setdiff1d(np.arange(len(side)), rows)):
         which = ", ".join(map(str, left[:20])) + (", ..." if len(left) > 20 else "")
         sources = _noted(sources, 0, path, [f"rows without a picture of the board are left out: {which}"])
     times = None if side.timestamps is None else side.timestamps[rows]
-    return PosePairs(
-        poses[rows], seen.camera.poses, setup, times, sources=(*sources, *seen.source), camera_calibration=seen.camera
-    )
+    sources = (*sources, *_joint_source(arm, robot), *seen.source)
+    pairs = PosePairs(poses[rows], seen.camera.poses, setup, times, sources=sources, camera_calibration=seen.camera)
+    return pairs if values is None or arm is None else give_joints(pairs, values[rows], arm.name)
 
 
 def read_stream(
-    path: StrPath,
+    path: StrPath | None,
     side: str,
     *,
     units: str = "m",
     format: str | None = None,
     quaternion: str | None = None,
     frame: str | None = None,
+    joints: StrPath | None = None,
+    kinematics: Kinematics | None = None,
+    joint_units: str | None = None,
 ) -> Stream:
     """The time-stamped poses of one sensor.
 
@@ -238,6 +296,9 @@ def read_stream(
         As in `read_poses`.
     frame : "base_T_gripper", "gripper_T_base", "camera_T_target", "target_T_camera" or None
         What the file holds; None: what it says, else the first of the side.
+    joints, kinematics, joint_units
+        As in `read_poses`, of the robot: without ``path`` the poses are theirs; beside it they are interpolated at the
+        times of the poses, and poses outside of their times are left out.
 
     Raises
     ------
@@ -246,8 +307,15 @@ def read_stream(
     """
     if not isinstance(side, str) or side not in FRAMES:
         raise InputError(f"Expected `side` to be robot or camera, got {side!r}.")
-    location = as_path(path)
-    contents, source = read_contents(location, format)
+    arm = joints_of(joints, kinematics, joint_units)
+    if arm is not None and side != "robot":
+        raise InputError("Expected `joints` of the robot, not of the camera.")
+    if path is None:
+        if arm is None:
+            raise InputError("Expected a file of poses, or joints and kinematics.")
+        units, format, quaternion, frame = "m", None, None, None
+    location = _robot_path(path, arm)
+    contents, source = _robot_contents(path, arm, format)
     found = _side(contents, side, shown(location))
     poses = finished(found, side, units, quaternion, FRAMES[side][0] if frame is None else frame)
     if found.timestamps is None:
@@ -258,7 +326,14 @@ def read_stream(
     if contents.setup is not None:
         note = f"it says {contents.setup}, which a stream does not carry: give it to synchronise() as setup (--setup)"
         (source,) = _noted((source,), 0, location, [note])
-    return Stream(found.timestamps, poses, source)
+    if arm is None:
+        return Stream(found.timestamps, poses, source)
+    values = arm.values if path is None else arm.between(found)
+    rows = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if len(rows) < len(found):
+        note = f"{len(found) - len(rows)} of {len(found)} poses are outside of the times of {arm.name}, and left out"
+        (source,) = _noted((source,), 0, location, [note])
+    return Stream(found.timestamps[rows], poses[rows], source, values[rows])
 
 
 def _two(value: Any, name: str) -> tuple[Any, Any]:
