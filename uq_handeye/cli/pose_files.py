@@ -262,6 +262,7 @@ class PoseFiles(StreamFiles):
                 quaternion=self._quaternions,
                 robot_frame=self.robot_frame,
             )
+        how_far: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         return read_poses(
             self.robot,
             self.camera,
@@ -272,7 +273,7 @@ class PoseFiles(StreamFiles):
             robot_frame=self.robot_frame,
             camera_frame=self.camera_frame,
             pair=how,
-            **({} if self.tolerance is None else {"tolerance": self.tolerance}),
+            **how_far,
         )
 
 
