@@ -20,7 +20,7 @@ R_k exp(-a_k) for l_k.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -30,12 +30,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..files.open import StrPath
-from ..files.validate import array_of, plain
 from ..formatting.units import parse_angle, parse_length
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, left_jacobian
 from ..noise.joint_covariance import JointCovariance
 from ..runtime.read_only import ReadOnlyArrays
+from .dh import read_dh
 from .errors import (
     LENGTHS,
     OFFSETS,
@@ -50,8 +50,9 @@ from .errors import (
 )
 from .forward import Motion, axis_twists, fixed_transforms, forward, rotations, turned
 from .gravity import load_rates, loads, spread_postures
-from .joint import MAX_JOINTS, ROUNDED, ChainParts, checked_origin, require_name
+from .joint import MAX_JOINTS, ROUNDED, ChainParts, checked_origin, parts_from_dict, parts_to_dict, require_name
 from .joint import Joint as Joint
+from .universal_robots import read_ur_calibration
 from .urdf import read_urdf
 
 # Postures per block: their frames fit the cache.
@@ -114,19 +115,76 @@ class Kinematics(ReadOnlyArrays):
         base: str | None = None,
         tip: str | None = None,
         *,
-        up: ArrayLike = (0.0, 0.0, 1.0),
+        up: ArrayLike | None = None,
     ) -> Kinematics:
         """Read the chain from ``base`` to ``tip`` of a URDF: a file, or its text if it starts with ``<``.
 
         Left out, ``base`` is the root link and ``tip`` the one leaf behind a moving joint. Fixed joints are folded
         into the next origin; mimic, floating and planar joints between base and tip, loops and xacro are refused, by
-        name. Lengths are in m, angles in rad, as URDF has it. ``up`` is the direction against gravity in the base.
+        name. Lengths are in m, angles in rad, as URDF has it. ``up`` is the direction against gravity in the base
+        (z).
         """
         return cls._from_parts(read_urdf(path_or_text, base, tip), up)
 
     @classmethod
-    def _from_parts(cls, parts: ChainParts, up: ArrayLike) -> Kinematics:
-        return cls(*parts, up=np.array(as_numbers(up, "up")))
+    def from_dh(
+        cls,
+        table: Any,
+        convention: Literal["standard", "modified"] | None = None,
+        *,
+        names: Sequence[str] | None = None,
+        kinds: Sequence[str] | None = None,
+        limits: ArrayLike | None = None,
+        angle: str | None = None,
+        length: str | None = None,
+        up: ArrayLike | None = None,
+    ) -> Kinematics:
+        """Make the chain of Denavit-Hartenberg parameters.
+
+        Parameters
+        ----------
+        table : (L, 4) theta, d, a, alpha; rows as dicts; or path of a CSV or TOML file
+            A file has the columns (keys) joint, theta, d, a, alpha, and if need be type, lower, upper, offset.
+        convention : "standard" or "modified"
+            ``Rz(q + theta) Tz(d) Tx(a) Rx(alpha)``, or Craig's ``Rx(alpha) Tx(a) Rz(q + theta) Tz(d)`` with a and alpha
+            of the link before. Left out, a file must say it; arrays are standard.
+        names, kinds : (L) str
+            Of an array: names of the joints (joint_1, ...), and "revolute" (all), "prismatic" or "fixed".
+        limits : (L, 2)
+            Of an array, in the units of the table.
+        angle, length : str
+            Units of numbers that carry none, such as "deg" and "mm"; left out, rad and m, and numbers that are too
+            large for these are refused.
+        up : (3,)
+            Direction against gravity in the base; left out, what the file says, else z.
+        """
+        parts = read_dh(table, convention, names=names, kinds=kinds, limits=limits, angle=angle, length=length)
+        return cls._from_parts(parts, up)
+
+    @classmethod
+    def from_ur_calibration(
+        cls,
+        path: StrPath,
+        urdf: StrPath | None = None,
+        base: str | None = None,
+        tip: str | None = None,
+        *,
+        prefix: str = "",
+        up: ArrayLike | None = None,
+    ) -> Kinematics:
+        """Read the calibrated kinematics of a Universal Robots arm, the YAML file of ``ur_calibration``.
+
+        ``base`` is ``base`` (the controller's, left out) or ``base_link``, ``tip`` is ``tool0`` (left out) or
+        ``flange``; with ``urdf`` they are any of its links, and the origins of its six joints are replaced by those of
+        the file. ``prefix`` stands before the names of the joints.
+        """
+        return cls._from_parts(read_ur_calibration(path, urdf, base, tip, prefix), up)
+
+    @classmethod
+    def _from_parts(cls, parts: ChainParts, up: ArrayLike | None) -> Kinematics:
+        said = parts.up if up is None else as_numbers(up, "up")
+        up = np.array([0.0, 0.0, 1.0]) if said is None else np.array(said)
+        return cls(parts.name, parts.base, parts.tip, parts.joints, parts.end, up)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -300,28 +358,13 @@ class Kinematics(ReadOnlyArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the nominal chain as plain text and numbers, for files; None stands for a limit that is not there."""
-        joints = [
-            plain({part: getattr(joint, part) for part in ("name", "kind", "origin", "axis", "lower", "upper")})
-            for joint in self.joints
-        ]
-        of_chain = {part: getattr(self, part) for part in ("name", "base", "tip", "end", "up")}
-        return {**plain(of_chain), "joints": joints}
+        return parts_to_dict(ChainParts(self.name, self.base, self.tip, self.joints, self.end, self.up))
 
     @classmethod
     def from_dict(cls, data: Any) -> Kinematics:
         """Return the chain that `to_dict` wrote; raises `InputError` for anything else."""
-        parts = _fields(data, ("name", "base", "tip", "end", "up", "joints"), "the kinematics")
-        if not isinstance(parts["joints"], list):
-            raise InputError("Expected the joints of the kinematics to be a list.")
-        joints = []
-        for k, value in enumerate(parts["joints"][: MAX_JOINTS + 1]):
-            what = f"joint {k} of the kinematics"
-            of_joint = _fields(value, ("name", "kind", "origin", "axis", "lower", "upper"), what)
-            limits = [_limit(of_joint[name], sign, what) for name, sign in (("lower", -1.0), ("upper", 1.0))]
-            origin, axis = array_of(of_joint["origin"], (4, 4), what), array_of(of_joint["axis"], (3,), what)
-            joints.append(Joint(of_joint["name"], of_joint["kind"], origin, axis, *limits))
-        end, up = array_of(parts["end"], (4, 4), "the kinematics"), array_of(parts["up"], (3,), "the kinematics")
-        return cls(parts["name"], parts["base"], parts["tip"], tuple(joints), end, up)
+        parts = parts_from_dict(data)
+        return cls._from_parts(parts, parts.up)
 
     @cached_property
     def _layout(self) -> ErrorLayout:
@@ -431,15 +474,3 @@ def _sd(value: Any, name: str, parse: Callable[[Any, str], float]) -> Any:
     if not np.all((np.asarray(sd) >= 0) & np.isfinite(sd)):
         raise InputError(f"Expected `{name}` to be finite and >= 0, got {value!r:.80}.")
     return sd
-
-
-def _fields(data: Any, names: tuple[str, ...], what: str) -> dict[str, Any]:
-    if not isinstance(data, dict) or any(name not in data for name in names):
-        raise InputError(f"Expected {what} to have the fields {', '.join(names)}.")
-    return data
-
-
-def _limit(value: Any, sign: float, what: str) -> float:
-    if value is None:
-        return sign * np.inf
-    return float(array_of(value, (), f"a limit of {what}"))

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..files.validate import array_of, plain
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
@@ -86,6 +87,7 @@ class ChainParts(NamedTuple):
     tip: str
     joints: tuple[Joint, ...]
     end: Array  # (4, 4) the tip in the frame of the last joint after it has moved
+    up: Array | None = None  # (3,) direction against gravity in the base, where it is said
 
 
 def require_name(name: Any, what: str) -> None:
@@ -102,3 +104,39 @@ def checked_origin(value: Any, what: str) -> Array:
     if (longest := float(np.abs(T[:3, 3]).max())) > MAX_LENGTH:
         raise InputError(f"Expected {what} to be below {MAX_LENGTH:g} m, got {longest:g} m; is it in millimetres?")
     return T
+
+
+_OF_CHAIN = ("name", "base", "tip", "end", "up")
+_OF_JOINT = ("name", "kind", "origin", "axis", "lower", "upper")
+
+
+def parts_to_dict(parts: ChainParts) -> dict[str, Any]:
+    """Plain text and numbers, for files; None stands for an infinite limit."""
+    joints = [plain({name: getattr(joint, name) for name in _OF_JOINT}) for joint in parts.joints]
+    return {**plain({name: getattr(parts, name) for name in _OF_CHAIN}), "joints": joints}
+
+
+def parts_from_dict(data: Any) -> ChainParts:
+    """What `parts_to_dict` wrote; raises `InputError` for anything else."""
+    what = "the kinematics"
+    parts = _fields(data, (*_OF_CHAIN, "joints"), what)
+    if not isinstance(parts["joints"], list):
+        raise InputError(f"Expected the joints of {what} to be a list.")
+    joints = []
+    for k, value in enumerate(parts["joints"][: MAX_JOINTS + 1]):
+        at = f"joint {k} of {what}"
+        of_joint = _fields(value, _OF_JOINT, at)
+        lower, upper = (
+            infinite if of_joint[name] is None else float(array_of(of_joint[name], (), f"a limit of {at}"))
+            for name, infinite in (("lower", -np.inf), ("upper", np.inf))
+        )
+        origin, axis = array_of(of_joint["origin"], (4, 4), at), array_of(of_joint["axis"], (3,), at)
+        joints.append(Joint(of_joint["name"], of_joint["kind"], origin, axis, lower, upper))
+    end, up = array_of(parts["end"], (4, 4), what), array_of(parts["up"], (3,), what)
+    return ChainParts(parts["name"], parts["base"], parts["tip"], tuple(joints), end, up)
+
+
+def _fields(data: Any, names: tuple[str, ...], what: str) -> dict[str, Any]:
+    if not isinstance(data, dict) or any(name not in data for name in names):
+        raise InputError(f"Expected {what} to have the fields {', '.join(names)}.")
+    return data

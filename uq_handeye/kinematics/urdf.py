@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
@@ -53,7 +53,7 @@ class _Joint:
 
 
 @dataclass
-class _Tree:
+class Tree:
     """The links of a file, and its joints by the names of their children."""
 
     where: str
@@ -71,22 +71,31 @@ class _Tree:
 
 def read_urdf(path_or_text: StrPath, base: str | None = None, tip: str | None = None) -> ChainParts:
     """The chain between two links; raises `InputError` for what cannot be one, in words."""
-    text, where = _text(path_or_text)
-    tree = _parse(text, where)
+    return chain_of(read_tree(path_or_text), base, tip, {})
+
+
+def read_tree(path_or_text: StrPath) -> Tree:
+    """All links and joints."""
+    return _parse(*_text(path_or_text))
+
+
+def chain_of(tree: Tree, base: str | None, tip: str | None, origins: Mapping[str, Array]) -> ChainParts:
+    """The chain between two links, with other origins (4, 4) of some joints, by name."""
+    where = tree.where
     base = _root(tree) if base is None else _link(tree, base, "base")
     tip = _leaf(tree, base) if tip is None else _link(tree, tip, "tip")
-    origin, down = _path(tree, base, tip)
+    T, down = _path(tree, base, tip)
     joints: list[Joint] = []
     for part in down:
-        origin = origin @ _origin(part, where)
+        T = T @ (origins[part.name] if part.name in origins else _origin(part, where))
         if part.type == "fixed":
             continue
         _require_moving(part, where)
-        joints.append(_moving(part, origin, where))
-        origin = np.eye(4)
+        joints.append(_moving(part, T, where))
+        T = np.eye(4)
     if not joints:
         raise InputError(f"{where}: no joint moves between {short(base)} and {short(tip)}; check base and tip.")
-    return ChainParts(tree.name or "robot", base, tip, tuple(joints), origin)
+    return ChainParts(tree.name or "robot", base, tip, tuple(joints), T)
 
 
 def _text(path_or_text: StrPath) -> tuple[str, str]:
@@ -104,10 +113,10 @@ def _text(path_or_text: StrPath) -> tuple[str, str]:
     return decoded(data.removeprefix(b"\xef\xbb\xbf"), f"{name}: expected a URDF").lstrip(), name
 
 
-def _parse(text: str, where: str) -> _Tree:
+def _parse(text: str, where: str) -> Tree:
     parser = expat.ParserCreate()
     stack: list[str] = []
-    tree = _Tree(where, "", {}, [])
+    tree = Tree(where, "", {}, [])
     names: set[str] = set()
     current: _Joint | None = None
 
@@ -172,7 +181,7 @@ def _parse(text: str, where: str) -> _Tree:
                     f"{where}, line {joint.line}: joint {short(joint.name)} is at the link {short(link)}, which is not "
                     f"in the file{nearest(link, tree.links)}."
                 )
-    return _Tree(where, tree.name, tree.links, tree.joints)
+    return Tree(where, tree.name, tree.links, tree.joints)
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
@@ -182,7 +191,7 @@ def nearest(name: str, names: Iterable[str]) -> str:
     return f"; nearest: {', '.join(map(short, close))}" if close else ""
 
 
-def _link(tree: _Tree, name: str, role: str) -> str:
+def _link(tree: Tree, name: str, role: str) -> str:
     if not isinstance(name, str) or name not in tree.links:
         raise InputError(
             f"{tree.where}: there is no link {short(str(name))} for the {role}{nearest(str(name), tree.links)}."
@@ -190,7 +199,7 @@ def _link(tree: _Tree, name: str, role: str) -> str:
     return name
 
 
-def _root(tree: _Tree) -> str:
+def _root(tree: Tree) -> str:
     roots = [link for link in tree.links if link not in tree.above]
     if len(roots) == 1:
         return roots[0]
@@ -201,7 +210,7 @@ def _root(tree: _Tree) -> str:
     raise InputError(f"{tree.where}: expected one root link, got {_some(roots)}; give the base.")
 
 
-def _leaf(tree: _Tree, base: str) -> str:
+def _leaf(tree: Tree, base: str) -> str:
     """The one leaf below the base behind a moving joint."""
     leaves, seen, waiting = [], {base}, [(base, False)]
     while waiting:
@@ -228,7 +237,7 @@ def _some(names: list[str]) -> str:
     return ", ".join(map(short, names[:8])) + more
 
 
-def _path(tree: _Tree, base: str, tip: str) -> tuple[Array, list[_Joint]]:
+def _path(tree: Tree, base: str, tip: str) -> tuple[Array, list[_Joint]]:
     """What leads up from the base, through fixed joints, as a transform, and the joints down to the tip."""
     up, down = _ancestors(tree, base), _ancestors(tree, tip)
     above_base = {base: 0, **{joint.parent: k + 1 for k, joint in enumerate(up)}}
@@ -248,7 +257,7 @@ def _path(tree: _Tree, base: str, tip: str) -> tuple[Array, list[_Joint]]:
     return T, down[:meeting][::-1]
 
 
-def _ancestors(tree: _Tree, link: str) -> list[_Joint]:
+def _ancestors(tree: Tree, link: str) -> list[_Joint]:
     """The joints from a link up to the root."""
     found, seen = [], {link}
     while link in tree.above:
