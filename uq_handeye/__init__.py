@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from .kinematics.chain import Joint, Kinematics
     from .kinematics.errors import ErrorParameter
     from .kinematics.joints_file import read_joints
+    from .kinematics.kinematic_errors import KinematicErrors
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
     from .likelihood.shared_estimates import SharedEstimate
@@ -101,6 +102,7 @@ __all__ = [
     "InputWarning",
     "Joint",
     "JointCovariance",
+    "KinematicErrors",
     "Kinematics",
     "MeasuredBoard",
     "Method",
@@ -230,6 +232,7 @@ _LATER = {
     ),
     "kinematics.errors": ("ErrorParameter",),
     "kinematics.joints_file": ("read_joints",),
+    "kinematics.kinematic_errors": ("KinematicErrors",),
     "likelihood.gauss_helmert": (
         "bound",
         "efficient",

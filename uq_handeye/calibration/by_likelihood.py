@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -12,8 +13,9 @@ from ..diagnostics.pose_table import pose_table
 from ..empirical_covariance.resampled import resampled
 from ..errors import DegenerateMotionError, InputError
 from ..findings import Finding
-from ..geometry.se3 import Array
+from ..geometry.se3 import Array, logarithm
 from ..input_checks.checks import check_fit, check_motions, require_signal
+from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE, KinematicColumns
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import (
     CLOSED_FORM_STEPS,
@@ -29,16 +31,18 @@ from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
 from ..likelihood.open_start import start_open
 from ..likelihood.robust import RobustFit, fit_robustly
-from ..likelihood.shared_estimates import JointFit, Resolved, resolve_doubts
+from ..likelihood.shared_estimates import JointFit, JointPosterior, Resolved, resolve_doubts
 from ..likelihood.starts import leaves_open
-from ..noise.estimate import NoiseEstimate
+from ..noise.estimate import NoiseEstimate, NoisePrior
 from ..noise.models import Noise, PairNoise, PoseNoise, with_prior
-from ..noise_estimation.estimate import FoundNoise, choose_source
+from ..noise_estimation.beside_kinematics import BesideKinematics, FoundKinematics
+from ..noise_estimation.estimate import FoundNoise, NoiseSource, choose_source
 from ..noise_estimation.serial_correlation import account_for_correlation, correlation_finding
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
 from ..poses.timing import TimeOffset
+from ..prediction.fitted_kinematics import FittedKinematics
 from ..propagation.published_fit import Published, fit_published
 from ..runtime.read_only import read_only
 from ..shared_errors.shared_error import CLOCK_OFFSET, shared_columns, with_shared, without_shared
@@ -51,6 +55,8 @@ from .result_file import FourDPA
 
 # Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
 EXACT = 1e-10
+# Errors of the arm are derived anew where their second order moves its poses by more than this, in deviations of X.
+SECOND_ORDER = 0.05
 
 
 def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
@@ -69,9 +75,13 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     start = fourdpa or Published(job.motions, "4dpa", None, at.X, at.W, 0, job.everything)
     angle, distance = residuals(job.motions.A, job.motions.B, at.X)
     beside: dict[str, Any] = {"columns": job.columns, "pose_prior": known}
-    source = None
+    source: NoiseSource | None = None
     if noise is None:
-        source = choose_source(job.data, constraint, job.prior, job.camera_noise, job.robot_noise, **beside)
+        source = (
+            choose_source(job.data, constraint, job.prior, job.camera_noise, job.robot_noise, **beside)
+            if job.columns_of_arm is None
+            else _beside_kinematics(job, constraint, job.columns_of_arm)
+        )
     exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
     robust: RobustFit | None = None
     found: FoundNoise | None = None
@@ -101,6 +111,8 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         opened = open_at(constraint, at, known)
         return replace(result, opened=opened), said_open(opened, result.setup) + findings
     fit = FITS[job.method](constraint, noise, at) if robust is None else robust.fit
+    if isinstance(found, FoundKinematics):
+        job = replace(job, shared=(*job.shared, *found.errors))
     if job.columns:
         noise = _columns_at_corrected(job, noise, fit)
         fit = _fitted_again(job, noise, fit)
@@ -119,7 +131,46 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         fit = _fitted_again(job, noise, fit)
         estimate = None if estimate is None else replace(estimate, noise=noise)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
-    return _assembled(job, noise, fit, fourdpa, estimate, robust, resolved)
+    deviations = found.deviations if isinstance(found, FoundKinematics) else None
+    return _assembled(job, noise, fit, fourdpa, estimate, robust, resolved, deviations)
+
+
+def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
+    """The poses that stand for those measured once the errors of the arm are derived at their estimate.
+
+    None where that makes no difference.
+    """
+    if job.arm is None or result.kinematics is None or result.covariance is None or job.poses is None:
+        return None
+    again, before = job.arm.linear_about(result.kinematics.e), job.poses.robot
+    turn, shift = logarithm(again[:, :3, :3] @ before[:, :3, :3].mT), again[:, :3, 3] - before[:, :3, 3]
+    moved = [float(np.sqrt(np.mean(np.sum(part**2, axis=-1)))) for part in (turn, shift)]
+    known = [float(np.sqrt(np.trace(result.covariance[k : k + 3, k : k + 3]))) for k in (0, 3)]
+    if all(move <= SECOND_ORDER * sd for move, sd in zip(moved, known, strict=True)):
+        return None
+    return replace(job.poses, robot=again)
+
+
+def _fitted(job: Job, posterior: JointPosterior | None, found: Mapping[str, float] | None) -> FittedKinematics | None:
+    """What the fit says of the arm."""
+    if job.arm is None or posterior is None:
+        return None
+    given = job.arm.errors
+    sd = dict(given.deviations | {JOINT_NOISE: float(given.joint_sd or 0.0)} if found is None else found)
+    sd = {name: value for name, value in sd.items() if name in (*DECLARED_AS, JOINT_NOISE)}
+    return FittedKinematics.of(job.arm.kinematics, job.arm.joints, given.how, given.flange, sd, posterior)
+
+
+def _beside_kinematics(job: Job, constraint: Constraint, columns: KinematicColumns) -> BesideKinematics:
+    """Deviations of the arm's errors and of the noise that is not known."""
+    camera: Any = job.camera_noise
+    robot = job.robot_noise
+    if job.given is not None:  # a side that it leaves out is exact
+        camera, robot = (np.zeros((6, 6)) if S is None else S for S in (job.given.camera, job.given.robot))
+    elif camera is None and job.poses is not None and job.poses.camera_calibration is not None:
+        camera = job.poses.camera_calibration.covariance
+    prior = NoisePrior() if job.prior is None else job.prior
+    return BesideKinematics(constraint, columns, camera, robot, prior, job.columns, job.pose_prior)
 
 
 def _columns_at_corrected(job: Job, noise: Noise, fit: Fit) -> PoseNoise:
@@ -168,6 +219,7 @@ def _assembled(
     estimate: NoiseEstimate | None,
     robust: RobustFit | None,
     resolved: Resolved | None,
+    deviations: Mapping[str, float] | None,
 ) -> tuple[Calibration, list[Finding]]:
     data, motions, poses = job.data, job.motions, job.poses
     reference = reference_for(fit, estimate)
@@ -199,6 +251,7 @@ def _assembled(
     judged = goodness_of_fit(fit)
     if estimate is not None and not estimate.tested:
         judged = replace(judged, p_value=None)
+    posterior = joint.posterior(beside) if fit.W is not None and fit.open is None else None
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
         covariance=covariance,
@@ -215,6 +268,8 @@ def _assembled(
         shared=joint.estimates(resolved),
         analysis=analysis,
         opened=fit.opened,
+        joint_posterior=posterior,
+        kinematics=_fitted(job, posterior, deviations),
     )
     said = said_open(fit.opened, result.setup) + against_prior(fit)
     findings = table.findings if robust else wrong_poses(job, noise, table)

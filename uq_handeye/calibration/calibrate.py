@@ -10,24 +10,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
 from ..findings import Finding, warn
+from ..kinematics.chain import Kinematics
+from ..kinematics.kinematic_errors import KinematicErrors
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
 from ..noise.models import Noise
-from ..poses.motions import Motions
+from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.shared_error import SharedError
 from .by_bundle import by_bundle
-from .by_likelihood import by_likelihood
+from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .findings import look_at, reasons, require_determined, shifted
 from .provenance import provenance
 from .request import BUNDLE, Job, request
 from .result import Calibration
+
+# How often the errors of an arm are derived anew, at their estimate.
+LINEARISED = 2
 
 
 def calibrate(
@@ -46,6 +52,9 @@ def calibrate(
     seed: int = 0,
     shared: Sequence[SharedError] | None = None,
     correlation: str = "auto",
+    joints: ArrayLike | None = None,
+    kinematics: Kinematics | None = None,
+    kinematic_errors: KinematicErrors | None = None,
 ) -> Calibration:
     """X with its covariance, residuals and warnings.
 
@@ -100,6 +109,16 @@ def calibrate(
         "sigma-points") contains it (`noise_estimation.serial_correlation`). With `noise` given it is tested, no more;
         ``bundle`` takes the poses as independent.
 
+    joints : (n, L) or None
+        Joint values of the robot at the poses, rad (prismatic: m), in the order of ``kinematics.names``; None:
+        ``data.joints``.
+    kinematics : Kinematics or None
+        The robot's chain from base to flange (`Kinematics.from_urdf`). With it the errors of the arm are unknowns with
+        a prior: part of the covariance, estimated, and taken into account by ``result.predict`` and
+        ``result.predict_camera``. By ``efficient`` and ``ml``.
+    kinematic_errors : KinematicErrors or None
+        What is known of the arm before the data; None: estimated, with the errors of industrial arms as the least.
+
     Motions that leave directions of X open (parallel axes of a SCARA or a vehicle, pure translations of a gantry) are
     answered by ``efficient`` and ``ml`` all the same: ``result.open_directions`` says which, X is one of all that fit,
     and the covariance is that of the other directions. Published methods refuse them.
@@ -133,11 +152,20 @@ def calibrate(
     array([0.34, 0.34, 0.28])
     """
     asked = (noise, method, pairs, scale, kind, covariance, robust, prior, seed, shared, correlation)
-    job = request(data, *asked, prior_X, prior_W)
+    of_arm = (joints, kinematics, kinematic_errors)
+    job = request(data, *asked, prior_X, prior_W, *of_arm)
     findings = look_at(job)
     try:
         try:
             result, more = _run(job)
+            for _ in range(LINEARISED):
+                if (about := poses_about_errors(job, result)) is None:
+                    break
+                assert job.arm is not None and result.kinematics is not None
+                again = about if isinstance(data, PosePairs) else relative_motions(about, np.asarray(data.pairs))
+                at = (job.arm.measured, result.kinematics.e)
+                job = request(again, *asked, prior_X, prior_W, *of_arm, at)
+                result, more = _run(job)
         except SingularNoiseError:
             if method is not None or robust:
                 raise

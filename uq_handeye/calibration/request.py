@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,10 @@ from numpy.typing import ArrayLike
 from ..empirical_covariance.resampled import KINDS as OF_RESIDUALS
 from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..geometry.checks import as_numbers
+from ..geometry.se3 import Array, logarithm, perturb
+from ..kinematics.chain import Kinematics
+from ..kinematics.kinematic_errors import ESTIMATE, JOINT_NOISE, KinematicColumns, KinematicErrors
 from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..likelihood.rig_bundle import require_shared
@@ -24,9 +28,11 @@ from ..noise.pose_prior import PosePrior
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
 from ..propagation.all_pairs import AllPairs
+from ..shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     SharedError,
+    add_columns,
     checked_errors,
     default_errors,
     listed_errors,
@@ -50,6 +56,32 @@ BUNDLE = "bundle"
 FEWEST_FOR_ROBUST = 5
 
 
+class Arm(NamedTuple):
+    """A robot by its joints."""
+
+    kinematics: Kinematics
+    joints: Array  # (n, L) rad, m
+    errors: KinematicErrors
+    measured: PosePairs  # as they came
+    at: Array | None = None  # (m,) errors about which the model is linear; None: 0
+
+    @property
+    def columns(self) -> KinematicColumns:
+        """What the errors do to the poses."""
+        return self.errors.columns(self.kinematics, self.joints, self.at)
+
+    def linear_about(self, e: Array) -> Array:
+        """(n, 4, 4) poses of the robot in place of those measured, for errors e (m,) of the arm.
+
+        ``FK(q; e)`` less ``F(e) e``, where ``FK(q; 0)`` was measured: with it the errors have the mean 0 as before, and
+        ``F(e)`` times them is right to the second order about e.
+        """
+        nominal, true = self.kinematics.poses(self.joints), self.kinematics.poses(self.joints, e)
+        linear = perturb(true, -(self.kinematics.columns(self.joints, e) @ e))
+        turn = logarithm(linear[:, :3, :3] @ nominal[:, :3, :3].mT)
+        return perturb(self.measured.robot, np.concatenate([turn, linear[:, :3, 3] - nominal[:, :3, 3]], axis=-1))
+
+
 @dataclass(frozen=True, eq=False)
 class Job:
     """What was asked for, checked."""
@@ -69,6 +101,9 @@ class Job:
     shared: tuple[SharedError, ...] = ()  # what all poses share
     correlation: str = "auto"  # one of CORRELATIONS
     pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
+    arm: Arm | None = None  # the robot's joints, where its kinematic errors count
+    columns_of_arm: KinematicColumns | None = None  # at the poses, where deviations are to be estimated
+    given: PoseNoise | None = None  # noise beside which they are
 
     @property
     def poses(self) -> PosePairs | None:
@@ -159,8 +194,15 @@ def request(
     correlation: str = "auto",
     prior_X: Any = None,
     prior_W: Any = None,
+    joints: Any = None,
+    kinematics: Any = None,
+    kinematic_errors: Any = None,
+    about: tuple[PosePairs, Array] | None = None,
 ) -> Job:
-    """The arguments of `calibrate`, checked; raises `InputError`."""
+    """The arguments of `calibrate`, checked; raises `InputError`.
+
+    ``about``: the poses as they came and the errors of the arm about which the data stand for them (`linear_about`).
+    """
     if not isinstance(data, PosePairs | Motions):
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
     if shared is not None:
@@ -221,10 +263,22 @@ def request(
         count = motions.N if motions.poses is None else motions.poses.n
         robust = bound and count >= FEWEST_FOR_ROBUST
     errors = _shared_of(shared, motions.poses, noise, method, kind, camera)
+    arm = _arm_of(joints, kinematics, kinematic_errors, motions, noise, method)
+    if arm is not None and about is not None:
+        arm = arm._replace(measured=about[0], at=about[1])
+    columns_of_arm = None if arm is None else arm.columns
+    beside: PoseNoise | None = None
+    if arm is not None and noise is not None:
+        assert isinstance(noise, PoseNoise) and columns_of_arm is not None
+        if arm.errors.how != ESTIMATE:
+            noise, of_arm = with_declared(noise, columns_of_arm)
+            errors, columns_of_arm = (*errors, *of_arm), None
+        else:
+            beside, noise = noise, None
     if errors and noise is not None:
         assert isinstance(noise, PoseNoise) and motions.poses is not None
         noise = with_shared(noise, shared_columns(errors, motions.poses))
-    pose_prior = _pose_prior(noise, prior_X, prior_W, method, motions)
+    pose_prior = _pose_prior(noise if beside is None else beside, prior_X, prior_W, method, motions)
     if noise is not None:
         noise = with_prior(noise, pose_prior)
     return Job(
@@ -243,7 +297,48 @@ def request(
         errors,
         correlation,
         pose_prior,
+        arm,
+        columns_of_arm,
+        beside,
     )
+
+
+def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNoise, tuple[SharedError, ...]]:
+    """The noise with joint noise, which comes with it; and the errors of the arm as declared, which do not."""
+    deviations = columns.given.deviations
+    joint = kinematic_covariance(columns, deviations | {JOINT_NOISE: float(columns.given.joint_sd or 0.0)})
+    own = replace(joint, shared=joint.shared[..., :0], names=())
+    return replace(noise, robot=add_columns(noise.robot, own)), errors_of_arm(columns, deviations)
+
+
+def _arm_of(
+    joints: Any, kinematics: Any, errors: Any, motions: Motions, noise: Noise | None, method: str
+) -> Arm | None:
+    """The arm, where joints and kinematics are given and its errors count; raises `InputError`."""
+    poses = motions.poses
+    if kinematics is None:
+        if joints is not None or errors is not None:
+            raise InputError("Expected `kinematics` beside joints and kinematic errors: Kinematics.from_urdf(...).")
+        return None
+    if not isinstance(kinematics, Kinematics):
+        raise InputError(f"Expected `kinematics` to be Kinematics, got {type(kinematics).__name__}.")
+    if poses is None or isinstance(noise, PairNoise):
+        raise InputError("Expected poses, with PoseNoise or none, beside `kinematics`: joints say nothing of motions.")
+    if method not in ESTIMATORS:
+        raise InputError(f"Method {method!r} takes no kinematic errors; use efficient or ml.")
+    given = poses.joints if joints is None else joints
+    if given is None:
+        raise InputError("Expected `joints`, (n, L) in rad (prismatic: m), beside `kinematics`.")
+    q = as_numbers(given, "joints")
+    if q.shape != (poses.n, kinematics.n_joints) or not np.isfinite(q).all():
+        raise InputError(
+            f"Expected `joints` to be finite numbers {(poses.n, kinematics.n_joints)}, of {poses.n} poses and the "
+            f"joints {', '.join(kinematics.names)}, got shape {q.shape}."
+        )
+    errors = KinematicErrors() if errors is None else errors
+    if not isinstance(errors, KinematicErrors):
+        raise InputError(f"Expected `kinematic_errors` to be KinematicErrors or None, got {type(errors).__name__}.")
+    return None if errors.is_exact else Arm(kinematics, q, errors, poses)
 
 
 def take_offset(

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..diagnostics.budget import Budget
 from ..diagnostics.pose_table import PoseTable
 from ..diagnostics.result import Diagnostics
 from ..diagnostics.split_half import SplitHalf
+from ..diagnostics.task_space import PointUncertainty
 from ..errors import InputError
 from ..files.atomic import json_text
 from ..files.open import as_path, opened
@@ -25,7 +27,7 @@ from ..likelihood.d2_distribution import Reference
 from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.open_directions import OpenDirections
 from ..likelihood.rig_bundle import Agreement
-from ..likelihood.shared_estimates import SharedEstimate
+from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise
 from ..noise.to_dict import noise_to_dict
@@ -33,6 +35,8 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
+from ..prediction.fitted_kinematics import FittedKinematics
+from ..prediction.predict import CameraPrediction, predict_camera, predict_points
 from ..presentation.document import document_of, to_text
 from ..presentation.notebook import html_of
 from ..runtime.read_only import ReadOnlyArrays
@@ -121,6 +125,10 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
     opened : OpenDirections or None
         What of X and W the motions leave open; None: nothing. `covariance` and `covariance_W` are then those of the
         other directions, and have the variance 0 along these: use them together with `open_directions`.
+    kinematics : FittedKinematics or None
+        The errors of the arm, where its joints and kinematics were given.
+    joint_posterior : JointPosterior or None
+        X, W and the errors that all poses share, together; None where a part of X is open.
     analysis : Analysis, StoredAnalysis or None
         Where `diagnostics`, `covariances`, `split_half`, `split_in_time` and `budget` come from.
     """
@@ -150,6 +158,8 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
     shared: tuple[SharedEstimate, ...] = ()  # errors that all poses share
     agreement: Agreement | None = None  # of method "bundle" with `efficient`
     opened: OpenDirections | None = None  # what of X and W the motions leave open
+    kinematics: FittedKinematics | None = None  # the arm, where its joints were given
+    joint_posterior: JointPosterior | None = field(default=None, repr=False)  # of X, W and what all poses share
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
     data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of; not in the JSON file
     analysis: Analysis | StoredAnalysis | None = field(
@@ -215,6 +225,64 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
             return self.data, self.noise
         kept = np.flatnonzero(self.table.weight > 0)
         return self.data.rows(kept), self.noise.rows(kept).weighted(self.table.weight[kept])
+
+    def predict(
+        self,
+        points: ArrayLike,
+        joints: ArrayLike | None = None,
+        *,
+        robot: ArrayLike | None = None,
+        points_covariance: ArrayLike | None = None,
+    ) -> PointUncertainty:
+        """Where points that the camera sees lie in the base, with the covariance of X and the arm together.
+
+        Parameters
+        ----------
+        points : (..., 3)
+            In camera coordinates, m.
+        joints : (..., L) or None
+            Of the robot when they were seen, rad (prismatic: m): the pose is corrected by the errors of the arm that
+            were found. Leading axes broadcast with those of the points.
+        robot : (..., 4, 4) or None
+            In place of joints, where the calibration knows none: ``base_T_gripper``.
+        points_covariance : (3, 3), (..., 3, 3) or None
+            Noise of the points themselves, in the camera frame.
+
+        Returns
+        -------
+        PointUncertainty
+            In the base, with the noise of joints and robot of that one pose. For eye-to-hand the robot does not enter.
+
+        Raises
+        ------
+        InputError
+            Shapes that do not fit, joints where none are known; a calibration that leaves a part of X open.
+        """
+        return predict_points(self, points, joints, robot, points_covariance)
+
+    def predict_camera(
+        self, joints: ArrayLike | None = None, *, robot: ArrayLike | None = None, new_measurement: bool = True
+    ) -> CameraPrediction:
+        """The poses ``camera_T_target`` that the camera should see at robot poses, with their covariance.
+
+        Model: `prediction`. X, W, the errors of the arm and those of camera and target count together, with all their
+        correlations.
+
+        Parameters
+        ----------
+        joints : (..., L) or None
+            Of the robot, rad (prismatic: m).
+        robot : (..., 4, 4) or None
+            In place of joints, where the calibration knows none: ``base_T_gripper``.
+        new_measurement : bool
+            With the noise of one new measurement, of joints, robot and camera: what a measured pose differs by.
+
+        Raises
+        ------
+        InputError
+            As `predict`.
+        """
+        return predict_camera(self, joints, robot, new_measurement)
 
     def __repr__(self) -> str:
         data = f"{self.n_pairs} pairs" if self.n_poses is None else f"{self.n_poses} poses"
@@ -324,6 +392,8 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
             "shared": [error.to_dict() for error in self.shared],
             **({} if self.agreement is None else {"agreement": self.agreement.to_dict()}),
             **({} if self.opened is None else {"open": self.opened.to_dict() | {"words": list(self.open_words)}}),
+            **({} if self.kinematics is None else {"kinematics": self.kinematics.to_dict()}),
+            **({} if self.joint_posterior is None else {"joint_posterior": self.joint_posterior.to_dict()}),
             "residuals": self.residuals._asdict(),
             "findings": [finding.to_dict() for finding in self.findings],
             "warnings": list(self.warnings),

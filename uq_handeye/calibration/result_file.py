@@ -24,12 +24,13 @@ from ..likelihood.gauss_helmert import ESTIMATORS
 from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.open_directions import OpenDirections
 from ..likelihood.rig_bundle import Agreement
-from ..likelihood.shared_estimates import SharedEstimate
+from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import checked_covariance
 from ..noise.to_dict import noise_from_dict
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
+from ..prediction.fitted_kinematics import FittedKinematics
 from .analysis import Analysis, StoredAnalysis
 from .format_3 import FORMAT_3, converted
 from .provenance import Provenance
@@ -139,6 +140,10 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
         "shared": tuple(map(SharedEstimate.from_dict, data.get("shared", ()))),
         "opened": None if data.get("open") is None else OpenDirections.from_dict(data["open"]),
+        "kinematics": None if data.get("kinematics") is None else FittedKinematics.from_dict(data["kinematics"]),
+        "joint_posterior": None
+        if data.get("joint_posterior") is None
+        else JointPosterior.from_dict(data["joint_posterior"]),
         "agreement": None if data.get("agreement") is None else Agreement.from_dict(data["agreement"]),
         "noise": _read(data, "noise", noise_from_dict),
         "residuals": Residuals(**data["residuals"]),

@@ -48,6 +48,8 @@ def _of_side(side: str) -> list[str]:
 
 def _variances_of(estimate: NoiseEstimate) -> list[list[str]]:
     """The sources that each of the estimated variances is that of."""
+    if estimate.names:
+        return [[name] for name in estimate.names]
     if estimate.from_corners or estimate.by_geometry:
         own = ("robot rotation", "robot translation", _PIXELS)
         return [[part.name] for part in estimate.components if part.name in own][: len(estimate.variances)]

@@ -100,6 +100,32 @@ class SharedEstimate(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
+class JointPosterior(ReadOnlyArrays):
+    """X, W and the q errors that all poses share, together: what a prediction is made of.
+
+    ``covariance`` is of ``(xi_X, xi_W, e - estimate)``: xi the errors (theta, tau) of the estimates of X and W (rad, m;
+    left rotation, additive translation), e the true errors in their units.
+    """
+
+    names: tuple[str, ...]  # (q)
+    estimate: Array  # (q,)
+    covariance: Array  # (p + q, p + q), p = 12
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and text."""
+        return {"names": list(self.names), "estimate": self.estimate.tolist(), "covariance": self.covariance.tolist()}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> JointPosterior:
+        """The inverse of `to_dict`."""
+        q = len(data["names"])
+        covariance = array_of(data["covariance"], (12 + q, 12 + q), "joint_posterior.covariance")
+        return cls(
+            tuple(map(str, data["names"])), array_of(data["estimate"], (q,), "joint_posterior.estimate"), covariance
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Resolved(ReadOnlyArrays):
     """What the data make of errors with doubt: the noise with one prior for each, and what that leaves out."""
 
@@ -208,6 +234,15 @@ class JointFit(ReadOnlyArrays):
         # A prior s times as wide would make it `dof + (s^2 - 1) sum(values)`, on average.
         square = 1.0 + (chi2 - dof) / float(values[heard].sum())
         return GroupTest(chi2, dof, float(chdtrc(dof, chi2)), float(np.sqrt(max(square, 0.0))))
+
+    def posterior(self, beside: Mapping[str, Array]) -> JointPosterior:
+        """Of X, W and these errors; ``beside`` are moves (p,) of X and W by errors that the noise does not hold."""
+        C = self.fit.covariance + sum((np.outer(move, move) for move in beside.values()), np.zeros(()))
+        sd = np.array([sd for _, _, sd in self.parts])
+        across = self.response * sd
+        left = (np.eye(len(sd)) - 0.5 * (self.explained + self.explained.T)) * np.outer(sd, sd)
+        joint = np.block([[C, across], [across.T, left]])
+        return JointPosterior(tuple(name for _, name, _ in self.parts), sd * self.z, joint)
 
     def estimates(self, resolved: Resolved | None = None) -> tuple[SharedEstimate, ...]:
         """In the order of the errors; ``resolved``: what `resolve_doubts` made of those with doubt."""

@@ -165,6 +165,7 @@ class NoiseEstimate(ReadOnlyArrays):
     camera_factor: CameraFactor | None = None  # beside a camera covariance that is known, where the data can tell
     spread: float | None = None  # beside the camera's: A of `likelihood.goodness_of_fit`, how uncertain Sigma_X is
     correlation: SerialCorrelation | None = None  # of neighbouring poses, where the data show some
+    names: tuple[str, ...] = ()  # of the components that `variances` are of; empty: by what was estimated, as above
 
     @property
     def statement(self) -> tuple[str, ...]:
@@ -218,6 +219,7 @@ class NoiseEstimate(ReadOnlyArrays):
             **({} if self.camera_factor is None else {"camera_factor": asdict(self.camera_factor)}),
             **({} if self.spread is None else {"spread": self.spread}),
             **({} if self.correlation is None else {"correlation": asdict(self.correlation)}),
+            **({"names": list(self.names)} if self.names else {}),
         }
 
     @classmethod
@@ -241,6 +243,7 @@ class NoiseEstimate(ReadOnlyArrays):
                 None if factor is None else CameraFactor(**factor),
                 None if spread is None else float(spread),
                 None if correlation is None else SerialCorrelation(**correlation),
+                tuple(map(str, values.get("names", ()))),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"Expected the values of a noise estimate as `to_dict` writes them: {error}.") from error

@@ -244,3 +244,8 @@ def _words(part: Part) -> str:
     if part["high"] is None:
         return f"{name} {amount}" if part["low"] > 0 else str(name)
     return f"{name} {amount} (95 %: {_amount(part['low'], part['unit'])} to {_amount(part['high'], part['unit'])})"
+
+
+@sentence("noise_estimation.kinematics")
+def _(components: Sequence[Part]) -> str:
+    return f"Beside the errors of the arm: {_list(components)}."

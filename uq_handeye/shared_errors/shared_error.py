@@ -217,6 +217,15 @@ def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
     return tuple(replace(error, default=True) for error in errors)
 
 
+def error_by_part(name: str) -> tuple[SharedError, int] | None:
+    """The error that a number of this name belongs to and its place there, if poses alone tell its effect."""
+    known = (SharedError.focal_length, SharedError.principal_point, SharedError.target_scale, SharedError.robot_scale)
+    for error in (make() for make in known):
+        if name in error.parts:
+            return error, error.parts.index(name)
+    return None
+
+
 def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
     """The default errors, those declared in place of the ones of their names, and the other ones declared."""
     by_name = {error.name: error for error in default_errors(intrinsics_known)}

@@ -1,0 +1,1 @@
+"""What the rig will see and where points lie: predictions from X, W and the errors that all poses share."""

@@ -1,0 +1,105 @@
+r"""What a calibration found of the arm that carried it: the errors of its kinematics, and poses corrected by them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files.validate import array_of
+from ..geometry.checks import as_numbers
+from ..geometry.se3 import Array
+from ..kinematics.chain import Kinematics
+from ..kinematics.kinematic_errors import JOINT_NOISE
+from ..likelihood.shared_estimates import JointPosterior
+from ..runtime.read_only import ReadOnlyArrays
+
+
+@dataclass(frozen=True, eq=False)
+class FittedKinematics(ReadOnlyArrays):
+    """An arm with the estimates of its kinematic errors, ``true = FK(q; e)``.
+
+    ``covariance`` is that of e; numbers that were left out (of the base, of the flange, of groups that are exact) are 0
+    in both. Units: rad and m.
+    """
+
+    chain: Kinematics
+    e: Array  # (m,) of all errors of the chain
+    covariance: Array  # (m, m)
+    sd: dict[str, float]  # deviations of the groups and of the joint noise, by name
+    how: str  # "estimate", "declared" or "exact"
+    flange: str  # "controller" or "physical"
+    joints: Array  # (n, L) at which it was calibrated
+
+    @property
+    def joint_noise(self) -> float:
+        """Standard deviation of the noise of each joint, rad."""
+        return self.sd.get(JOINT_NOISE, 0.0)
+
+    @property
+    def kept(self) -> NDArray[np.intp]:
+        """(k,) the numbers of the errors that count."""
+        return np.flatnonzero(np.diag(self.covariance) > 0)
+
+    def poses(self, q: Any) -> Array:
+        """(..., 4, 4) ``FK(q; e)``, corrected by the estimate, at joints q (..., L)."""
+        return self.chain.poses(self.checked(q), self.e)
+
+    def checked(self, q: Any) -> Array:
+        """Joints (..., L), rad (prismatic: m); raises `InputError`."""
+        values = as_numbers(q, "joints")
+        count = self.chain.n_joints
+        if values.ndim < 1 or values.shape[-1] != count or not np.isfinite(values).all():
+            raise InputError(
+                f"Expected `joints` to be finite numbers (..., {count}) of {', '.join(self.chain.names)}, got shape "
+                f"{values.shape}."
+            )
+        return values
+
+    @classmethod
+    def of(
+        cls, chain: Kinematics, joints: Array, how: str, flange: str, sd: dict[str, float], posterior: JointPosterior
+    ) -> FittedKinematics:
+        """From the joint posterior, by the names of the errors."""
+        m = len(chain.errors)
+        e, covariance = np.zeros(m), np.zeros((m, m))
+        place = {error.name: k for k, error in enumerate(chain.errors)}
+        pairs = [(place[name], k) for k, name in enumerate(posterior.names) if name in place]
+        if pairs:
+            here, there = np.array(pairs).T
+            e[here] = posterior.estimate[there]
+            covariance[np.ix_(here, here)] = posterior.covariance[np.ix_(12 + there, 12 + there)]
+        return cls(chain, e, covariance, sd, how, flange, joints)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text."""
+        return {
+            "chain": self.chain.to_dict(),
+            "names": [error.name for error in self.chain.errors],
+            "e": self.e.tolist(),
+            "covariance": self.covariance.tolist(),
+            "sd": self.sd,
+            "how": self.how,
+            "flange": self.flange,
+            "joints": self.joints.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> FittedKinematics:
+        """The inverse of `to_dict`; raises `InputError`, `KeyError`, `TypeError` or `ValueError` on anything else."""
+        chain = Kinematics.from_dict(data["chain"])
+        m, L = len(chain.errors), chain.n_joints
+        if list(data["names"]) != [error.name for error in chain.errors]:
+            raise ValueError("the names of the kinematic errors are not those of the chain")
+        return cls(
+            chain,
+            array_of(data["e"], (m,), "kinematics.e"),
+            array_of(data["covariance"], (m, m), "kinematics.covariance"),
+            {str(name): float(value) for name, value in data["sd"].items()},
+            str(data["how"]),
+            str(data["flange"]),
+            array_of(data["joints"], (len(data["joints"]), L), "kinematics.joints"),
+        )

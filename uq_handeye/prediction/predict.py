@@ -1,0 +1,233 @@
+r"""Predictions at other robot poses, from the joint posterior of X, W and what all poses share (K4 of the theory).
+
+With the posterior of ``(xi_X, xi_W, e)``, errors of X and W and those that all poses share (focal length, target, arm),
+and the error ``xi_G = F_G (e - estimate)`` of the robot pose G at joints q (``FK(q; e)`` at the estimate), F_G the
+columns there, to first order
+
+- *camera pose*, ``C = inv(X) inv(G) W``: with J, D_G, D_C the derivatives of the constraint ``G X C = W`` by X and W,
+  robot and camera pose (G inverted for eye-to-hand), ``xi_C = -inv(D_C) (J (xi_X; xi_W) + D_G xi_G)``. A camera with
+  wrong intrinsics, or a target of wrong size, adds these errors to what is measured; their estimates are in the
+  prediction.
+- *point p seen by the camera*: in the base ``b = G X p`` (eye-in-hand), ``d b = R_G (theta_X x R_X p + tau_X) +
+  theta_G x (b - t_G) + tau_G``; or ``b = X p`` (eye-to-hand).
+
+X, W and e are correlated: near the poses of the calibration much of their errors cancels. One new measurement adds the
+noise of its own: of the joints, of the robot pose, of the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from ..diagnostics.task_space import PointUncertainty
+from ..errors import InputError
+from ..geometry.checks import as_numbers, as_transforms
+from ..geometry.se3 import Array, inverse, perturb, skew
+from ..likelihood.constraint import OnPoses, Unknowns
+from ..likelihood.shared_estimates import JointPosterior
+from ..noise.joint_covariance import JointCovariance
+from ..noise.models import Noise, PoseNoise
+from ..poses.pose_pairs import PosePairs
+from ..runtime.read_only import ReadOnlyArrays
+from ..shared_errors.shared_error import error_by_part
+from .fitted_kinematics import FittedKinematics
+
+
+class Predicting(Protocol):
+    """What a prediction needs of a calibration."""
+
+    @property
+    def X(self) -> Array: ...
+    @property
+    def W(self) -> Array | None: ...
+    @property
+    def setup(self) -> str | None: ...
+    @property
+    def noise(self) -> Noise | None: ...
+    @property
+    def kinematics(self) -> FittedKinematics | None: ...
+    @property
+    def joint_posterior(self) -> JointPosterior | None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPrediction(ReadOnlyArrays):
+    """What the camera should see: ``camera_T_target`` at m robot poses."""
+
+    poses: Array  # (..., 4, 4)
+    covariance: Array  # (..., 6, 6) of (theta, tau): left rotation (rad), additive translation (m), camera frame
+    new_measurement: bool  # whether it holds the noise of one new measurement
+
+    @property
+    def std(self) -> Array:
+        """(..., 6) standard deviations, rad and m."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text."""
+        return {
+            "frame": "camera_T_target",
+            "new_measurement": self.new_measurement,
+            "poses": self.poses.tolist(),
+            "covariance": self.covariance.tolist(),
+            "std": self.std.tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class RobotAhead:
+    """Robot poses of predictions, with what the shared errors and new noise do to them."""
+
+    poses: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
+    columns: Array  # (..., 6, q) error of the pose by (e - estimate) of each shared error
+    noise: Array  # (..., 6, 6) of joints and pose, drawn anew
+
+
+def predict_camera(
+    result: Predicting, joints: Any = None, robot: Any = None, new_measurement: bool = True
+) -> CameraPrediction:
+    """See `Calibration.predict_camera`."""
+    posterior = _posterior(result)
+    assert result.W is not None and result.setup is not None
+    ahead = robot_ahead(result, joints, robot)
+    G = inverse(ahead.poses) if result.setup == "eye-to-hand" else ahead.poses
+    C = inverse(result.X) @ inverse(G) @ result.W
+    shape = C.shape[:-2]
+    flat = C.reshape(-1, 4, 4)
+    constraint = OnPoses(ahead.poses.reshape(-1, 4, 4), flat, result.setup == "eye-to-hand")
+    linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
+    D_G, D_C = linear.sides
+    F_C = _columns(result, "camera", ahead.poses.reshape(-1, 4, 4), flat)
+    by_robot = -np.linalg.solve(D_C, D_G)
+    by_all = np.concatenate(
+        [-np.linalg.solve(D_C, linear.J), by_robot @ ahead.columns.reshape(len(flat), 6, -1) - F_C], axis=-1
+    )
+    S = by_all @ posterior.covariance @ by_all.mT
+    if new_measurement:
+        S = S + by_robot @ ahead.noise.reshape(-1, 6, 6) @ by_robot.mT + own_noise(result, "camera")
+    seen = perturb(flat, (F_C @ posterior.estimate[:, None])[..., 0])
+    return CameraPrediction(seen.reshape(*shape, 4, 4), _symmetric(S).reshape(*shape, 6, 6), new_measurement)
+
+
+def predict_points(
+    result: Predicting, points: Any, joints: Any = None, robot: Any = None, points_covariance: Any = None
+) -> PointUncertainty:
+    """See `Calibration.predict`."""
+    posterior = _posterior(result)
+    ahead = robot_ahead(result, joints, robot)
+    p = as_numbers(points, "points")
+    if p.ndim < 1 or p.shape[-1] != 3 or not np.isfinite(p).all():
+        raise InputError(f"Expected `points` to be finite numbers (..., 3) in metres, got shape {p.shape}.")
+    X, G = result.X, ahead.poses
+    try:
+        shape = np.broadcast_shapes(p.shape[:-1], G.shape[:-2])
+    except ValueError:
+        raise InputError(
+            f"Expected leading axes of `points` (..., 3) and robot poses that fit, got {p.shape} and {G.shape[:-2]}."
+        ) from None
+    arm = p @ X[:3, :3].T
+    by_X = np.concatenate([-skew(arm), np.broadcast_to(np.eye(3), (*arm.shape, 3))], axis=-1)
+    q = posterior.covariance.shape[0] - 12
+    in_X = arm + X[:3, 3]
+    if result.setup == "eye-in-hand":
+        R = G[..., :3, :3]
+        lever = (R @ in_X[..., None])[..., 0]
+        b = lever + G[..., :3, 3]
+        by_G = np.concatenate([-skew(lever), np.broadcast_to(np.eye(3), (*lever.shape, 3))], axis=-1)
+        by_errors = by_G @ ahead.columns
+        by_X = R @ by_X
+        new = by_G @ ahead.noise @ by_G.mT
+        R_p = R @ X[:3, :3]
+    else:
+        b, by_errors, new, R_p = in_X, np.zeros((3, q)), np.zeros((3, 3)), X[:3, :3]
+    by_all = np.zeros((*shape, 3, 12 + q))
+    by_all[..., :6], by_all[..., 12:] = by_X, by_errors
+    S = by_all @ posterior.covariance @ by_all.mT + new
+    if points_covariance is not None:
+        noise = as_numbers(points_covariance, "points_covariance")
+        if noise.shape[-2:] != (3, 3) or not np.isfinite(noise).all():
+            raise InputError(f"Expected `points_covariance` to be finite numbers (..., 3, 3), got shape {noise.shape}.")
+        S = S + R_p @ noise @ R_p.mT
+    return PointUncertainty(np.broadcast_to(b, (*shape, 3)), _symmetric(S), "base")
+
+
+def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
+    """Poses by joints, corrected by the estimates, or as the controller gives them; raises `InputError`."""
+    posterior, fitted = _posterior(result), result.kinematics
+    if (joints is None) == (robot is None):
+        raise InputError("Expected either `joints` or `robot`, the poses of the robot.")
+    if joints is not None and fitted is None:
+        raise InputError(
+            "This calibration knows no joints: give `robot`, poses base_T_gripper; or calibrate with joints and "
+            "kinematics."
+        )
+    if robot is not None and fitted is not None and fitted.how != "exact":
+        raise InputError("The errors of this arm are known by its joints: expected `joints`, got `robot` alone.")
+    place: dict[str, int] = {name: k for k, name in enumerate(posterior.names)}
+    if joints is not None:
+        assert fitted is not None
+        q = fitted.checked(joints)
+        G = fitted.poses(q)
+        J = fitted.chain.jacobian(q, fitted.e)
+        noise = own_noise(result, "robot") + fitted.joint_noise**2 * J @ J.mT
+        of_arm = [(k, place[part.name]) for k, part in enumerate(fitted.chain.errors) if part.name in place]
+        columns = np.zeros((*G.shape[:-2], 6, len(place)))
+        if of_arm:
+            here, there = np.array(of_arm).T
+            columns[..., there] = -fitted.chain.columns(q, fitted.e)[..., here]
+    else:
+        G = as_transforms(robot, "robot", stack=False)
+        noise = np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6))
+        columns = np.zeros((*G.shape[:-2], 6, len(place)))
+    flat = G.reshape(-1, 4, 4)
+    more = _columns(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
+    G = perturb(flat, -(more @ posterior.estimate[:, None])[..., 0]).reshape(G.shape)
+    return RobotAhead(G, columns + more.reshape(columns.shape), noise)
+
+
+def _columns(result: Predicting, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
+    """(m, 6, q) what shared errors of a side that are known by their names do to m poses; 0 for the others."""
+    posterior = _posterior(result)
+    found = np.zeros((len(robot), 6, len(posterior.names)))
+    poses = PosePairs(robot, camera, result.setup or "eye-in-hand")
+    for k, name in enumerate(posterior.names):
+        if (of := error_by_part(name)) is not None and of[0].side == side:
+            error, part = of
+            found[..., k] = error.at(poses)[..., part]
+    return found
+
+
+def own_noise(result: Predicting, side: Literal["robot", "camera"]) -> Array:
+    """(6, 6) the noise of one new pose of a side, the mean of those so far, without that of joints."""
+    noise = result.noise
+    S = getattr(noise, side) if isinstance(noise, PoseNoise) else None
+    if S is None:
+        return np.zeros((6, 6))
+    own = S
+    if isinstance(S, JointCovariance):
+        own = S.own if S.serial is None else S.own + S.serial.blocks
+    own = np.asarray(own)
+    if own.shape[-1] != 6:
+        raise InputError(f"Expected noise of each pose for a prediction, got a joint array of the {side} poses.")
+    fitted = result.kinematics
+    if side == "robot" and fitted is not None and fitted.joint_noise > 0:
+        J = fitted.chain.jacobian(fitted.joints, fitted.e)
+        own = own - fitted.joint_noise**2 * J @ J.mT
+    values, vectors = np.linalg.eigh(own.reshape(-1, 6, 6).mean(axis=0))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _posterior(result: Predicting) -> JointPosterior:
+    if result.joint_posterior is None or result.W is None:
+        raise InputError(
+            "Predictions need X and W together: expected a calibration of poses by efficient or ml whose motions leave "
+            "nothing open."
+        )
+    return result.joint_posterior
+
+
+def _symmetric(S: Array) -> Array:
+    return np.asarray(0.5 * (S + S.mT))
