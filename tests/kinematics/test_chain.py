@@ -301,6 +301,7 @@ def test_plain_numbers_and_back(rng):
         lambda d: d["joints"][0].update(axis=[0, 0, None]),
         lambda d: d["joints"][0].update(lower=4.0),
         lambda d: d["joints"][0].update(lower="x"),
+        lambda d: d["joints"][0].update(lower=-(10**400)),
         lambda d: d["joints"][0].update(origin=(2 * np.eye(4)).tolist()),
         lambda d: d["joints"][0]["origin"][0].__setitem__(3, 1e9),
         lambda d: d["joints"][0].pop("axis"),

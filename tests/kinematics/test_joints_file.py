@@ -98,7 +98,7 @@ def test_rows_with_names_of_their_own(read):
         f"10000000000,0,elbow,slide,other,shoulder,{Q[0, 1]},{Q[0, 2]},77,{Q[0, 0]}",
         f"10500000000,1,shoulder,other,elbow,slide,{Q[1, 0]},77,{Q[1, 1]},{Q[1, 2]}",
     ]
-    found = read("\n".join([header, *rows]))
+    found = read("\n".join([header, *rows]).replace("other", "the_other_joint"))
     np.testing.assert_array_equal(found.q, Q[:2])
     np.testing.assert_allclose(found.timestamps, TIMES[:2])
     assert "joints sorted by the names in each row" in found.notes
@@ -178,6 +178,7 @@ def test_limits(read):
         ("shoulder,elbow,slide\n", "no rows"),
         ("0.1,-1.0,0.2\n", "got numbers; add it as the first line: 'shoulder, elbow, slide'"),
         ("sholder,elbow,slide\n0,0,0\n", "no column of joint shoulder; nearest: 'sholder'"),
+        ("name0,position1\nelbow,-1\n", "no column of joint shoulder"),
         ("elbow\n-1\n", "no column of joint shoulder, slide"),
         ("shoulder,elbow,slide,elbow\n0.1,-1,0.2,-1\n", "one column of joint elbow, got 'elbow, elbow'"),
         ("shoulder,elbow_deg,elbow_rad,slide\n0,0,0,0\n", "one column of joint elbow"),

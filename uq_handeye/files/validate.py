@@ -103,7 +103,7 @@ def array_of(data: Any, shape: tuple[int, ...], path: str, infinite: bool = Fals
     """
     try:
         array = np.array(_infinite(data) if infinite else data, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"Expected {path} to be numbers of shape {shape}, got {data!r:.40}.") from error
     if array.shape != shape:
         raise InputError(f"Expected {path} to be numbers of shape {shape}, got shape {array.shape}.")

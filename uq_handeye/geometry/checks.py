@@ -29,7 +29,7 @@ def as_numbers(value: Any, name: str) -> Array:
         raise InputError(f"Expected `{name}` to hold real numbers, got complex ones.")
     try:
         return np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"Expected `{name}` to be an array of numbers of one shape, got {type(value).__name__}."
         ) from error

@@ -56,7 +56,7 @@ from .universal_robots import read_ur_calibration
 from .urdf import read_urdf
 
 # Postures per block: their frames fit the cache.
-BLOCK = 1024
+BLOCK = 256
 # A joint whose largest load is below this, in units of the weights times the reach, is not loaded.
 UNLOADED = 1e-9
 

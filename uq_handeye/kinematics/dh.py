@@ -244,7 +244,7 @@ def _quantity(value: Any, of: str, units: dict[str, str | None], largest: float,
             value, unit = float(match[1]), match[2]
         else:
             raise InputError(f"{at}: expected a number or one with a unit ({', '.join(known)}), got {short(value)}.")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
         raise InputError(f"{at}: expected a finite number, got {short(str(value))}.")
     if unit is None and abs(value) > largest:
         other, plain, flag = ("degrees", "rad", "angle") if of == "angle" else ("millimetres", "m", "length")

@@ -330,12 +330,10 @@ def _header(line: bytes, where: str, wanted: _Wanted) -> _Columns:
             if unit not in (None, "s", "sec"):
                 wanted.notes.append(f"timestamps in {unit}, as the column is named")
     numbered = [(k, match) for k, name in enumerate(names) if (match := _NUMBERED.fullmatch(name)) is not None]
-    if {match[1] for _, match in numbered} == {"name", "position"} and not set(wanted.names) & set(names):
-        at = {(match[1], int(match[2])): k for k, match in numbered if int(match[2]) < len(names)}
-        found.by_row = [
-            (at["name", i], at["position", i]) for part, i in at if part == "name" and ("position", i) in at
-        ]
-        found.units = [None] * len(wanted.names)
+    at = {(match[1], int(match[2])): k for k, match in numbered}
+    pairs = [(at["name", i], at["position", i]) for part, i in at if part == "name" and ("position", i) in at]
+    if pairs and not set(wanted.names) & set(names):
+        found.by_row, found.units = pairs, [None] * len(wanted.names)
         wanted.notes.append("joints sorted by the names in each row")
         return found
     matches = [_matches(joint, kind, names) for joint, kind in zip(wanted.names, wanted.kinds, strict=True)]
