@@ -197,7 +197,7 @@ class Pictures:
     board: BoardOptions
     lens: LensOptions
 
-    def poses(self, robot: Path, **how: Any) -> "PosePairs":
+    def poses(self, robot: Path | None, **how: Any) -> "PosePairs":
         """Robot poses with the poses of the pictures; ``how`` are further options of `read_poses`."""
         from dataclasses import replace
 

@@ -2,14 +2,15 @@
 
 import warnings
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..errors import InputError, InputWarning, NotConvergedError
-from .messages import LOG, timed
+from .arm_options import Arm
+from .messages import LOG, command_line, timed
 from .noise_options import EXACT, Given
 from .options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, one_of, option
 
@@ -31,7 +32,14 @@ INPUT = "Pose files"  # panel of the help
 class StreamFiles:
     """Robot and camera poses in files, as the command line names them."""
 
-    robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot poses, or a file that holds both sides.")]
+    robot: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="ROBOT",
+            help="Robot poses, or a file that holds both sides.",
+            show_default=False,
+        ),
+    ] = None
     camera: Annotated[
         Path | None,
         typer.Argument(
@@ -110,16 +118,26 @@ class StreamFiles:
         ),
     ] = None
 
-    def synchronised(self, **options: Any) -> "Synchronised":
+    def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
         """Both files as streams, put on one clock; ``options`` are further ones of `synchronise`."""
         from ..io import read_stream
         from ..synchronisation.synchronise import synchronise
 
+        if self.robot is None and arm is None:
+            raise missing_robot("")
         if self.camera is None:
             raise InputError("Two streams are synchronised: give the file of the robot and the file of the camera.")
         files = ((self.robot, "robot", self.robot_frame), (self.camera, "camera", self.camera_frame))
         robot, camera = (
-            read_stream(file, side, units=units, format=format, quaternion=quaternion, frame=frame)
+            read_stream(
+                file,
+                side,
+                units=units,
+                format=format,
+                quaternion=quaternion,
+                frame=frame,
+                **({} if arm is None or side != "robot" else arm.of_files),
+            )
             for (file, side, frame), units, format, quaternion in zip(
                 files, self.both_units, self._formats, self._quaternions, strict=True
             )
@@ -152,8 +170,9 @@ class StreamFiles:
     def _quaternions(self) -> tuple[str | None, str | None]:
         return self.robot_quaternion or self.quaternion, self.camera_quaternion or self.quaternion
 
-    def _shown(self) -> str:
-        return str(self.robot) if self.camera is None else f"{self.robot} and {self.camera}"
+    def _shown(self, arm: Arm | None = None) -> str:
+        robot = arm.shown if self.robot is None and arm is not None else str(self.robot)
+        return robot if self.camera is None else f"{robot} and {self.camera}"
 
 
 @dataclass(frozen=True)
@@ -177,36 +196,63 @@ class PoseFiles(StreamFiles):
     ] = None
 
     def read(
-        self, given: Given, views: "Views | None" = None
+        self, given: Given, views: "Views | None" = None, arm: Arm | None = None
     ) -> "tuple[PosePairs, Noise | None, list[SharedError] | None]":
         """At least three pairs of poses, their noise where it is given, and the `shared` of `calibrate` beside it.
 
-        Where the noise is given for one side, or by what the camera saw, the rest of it is estimated.
+        Where the noise is given for one side, or by what the camera saw, the rest of it is estimated. That of an arm
+        holds the errors of its kinematics.
         """
-        poses, noise, shared = self.read_open(given, views, given.one_side)
+        poses, noise, shared = self.read_open(given, views, given.one_side, arm)
+        if arm is not None:
+            return poses, _noise_of_arm(poses, given.one_side, noise, shared, arm), []
         if given.one_side is None and views is None:
             return poses, noise, shared
         return poses, *_complete_noise(poses, given.one_side, noise, shared)
 
     def read_open(
-        self, given: Given, seen: "Pictures | Views | None", prior: "NoisePrior | None"
+        self, given: Given, seen: "Pictures | Views | None", prior: "NoisePrior | None", arm: Arm | None = None
     ) -> "tuple[PosePairs, Any, list[SharedError] | None]":
         """The same with the noise as `calibrate` takes it, beside the prior of what is to be estimated."""
         from .views import Views
 
+        files = self if arm is None else self._beside_joints(arm, seen is not None and not isinstance(seen, Views))
+        if files.robot is None and arm is None:
+            raise missing_robot()
         if self.offset is not None and "," in self.offset and given.shared.offset_sd is not None:
             raise InputError(f"Give the standard deviation of the offset once: --offset {self.offset} or --offset-sd.")
         noise: Any
         if isinstance(seen, Views):
-            poses, _ = self._poses_and_noise(None, None)
+            poses, _ = files._poses_and_noise(None, None, arm)
             noise = seen.beside(poses, given.noise, prior)
             shared = given.shared.errors(poses, None, given.file, seen)
         else:
-            poses, noise = self._poses_and_noise(given.noise, seen)
+            poses, noise = files._poses_and_noise(given.noise, seen, arm)
             shared = given.shared.errors(poses, noise, given.file)
         return poses, noise, shared
 
-    def _poses_and_noise(self, noise: "Noise | None", pictures: "Pictures | None") -> "tuple[PosePairs, Noise | None]":
+    def _beside_joints(self, arm: Arm, pictures: bool) -> "PoseFiles":
+        """Return the files with what the arguments mean beside joints: a single one is that of the camera."""
+        robot, first, second = arm.options.robot_file, self.robot, self.camera
+        if robot is not None:
+            if second is not None:
+                raise InputError(f"Robot poses are given twice, {first} and --robot {robot}: give one of them.")
+            return replace(self, robot=robot, camera=first)
+        files = self
+        if second is None and not pictures:
+            if first is None:
+                raise InputError("Give the file of camera poses, or the folder of uq-handeye camera, beside --joints.")
+            files = replace(self, robot=None, camera=first)
+        if files.robot is None:
+            of_robot = ("robot_format", "robot_units", "robot_quaternion")
+            wrong = [f"--{name.replace('_', '-')}" for name in of_robot if getattr(files, name) is not None]
+            if wrong := wrong + ["--robot-frame"] * (files.robot_frame != ROBOT_FRAMES[0]):
+                raise InputError(f"{', '.join(wrong)}: for a file of robot poses, not for --joints; leave it out.")
+        return files
+
+    def _poses_and_noise(
+        self, noise: "Noise | None", pictures: "Pictures | None", arm: Arm | None
+    ) -> "tuple[PosePairs, Noise | None]":
         """The poses, and their noise where that of the samples is given."""
         how = one_of(self.pair, "--pair", PAIRINGS)
         if pictures is not None or (self.camera is not None and self.camera.is_dir()):
@@ -219,21 +265,24 @@ class PoseFiles(StreamFiles):
         for name, value, needed in (("--tolerance", self.tolerance, "time"), ("--offset", self.offset, "async")):
             if value is not None and how != needed:
                 raise InputError(f"{name} goes with --pair {needed}, got --pair {how}.")
-        with timed(f"reading {self._shown()}"):
-            poses, noise = self._synchronised_poses(noise) if how == "async" else (self._read(how, pictures), noise)
+        with timed(f"reading {self._shown(arm)}"):
+            if how == "async":
+                poses, noise = self._synchronised_poses(noise, arm)
+            else:
+                poses = self._read(how, pictures, arm)
         LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
         if poses.n < 3:
             raise InputError(
-                f"{self._shown()} hold{'s' if self.camera is None else ''} {poses.n} poses; at least 3 poses are "
+                f"{self._shown(arm)} hold{'s' if self.camera is None else ''} {poses.n} poses; at least 3 poses are "
                 "needed, which make 2 motions."
             )
         return poses, noise
 
-    def _synchronised_poses(self, noise: "Noise | None") -> "tuple[PosePairs, Noise | None]":
+    def _synchronised_poses(self, noise: "Noise | None", arm: Arm | None) -> "tuple[PosePairs, Noise | None]":
         """An interpolated pose is less noisy than the samples it lies between, whose noise is what people know."""
         from ..formatting.numbers import concise
 
-        found = self.synchronised(noise=noise)
+        found = self.synchronised(arm, noise=noise)
         offset = concise(1e3 * found.offset, 1e3 * found.offset_std, "ms")
         LOG.info("The clocks differ by %s (robot time less camera time); uq-handeye sync says more.", offset)
         return found.poses, found.noise
@@ -250,9 +299,12 @@ class PoseFiles(StreamFiles):
         if wrong := [name for name, value in given.items() if value]:
             raise InputError(f"{', '.join(wrong)}: for files of camera poses, not for {what}; leave it out.")
 
-    def _read(self, how: str, pictures: "Pictures | None") -> "PosePairs":
+    def _read(self, how: str, pictures: "Pictures | None", arm: Arm | None) -> "PosePairs":
         from ..io import read_poses
 
+        of_arm: dict[str, Any] = {} if arm is None else arm.of_files
+        if self.tolerance is not None:
+            of_arm |= {"tolerance": self.tolerance}
         if pictures is not None:
             return pictures.poses(
                 self.robot,
@@ -261,8 +313,8 @@ class PoseFiles(StreamFiles):
                 format=self._formats,
                 quaternion=self._quaternions,
                 robot_frame=self.robot_frame,
+                **of_arm,
             )
-        how_far: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         return read_poses(
             self.robot,
             self.camera,
@@ -273,8 +325,14 @@ class PoseFiles(StreamFiles):
             robot_frame=self.robot_frame,
             camera_frame=self.camera_frame,
             pair=how,
-            **how_far,
+            **of_arm,
         )
+
+
+def missing_robot(instead: str = ", or --joints and --urdf in its place") -> InputError:
+    """What is to be said where no robot poses are given."""
+    command = " ".join(command_line().split()[:2])
+    return InputError(f"Missing argument 'ROBOT'{instead} (see {command} --help).")
 
 
 def calibrated(
@@ -341,3 +399,22 @@ def _complete_noise(
     known = given is not None or poses.camera_calibration is not None
     errors = list(default_errors(known)) if shared is None else shared
     return without_shared(found, errors), errors
+
+
+def _noise_of_arm(
+    poses: "PosePairs",
+    prior: "NoisePrior | None",
+    given: "CameraNoise | PoseNoise | None",
+    shared: "list[SharedError] | None",
+    arm: Arm,
+) -> "Noise":
+    """The noise as `calibrate` has it, with the errors of the arm and all others that the poses share."""
+    from ..calibration.calibrate import calibrate
+
+    with timed("estimating the errors of the arm"):
+        found = calibrate(poses, noise=given, prior=prior, shared=shared, **arm.of_calibrate).noise
+    if found is None:
+        raise InputError(
+            "The residuals are at rounding level: no noise can be estimated. Give --robot-noise and --camera-noise."
+        )
+    return found

@@ -404,4 +404,11 @@ class FoundKinematics:
 
 
 def _plain(part: Component) -> dict[str, Any]:
-    return {"name": part.name, "unit": part.unit, "value": part.value, "low": part.low, "high": part.high}
+    return {
+        "name": part.name,
+        "unit": part.unit,
+        "value": part.value,
+        "low": part.low,
+        "high": part.high,
+        "status": part.status,
+    }

@@ -54,6 +54,7 @@ def calibration_document(result: Calibration, threshold: float = 0.5) -> Documen
     return [
         [Heading(f"{result.frame} by {result.method}{scale} from {data}{setup}"), Paragraph(answer(result))],
         *map(Caution, result.warnings),
+        *(Paragraph(str(found)) for found in result.findings if found.code == "kinematics.against_controller"),
         *_numbers(result, threshold),
         *([beside] if (beside := beside_blocks(result)) else []),
         noise_blocks(result),

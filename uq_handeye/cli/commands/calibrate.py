@@ -9,6 +9,7 @@ import typer
 
 from ...errors import InputError
 from ...runtime.progress import working
+from ..arm_options import Arm, arm_of
 from ..messages import command_line, progress_wanted, timed
 from ..noise_options import Given, given_of, pose_prior_of, prior_of
 from ..options import (
@@ -67,13 +68,14 @@ ReportFile = Annotated[
 ]
 
 
-@made_of(given=given_of, prior=prior_of, beforehand=pose_prior_of, files=PoseFiles, pictures=pictures_of)
+@made_of(given=given_of, prior=prior_of, beforehand=pose_prior_of, files=PoseFiles, pictures=pictures_of, arm=arm_of)
 def calibrate_command(
     files: "PoseFiles",
     pictures: "Pictures | Views | None",
     given: "Given",
     prior: "NoisePrior | None",
     beforehand: "dict[str, Any]",
+    arm: "Arm | None",
     method: Annotated[
         str | None,
         option(
@@ -156,6 +158,10 @@ def calibrate_command(
     With finished camera poses say what they saw: their noise follows from it.
     uq-handeye calibrate robot.csv camera.csv --board 9x6 --square 20mm
     --camera-matrix 1080,1080,960,540
+
+    With joints and URDF the errors of the robot's kinematics are part of the
+    covariance: uq-handeye calibrate camera.csv --joints joints.csv
+    --urdf robot.urdf [--robot robot.csv]
     """
     require_writable(report, "--report", REPORTS)
     for name, wanted in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
@@ -169,7 +175,7 @@ def calibrate_command(
         if prior is not None:
             raise InputError("Give either the noise or, for noise that is to be estimated, a prior; not both.")
         prior = given.one_side
-    poses, noise, shared = files.read_open(given, pictures, prior)
+    poses, noise, shared = files.read_open(given, pictures, prior, arm)
 
     with timed("calibrating"):
         result = calibrate(
@@ -186,6 +192,7 @@ def calibrate_command(
             correlation=one_of(correlation, "--correlation", ("auto", "none")),
             shared=shared,
             **beforehand,
+            **({} if arm is None else arm.of_calibrate),
         )
     check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
     _deliver(result, as_json, output, report, threshold, not no_compare, check)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
+from ..arm_options import Arm, arm_of
 from ..messages import fail, progress_wanted, timed
 from ..noise_options import Given, given_of
 from ..options import (
@@ -30,11 +31,12 @@ if TYPE_CHECKING:
 COMPARED = EVERY_METHOD
 
 
-@made_of(given=given_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, files=PoseFiles, views=views_of, arm=arm_of)
 def compare_command(
     files: "PoseFiles",
     given: "Given",
     views: "Views | None",
+    arm: "Arm | None",
     methods: Annotated[
         str | None,
         option(
@@ -65,7 +67,7 @@ def compare_command(
         raise InputError("Give either --json or --csv, not both.")
     names = None if methods is None else methods_of(methods, "--methods", COMPARED)
     (base,) = methods_of(reference, "--reference", COMPARED, most=1)
-    poses, noise, shared = files.read(given, views)
+    poses, noise, shared = files.read(given, views, arm)
     from ...comparison.compare import compare
     from ...comparison.text import comparison_document
     from ...presentation.document import to_text

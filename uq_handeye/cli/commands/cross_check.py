@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ..arm_options import Arm, arm_of
 from ..messages import progress_wanted, timed
 from ..noise_options import Given, given_of
 from ..options import (
@@ -26,11 +27,12 @@ if TYPE_CHECKING:
     from ..views import Views
 
 
-@made_of(given=given_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, files=PoseFiles, views=views_of, arm=arm_of)
 def cross_check_command(
     files: "PoseFiles",
     given: "Given",
     views: "Views | None",
+    arm: "Arm | None",
     trials: Annotated[int, option("--trials", help="Monte Carlo trials of each method.")] = 10_000,
     posterior: Annotated[bool, flag("--posterior/--no-posterior", help="Sample the posterior too.")] = True,
     pairs: PairsOption = "all",
@@ -53,7 +55,7 @@ def cross_check_command(
     far (exit status 130); so does a run that lost its workers (exit status 1).
     """
     require_writable(report, "--report", REPORTS)
-    poses, noise, shared = files.read(given, views)
+    poses, noise, shared = files.read(given, views, arm)
     from ...io import write_files
     from ...validation.cross_check.run import cross_check
     from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND

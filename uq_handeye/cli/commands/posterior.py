@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
+from ..arm_options import Arm, arm_of
 from ..messages import progress_wanted, timed
 from ..noise_options import Given, given_of, pose_prior_of
 from ..options import JsonOption, emit, flag, folder_option, made_of, option
@@ -16,12 +17,13 @@ if TYPE_CHECKING:
 CHAIN = "chain.h5"
 
 
-@made_of(given=given_of, beforehand=pose_prior_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, beforehand=pose_prior_of, files=PoseFiles, views=views_of, arm=arm_of)
 def posterior_command(
     files: "PoseFiles",
     given: "Given",
     beforehand: "dict[str, Any]",
     views: "Views | None",
+    arm: "Arm | None",
     pairs: Annotated[
         str,
         option(
@@ -66,7 +68,7 @@ def posterior_command(
     """
     if resume and output is None:
         raise InputError("--resume needs -o DIR, the folder of the run to go on with.")
-    poses, noise, shared = files.read(given, views)
+    poses, noise, shared = files.read(given, views, arm)
     from ...io import write_files
     from ...noise.models import PairNoise
     from ...validation.posterior.sample import sample_posterior

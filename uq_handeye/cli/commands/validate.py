@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
+from ..arm_options import Arm, arm_of
 from ..messages import LOG, progress_wanted
 from ..noise_options import Given, given_of, pose_prior_of
 from ..options import (
@@ -35,12 +36,13 @@ if TYPE_CHECKING:
 INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
-@made_of(given=given_of, beforehand=pose_prior_of, files=PoseFiles, views=views_of)
+@made_of(given=given_of, beforehand=pose_prior_of, files=PoseFiles, views=views_of, arm=arm_of)
 def validate_command(
     files: "PoseFiles",
     given: "Given",
     beforehand: "dict[str, Any]",
     views: "Views | None",
+    arm: "Arm | None",
     method: Annotated[
         list[str] | None,
         option(
@@ -115,7 +117,7 @@ def validate_command(
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
-    poses, noise, shared = files.read(given, views)
+    poses, noise, shared = files.read(given, views, arm)
     problem = problem_for(calibrated(poses, noise, shared, pairs, **beforehand), poses, noise, shared, pairs)
     if workers is None:
         workers = cores()

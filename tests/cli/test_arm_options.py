@@ -1,0 +1,218 @@
+"""Joints and a chain on the command line: what the arguments mean, numbers, and what is refused."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm_cases import SIX_AXES, motion
+from cli_cases import run
+from scipy import stats
+from support import CONFIDENCE, SEED, difference, moved, random_transforms
+
+import uq_handeye as uq
+from uq_handeye.cli import arm_options
+from uq_handeye.io import write_pose_file
+from uq_handeye.kinematics import kinematic_errors
+from uq_handeye.kinematics.chain import Kinematics
+
+ARM = Kinematics.from_urdf(SIX_AXES)
+TOOL = motion((0.0, 0.0, 0.8), (0.0, 0.0, 0.1))
+# Deviations (rad, m) of the arm and of the camera.
+DECLARED = ("--kinematics", "declared", "--joint-offset-sd", "1mrad", "--tilt-sd", "0.5mrad", "--length-sd", "0.3mm")
+NOISES = ("--joint-noise", "0.1mrad", "--robot-noise", "exact", "--camera-noise", "0.5mrad,0.3mm", "--shared", "none")
+GIVEN = (*DECLARED, *NOISES)
+CHAIN = ("--joints", "joints.csv", "--urdf", "arm.urdf")
+FAR = stats.chi2.ppf(CONFIDENCE, 6)
+
+
+def write_joints(file, q, names=ARM.names, times=None):
+    head = list(names) if times is None else ["timestamp", *names]
+    rows = q.tolist() if times is None else np.column_stack([times, q]).tolist()
+    file.write_text("\n".join([",".join(head), *(",".join(map(repr, row)) for row in rows)]) + "\n")
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    """Files of an arm with errors: joints, camera, the controller's poses at a tool; X in the chain's flange."""
+    folder = tmp_path_factory.mktemp("arm")
+    rng = np.random.default_rng([SEED, 19])
+    q = rng.uniform([-1, -0.7, -1, -1, -0.5, -1], [1, 1.3, 1, 1, 1.5, 1], (16, 6))
+    of = {"joint offsets": 1e-3, "joint tilts": 5e-4, "link lengths": 3e-4}
+    e = rng.normal(size=len(ARM.errors)) * [0.0 if error.gauge else of.get(error.group, 0.0) for error in ARM.errors]
+    X, W = motion((0.2, -0.1, 0.4), (0.05, 0.02, 0.08)), random_transforms(rng)
+    true = ARM.poses(q + 1e-4 * rng.normal(size=q.shape), e)
+    camera = moved(np.linalg.inv(true @ X) @ W, rng.normal(size=(16, 6)) * np.repeat([5e-4, 3e-4], 3))
+    (folder / "arm.urdf").write_text(SIX_AXES)
+    write_joints(folder / "joints.csv", q)
+    write_joints(folder / "degrees.csv", np.degrees(q))
+    write_joints(folder / "timed.csv", q, times=np.arange(16.0))
+    write_pose_file(folder / "camera.csv", camera)
+    write_pose_file(folder / "robot.csv", ARM.poses(q) @ TOOL)
+    write_pose_file(folder / "some.csv", camera[[2, 3, 5, 7, 11, 13, 1]], [2, 3, 5, 7, 11, 13, 1])
+    return folder, X, q
+
+
+def found_in(folder, *arguments, command="calibrate"):
+    done = run(command, *arguments, "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def refusal(folder, *arguments, command="calibrate"):
+    done = run(command, *arguments, cwd=folder)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    return done.stderr
+
+
+def close(found, X):
+    xi = difference(X, np.array(found["X"]))
+    return xi @ np.linalg.solve(np.array(found["covariance"]), xi)
+
+
+def test_names_are_those_of_the_package():
+    of_package = (kinematic_errors.HOW, tuple(kinematic_errors.POPULATIONS), kinematic_errors.FLANGES)
+    assert of_package == (arm_options.HOW, arm_options.ROBOT_CLASSES, arm_options.FLANGES)
+
+
+# ------------------------------------------------------------------------------------------------------------ numbers
+
+
+def test_a_single_file_beside_joints_is_that_of_the_camera(cell):
+    folder, X, _ = cell
+    found = found_in(folder, "camera.csv", *CHAIN, *GIVEN)
+    assert close(found, X) < FAR
+    camera = uq.read_poses(None, folder / "camera.csv", joints=folder / "joints.csv", kinematics=ARM)
+    errors = uq.KinematicErrors("declared", 1e-3, 5e-4, 3e-4, joint_sd=1e-4)
+    noise = uq.PoseNoise.isotropic(None, (5e-4, 3e-4))
+    same = uq.calibrate(camera, noise=noise, shared=[], kinematics=ARM, kinematic_errors=errors)
+    np.testing.assert_allclose(found["covariance"], same.covariance, rtol=1e-9)
+    assert [source["name"] for source in found["provenance"]["sources"]] == ["joints.csv", "camera.csv"]
+    exact = found_in(folder, "camera.csv", *CHAIN, "--kinematics", "exact", *NOISES[2:])
+    assert np.trace(np.array(exact["covariance"])) < 0.5 * np.trace(np.array(found["covariance"]))
+
+
+def test_degrees_by_flag(cell):
+    folder, X, _ = cell
+    chain = ("--joints", "degrees.csv", "--urdf", "arm.urdf")
+    text = refusal(folder, "camera.csv", *chain, *GIVEN)
+    assert "degrees.csv" in text and "in degrees? Give --joint-units deg" in text
+    assert close(found_in(folder, "camera.csv", *chain, "--joint-units", "deg", *GIVEN), X) < FAR
+
+
+def test_joints_pair_by_time(cell):
+    folder, X, _ = cell
+    found = found_in(folder, "some.csv", "--joints", "timed.csv", "--urdf", "arm.urdf", "--pair", "time", *GIVEN)
+    assert found["n_poses"] == 7 and close(found, X) < FAR
+
+
+def test_errors_of_the_arm_are_estimated_unless_said_otherwise(cell):
+    folder, X, _ = cell
+    found = found_in(folder, "camera.csv", *CHAIN, "--robot-class", "cobot")
+    assert close(found, X) < FAR
+    assert found["kinematics"]["how"] == "estimate" and found["kinematics"]["flange"] == "controller"
+    assert found["kinematics"]["sd"]["joint offsets"] > 1e-3
+    physical = found_in(folder, "camera.csv", *CHAIN, *GIVEN, "--flange", "physical")
+    assert physical["kinematics"]["flange"] == "physical"
+    assert np.trace(np.array(physical["covariance"])) > np.trace(np.array(found["covariance"])) * 0.1
+
+
+@pytest.mark.parametrize("tip", ["tool0", "l6"])
+def test_base_and_tip(cell, tip):
+    folder, X, q = cell
+    found = found_in(folder, "camera.csv", *CHAIN, *GIVEN, "--base", "base", "--tip", tip)
+    behind = Kinematics.from_urdf(SIX_AXES, tip=tip).poses(q[0])
+    assert close(found, np.linalg.inv(behind) @ ARM.poses(q[0]) @ X) < FAR
+
+
+@pytest.mark.parametrize("command", ["validate", "posterior", "cross-check", "compare"])
+def test_other_commands_have_the_errors_of_the_arm_in_their_noise(cell, command):
+    folder = cell[0]
+    few = {
+        "validate": ("--trials", "200", "--workers", "1"),
+        "posterior": ("--samples", "100"),
+        "cross-check": ("--trials", "200", "--no-posterior", "--workers", "1"),
+        "compare": ("--methods", "efficient,park"),
+    }[command]
+    done = run(command, "camera.csv", *CHAIN, *GIVEN, *few, "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    with_errors = json.loads(done.stdout)
+    if command == "compare":
+        exact = found_in(folder, "camera.csv", *CHAIN, "--kinematics", "exact", *NOISES[2:], *few, command=command)
+        sd = [np.linalg.norm(each["methods"][0]["std"]) for each in (with_errors, exact)]
+        assert sd[0] > 1.5 * sd[1]
+
+
+# ----------------------------------------------------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--urdf", "arm.urdf"), "--urdf: about the joints of the robot; give --joints joints.csv, too"),
+        (("--kinematics", "exact", "--tip", "tool0"), "--tip, --kinematics: about the joints"),
+        (("--robot-class", "cobot"), "--robot-class: about the joints"),
+        (("--joints", "joints.csv"), "give --urdf robot.urdf (or --dh FILE), too"),
+        ((*CHAIN, "--dh", "dh.csv"), "--urdf: not beside --dh"),
+        (("--joints", "joints.csv", "--dh", "dh.csv", "--tip", "tool0"), "--tip: not beside --dh"),
+        ((*CHAIN, "--kinematics", "guess"), "--kinematics to be one of estimate, declared, exact"),
+        ((*CHAIN, "--robot-class", "cobots"), "Did you mean cobot?"),
+        ((*CHAIN, "--flange", "real"), "--flange to be one of controller, physical"),
+        ((*CHAIN, "--tilt-sd", "2mm"), "--tilt-sd"),
+        ((*CHAIN, "--length-sd", "-1mm"), "--length-sd"),
+        ((*CHAIN, "--kinematics", "exact", "--sag-sd", "1mrad"), "--sag-sd: --kinematics exact has no errors"),
+        ((*CHAIN, "--robot-units", "mm"), "--robot-units: for a file of robot poses, not for --joints"),
+        ((*CHAIN, "--robot-frame", "gripper_T_base"), "--robot-frame: for a file of robot poses"),
+        ((*CHAIN, "--joint-units", "parsec"), "--joint-units"),
+        ((*CHAIN, "--tip", "tool1"), "tool0"),
+        ((*CHAIN, "--base", "basis"), "base"),
+        ((*CHAIN, "--method", "tsai"), "tsai"),
+    ],
+)
+def test_refuses_combinations_in_one_line(cell, arguments, words):
+    assert words in refusal(cell[0], "camera.csv", *arguments)
+
+
+def test_refuses_files_given_twice_or_not_at_all(cell):
+    folder = cell[0]
+    text = refusal(folder, "robot.csv", "camera.csv", "--robot", "robot.csv", *CHAIN)
+    assert "Robot poses are given twice" in text
+    assert "Give the file of camera poses" in refusal(folder, *CHAIN)
+    assert "Missing argument 'ROBOT', or --joints and --urdf" in refusal(folder)
+    assert "uq-handeye compare --help" in refusal(folder, command="compare")
+    assert "Missing argument 'ROBOT' (see uq-handeye sync --help)" in refusal(folder, command="sync")
+
+
+def test_names_the_joint_file_where_rows_are_missing(cell):
+    folder, _, q = cell
+    write_joints(folder / "short.csv", q[:-1])
+    text = refusal(folder, "camera.csv", "--joints", "short.csv", "--urdf", "arm.urdf")
+    assert "short.csv has 15" in text and "camera.csv has 16" in text
+    text = refusal(folder, "camera.csv", "--robot", "robot.csv", "--joints", "short.csv", "--urdf", "arm.urdf")
+    assert "robot.csv has 16 poses and short.csv has 15 rows" in text
+
+
+def test_missing_joints_and_further_ones(cell):
+    folder, X, q = cell
+    write_joints(folder / "missing.csv", q[:, :5], ARM.names[:5])
+    assert "no column of joint axis_6" in refusal(folder, "camera.csv", "--joints", "missing.csv", "--urdf", "arm.urdf")
+    write_joints(folder / "more.csv", np.hstack([np.full((16, 1), 0.02), q[:, ::-1]]), ("finger", *ARM.names[::-1]))
+    assert close(found_in(folder, "camera.csv", "--joints", "more.csv", "--urdf", "arm.urdf", *GIVEN), X) < FAR
+
+
+# ---------------------------------------------------------------------------------------------------------- real data
+
+needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
+
+
+@needs_data
+def test_a_real_arm_by_its_joints():
+    """FR3: the mount of the camera is known to about a millimetre; the controller's tool is turned by 45 degrees."""
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "fr3_philnad"
+    given = ("--kinematics", "declared", "--robot-class", "cobot", "--joint-noise", "0.3mrad", "--robot-noise", "exact")
+    chain = ("--joints", "joints.csv", "--urdf", "model.urdf")
+    arguments = (*chain, *given, "--camera-noise", "0.11deg,0.43mm", "--shared", "none")
+    found = found_in(folder, "camera.csv", *arguments)
+    np.testing.assert_allclose(1e3 * np.array(found["X"])[:3, 3], [94.6, -11.4, 39.1], atol=1.5)
