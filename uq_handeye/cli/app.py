@@ -26,6 +26,7 @@ from .commands.cross_check import cross_check_command
 from .commands.files import export_command, report_command
 from .commands.plan import plan_command
 from .commands.posterior import posterior_command
+from .commands.predict import predict_command
 from .commands.simulate import simulate_command
 from .commands.sync import sync_command
 from .commands.validate import INTERRUPTED, validate_command
@@ -89,6 +90,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "camera": camera_command,
         "compare": compare_command,
         "plan": plan_command,
+        "predict": predict_command,
     },
     "Is the covariance true?": {
         "validate": validate_command,

@@ -1,0 +1,246 @@
+"""The command ``uq-handeye predict``: where points lie and what the camera should see at other robot poses."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+
+from ...errors import InputError
+from ..arm_options import JOINT_UNITS, KINEMATICS
+from ..options import OUTPUT, UNITS, JsonOption, emit, flag, option, require_writable
+from .files import ResultFile
+
+if TYPE_CHECKING:
+    from ...calibration.result import Calibration
+    from ...diagnostics.task_space import PointUncertainty
+    from ...geometry.se3 import Array
+    from ...prediction.predict import CameraPrediction
+
+# Rows that are printed; all are in the files.
+PRINTED = 40
+
+
+def predict_command(
+    result: ResultFile,
+    joints: Annotated[
+        Path | None,
+        option(
+            "--joints",
+            metavar="FILE.csv",
+            panel=KINEMATICS,
+            help="Joint values to predict at, by the names of the calibration's joints.",
+        ),
+    ] = None,
+    joint_units: Annotated[
+        str | None,
+        option(
+            "--joint-units",
+            of=JOINT_UNITS,
+            metavar="UNIT",
+            panel=KINEMATICS,
+            help="Unit of --joints: rad, deg, or e.g. deg,mm with prismatic joints. Default: what its header says.",
+        ),
+    ] = None,
+    robot: Annotated[
+        Path | None,
+        option(
+            "--robot",
+            metavar="FILE.csv",
+            help="Robot poses to predict at, base_T_gripper: where the calibration knows no joints, or beside --joints "
+            "where the controller's poses are not those of the joints.",
+        ),
+    ] = None,
+    robot_units: Annotated[
+        str, option("--robot-units", of=UNITS, metavar="UNIT", help="Length unit of --robot: m, mm, cm, ...")
+    ] = "m",
+    point: Annotated[
+        list[str] | None,
+        option(
+            "--point",
+            metavar="X,Y,Z",
+            help="Point in camera coordinates, e.g. 0mm,0mm,300mm: its position in the base; repeatable.",
+        ),
+    ] = None,
+    camera: Annotated[
+        bool, flag("--camera", help="Predict camera_T_target instead: the poses that the camera should see.")
+    ] = False,
+    no_noise: Annotated[
+        bool, flag("--no-noise", help="With --camera: without the noise of one new measurement.")
+    ] = False,
+    as_json: JsonOption = False,
+    output: Annotated[
+        Path | None,
+        option("-o", "--output", metavar="FILE.csv", panel=OUTPUT, help="Write the predictions, in metres and rad."),
+    ] = None,
+) -> None:
+    """Predict at other robot poses, with the uncertainty of X, the target and the arm together.
+
+    Example: uq-handeye predict result/result.json --joints next.csv --point 0mm,0mm,300mm
+
+    What the camera should see there, to compare with what it sees:
+    uq-handeye predict result/result.json --joints next.csv --camera
+    """
+    from ...calibration.result import Calibration
+    from ...io import json_text, write_files
+
+    if bool(point) == camera:
+        raise InputError("Say what to predict: --point X,Y,Z in camera coordinates, or --camera for what it sees.")
+    if no_noise and not camera:
+        raise InputError("--no-noise goes with --camera: a point in the base is no measurement.")
+    if joints is None and robot is None:
+        raise InputError("Say where to predict: give --joints FILE.csv, or --robot FILE.csv.")
+    if joint_units is not None and joints is None:
+        raise InputError("--joint-units is of --joints; leave it out.")
+    if robot_units != "m" and robot is None:
+        raise InputError("--robot-units is of --robot; leave it out.")
+    require_writable(output, "-o", (".csv",))
+    points = None if not point else np.array([_coordinates(text) for text in point])
+    stored = Calibration.from_json(result)
+    times, at = _places(stored, str(result), joints, joint_units, robot, robot_units)
+    if points is not None:
+        found = stored.predict(points, **{name: values[:, None] for name, values in at.items()})
+        rows, data = _point_rows(found, times), found.to_dict()
+        text = _text_of_points(found, len(times), stored)
+    else:
+        seen = stored.predict_camera(**at, new_measurement=not no_noise)
+        rows, data, text = _pose_rows(seen, times), seen.to_dict(), _text_of_poses(seen)
+    if output is not None:
+        write_files(output.parent, {output.name: "\n".join(",".join(map(str, row)) for row in rows) + "\n"})
+    emit(json_text(data | {"timestamps": times.tolist()}) if as_json else text)
+
+
+def _coordinates(text: str) -> list[float]:
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 3:
+        raise InputError(f"Expected --point to be X,Y,Z such as 0mm,0mm,300mm, got {text!r}.")
+    from ...formatting.units import parse_length
+
+    values = []
+    for part in parts:
+        try:
+            values.append(float(part))
+        except ValueError:
+            values.append(parse_length(part, "--point"))
+    if (far := max(map(abs, values))) > 10.0 or not np.isfinite(values).all():
+        raise InputError(f"--point {text}: {far:g} m from the camera; write the unit, e.g. 0mm,0mm,300mm.")
+    return values
+
+
+def _places(
+    stored: "Calibration", name: str, joints: Path | None, joint_units: str | None, robot: Path | None, units: str
+) -> "tuple[Array, dict[str, Array]]":
+    """Timestamps, or numbers of the rows, and joints or robot poses."""
+    from ...io import read_pose_file
+    from ...kinematics.joints_file import read_joints
+
+    at: dict[str, Array] = {}
+    times: list[Array | None] = []
+    if joints is not None:
+        if stored.kinematics is None:
+            raise InputError(
+                f"{name} knows no joints: give --robot, poses base_T_gripper; or calibrate with --joints and --urdf."
+            )
+        table = read_joints(joints, stored.kinematics.chain, joint_units)
+        at["joints"] = table.q
+        times.append(table.timestamps)
+    if robot is not None:
+        stamps, at["robot"] = read_pose_file(robot, units)
+        times.append(stamps)
+    counts = {len(values) for values in at.values()}
+    if len(counts) > 1:
+        raise InputError(
+            f"{joints} has {len(at['joints'])} rows and {robot} has {len(at['robot'])} poses: expected the joints of "
+            "each pose."
+        )
+    known = next((stamps for stamps in times if stamps is not None), None)
+    return np.arange(float(counts.pop())) if known is None else known, at
+
+
+# ---------------------------------------------------------------------------------------------------------- output
+
+
+def _point_rows(found: "PointUncertainty", times: "Array") -> list[list[Any]]:
+    rows: list[list[Any]] = [["timestamp", "point", *"xyz", "sd_x", "sd_y", "sd_z", "radius_95", *_pairs("xyz")]]
+    radius = found.radius_95
+    for i, time in enumerate(times.tolist()):
+        for j in range(found.points.shape[1]):
+            rows.append([time, j, *_plain(found.points[i, j], found.std[i, j], radius[i, j], found.covariance[i, j])])
+    return rows
+
+
+def _pose_rows(seen: "CameraPrediction", times: "Array") -> list[list[Any]]:
+    from scipy.spatial.transform import Rotation
+
+    names = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
+    head = ["timestamp", *"xyz", "qx", "qy", "qz", "qw", *(f"sd_{name}" for name in names), *_pairs(names)]
+    quaternions = Rotation.from_matrix(seen.poses[:, :3, :3]).as_quat(canonical=True)
+    parts = zip(times.tolist(), seen.poses, quaternions, seen.std, seen.covariance, strict=True)
+    return [head, *([time, *_plain(T[:3, 3], q, sd, S)] for time, T, q, sd, S in parts)]
+
+
+def _pairs(names: Any) -> list[str]:
+    """Names of the covariances above the diagonal and on it, row by row."""
+    return [f"cov_{names[i]}_{names[j]}" for i, j in zip(*np.triu_indices(len(names)), strict=True)]
+
+
+def _plain(*parts: Any) -> list[Any]:
+    """Numbers in a row; of a matrix those on and above its diagonal."""
+    flat = (part[np.triu_indices(len(part))] if np.ndim(part) == 2 else np.ravel(part) for part in parts)
+    return [value for part in flat for value in part.tolist()]
+
+
+def _text_of_points(found: "PointUncertainty", n: int, stored: "Calibration") -> str:
+    from ...presentation.document import Heading, Paragraph, Table, to_text
+
+    k = found.points.shape[1]
+    worst = 1e3 * float(found.radius_95.max())
+    head = ["row", "point", "x", "y", "z", "sd x", "sd y", "sd z", "95 %"]
+    cells = [
+        [str(i), str(j), *_mm(found.points[i, j]), *_mm(found.std[i, j]), f"{1e3 * found.radius_95[i, j]:.3f}"]
+        for i in range(n)
+        for j in range(k)
+    ]
+    moving = "" if stored.setup == "eye-in-hand" else " The camera stands still: the robot does not move the points."
+    return to_text(
+        [
+            [
+                Heading(f"Points in the frame {found.frame}: {k} at {n} robot {'pose' if n == 1 else 'poses'}"),
+                Paragraph(f"A sphere of {worst:.3g} mm holds each point with at least 95 % probability.{moving}"),
+            ],
+            Table("", head, cells[:PRINTED], units=["", "", *["mm"] * 7], named=False),
+            _more(len(cells)),
+        ]
+    )
+
+
+def _text_of_poses(seen: "CameraPrediction") -> str:
+    from ...presentation.document import Heading, Paragraph, Table, to_text
+
+    n = len(seen.poses)
+    noise = "with the noise of one new measurement" if seen.new_measurement else "without noise of measurement"
+    head = ["row", "x", "y", "z", "rotation x", "y", "z", "translation x", "y", "z"]
+    units = ["", "mm", "mm", "mm", "sd, deg", "", "", "sd, mm", "", ""]
+    cells = [
+        [str(i), *_mm(T[:3, 3]), *(f"{value:.4f}" for value in np.degrees(sd[:3])), *_mm(sd[3:])]
+        for i, (T, sd) in enumerate(zip(seen.poses, seen.std, strict=True))
+    ]
+    return to_text(
+        [
+            [
+                Heading(f"camera_T_target at {n} robot {'pose' if n == 1 else 'poses'}"),
+                Paragraph(f"Predicted {noise}."),
+            ],
+            Table("", head, cells[:PRINTED], units=units, named=False),
+            _more(n),
+        ]
+    )
+
+
+def _more(n: int) -> list[Any]:
+    from ...presentation.document import Paragraph
+
+    return [Paragraph(f"{n - PRINTED} more rows: -o FILE.csv or --json has all.")] if n > PRINTED else []
+
+
+def _mm(values: "Array") -> list[str]:
+    return [f"{1e3 * value:.3f}" for value in values]
