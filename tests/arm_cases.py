@@ -3,7 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from uq_handeye.geometry.se3 import perturb
 from uq_handeye.kinematics.chain import Joint, Kinematics
+from uq_handeye.poses.pose_pairs import PosePairs
 
 # A six-axis arm of 0.9 m with axes along x, y and z, and frames before and behind it.
 SIX_AXES = """<?xml version="1.0"?>
@@ -129,3 +131,33 @@ def twist_between(T, S):
     theta = Rotation.from_matrix(S[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2))
     lead = T.shape[:-2]
     return np.concatenate([theta.as_rotvec().reshape(*lead, 3), S[..., :3, 3] - T[..., :3, 3]], axis=-1)
+
+
+def measured(
+    arm, rng, n=30, *, e=None, q=None, setup="eye-in-hand", near=None, joint_sd=0.0, camera=(0.0, 0.0), X=None, W=None
+):
+    """Pose pairs of an arm with errors e (m,), seen by a camera with noise (rad, m); and X and W.
+
+    The robot poses are those of the nominal arm at the joints that it reports. ``near``: half width (rad) of the joint
+    ranges about one posture; None: the whole of the limits that are finite.
+    """
+    if q is None:
+        low, high = np.where(np.isfinite(arm.limits.T), arm.limits.T, np.array([[-3.0], [3.0]]))
+        if near is not None:
+            middle = 0.5 * (low + high) + 0.3
+            low, high = np.maximum(low, middle - near), np.minimum(high, middle + near)
+        q = rng.uniform(low, high, (n, arm.n_joints))
+    X = transform([0.1, -0.2, 0.7], [0.04, -0.02, 0.11]) if X is None else X
+    W = transform([0.2, 0.1, -0.4], [0.5, 0.1, -0.2]) if W is None else W
+    true = arm.poses(q + joint_sd * rng.normal(size=q.shape), e)
+    G = true if setup == "eye-in-hand" else np.linalg.inv(true)
+    noise = rng.normal(size=(len(q), 6)) * np.repeat(camera, 3)
+    seen = perturb(np.linalg.inv(X) @ np.linalg.inv(G) @ W, noise)
+    return PosePairs(arm.poses(q), seen, setup, joints=q), X, W
+
+
+def transform(rotation_vector, translation):
+    """(4, 4)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(rotation_vector).as_matrix(), translation
+    return T

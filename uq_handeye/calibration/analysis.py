@@ -42,6 +42,8 @@ class Analysis:
     seed: int = 0
     # How X and W move (p,) with errors that are beside the noise, by name: one standard deviation each.
     beside: dict[str, Array] = field(default_factory=dict, repr=False)
+    # Covariances (n, 6, 6) within what each robot pose has by itself, by name: of joint noise.
+    within: dict[str, Array] = field(default_factory=dict, repr=False)
 
     @cached_property
     def diagnostics(self) -> Diagnostics:
@@ -92,7 +94,8 @@ class Analysis:
     def budget(self) -> Budget:
         """Shares of the variance by source, with their types; sources that the data cannot tell apart are one."""
         corners = isinstance(self.data, PosePairs) and self.data.camera_calibration is not None
-        found = with_types(budget(self.fit, self.noise, beside=self.beside), self.noise, self.estimate, corners)
+        found = budget(self.fit, self.noise, beside=self.beside, within=self.within)
+        found = with_types(found, self.noise, self.estimate, corners)
         return found if self.estimate is None else found.merged(*_not_told_apart(self.estimate))
 
     def to_dict(self) -> dict[str, Any]:

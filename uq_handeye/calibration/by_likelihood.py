@@ -151,6 +151,15 @@ def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
     return replace(job.poses, robot=again)
 
 
+def _joint_noise(job: Job, found: Mapping[str, float] | None) -> dict[str, Array]:
+    """Covariances (n, 6, 6) that joint noise gives the robot poses, by its name; nothing where there is none."""
+    columns = None if job.arm is None else job.arm.columns
+    if columns is None:
+        return {}
+    sd = float(columns.given.joint_sd or 0.0) if found is None else found.get(JOINT_NOISE, 0.0)
+    return {JOINT_NOISE: sd**2 * columns.J @ columns.J.mT} if sd > 0 else {}
+
+
 def _fitted(job: Job, posterior: JointPosterior | None, found: Mapping[str, float] | None) -> FittedKinematics | None:
     """What the fit says of the arm."""
     if job.arm is None or posterior is None:
@@ -246,7 +255,8 @@ def _assembled(
     # A drift does not count in halves: the test is of the noise that both were made of.
     alone = None if estimate is None else replace(estimate, correlation=None)
     dof = None if estimate is not None and estimate.from_corners else reference_for(fit, alone).dof
-    analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, read_only(beside))
+    within = _joint_noise(job, deviations)
+    analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, read_only(beside), read_only(within))
     angle, distance = residuals(motions.A, motions.B, fit.X)
     judged = goodness_of_fit(fit)
     if estimate is not None and not estimate.tested:

@@ -34,6 +34,8 @@ from .task_space import _by_pose, _points
 
 # Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
 EACH, SHARED, IN_TIME = "(each pose)", "(shared)", "(correlated in time)"
+# Differences of covariances below this are 0, as correlations.
+ROUNDED = 1e-9
 
 
 _COMPONENTS = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
@@ -235,6 +237,7 @@ def budget(
     *,
     merged: Sequence[Sequence[str]] = (),
     beside: Mapping[str, Array] | None = None,
+    within: Mapping[str, Array] | None = None,
 ) -> Budget:
     """The budget of X (and of W) of one fit; see `budget_of_sensitivities`.
 
@@ -248,7 +251,7 @@ def budget(
     C = fit.closed_projection @ fit.covariance
     gain = -C @ pulled(factor, whiten(factor, J)).mT  # (n, p, 6)
     first, second = (gain @ D for D in fit.linear.sides)
-    found = budget_of_sensitivities(first, second, noise, fit.X, merged=merged)
+    found = budget_of_sensitivities(first, second, noise, fit.X, merged=merged, within=within)
     for name, start, _, known in [] if fit.prior is None else fit.prior.parts():
         gain_of_prior = C[:, start : start + 6]
         found = found.plus(f"prior of {name}", gain_of_prior @ known @ gain_of_prior.T)
@@ -264,6 +267,7 @@ def budget_of_sensitivities(
     X: Array,
     *,
     merged: Sequence[Sequence[str]] = (),
+    within: Mapping[str, Array] | None = None,
 ) -> Budget:
     """The budget of an estimate with the derivatives D (n, p, 6) by the errors of every pose (or motion) of each side.
 
@@ -279,6 +283,8 @@ def budget_of_sensitivities(
         "camera"; on motions "A" and "B". A coupling that is zero is left out. Of a `JointCovariance` they are instead
         what each pose has by itself, "camera (each pose)", the shared errors by name up to ": ", "camera (shared)", and
         what passes on from pose to pose.
+    within : names and covariances (n, 6, 6), or None
+        Parts of what each robot pose has by itself that are sources of their own, such as the noise of joints.
 
     Raises
     ------
@@ -296,10 +302,21 @@ def budget_of_sensitivities(
             raise InputError(f"Expected derivatives for `{name}`, which has noise, got None.")
         n = len(D)
         require_count(S, n, name, "rows of the derivatives")
+        named = within if within and name == "robot" else {}
+        if named:
+            rest = _without(S.own if isinstance(S, JointCovariance) else S, list(named.values()))
+            if rest.any():
+                names_of, parts_of = _by_kind(name, D, rest)
+                sources += names_of
+                parts += parts_of
+            sources += named
+            parts += [_summed(D, D @ part) for part in named.values()]
         if isinstance(S, JointCovariance):
             together = D @ S.shared  # of the errors that all poses share
             whole = together.sum(axis=0)
-            if all(S.names) and INTRINSICS not in S.names:  # declared errors beside a noise of its own
+            if named:
+                pass
+            elif all(S.names) and INTRINSICS not in S.names:  # declared errors beside a noise of its own
                 own_names, own_parts = _by_kind(name, D, S.own)
                 sources += own_names
                 parts += own_parts
@@ -320,13 +337,21 @@ def budget_of_sensitivities(
                 of_pose = D @ passed_on
                 by_pose = by_pose + 0.5 * (of_pose + of_pose.mT)
             continue
-        names_of, parts_of = _by_kind(name, D, S)
-        sources += names_of
-        parts += parts_of
+        if not named:
+            names_of, parts_of = _by_kind(name, D, S)
+            sources += names_of
+            parts += parts_of
         own = D @ _pulled(D, S).mT
         by_pose = by_pose + 0.5 * (own + own.mT)
     result = Budget(tuple(sources), np.stack(parts), np.asarray(by_pose), np.asarray(X, dtype=float))
     return result.merged(*merged) if merged else result
+
+
+def _without(own: Array, parts: Sequence[Array]) -> Array:
+    """Covariances (n, 6, 6) without some of their parts; 0 where the difference is rounding."""
+    rest = own - np.sum(parts, axis=0)
+    size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))
+    return np.where(np.abs(rest) > ROUNDED * size[..., :, None] * size[..., None, :], rest, 0.0)
 
 
 def _by_kind(name: str, D: Array, S: Any) -> tuple[list[str], list[Array]]:

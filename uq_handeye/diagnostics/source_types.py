@@ -2,7 +2,9 @@
 
 Type A: noise that was estimated from residuals or corners, with the correlation of neighbouring poses, and a clock
 offset that two streams gave. Type B: noise as given or fixed by a data sheet, shared errors with what is assumed of
-them. Degrees of freedom are known where the noise was estimated; elsewhere they count as infinite.
+them. Type A, B: errors of an arm whose standard deviation comes from both, that of the population of such arms and the
+residuals. Degrees of freedom are known where the noise was estimated; elsewhere they count as infinite: the variance of
+an arm's errors is its mean over what remains open of it, and needs no wider factor (JCGM 101, 6.4.9).
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ def with_types(budget: Budget, noise: Noise, estimate: NoiseEstimate | None, fro
         data |= set(index)
     serial = {} if estimate is None else _serial(noise)
     data |= serial.keys()
-    types = tuple("A" if name in data else "B" for name in budget.sources)
+    both = set() if estimate is None else {part.name for part in estimate.components if part.status == "prior"} - data
+    types = tuple("A" if name in data else "A, B" if name in both else "B" for name in budget.sources)
     return replace(budget, types=types, relative=_relative(budget.sources, index, estimate, serial))
 
 

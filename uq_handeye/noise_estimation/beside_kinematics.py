@@ -32,7 +32,14 @@ from ..errors import InputError, NotConvergedError
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..kinematics.errors import LENGTHS
-from ..kinematics.kinematic_errors import DECLARED, JOINT_NOISE, JOINT_NOISE_FACTOR, KinematicColumns
+from ..kinematics.kinematic_errors import (
+    DECLARED,
+    DECLARED_AS,
+    JOINT_NOISE,
+    JOINT_NOISE_FACTOR,
+    USUAL,
+    KinematicColumns,
+)
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.reduced_rows import Reduced, reduce_rows
 from ..noise.camera_noise import CameraNoise
@@ -377,12 +384,24 @@ class FoundKinematics:
         log_covariance = np.where(search.free[:, None] & search.free, C, 0.0)[np.ix_(own, own)]
         covariance = 4.0 * log_covariance * np.outer(v, v)
         names = tuple(of.name for of, is_own in zip(search.deviations, own, strict=True) if is_own)
-        finding = Finding("noise_estimation.kinematics", "note", {"components": [_plain(c) for c in components]})
+        finding = Finding("noise_estimation.kinematics", "note", self._said)
         dof = 6.0 * self.n - 12
         return NoiseEstimate(
             self.noise, tuple(components), (finding,), v, covariance, dof, None,
             self._spread_of_X(own, log_covariance), names=names,
         )  # fmt: skip
+
+    @property
+    def _said(self) -> dict[str, Any]:
+        """What the sentence says: whose deviations are the least, and of which groups they were given."""
+        given = self.source.kinematics.given
+        groups = dict.fromkeys(self.source.kinematics.groups)
+        return {
+            "of": given.robot_class or USUAL,
+            "declared": given.how == DECLARED,
+            "given": [group for group in groups if getattr(given, DECLARED_AS[group]) is not None],
+            "groups": len(groups),
+        }
 
     def _spread_of_X(self, own: NDArray[np.bool_], log_covariance: Array) -> float:
         """A of `goodness_of_fit`: how uncertain Sigma_X is, by the deviations of noise."""
@@ -401,14 +420,3 @@ class FoundKinematics:
         ]
         stacked = np.array(relative).reshape(-1, p, p)
         return float(np.einsum("kl,kij,lji->", log_covariance, stacked, stacked)) * 6.0 / p
-
-
-def _plain(part: Component) -> dict[str, Any]:
-    return {
-        "name": part.name,
-        "unit": part.unit,
-        "value": part.value,
-        "low": part.low,
-        "high": part.high,
-        "status": part.status,
-    }

@@ -247,5 +247,10 @@ def _words(part: Part) -> str:
 
 
 @sentence("noise_estimation.kinematics")
-def _(components: Sequence[Part]) -> str:
-    return f"Beside the errors of the arm: {_list(components)}."
+def _(of: str, declared: bool, given: Sequence[str], groups: int) -> str:
+    if declared:
+        return "The standard deviations of the arm's errors are as declared."
+    least = f"those of {of} arms" if len(given) < groups else "those given"
+    if given and len(given) < groups:
+        least += f" (given: {', '.join(given)})"
+    return f"The standard deviations of the arm's errors are at least {least}; the residuals can only raise them."
