@@ -3,7 +3,7 @@ r"""What a calibration found of the arm that carried it: the errors of its kinem
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,26 @@ from ..files.validate import array_of
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array
 from ..kinematics.chain import Kinematics
+from ..kinematics.errors import GROUPS
 from ..kinematics.kinematic_errors import JOINT_NOISE
 from ..likelihood.shared_estimates import JointPosterior
 from ..runtime.read_only import ReadOnlyArrays
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class ErrorEstimate(NamedTuple):
+    """One number of e: what was assumed of it, and what the data say (rad, m; ``true - model``)."""
+
+    name: str
+    group: str
+    joint: str
+    unit: str
+    prior_sd: float
+    estimate: float
+    sd: float
+    told: float  # share of the prior variance that the data took away, 0 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +60,28 @@ class FittedKinematics(ReadOnlyArrays):
     def kept(self) -> NDArray[np.intp]:
         """(k,) the numbers of the errors that count."""
         return np.flatnonzero(np.diag(self.covariance) > 0)
+
+    def table(self) -> list[ErrorEstimate]:
+        """The estimates of the errors that count, in the order of the chain's errors."""
+        found = []
+        for k in self.kept.tolist():
+            of, prior = self.chain.errors[k], self.sd.get(self.chain.errors[k].group, 0.0)
+            sd = float(np.sqrt(self.covariance[k, k]))
+            told = float(np.clip(1.0 - (sd / prior) ** 2, 0.0, 1.0)) if prior > 0 else 0.0
+            found.append(ErrorEstimate(of.name, of.group, of.joint, of.unit, prior, float(self.e[k]), sd, told))
+        return found
+
+    def told(self) -> dict[str, float]:
+        """Share of the prior variance that the data took away from each group of errors, on average, 0 to 1."""
+        rows = self.table()
+        shares = {group: [row.told for row in rows if row.group == group] for group in GROUPS}
+        return {group: float(np.mean(share)) for group, share in shares.items() if share}
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A pandas table of `table`, a row per number of e by its name."""
+        import pandas as pd
+
+        return pd.DataFrame(self.table(), columns=list(ErrorEstimate._fields)).set_index("name")
 
     def poses(self, q: Any) -> Array:
         """(..., 4, 4) ``FK(q; e)``, corrected by the estimate, at joints q (..., L)."""

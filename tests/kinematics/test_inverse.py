@@ -1,0 +1,43 @@
+"""Joint values from poses: against the forward kinematics, inside the limits, honest where there are none."""
+
+import numpy as np
+import pytest
+from arm_cases import random_chain
+from arm_sessions import chain, drawn_errors
+
+from uq_handeye.kinematics.gravity import spread_postures
+from uq_handeye.kinematics.inverse import REACHED, postures_at
+
+
+def spread(arm, n):
+    return spread_postures(arm.limits, np.array([joint.is_revolute for joint in arm.joints]), n)
+
+
+@pytest.mark.parametrize("errors", [False, True])
+def test_postures_have_the_poses_wanted(errors):
+    arm, rng = chain(), np.random.default_rng(0)
+    e = drawn_errors(arm, rng) if errors else None
+    q = spread(arm, 500)
+    poses = arm.poses(q, e)
+    found = postures_at(arm, poses, q + 0.2 * rng.normal(size=q.shape), e)
+    assert found.reached.mean() > 0.9
+    np.testing.assert_allclose(arm.poses(found.q, e)[found.reached], poses[found.reached], atol=3 * REACHED)
+
+
+def test_postures_stay_inside_the_limits_and_a_pose_out_of_reach_is_told():
+    arm = chain()
+    q = spread(arm, 300)
+    poses = arm.poses(q)
+    far = poses.copy()
+    far[::2, :3, 3] *= 10.0
+    found = postures_at(arm, far, q[::-1])
+    assert ((found.q >= arm.limits[:, 0]) & (found.q <= arm.limits[:, 1])).all()
+    assert not found.reached[::2].any() and found.reached[1::2].mean() > 0.3
+
+
+def test_a_prismatic_joint():
+    arm = random_chain(np.random.default_rng(2), "PRRRRRR")
+    q = spread(arm, 200)
+    found = postures_at(arm, arm.poses(q), q + 0.05)
+    assert found.reached.mean() > 0.8
+    np.testing.assert_allclose(arm.poses(found.q)[found.reached], arm.poses(q)[found.reached], atol=1e-6)

@@ -1,0 +1,41 @@
+"""What the data say of each error of an arm."""
+
+import numpy as np
+import pytest
+from arm_sessions import calibrated, declared, session
+
+
+@pytest.fixture(scope="module")
+def found():
+    case = session(1)
+    return case, calibrated(case)
+
+
+def test_each_error_that_counts_has_a_row(found):
+    case, result = found
+    rows = result.kinematics.table()
+    assert [row.name for row in rows] == [error.name for error in case.chain.errors if not error.gauge]
+    shared = {error.name: error for error in result.shared}
+    for row in rows:
+        of = shared[row.name]
+        assert (row.group, row.unit) == (of.error, of.unit)
+        assert row.prior_sd == pytest.approx(of.prior_sd) and of.prior_sd == pytest.approx(
+            declared().deviations[row.group]
+        )
+        assert row.estimate == pytest.approx(of.estimate, abs=1e-12) and row.sd == pytest.approx(of.sd, rel=1e-6)
+        assert row.told == pytest.approx(1 - (of.sd / of.prior_sd) ** 2, abs=1e-6) and 0 <= row.told <= 1
+
+
+def test_the_share_told_of_groups_is_the_mean_of_theirs(found):
+    _, result = found
+    rows, told = result.kinematics.table(), result.kinematics.told()
+    assert list(told) == ["joint offsets", "joint tilts", "link lengths", "transmission", "sag"]
+    for group, share in told.items():
+        assert share == pytest.approx(np.mean([row.told for row in rows if row.group == group]))
+    assert told["joint offsets"] > told["link lengths"]  # 0.2 mm of a link are hardly seen
+
+
+def test_it_is_a_table_of_pandas(found):
+    _, result = found
+    frame = result.kinematics.to_dataframe()
+    assert frame.loc["joint offsets: axis_4", "unit"] == "rad" and len(frame) == len(result.kinematics.kept)
