@@ -33,7 +33,7 @@ def sds(folder, *options):
     found = run("calibrate", *BOTH, "--json", *options, cwd=folder)
     assert found.returncode in (None, 0), found.stderr
     lines = json.loads(found.stdout)["provenance"]["options"]["shared"]
-    return {name: float(sd) for name, sd in (line.split(": ") for line in lines)}
+    return {name: float(sd) if sd[-1].isdigit() else sd for name, sd in (line.split(": ") for line in lines)}
 
 
 @pytest.mark.parametrize(
@@ -53,6 +53,9 @@ def sds(folder, *options):
         (["--noise", "shared.toml"], DEFAULTS | {"focal length": 5e-3, "principal point x": 0, "principal point y": 0}),
         (["--noise", "shared.toml", "--focal-sd", "0.2%", "--shared", "none"],
          {"focal length": 2e-3, "principal point x": 0, "principal point y": 0}),
+        (["--robot-accuracy", "0.5mm,0.05deg"], DEFAULTS | {"robot accuracy": "0.5 mm, 0.05 deg"}),
+        (["--robot-accuracy", "0.05deg, 0.5mm"], DEFAULTS | {"robot accuracy": "0.5 mm, 0.05 deg"}),
+        (["--robot-accuracy", "exact"], DEFAULTS | {"robot accuracy": "exact"}),
         (NOISE, {}),
         ([*NOISE, "--focal-sd", "0.3%"], {"focal length": 3e-3}),
         ([*NOISE, "--noise", "shared.toml"], {"focal length": 5e-3, "principal point x": 0, "principal point y": 0}),
@@ -115,6 +118,9 @@ def test_they_reach_the_other_commands(folder, command, more, key, given):
         (["--robot-scale-sd", "much"], ["--robot-scale-sd", "'much'"]),
         (["--principal-point-sd", "1px"], ["--principal-point-sd", "focal length in pixels"]),
         (["--offset-sd", "1"], ["--offset-sd", "unit", "ms"]),
+        (["--robot-accuracy", "0.5mm"], ["--robot-accuracy", "0.5mm,0.05deg", "'0.5mm'"]),
+        (["--robot-accuracy", "0.5,0.05deg"], ["--robot-accuracy", "unit", "mm"]),
+        (["--robot-accuracy", "-1mm,0.05deg"], ["--robot-accuracy", ">= 0"]),
         (["--shared", "some"], ["--shared", "defaults, none", "'some'"]),
         (["--pair", "async", "--offset", "0,0.001", "--offset-sd", "1ms"], ["once", "--offset-sd"]),
     ],
@@ -166,7 +172,7 @@ def test_the_table(folder):
     (folder / "all.toml").write_text(
         '[robot]\nrotation = "0.02deg"\ntranslation = "0.05mm"\n'
         '[shared]\nfocal_length = "0.1%"\nprincipal_point = "1px"\ntarget_scale = "exact"\nrobot_scale = 1e-4\n'
-        'clock_offset = "1ms"\n'
+        'clock_offset = "1ms"\nrobot_accuracy = "0.5mm,0.05deg"\n'
         '[[shared.columns]]\nname = "bend"\nfile = "bend.npz"\nsd = 5e-5\nside = "robot"\nunit = "K"\n'
         '[[shared.columns]]\nname = "two"\nfile = "two.npy"\nsd = [1e-5, 2e-5]\nside = "camera"\n'
         '[[shared.columns]]\nname = "table"\nfile = "bend.csv"\nsd = 1e-7\nside = "robot"\n'
@@ -178,14 +184,15 @@ def test_the_table(folder):
         ("target scale", 0.0),
         ("robot scale", 1e-4),
         ("clock offset", 1e-3),
+        ("robot accuracy", 1.0),
         ("bend", 5e-5),
         ("two", 1e-5, 2e-5),
         ("table", 1e-7, 1e-7),
     ]
-    assert errors[5].unit == "K" and errors[6].side == "camera"
+    assert errors[6].unit == "K" and errors[7].side == "camera"
     poses = uq.simulate(12, noise=MODEL, seed=4)
-    assert errors[5].at(poses).shape == (12, 6, 1) and errors[6].at(poses).shape == (12, 6, 2)
-    np.testing.assert_array_equal(errors[7].at(poses)[1], np.arange(12, 24.0).reshape(2, 6).T)
+    assert errors[6].at(poses).shape == (12, 6, 1) and errors[7].at(poses).shape == (12, 6, 2)
+    np.testing.assert_array_equal(errors[8].at(poses)[1], np.arange(12, 24.0).reshape(2, 6).T)
     assert isinstance(uq.read_noise_file(folder / "all.toml"), uq.PoseNoise)
     assert uq.read_noise_file(folder / "shared.toml") is None
     result = uq.calibrate(poses, noise=MODEL, shared=errors)
@@ -208,6 +215,7 @@ def columns(**changes):
         ("[shared]\nrobot_scale = true\n", ["[shared]", "robot scale", "True"]),
         ("[shared]\nrobot_scale = [1]\n", ["[shared]", "robot scale", "[1]"]),
         ('[shared]\nprincipal_point = "1px"\n', ["[shared]", "principal point", "focal length in pixels"]),
+        ('[shared]\nrobot_accuracy = "0.5mm"\n', ["[shared]", "robot accuracy", "0.5mm,0.05deg", "'0.5mm'"]),
         ("[shared]\ncolumns = 3\n", ["[shared]", "[[shared.columns]]"]),
         (columns(nme='"b"'), ["[shared]", "unknown key 'nme'"]),
         (columns(sd=""), ["[shared]", "sd", "missing"]),

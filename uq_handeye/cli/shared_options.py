@@ -71,6 +71,15 @@ class SharedOptions:
             help="Relative standard deviation of the lengths of the robot, e.g. 0.01%.",
         ),
     ] = None
+    robot_accuracy: Annotated[
+        str | None,
+        option(
+            "--robot-accuracy",
+            metavar="MM,DEG|exact",
+            panel=SHARED,
+            help="Accuracy of the robot by its data sheet, e.g. 0.5mm,0.05deg: a smooth error over the pose.",
+        ),
+    ] = None
     offset_sd: Annotated[
         str | None,
         option(
@@ -108,6 +117,7 @@ class SharedOptions:
             ),
             ("--target-scale-sd", self.target_scale_sd, SharedError.target_scale),
             ("--robot-scale-sd", self.robot_scale_sd, SharedError.robot_scale),
+            ("--robot-accuracy", self.robot_accuracy, SharedError.robot_accuracy),
             ("--offset-sd", self.offset_sd, SharedError.clock_offset),
         ):
             if text is not None:

@@ -97,13 +97,15 @@ def residual_tests(
     if poses is not None and poses.timestamps is not None:
         rows = rows[np.argsort(poses.timestamps[rows], kind="stable")]
 
+    needed = max(FEWEST, J.shape[-1] // 6 + 3)  # J has the shared errors, too: they may take most of the residuals
+
     def untested(test: str, why: str) -> Finding:
         item = "motion" if fit.W is None else "pose"
-        values = {"test": test, "item": item, "why": why, "rows": len(rows), "needed": FEWEST}
+        values = {"test": test, "item": item, "why": why, "rows": len(rows), "needed": needed}
         return Finding("diagnostics.not_tested", "note", values)
 
     why = None
-    if len(rows) < FEWEST:
+    if len(rows) < needed:
         why = "too few"
     elif np.sqrt(np.mean(white[rows] ** 2)) < 1e-6:
         why = "exact"
@@ -133,7 +135,7 @@ def standardised(r: Array, J: Array) -> tuple[Array, Array]:
     The tests judge patterns, not sizes: noise that is wrong by a factor in rotation or translation changes nothing.
     """
     kept = r.shape[-2] - np.sum(_orthonormal(J) ** 2, axis=(-3, -1))
-    scale = np.sqrt(np.sum(r**2, axis=-2) / kept)[..., None, :]
+    scale = np.sqrt(np.sum(r**2, axis=-2) / np.maximum(kept, 0.5))[..., None, :]
     scale = np.maximum(scale, 1e-3 * scale.max(axis=-1, keepdims=True))  # of components without any noise
     U = _orthonormal(J / scale[..., None])
     r = r / scale

@@ -69,6 +69,7 @@ class SharedEstimate(ReadOnlyArrays):
     default: bool = False  # assumed, not declared
     wide: float | None = None  # where there was doubt: the probability of the wider prior
     focal_length_px: float | None = None  # of a principal point, where it is known
+    stated: str = ""  # the prior in words, where the number is in units of it
 
     @property
     def shown(self) -> tuple[float, str]:
@@ -264,6 +265,7 @@ class JointFit(ReadOnlyArrays):
                     value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
                     effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
                     error.default, None if resolved is None else resolved.wide.get(name), error.focal_length_px,
+                    error.stated,
                 )
             )  # fmt: skip
         return tuple(found)

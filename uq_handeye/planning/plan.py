@@ -49,9 +49,11 @@ from ..noise.models import PoseNoise, is_joint
 from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES, warn_left_out
+from ..shared_errors.accuracy_field import ROBOT_ACCURACY
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     DEFAULT_SD,
+    ROBOT_ACCURACY,
     SharedError,
     checked_errors,
     default_errors,
@@ -133,7 +135,7 @@ def plan(
     estimated = noise is None
     if shared is not None:
         shared = tuple(error for error in checked_errors(shared, data) if not error.is_exact)
-        if own := [error.name for error in shared if error.name not in DEFAULT_SD]:
+        if own := [error.name for error in shared if error.name not in (*DEFAULT_SD, ROBOT_ACCURACY)]:
             raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
     errors = tuple(shared or ())
     if noise is None:
@@ -163,12 +165,6 @@ def plan(
         if noise.prior is not None:
             information = information + noise.prior.normal_equations(at.X, at.W)[0]
     assert at.W is not None
-    if errors or intrinsics.shape[-1]:
-        before = constraint.linearise(at, constraint.first, constraint.second)
-        F = _white_columns(before, noise, errors, data, intrinsics)
-        J = whiten(cholesky_of(residual_covariance(before.sides, noise)), before.J)
-        across = np.einsum("nri,nrj->ij", J, F)
-        information = np.block([[information, across], [across.T, np.eye(F.shape[-1]) + gram(F)]])
     if candidates is None:
         robot = sample_candidates(data, at.X, at.W, sample, seed=seed)
     else:
@@ -183,6 +179,14 @@ def plan(
             "them be taken again (repeat)."
         )
     camera = predicted_camera(robot, at.X, at.W, data.setup)
+    if errors or intrinsics.shape[-1]:
+        together = PosePairs(np.concatenate([data.robot, robot]), np.concatenate([data.camera, camera]), data.setup)
+        errors = tuple(error.bound(together) for error in errors)
+        before = constraint.linearise(at, constraint.first, constraint.second)
+        F = _white_columns(before, noise, errors, data, intrinsics)
+        J = whiten(cholesky_of(residual_covariance(before.sides, noise)), before.J)
+        across = np.einsum("nri,nrj->ij", J, F)
+        information = np.block([[information, across], [across.T, np.eye(F.shape[-1]) + gram(F)]])
     linear = OnPoses(robot, camera, constraint.inverted).linearise(at, robot, camera)
     rows = whiten(cholesky_of(residual_covariance(linear.sides, of_new)), linear.J)
     if errors or intrinsics.shape[-1]:

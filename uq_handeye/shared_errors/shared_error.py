@@ -36,7 +36,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
-from ..formatting.units import parse_angle, parse_ratio, parse_time
+from ..formatting.numbers import digits
+from ..formatting.units import parse_angle, parse_length, parse_ratio, parse_time
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array
 from ..noise.camera_noise import INTRINSICS
@@ -45,6 +46,7 @@ from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from ..runtime.read_only import ReadOnlyArrays
+from .accuracy_field import ROBOT_ACCURACY, deviations, field_columns, stated_accuracy
 
 FOCAL_LENGTH = "focal length"
 PRINCIPAL_POINT = "principal point"
@@ -89,6 +91,8 @@ class SharedError(ReadOnlyArrays):
     doubt: Doubt | None = None  # that its one number is that small
     default: bool = False  # assumed, not declared
     focal_length_px: float | None = None  # of a principal point in pixels
+    stated: str = ""  # in words, where the numbers are in units of what was declared
+    bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
 
     @property
     def widest(self) -> Array:
@@ -103,6 +107,8 @@ class SharedError(ReadOnlyArrays):
     @property
     def described(self) -> list[str]:
         """Each number with its standard deviation; one line where there are many (`group_of`)."""
+        if self.stated:
+            return [f"{self.name}: {self.stated if self.sd.any() else 'exact'}"]
         if len(self.parts) > 1 and group_of(self.parts[0]) != self.parts[0]:
             ends = list(dict.fromkeys(f"{end:.6g}" for end in (self.sd.min(), self.sd.max())))
             return [f"{self.name} ({len(self.parts)}): {' to '.join(ends)}"]
@@ -169,7 +175,7 @@ class SharedError(ReadOnlyArrays):
         """
         if not isinstance(name, str) or not name.strip():
             raise InputError(f"Expected the `name` of a shared error to be text, got {name!r}.")
-        if name in (*DEFAULT_SD, INTRINSICS):
+        if name in (*DEFAULT_SD, INTRINSICS, ROBOT_ACCURACY):
             raise InputError(f"Expected another `name` than {name!r}, which is that of a built-in shared error.")
         if side not in SIDES:
             raise InputError(f"Expected `side` of the shared error {name!r} to be robot or camera, got {side!r}.")
@@ -191,6 +197,44 @@ class SharedError(ReadOnlyArrays):
         _require_sd(each, name)
         parts = (name,) if k == 1 else tuple(f"{name} {j + 1}" for j in range(k))
         return cls(name, unit, side, each, parts, lambda poses: given)
+
+    @classmethod
+    def robot_accuracy(
+        cls, translation: float | str, rotation: float | str | None = None, *, reach: float | str | None = None
+    ) -> SharedError:
+        """The accuracy that the robot's data sheet states, as a smooth error over the pose (`accuracy_field`).
+
+        ``translation`` in m or ``"0.5mm"``, ``rotation`` in rad or ``"0.05deg"``; or both in one text. ``reach`` of the
+        arm (m, or ``"0.9m"``); None takes the largest distance of the flange from the base.
+        """
+        exact = isinstance(translation, str) and translation.strip().lower() in EXACT and rotation is None
+        move, turn = (0.0, 0.0) if exact else stated_accuracy(translation, rotation)
+        length = None if reach is None else parse_length(reach, "`reach`")
+        if length is not None and not 0 < length < np.inf:
+            raise InputError(f"Expected `reach` to be above 0 and finite, got {reach!r}.")
+        scale = deviations(move, turn)
+
+        def bind(poses: PosePairs) -> SharedError:
+            names, effect = field_columns(poses.robot, scale, length)
+            sd = np.repeat((scale > 0).astype(float), len(names) // 6)
+            return replace(unbound, parts=names, sd=sd, effect=lambda at: effect(at.robot))
+
+        words = f"{digits(1e3 * move, 2)} mm, {digits(np.degrees(turn), 2)} deg"
+        sd = np.ones(1) if scale.any() else np.zeros(1)
+        unbound = cls(ROBOT_ACCURACY, "", "robot", sd, (ROBOT_ACCURACY,), _unbound, stated=words, bind=bind)
+        return unbound
+
+    @property
+    def needs_poses(self) -> bool:
+        """Whether its numbers belong to poses, and it is not `bound` to some yet."""
+        return self.bind is not None and self.parts == (self.name,)
+
+    def bound(self, poses: PosePairs) -> SharedError:
+        """With the numbers that these poses need, where they belong to poses; columns at other poses are of the same.
+
+        `calibrate` binds an error to its poses where that has not been done.
+        """
+        return self if self.bind is None else self.bind(poses)
 
     def at(self, poses: PosePairs) -> Array:
         """F (n, 6, k) at these poses; raises `InputError` where they do not tell it."""
@@ -248,7 +292,7 @@ def listed_errors(errors: Any) -> tuple[SharedError, ...]:
 
 def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
     """The errors, if they are some, no two of one name, and the poses tell what they do."""
-    found = listed_errors(errors)
+    found = tuple(error.bound(poses) if error.needs_poses else error for error in listed_errors(errors))
     for error in found:
         if not error.is_exact:
             error.at(poses)
@@ -279,12 +323,14 @@ def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise
     names = {name for error in errors for name in error.parts}
 
     def remaining(S: Any) -> Any:
-        if not isinstance(S, JointCovariance) or names.isdisjoint(S.names):
+        if not isinstance(S, JointCovariance):
             return S
-        kept = np.array([name not in names for name in S.names])
+        kept = np.array([names.isdisjoint((name, group_of(name))) for name in S.names])
+        if kept.all():
+            return S
         if not kept.any() and S.serial is None:
             return S.own if S.own.any() else None
-        rest = tuple(name for name in S.names if name not in names)
+        rest = tuple(name for name, keep in zip(S.names, kept, strict=True) if keep)
         return JointCovariance(S.own, S.shared[..., kept], rest, S.serial)
 
     return replace(noise, robot=remaining(noise.robot), camera=remaining(noise.camera))
@@ -315,6 +361,10 @@ def _require_sd(sd: Array, name: str, given: Any = None) -> None:
     if not (np.isfinite(sd) & (sd >= 0)).all():
         got = sd.tolist() if given is None else repr(given)
         raise InputError(f"Expected the standard deviation of the {name} to be finite and >= 0, got {got}.")
+
+
+def _unbound(poses: PosePairs) -> Array:
+    raise InputError(f"The columns of the {ROBOT_ACCURACY} belong to poses: take SharedError.bound(poses) first.")
 
 
 def _depth(poses: PosePairs) -> Array:

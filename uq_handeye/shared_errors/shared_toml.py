@@ -6,6 +6,7 @@ principal_point = "1mrad"    # of each coordinate over the focal length, or "1px
 target_scale = "0.02%"
 robot_scale = "0.01%"
 clock_offset = "1ms"
+robot_accuracy = "0.5mm,0.05deg"  # of its data sheet: translation and rotation
 
 [[shared.columns]]           # an error of the user's own
 name = "thermal drift"
@@ -30,7 +31,7 @@ from ..formats.numpy_poses import MAX_BYTES, read_one_array
 from ..geometry.se3 import Array
 from .shared_error import SharedError
 
-KEYS = ("focal_length", "principal_point", "target_scale", "robot_scale", "clock_offset")
+KEYS = ("focal_length", "principal_point", "target_scale", "robot_scale", "clock_offset", "robot_accuracy")
 OF_COLUMNS = ("name", "file", "sd", "side", "unit")
 
 

@@ -88,6 +88,8 @@ def _declared(group: SharedGroup) -> list[Cell]:
 
 def sizes_of(group: SharedGroup) -> str:
     """The standard deviations assumed of the numbers of a group: one, or from the smallest to the largest."""
+    if group.parts[0].stated:
+        return group.parts[0].stated
     found = []
     for unit in group.units:
         prior = group.of_unit(unit)[0]
@@ -99,7 +101,8 @@ def sizes_of(group: SharedGroup) -> str:
 def found_of(group: SharedGroup) -> str:
     """RMS of the estimates of a group, and how much the data told of it."""
     sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
-    return f"RMS {', '.join(size.rstrip() for size in sizes)}; told {100 * group.told:.0f} %"
+    rms = ", ".join(size.rstrip() for size in sizes) + (" of it" if group.parts[0].stated else "")
+    return f"RMS {rms}; told {100 * group.told:.0f} %"
 
 
 def _undeclared(probe: ScaleError) -> str:

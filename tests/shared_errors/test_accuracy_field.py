@@ -1,0 +1,191 @@
+"""The accuracy of a robot as a field over the pose: covariance, the same unknowns at other poses, what it covers."""
+
+import numpy as np
+import pytest
+from calibration_cases import quietly
+from scipy.spatial.transform import Rotation
+from support import SEED
+
+import uq_handeye as uq
+from uq_handeye import InputError, SharedError
+from uq_handeye.calibration.report.shared_errors import included_words, shared_table
+from uq_handeye.geometry.se3 import inverse
+from uq_handeye.shared_errors.accuracy_field import LENGTH, MARGIN, MOST_FEATURES, features, kernel
+from uq_handeye.shared_errors.shared_error import shared_columns
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.03deg", "0.1mm"))
+# Standard Denavit-Hartenberg rows (theta, d, a, alpha) of a small arm with six joints.
+ARM = np.array(
+    [[0, 0.29, 0, -np.pi / 2], [-np.pi / 2, 0, 0.27, 0], [0, 0, 0.07, -np.pi / 2], [0, 0.302, 0, np.pi / 2],
+     [0, 0, 0, -np.pi / 2], [np.pi, 0.072, 0, 0]]
+)  # fmt: skip
+LOW, HIGH = np.radians([-150, -60, -60, -90, 15, -180]), np.radians([150, 80, 50, 90, 115, 180])
+
+
+def near(n=30, spread=0.1, seed=SEED):
+    """Robot poses of one region."""
+    rng = np.random.default_rng(seed)
+    T = np.tile(np.eye(4), (n, 1, 1))
+    T[:, :3, :3] = Rotation.from_rotvec(rng.normal(0, 0.3, (n, 3))).as_matrix()
+    T[:, :3, 3] = [0.5, 0.1, 0.4] + spread * rng.normal(size=(n, 3))
+    return T
+
+
+def pairs(robot):
+    return uq.PosePairs(robot, np.tile(np.eye(4), (len(robot), 1, 1)))
+
+
+def test_features_are_the_kernel():
+    T = near()
+    K = kernel(T, T, LENGTH * float(np.linalg.norm(T[:, :3, 3], axis=1).max()))
+    np.testing.assert_allclose(np.diag(K), 1.0, atol=1e-6)
+    assert np.linalg.eigvalsh(K)[0] > -1e-9
+    phi = features(T)(T)
+    assert phi.shape[1] <= MOST_FEATURES
+    np.testing.assert_allclose(np.mean(phi**2) * phi.shape[1], 1.0)
+    assert np.abs(phi @ phi.T - K).max() < 0.15 and np.sqrt(np.mean((phi @ phi.T - K) ** 2)) < 0.015
+
+
+def test_the_variance_is_a_third_of_the_stated_accuracy_with_the_margin():
+    T = near()
+    error = SharedError.robot_accuracy("0.5mm", "0.05deg").bound(pairs(T))
+    F = error.at(pairs(T))
+    sd = np.sqrt((F**2).sum(axis=-1).mean(axis=0))
+    np.testing.assert_allclose(sd[3:], MARGIN * 0.5e-3 / np.sqrt(3))
+    np.testing.assert_allclose(sd[:3], MARGIN * np.radians(0.05) / np.sqrt(3))
+    np.testing.assert_allclose(error.sd, 1.0)
+    covariance = shared_columns([error], pairs(T))["robot"]
+    assert {name.split(": ")[0] for name in covariance.names} == {"robot accuracy"}
+
+
+def test_other_poses_have_columns_of_the_same_unknowns():
+    T = near()
+    error = SharedError.robot_accuracy("0.5mm,0.05deg").bound(pairs(T))
+    F = error.at(pairs(T))
+    np.testing.assert_allclose(error.at(pairs(T[5:9])), F[5:9], atol=1e-12)
+    moved = T[:5].copy()
+    moved[:, 0, 3] += 1e-3
+    close = np.abs(error.at(pairs(moved)) - F[:5]).max()
+    assert 0 < close < 0.05 * np.abs(F).max()
+    far = T[:5].copy()
+    far[:, 0, 3] += 5.0
+    assert np.abs(error.at(pairs(far))).max() < 1e-4 * np.abs(F).max()
+    with pytest.raises(InputError, match="bound"):
+        SharedError.robot_accuracy("0.5mm,0.05deg").at(pairs(T))
+
+
+def test_many_poses_have_no_more_columns():
+    T = near(1500, 0.3)
+    assert SharedError.robot_accuracy("0.5mm,0.05deg").bound(pairs(T)).at(pairs(T)).shape == (1500, 6, 60)
+
+
+def test_one_row_and_one_source_of_type_B():
+    poses = uq.simulate(20, noise=NOISE, seed=SEED)
+    result = quietly(poses, noise=NOISE, shared=[SharedError.robot_accuracy("0.5mm,0.05deg")])
+    row = next(row for row in shared_table(result).rows if row[0].startswith("robot accuracy"))
+    assert row[1] == "0.5 mm, 0.05 deg (declared)" and "% of it; told" in row[2]
+    assert included_words(result).endswith("share: robot accuracy 0.5 mm, 0.05 deg.")
+    assert dict(zip(result.budget.sources, result.budget.types, strict=True))["robot accuracy"] == "B"
+    assert result.provenance.options["shared"] == ["robot accuracy: 0.5 mm, 0.05 deg"]
+    assert (result.std > quietly(poses, noise=NOISE).std).all()
+
+
+def test_plan_has_columns_at_new_poses():
+    poses = uq.simulate(8, noise=NOISE, seed=SEED)
+    new = uq.simulate(12, noise=NOISE, seed=2).robot
+    error = SharedError.robot_accuracy("0.5mm,0.05deg")
+    found = uq.plan(poses, new, 3, noise=NOISE, shared=[error])
+    assert found.shared == ("robot accuracy",)
+    without = uq.plan(poses, new, 3, noise=NOISE)
+    assert (np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2)) > without.std[1:]).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("0.5mm",), "0.5mm,0.05deg"),
+        ((0.5,), "0.5mm,0.05deg"),
+        (("0.5mm", "-1deg"), ">= 0"),
+        (("0.5mm", "much"), "much"),
+        (("0.5", "0.05deg"), "unit"),
+        (("1mm,1deg,1deg",), "0.5mm,0.05deg"),
+    ],
+)
+def test_bad_statements(given, message):
+    with pytest.raises(InputError, match=message):
+        SharedError.robot_accuracy(*given)
+
+
+def test_the_reach_is_above_0():
+    with pytest.raises(InputError, match="reach"):
+        SharedError.robot_accuracy("0.5mm,0.05deg", reach="0m")
+    assert SharedError.robot_accuracy("exact").is_exact
+
+
+# -------------------------------------------------------------------------------------------- a robot that is wrong
+
+
+def forward(q, arm):
+    T = np.tile(np.eye(4), (len(q), 1, 1))
+    for k, (theta, d, a, alpha) in enumerate(arm):
+        A = np.tile(np.eye(4), (len(q), 1, 1))
+        R = Rotation.from_rotvec((q[:, k] + theta)[:, None] * [0, 0, 1]) * Rotation.from_rotvec([alpha, 0, 0])
+        A[:, :3, :3] = R.as_matrix()
+        A[:, :3, 3] = np.stack([a * np.cos(q[:, k] + theta), a * np.sin(q[:, k] + theta), np.full(len(q), d)], axis=1)
+        T = T @ A
+    return T
+
+
+def twists(truth, told):
+    """(theta, tau) of the poses told against the true ones."""
+    turn = Rotation.from_matrix(told[:, :3, :3] @ truth[:, :3, :3].mT).as_rotvec()
+    return np.concatenate([turn, told[:, :3, 3] - truth[:, :3, 3]], axis=1)
+
+
+def frames(T):
+    """(n, 6, 12): what moves of the base frame and of the tool frame do to the poses."""
+    J = np.zeros((len(T), 6, 12))
+    J[:, :3, :3] = J[:, 3:, 3:6] = np.eye(3)
+    J[:, 3:, :3] = -np.cross(np.eye(3), T[:, None, :3, 3]).mT
+    J[:, :3, 6:9] = J[:, 3:, 9:] = T[:, :3, :3]
+    return J
+
+
+def session(rng, n=20):
+    """Poses of one region of an arm with wrong joints and links, X in its aligned frames, and its accuracy."""
+    wrong = ARM + rng.normal(size=ARM.shape) * 0.6 * np.array([1e-3, 3e-4, 3e-4, 6e-4])
+    everywhere = rng.uniform(LOW, HIGH, (400, 6))
+    told = forward(everywhere, ARM)
+    error, J, weight = twists(forward(everywhere, wrong), told), frames(told), np.repeat([0.3, 1.0], 3)
+    aligned = np.linalg.lstsq((J * weight[:, None]).reshape(-1, 12), (error * weight).ravel(), rcond=None)[0]
+    error = error - J @ aligned
+    accuracy = [float(np.sqrt((error[:, of] ** 2).sum(axis=1).mean())) for of in (slice(3, 6), slice(3))]
+    q = rng.uniform(LOW + 0.35 * (HIGH - LOW), HIGH - 0.35 * (HIGH - LOW)) + rng.uniform(-0.35, 0.35, (n, 6))
+    told = forward(q, ARM)
+    error = twists(forward(q, wrong), told) - frames(told) @ aligned
+    truth = told.copy()
+    truth[:, :3, :3] = Rotation.from_rotvec(-error[:, :3]).as_matrix() @ told[:, :3, :3]
+    truth[:, :3, 3] -= error[:, 3:]
+    X, W = np.eye(4), np.eye(4)
+    X[:3, :3], X[:3, 3] = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix(), [0.03, -0.05, 0.06]
+    W[:3, 3] = (truth[:, :3, 3] + 0.4 * truth[:, :3, 2]).mean(axis=0)
+    camera = inverse(X) @ inverse(truth) @ W
+    e = rng.normal(size=(n, 6)) * 1e-4
+    camera[:, :3, :3] = Rotation.from_rotvec(e[:, :3]).as_matrix() @ camera[:, :3, :3]
+    camera[:, :3, 3] += e[:, 3:]
+    return uq.PosePairs(told, camera), X, accuracy
+
+
+def test_it_covers_an_arm_whose_kinematics_are_wrong():
+    """Of local poses X lies outside its 95 % ellipsoid more often than not; with the accuracy declared inside."""
+    inside, error = {"today": [], "declared": []}, {"today": [], "declared": []}
+    for seed in range(16):
+        poses, X, accuracy = session(np.random.default_rng(seed))
+        for name, shared in (("today", []), ("declared", [SharedError.robot_accuracy(*accuracy)])):
+            result = quietly(poses, shared=shared, correlation="none")
+            e = twists(X[None], result.X[None])[0]
+            inside[name].append(e @ np.linalg.solve(result.covariance, e) < result.quantile(0.95))
+            error[name].append(np.linalg.norm(e[3:]))
+    assert np.mean(inside["today"]) < 0.6
+    assert np.mean(inside["declared"]) > 0.85
+    assert 0.6 < np.sqrt(np.mean(np.square(error["declared"])) / np.mean(np.square(error["today"]))) < 1.2
