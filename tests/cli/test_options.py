@@ -207,4 +207,6 @@ def test_good_files_are_not_warned_of(session):
 
 def test_the_commands():
     names = [command.name for command in cli.app.registered_commands]
-    assert set(TAKES_POSES) | {"demo", "camera", "simulate", "sync", "report", "export", "codegen"} == set(names)
+    assert set(TAKES_POSES) | {"demo", "camera", "simulate", "sync", "report", "export", "codegen", "predict"} == set(
+        names
+    )

@@ -1,9 +1,8 @@
 """The command ``uq-handeye predict``: where points lie and what the camera should see at other robot poses."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
-
-import numpy as np
 
 from ...errors import InputError
 from ..arm_options import JOINT_UNITS, KINEMATICS
@@ -75,11 +74,13 @@ def predict_command(
 ) -> None:
     """Predict at other robot poses, with the uncertainty of X, the target and the arm together.
 
-    Example: uq-handeye predict result/result.json --joints next.csv --point 0mm,0mm,300mm
+    Example: uq-handeye predict result.json --joints q.csv --point 0mm,0mm,300mm
 
     What the camera should see there, to compare with what it sees:
-    uq-handeye predict result/result.json --joints next.csv --camera
+    uq-handeye predict result.json --joints q.csv --camera
     """
+    import numpy as np
+
     from ...calibration.result import Calibration
     from ...io import json_text, write_files
 
@@ -121,7 +122,7 @@ def _coordinates(text: str) -> list[float]:
             values.append(float(part))
         except ValueError:
             values.append(parse_length(part, "--point"))
-    if (far := max(map(abs, values))) > 10.0 or not np.isfinite(values).all():
+    if not (far := max(map(abs, values))) <= 10.0 or not all(map(math.isfinite, values)):
         raise InputError(f"--point {text}: {far:g} m from the camera; write the unit, e.g. 0mm,0mm,300mm.")
     return values
 
@@ -130,6 +131,8 @@ def _places(
     stored: "Calibration", name: str, joints: Path | None, joint_units: str | None, robot: Path | None, units: str
 ) -> "tuple[Array, dict[str, Array]]":
     """Timestamps, or numbers of the rows, and joints or robot poses."""
+    import numpy as np
+
     from ...io import read_pose_file
     from ...kinematics.joints_file import read_joints
 
@@ -180,11 +183,13 @@ def _pose_rows(seen: "CameraPrediction", times: "Array") -> list[list[Any]]:
 
 def _pairs(names: Any) -> list[str]:
     """Names of the covariances above the diagonal and on it, row by row."""
-    return [f"cov_{names[i]}_{names[j]}" for i, j in zip(*np.triu_indices(len(names)), strict=True)]
+    return [f"cov_{first}_{other}" for i, first in enumerate(names) for other in names[i:]]
 
 
 def _plain(*parts: Any) -> list[Any]:
     """Numbers in a row; of a matrix those on and above its diagonal."""
+    import numpy as np
+
     flat = (part[np.triu_indices(len(part))] if np.ndim(part) == 2 else np.ravel(part) for part in parts)
     return [value for part in flat for value in part.tolist()]
 
@@ -214,6 +219,8 @@ def _text_of_points(found: "PointUncertainty", n: int, stored: "Calibration") ->
 
 
 def _text_of_poses(seen: "CameraPrediction") -> str:
+    import numpy as np
+
     from ...presentation.document import Heading, Paragraph, Table, to_text
 
     n = len(seen.poses)
