@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arm_cases import SIX_AXES
+from pages import DOCS
 
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.kinematics.chain import Joint, Kinematics
@@ -241,3 +242,14 @@ def test_another_arm(read):
     names = ",".join(f"joint_{k}" for k in range(1, 7))
     with pytest.raises(InputError, match=re.escape("no column of joint axis_1, axis_2")):
         read(f"{names}\n0,0,0,0,0,0\n", Kinematics.from_urdf(SIX_AXES))
+
+
+def test_the_examples_of_the_page(tmp_path):
+    page = (DOCS / "formats.md").read_text(encoding="utf-8").partition("## Joints and arms")[2].partition("## X out")[0]
+    joints, table, toml = (text for _, text in re.findall(r"^```(csv|toml)\n(.*?)^```", page, re.DOTALL | re.MULTILINE))
+    for name, text in (("joints.csv", joints), ("dh.csv", table), ("dh.toml", toml)):
+        (tmp_path / name).write_text(text)
+    found = read_joints(tmp_path / "joints.csv", ["shoulder", "elbow", "wrist"])
+    np.testing.assert_allclose(found.q[0], np.deg2rad([5.7, 30.5, -12.0]))
+    assert Kinematics.from_dh(tmp_path / "dh.csv").names == ("shoulder", "elbow")
+    np.testing.assert_allclose(Kinematics.from_dh(tmp_path / "dh.toml").joints[0].upper, np.deg2rad(166))

@@ -48,7 +48,7 @@ class ErrorParameter:
 
 @dataclass(frozen=True)
 class ErrorLayout:
-    """Where the numbers of e stand: columns, joints and components of rotations, shifts, harmonics and sag."""
+    """Places of the numbers of e: columns, joints and components of rotations, shifts, harmonics and sag."""
 
     parameters: tuple[ErrorParameter, ...]
     joint: NDArray[np.int64]  # (m,)
@@ -103,7 +103,7 @@ def _of_joint(group: str, joint: Joint) -> list[tuple[int, str, str]]:
 
 
 def _commutes(group: str, number: int, joint: Joint) -> bool:
-    """Whether a geometric error commutes with the motion of the joint."""
+    """Return whether a geometric error commutes with the motion of the joint."""
     return number == 2 or (group == LENGTHS and not joint.is_revolute)
 
 

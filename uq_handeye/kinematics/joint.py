@@ -80,7 +80,7 @@ class Joint(ReadOnlyArrays):
 
 
 class ChainParts(NamedTuple):
-    """What a reader finds: the arguments of `Kinematics`."""
+    """Findings of a reader: the arguments of `Kinematics`."""
 
     name: str
     base: str
@@ -117,7 +117,7 @@ def parts_to_dict(parts: ChainParts) -> dict[str, Any]:
 
 
 def parts_from_dict(data: Any) -> ChainParts:
-    """What `parts_to_dict` wrote; raises `InputError` for anything else."""
+    """Return what `parts_to_dict` wrote; raise `InputError` for anything else."""
     what = "the kinematics"
     parts = _fields(data, (*_OF_CHAIN, "joints"), what)
     if not isinstance(parts["joints"], list):

@@ -1,6 +1,6 @@
 """Files of joint values, one row per pose: CSV under a header with the names of the joints, or arrays of NumPy.
 
-    timestamp,shoulder,elbow [deg],wrist_deg
+    timestamp,shoulder [deg],elbow [deg],wrist_deg
 
 Columns are taken by name, in any order; further ones are left alone. A unit may stand behind the name. Names may have
 parts around them, as PlotJuggler, LeRobot and others write them (``/joint_states/elbow/position``, ``elbow.pos``);
@@ -72,7 +72,7 @@ class _Wanted:
 
 @dataclass
 class _Columns:
-    """What a header means."""
+    """Meaning of a header."""
 
     separator: bytes
     count: int

@@ -238,7 +238,7 @@ def _some(names: list[str]) -> str:
 
 
 def _path(tree: Tree, base: str, tip: str) -> tuple[Array, list[_Joint]]:
-    """What leads up from the base, through fixed joints, as a transform, and the joints down to the tip."""
+    """The transform up from the base, through fixed joints, and the joints down to the tip."""
     up, down = _ancestors(tree, base), _ancestors(tree, tip)
     above_base = {base: 0, **{joint.parent: k + 1 for k, joint in enumerate(up)}}
     links = [tip, *(joint.parent for joint in down)]
