@@ -53,8 +53,8 @@ from uq_handeye.presentation.figure_parts import (
     plain,
 )
 from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.runtime.threads import one_thread
 from uq_handeye.simulation.rig import disturbed
-from uq_handeye.validation.monte_carlo.chunks import one_thread
 
 SEED = 2019
 POSES = 30

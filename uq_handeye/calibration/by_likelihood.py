@@ -167,7 +167,8 @@ def _fitted(job: Job, posterior: JointPosterior | None, found: Mapping[str, floa
     given = job.arm.errors
     sd = dict(given.deviations | {JOINT_NOISE: float(given.joint_sd or 0.0)} if found is None else found)
     sd = {name: value for name, value in sd.items() if name in (*DECLARED_AS, JOINT_NOISE)}
-    return FittedKinematics.of(job.arm.kinematics, job.arm.joints, given.how, given.flange, sd, posterior)
+    left = job.arm.against.rms
+    return FittedKinematics.of(job.arm.kinematics, job.arm.joints, given.how, given.flange, sd, left, posterior)
 
 
 def _beside_kinematics(job: Job, constraint: Constraint, columns: KinematicColumns) -> BesideKinematics:

@@ -23,6 +23,7 @@ from ..noise.estimate import NoisePrior
 from ..noise.models import Noise
 from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
+from ..runtime.threads import one_thread
 from ..shared_errors.shared_error import SharedError
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
@@ -154,7 +155,7 @@ def calibrate(
     asked = (noise, method, pairs, scale, kind, covariance, robust, prior, seed, shared, correlation)
     of_arm = (joints, kinematics, kinematic_errors)
     job = request(data, *asked, prior_X, prior_W, *of_arm)
-    findings = look_at(job)
+    findings = look_at(job) + ([] if job.arm is None else job.arm.against.findings)
     try:
         try:
             result, more = _run(job)
@@ -205,6 +206,9 @@ def calibrate(
 
 
 def _run(job: Job) -> tuple[Calibration, list[Finding]]:
+    if job.arm is not None:  # many columns
+        with one_thread():
+            return by_likelihood(job)
     if job.method == BUNDLE:
         return by_bundle(job)
     return by_likelihood(job) if job.method in ESTIMATORS else by_published(job)

@@ -15,6 +15,7 @@ from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, logarithm, perturb
+from ..kinematics.against_controller import AgainstController, against_controller
 from ..kinematics.chain import Kinematics
 from ..kinematics.kinematic_errors import ESTIMATE, JOINT_NOISE, KinematicColumns, KinematicErrors
 from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
@@ -59,9 +60,10 @@ FEWEST_FOR_ROBUST = 5
 class Arm(NamedTuple):
     """A robot by its joints."""
 
-    kinematics: Kinematics
+    kinematics: Kinematics  # in the base frame and with the tool of the measured poses
     joints: Array  # (n, L) rad, m
     errors: KinematicErrors
+    against: AgainstController  # the measured poses against those of the joints
     measured: PosePairs  # as they came
     at: Array | None = None  # (m,) errors about which the model is linear; None: 0
 
@@ -266,10 +268,10 @@ def request(
     arm = _arm_of(joints, kinematics, kinematic_errors, motions, noise, method)
     if arm is not None and about is not None:
         arm = arm._replace(measured=about[0], at=about[1])
-    columns_of_arm = None if arm is None else arm.columns
+    columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
     beside: PoseNoise | None = None
-    if arm is not None and noise is not None:
-        assert isinstance(noise, PoseNoise) and columns_of_arm is not None
+    if columns_of_arm is not None and noise is not None:
+        assert isinstance(noise, PoseNoise) and arm is not None
         if arm.errors.how != ESTIMATE:
             noise, of_arm = with_declared(noise, columns_of_arm)
             errors, columns_of_arm = (*errors, *of_arm), None
@@ -338,7 +340,10 @@ def _arm_of(
     errors = KinematicErrors() if errors is None else errors
     if not isinstance(errors, KinematicErrors):
         raise InputError(f"Expected `kinematic_errors` to be KinematicErrors or None, got {type(errors).__name__}.")
-    return None if errors.is_exact else Arm(kinematics, q, errors, poses)
+    against = against_controller(kinematics, q, poses.robot)
+    if not against.same_arm:
+        raise InputError(" ".join(map(str, against.findings)))
+    return Arm(against.adapt(kinematics), q, errors, against, poses)
 
 
 def take_offset(

@@ -244,7 +244,8 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
             Of the robot when they were seen, rad (prismatic: m): the pose is corrected by the errors of the arm that
             were found. Leading axes broadcast with those of the points.
         robot : (..., 4, 4) or None
-            In place of joints, where the calibration knows none: ``base_T_gripper``.
+            ``base_T_gripper``, in place of joints where the calibration knows none; and beside them where the
+            controller's poses are not those of the joints.
         points_covariance : (3, 3), (..., 3, 3) or None
             Noise of the points themselves, in the camera frame.
 
@@ -273,7 +274,8 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
         joints : (..., L) or None
             Of the robot, rad (prismatic: m).
         robot : (..., 4, 4) or None
-            In place of joints, where the calibration knows none: ``base_T_gripper``.
+            ``base_T_gripper``, in place of joints where the calibration knows none; and beside them where the
+            controller's poses are not those of the joints.
         new_measurement : bool
             With the noise of one new measurement, of joints, robot and camera: what a measured pose differs by.
 

@@ -111,6 +111,8 @@ class AgainstController(ReadOnlyArrays):
 
         Jacobians and columns of errors are then at the controller's tool, in the controller's base.
         """
+        if self.base is None and self.tool is None:
+            return kinematics  # with what it has worked out
         first, *others = kinematics.joints
         end, up = kinematics.end, kinematics.up
         if self.base is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files.validate import array_of
 from ..geometry.checks import as_numbers
-from ..geometry.se3 import Array
+from ..geometry.se3 import Array, logarithm, perturb
 from ..kinematics.chain import Kinematics
 from ..kinematics.errors import GROUPS
 from ..kinematics.kinematic_errors import JOINT_NOISE
@@ -20,6 +20,9 @@ from ..runtime.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
     import pandas as pd
+
+# The controller's poses are those of the joints where they differ by less (RMS, rad and m).
+SAME = (np.radians(0.01), 1e-4)
 
 
 class ErrorEstimate(NamedTuple):
@@ -50,6 +53,7 @@ class FittedKinematics(ReadOnlyArrays):
     how: str  # "estimate", "declared" or "exact"
     flange: str  # "controller" or "physical"
     joints: Array  # (n, L) at which it was calibrated
+    beside_controller: tuple[float, float]  # RMS of the controller's poses less those of the joints, rad and m
 
     @property
     def joint_noise(self) -> float:
@@ -83,9 +87,27 @@ class FittedKinematics(ReadOnlyArrays):
 
         return pd.DataFrame(self.table(), columns=list(ErrorEstimate._fields)).set_index("name")
 
-    def poses(self, q: Any) -> Array:
-        """(..., 4, 4) ``FK(q; e)``, corrected by the estimate, at joints q (..., L)."""
-        return self.chain.poses(self.checked(q), self.e)
+    def poses(self, q: Any, robot: Array | None = None) -> Array:
+        """(..., 4, 4) ``FK(q; e)``, corrected by the estimate, at joints q (..., L).
+
+        ``robot`` (..., 4, 4) are the controller's poses there: they are moved as the correction moves those of the
+        joints. Where its poses at the calibration were others than those of the joints, they are needed.
+        """
+        joints = self.checked(q)
+        corrected = self.chain.poses(joints, self.e)
+        if robot is None:
+            if self.beside_controller[0] > SAME[0] or self.beside_controller[1] > SAME[1]:
+                turn, shift = np.degrees(self.beside_controller[0]), 1e3 * self.beside_controller[1]
+                raise InputError(
+                    f"The controller's poses differ from those of the joints by {shift:.2g} mm and {turn:.2g} deg "
+                    "(RMS): expected `robot`, its poses, beside `joints`."
+                )
+            return corrected
+        nominal = self.chain.poses(joints)
+        if nominal.shape != robot.shape:
+            raise InputError(f"Expected `robot` poses {nominal.shape} at these joints, got shape {robot.shape}.")
+        turn = logarithm(corrected[..., :3, :3] @ nominal[..., :3, :3].mT)
+        return perturb(robot, np.concatenate([turn, corrected[..., :3, 3] - nominal[..., :3, 3]], axis=-1))
 
     def checked(self, q: Any) -> Array:
         """Joints (..., L), rad (prismatic: m); raises `InputError`."""
@@ -100,7 +122,14 @@ class FittedKinematics(ReadOnlyArrays):
 
     @classmethod
     def of(
-        cls, chain: Kinematics, joints: Array, how: str, flange: str, sd: dict[str, float], posterior: JointPosterior
+        cls,
+        chain: Kinematics,
+        joints: Array,
+        how: str,
+        flange: str,
+        sd: dict[str, float],
+        beside_controller: tuple[float, float],
+        posterior: JointPosterior,
     ) -> FittedKinematics:
         """From the joint posterior, by the names of the errors."""
         m = len(chain.errors)
@@ -111,7 +140,7 @@ class FittedKinematics(ReadOnlyArrays):
             here, there = np.array(pairs).T
             e[here] = posterior.estimate[there]
             covariance[np.ix_(here, here)] = posterior.covariance[np.ix_(12 + there, 12 + there)]
-        return cls(chain, e, covariance, sd, how, flange, joints)
+        return cls(chain, e, covariance, sd, how, flange, joints, beside_controller)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text."""
@@ -124,6 +153,7 @@ class FittedKinematics(ReadOnlyArrays):
             "how": self.how,
             "flange": self.flange,
             "joints": self.joints.tolist(),
+            "beside_controller": list(self.beside_controller),
         }
 
     @classmethod
@@ -141,4 +171,5 @@ class FittedKinematics(ReadOnlyArrays):
             str(data["how"]),
             str(data["flange"]),
             array_of(data["joints"], (len(data["joints"]), L), "kinematics.joints"),
+            (float(data["beside_controller"][0]), float(data["beside_controller"][1])),
         )

@@ -26,6 +26,7 @@ from ..diagnostics.task_space import PointUncertainty
 from ..errors import InputError
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.se3 import Array, inverse, perturb, skew
+from ..kinematics.kinematic_errors import EXACT
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..likelihood.shared_estimates import JointPosterior
 from ..noise.joint_covariance import JointCovariance
@@ -157,20 +158,21 @@ def predict_points(
 def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
     """Poses by joints, corrected by the estimates, or as the controller gives them; raises `InputError`."""
     posterior, fitted = _posterior(result), result.kinematics
-    if (joints is None) == (robot is None):
-        raise InputError("Expected either `joints` or `robot`, the poses of the robot.")
+    if joints is None and robot is None:
+        raise InputError("Expected `joints` of the robot, or `robot`, its poses.")
     if joints is not None and fitted is None:
         raise InputError(
             "This calibration knows no joints: give `robot`, poses base_T_gripper; or calibrate with joints and "
             "kinematics."
         )
-    if robot is not None and fitted is not None and fitted.how != "exact":
+    given = None if robot is None else as_transforms(robot, "robot", stack=False)
+    if joints is None and fitted is not None and fitted.how != EXACT:
         raise InputError("The errors of this arm are known by its joints: expected `joints`, got `robot` alone.")
     place: dict[str, int] = {name: k for k, name in enumerate(posterior.names)}
     if joints is not None:
         assert fitted is not None
         q = fitted.checked(joints)
-        G = fitted.poses(q)
+        G = fitted.poses(q, given)
         J = fitted.chain.jacobian(q, fitted.e)
         noise = own_noise(result, "robot") + fitted.joint_noise**2 * J @ J.mT
         of_arm = [(k, place[part.name]) for k, part in enumerate(fitted.chain.errors) if part.name in place]
@@ -179,7 +181,8 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
             here, there = np.array(of_arm).T
             columns[..., there] = -fitted.chain.columns(q, fitted.e)[..., here]
     else:
-        G = as_transforms(robot, "robot", stack=False)
+        assert given is not None
+        G = given
         noise = np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6))
         columns = np.zeros((*G.shape[:-2], 6, len(place)))
     flat = G.reshape(-1, 4, 4)

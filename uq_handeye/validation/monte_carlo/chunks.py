@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ..._version import __version__
 from ...errors import InputError
 from ...geometry.se3 import Array
+from ...runtime.threads import one_thread
 from ...simulation.experiment import Experiment
 from ...simulation.run import run
 from .consistency import Sums
@@ -116,13 +117,6 @@ def compute_chunks(message: bytes, indices: Sequence[int]) -> list[tuple[int, Ch
         raise InputError(f"A worker has other versions, and its last digits would differ: {', '.join(other)}.")
     one_thread_from_now_on()
     return [(index, work.compute(index)) for index in indices]
-
-
-def one_thread() -> Any:
-    """A context in which linear algebra keeps to one thread."""
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController().limit(limits=1)
 
 
 @cache

@@ -35,8 +35,9 @@ from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
 from ...runtime.progress import progress_bar
+from ...runtime.threads import one_thread
 from ...simulation.experiment import Fitted, experiment, problem_of
-from .chunks import Chunk, Work, chunk_size, from_bytes, one_thread, to_bytes
+from .chunks import Chunk, Work, chunk_size, from_bytes, to_bytes
 from .consistency import Consistency, Sums, consistency
 from .result import MonteCarlo
 from .sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST

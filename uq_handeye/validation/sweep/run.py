@@ -43,8 +43,8 @@ from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
 from ...runtime.progress import progress_bar
+from ...runtime.threads import one_thread
 from ...simulation.experiment import Experiment, Fitted, experiment, problem_of
-from ..monte_carlo.chunks import one_thread
 from .level import KINDS, Level, Task, level_at
 from .limits import MethodSweep, limit_of
 from .result import Sweep

@@ -1,0 +1,136 @@
+"""Predictions at other joints: whether their covariance is true, and what they refuse."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm_cases import SIX_AXES
+from rig_of_arm import ARM, CAMERA, GEOMETRY, JOINT_NOISE, rig, squares
+
+import uq_handeye as uq
+from uq_handeye.errors import InputError
+from uq_handeye.geometry.se3 import inverse, logarithm
+
+DECLARED = uq.KinematicErrors(
+    "declared",
+    offset_sd=GEOMETRY["joint offsets"],
+    tilt_sd=GEOMETRY["joint tilts"],
+    length_sd=GEOMETRY["link lengths"],
+    joint_sd=JOINT_NOISE,
+)
+NOISE = uq.PoseNoise.isotropic(camera=CAMERA)
+WITHIN_95 = 12.592
+
+# some of so many draws look odd, and say so
+pytestmark = pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
+
+
+def calibrated(found, errors=DECLARED, **options):
+    return uq.calibrate(
+        found.poses, noise=NOISE, kinematics=ARM, kinematic_errors=errors, robust=False, shared=[], **options
+    )
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_predicted_camera_poses_are_as_uncertain_as_stated(rng, setup):
+    draws, near, far, wrong = 80, [], [], []
+    for k in range(draws):
+        found = rig(rng, setup)
+        result = calibrated(found)
+        for joints, into in ((found.near, near), (found.far, far)):
+            into.append(squares(result.predict_camera(joints, new_measurement=False), found.seen(joints)))
+        if k < 20:
+            plain = uq.calibrate(found.poses, noise=NOISE, robust=False, shared=[])
+            prediction = plain.predict_camera(robot=ARM.poses(found.far), new_measurement=False)
+            wrong.append(squares(prediction, found.seen(found.far)))
+    # one arm a draw: its predictions share their errors, so that a draw counts once
+    for d2 in (near, far):
+        of_draw = np.mean(d2, axis=1) / 6
+        assert abs(of_draw.mean() - 1) < 4 * of_draw.std() / np.sqrt(draws)
+        inside = (np.array(d2) < WITHIN_95).mean(axis=1)
+        assert abs(inside.mean() - 0.95) < 4 * inside.std() / np.sqrt(draws) + 0.01
+    assert np.mean(wrong) / 6 > 3  # without the arm the same test fails
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_the_physical_flange_needs_the_columns_of_its_frames(rng, setup):
+    def square(result, X):
+        off = np.concatenate([logarithm(result.X[:3, :3] @ X[:3, :3].T), result.X[:3, 3] - X[:3, 3]])
+        return off @ np.linalg.solve(result.covariance, off)
+
+    physical = replace(DECLARED, flange="physical")
+    draws = 100
+    rigs = [rig(rng, setup) for _ in range(draws)]
+    nees = np.array([square(calibrated(found, physical), found.X) for found in rigs])
+    assert abs(nees.mean() - 6) < 4 * np.sqrt(12 / draws)
+    assert np.mean([square(calibrated(found), found.X) for found in rigs[:20]]) > 9
+
+
+def test_a_new_measurement_adds_joint_and_camera_noise(rng):
+    found = rig(rng)
+    result = calibrated(found)
+    mean, new = (result.predict_camera(found.near, new_measurement=wanted).covariance for wanted in (False, True))
+    more = np.linalg.eigvalsh(new - mean)
+    assert (more > 0).all()
+    # the camera's own noise is all but the joints' share
+    assert (np.diagonal(new - mean, axis1=-2, axis2=-1) > np.repeat(np.square(CAMERA), 3)).all()
+
+
+def test_points_agree_with_the_camera_poses(rng):
+    """A point of the target, seen where the camera should see it, lies where W puts it; and as uncertain as that is."""
+    found = rig(rng)
+    result = calibrated(found)
+    seen = result.predict_camera(found.far, new_measurement=False)
+    points = result.predict(seen.poses[:, :3, 3], found.far)
+    np.testing.assert_allclose(points.points, np.broadcast_to(result.W[:3, 3], points.points.shape), atol=1e-12)
+
+
+def test_without_an_arm_predictions_go_by_robot_poses(rng):
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.05deg", "0.2mm"))
+    poses = uq.simulate(n_poses=25, noise=noise, seed=int(rng.integers(1000)))
+    result = uq.calibrate(poses, noise=noise)
+    seen = result.predict_camera(robot=poses.robot)
+    nominal = inverse(result.X) @ inverse(poses.robot) @ result.W
+    np.testing.assert_allclose(seen.poses, nominal, atol=1e-12)
+    with pytest.raises(InputError, match="knows no joints"):
+        result.predict_camera(np.zeros(6))
+
+
+def test_a_file_predicts_the_same(rng, tmp_path):
+    found = rig(rng)
+    result = calibrated(found)
+    result.to_json(tmp_path / "result.json")
+    again = uq.Calibration.from_json(tmp_path / "result.json")
+    one, other = (of.predict_camera(found.far) for of in (result, again))
+    np.testing.assert_allclose(one.poses, other.poses, atol=1e-13)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9, atol=1e-20)
+    data = json.loads((tmp_path / "result.json").read_text())
+    data["kinematics"]["e"] = data["kinematics"]["e"][:-1]
+    with pytest.raises(InputError, match="damaged"):
+        uq.Calibration.from_dict(data)
+
+
+def test_poses_of_another_arm_are_refused(rng):
+    found = rig(rng)
+    other = uq.Kinematics.from_urdf(SIX_AXES.replace('xyz="0 0 0.27"', 'xyz="0 0 0.7"'))
+    with pytest.raises(InputError, match="another arm"):
+        uq.calibrate(found.poses, noise=NOISE, kinematics=other)
+
+
+def test_what_does_not_fit_is_refused(rng):
+    found = rig(rng)
+    result = calibrated(found)
+    for joints in (np.zeros(5), "home", np.full(6, np.nan)):
+        with pytest.raises(InputError, match="joints"):
+            result.predict_camera(joints)
+    with pytest.raises(InputError, match="known by its joints"):
+        result.predict_camera(robot=np.eye(4))
+    with pytest.raises(InputError, match="points"):
+        result.predict([0, 0], found.near)
+    with pytest.raises(InputError, match="kinematics"):
+        uq.calibrate(found.poses, noise=NOISE, joints=found.poses.joints)
+    with pytest.raises(InputError, match="efficient or ml"):
+        uq.calibrate(found.poses, noise=NOISE, method="tsai", kinematics=ARM)
+    with pytest.raises(InputError, match=r"\(20, 6\)"):
+        uq.calibrate(found.poses, noise=NOISE, joints=np.zeros((19, 6)), kinematics=ARM)

@@ -1,0 +1,16 @@
+"""Threads of linear algebra."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def one_thread() -> Any:
+    """A context in which linear algebra keeps to one thread.
+
+    Products of matrices of a hundred rows are just large enough for several, which on a busy machine wait for each
+    other far longer than one takes.
+    """
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController().limit(limits=1)
