@@ -233,8 +233,13 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
         *,
         robot: ArrayLike | None = None,
         points_covariance: ArrayLike | None = None,
+        reached_at: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
     ) -> PointUncertainty:
         """Where points that the camera sees lie in the base, with the covariance of X and the arm together.
+
+        With ``reached_at``: how far the tip of the tool misses the points, at these joints. This is what counts where
+        the robot goes to what the camera saw: errors that move the point and the tool alike cancel.
 
         Parameters
         ----------
@@ -248,18 +253,23 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
             controller's poses are not those of the joints.
         points_covariance : (3, 3), (..., 3, 3) or None
             Noise of the points themselves, in the camera frame.
+        reached_at : (..., L) or None
+            Joints at which the tool is brought to the points. For eye-to-hand ``joints`` is then left out.
+        tool : (..., 3) or None
+            The tip of the tool in the flange (or gripper) frame of the kinematics, m; None is its origin.
 
         Returns
         -------
         PointUncertainty
             In the base, with the noise of joints and robot of that one pose. For eye-to-hand the robot does not enter.
+            With ``reached_at``: the tip of the tool minus the point, with the noise of both poses.
 
         Raises
         ------
         InputError
             Shapes that do not fit, joints where none are known; a calibration that leaves a part of X open.
         """
-        return predict_points(self, points, joints, robot, points_covariance)
+        return predict_points(self, points, joints, robot, points_covariance, reached_at, tool)
 
     def predict_camera(
         self, joints: ArrayLike | None = None, *, robot: ArrayLike | None = None, new_measurement: bool = True

@@ -10,6 +10,8 @@ columns there, to first order
   prediction.
 - *point p seen by the camera*: in the base ``b = G X p`` (eye-in-hand), ``d b = R_G (theta_X x R_X p + tau_X) +
   theta_G x (b - t_G) + tau_G``; or ``b = X p`` (eye-to-hand).
+- *tool against point*: ``FK(q') tau - b``, tau the tip of the tool in the flange at joints q': by
+  ``theta_G' x R_G' tau + tau_G'`` less d b; errors that move both, such as those of the base, cancel.
 
 X, W and e are correlated: near the poses of the calibration much of their errors cancels. One new measurement adds the
 noise of its own: of the joints, of the robot pose, of the camera.
@@ -18,7 +20,7 @@ noise of its own: of the joints, of the robot pose, of the camera.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -114,45 +116,93 @@ def predict_camera(
 
 
 def predict_points(
-    result: Predicting, points: Any, joints: Any = None, robot: Any = None, points_covariance: Any = None
+    result: Predicting,
+    points: Any,
+    joints: Any = None,
+    robot: Any = None,
+    points_covariance: Any = None,
+    reached_at: Any = None,
+    tool: Any = None,
 ) -> PointUncertainty:
     """See `Calibration.predict`."""
-    posterior = _posterior(result)
-    ahead = robot_ahead(result, joints, robot)
+    _posterior(result)
+    if reached_at is None and tool is not None:
+        raise InputError("Expected `reached_at`, the joints at which the tool is at the point, beside `tool`.")
+    stands = result.setup == "eye-to-hand" and reached_at is not None and joints is None and robot is None
+    ahead = None if stands else robot_ahead(result, joints, robot)
     p = as_numbers(points, "points")
     if p.ndim < 1 or p.shape[-1] != 3 or not np.isfinite(p).all():
         raise InputError(f"Expected `points` to be finite numbers (..., 3) in metres, got shape {p.shape}.")
-    X, G = result.X, ahead.poses
+    noise = None if points_covariance is None else as_numbers(points_covariance, "points_covariance")
+    if noise is not None and (noise.shape[-2:] != (3, 3) or not np.isfinite(noise).all()):
+        raise InputError(f"Expected `points_covariance` to be finite numbers (..., 3, 3), got shape {noise.shape}.")
+    at = () if ahead is None else ahead.poses.shape[:-2]
+    reached = None if reached_at is None else _reached(result, reached_at, tool)
     try:
-        shape = np.broadcast_shapes(p.shape[:-1], G.shape[:-2])
+        shape = np.broadcast_shapes(p.shape[:-1], at, () if reached is None else reached.at.shape[:-1])
     except ValueError:
         raise InputError(
-            f"Expected leading axes of `points` (..., 3) and robot poses that fit, got {p.shape} and {G.shape[:-2]}."
+            f"Expected leading axes of `points` (..., 3) and robot poses that fit, got {p.shape} and {at}"
+            f"{'' if reached is None else f' and {reached.at.shape[:-1]}'}."
         ) from None
+    found = _seen(result, p, ahead, noise)
+    if reached is not None:
+        found = InBase(reached.at - found.at, reached.by_all - found.by_all, reached.new + found.new)
+    S = found.by_all @ _posterior(result).covariance @ found.by_all.mT + found.new
+    S = np.broadcast_to(_symmetric(S), (*shape, 3, 3))
+    return PointUncertainty(np.broadcast_to(found.at, (*shape, 3)), S, "base")
+
+
+class InBase(NamedTuple):
+    """Points in the base, with their derivatives by the joint posterior and the noise that is drawn anew."""
+
+    at: Array  # (..., 3)
+    by_all: Array  # (..., 3, 12 + q)
+    new: Array  # (..., 3, 3)
+
+
+def _seen(result: Predicting, p: Array, ahead: RobotAhead | None, noise: Array | None) -> InBase:
+    """Points (..., 3) that the camera saw, at robot poses; ``noise`` (..., 3, 3) their own."""
+    X, q = result.X, _posterior(result).covariance.shape[0] - 12
     arm = p @ X[:3, :3].T
-    by_X = np.concatenate([-skew(arm), np.broadcast_to(np.eye(3), (*arm.shape, 3))], axis=-1)
-    q = posterior.covariance.shape[0] - 12
+    by_X = _by_pose(arm)
     in_X = arm + X[:3, 3]
     if result.setup == "eye-in-hand":
-        R = G[..., :3, :3]
+        assert ahead is not None
+        R = ahead.poses[..., :3, :3]
         lever = (R @ in_X[..., None])[..., 0]
-        b = lever + G[..., :3, 3]
-        by_G = np.concatenate([-skew(lever), np.broadcast_to(np.eye(3), (*lever.shape, 3))], axis=-1)
+        b = lever + ahead.poses[..., :3, 3]
+        by_G = _by_pose(lever)
         by_errors = by_G @ ahead.columns
         by_X = R @ by_X
         new = by_G @ ahead.noise @ by_G.mT
         R_p = R @ X[:3, :3]
     else:
         b, by_errors, new, R_p = in_X, np.zeros((3, q)), np.zeros((3, 3)), X[:3, :3]
-    by_all = np.zeros((*shape, 3, 12 + q))
+    if noise is not None:
+        new = new + R_p @ noise @ R_p.mT
+    by_all = np.zeros((*b.shape, 12 + q))
     by_all[..., :6], by_all[..., 12:] = by_X, by_errors
-    S = by_all @ posterior.covariance @ by_all.mT + new
-    if points_covariance is not None:
-        noise = as_numbers(points_covariance, "points_covariance")
-        if noise.shape[-2:] != (3, 3) or not np.isfinite(noise).all():
-            raise InputError(f"Expected `points_covariance` to be finite numbers (..., 3, 3), got shape {noise.shape}.")
-        S = S + R_p @ noise @ R_p.mT
-    return PointUncertainty(np.broadcast_to(b, (*shape, 3)), _symmetric(S), "base")
+    return InBase(b, by_all, new)
+
+
+def _reached(result: Predicting, joints: Any, tool: Any) -> InBase:
+    """The tip of the tool (3,) in the flange, at joints."""
+    tip = np.zeros(3) if tool is None else as_numbers(tool, "tool")
+    if tip.ndim < 1 or tip.shape[-1] != 3 or not np.isfinite(tip).all():
+        raise InputError(f"Expected `tool` to be finite numbers (..., 3) in metres, got shape {tip.shape}.")
+    ahead = robot_ahead(result, joints, None)
+    lever = (ahead.poses[..., :3, :3] @ tip[..., None])[..., 0]
+    by_G = _by_pose(lever)
+    by_errors = by_G @ ahead.columns
+    by_all = np.zeros((*by_errors.shape[:-1], 12 + by_errors.shape[-1]))
+    by_all[..., 12:] = by_errors
+    return InBase(lever + ahead.poses[..., :3, 3], by_all, by_G @ ahead.noise @ by_G.mT)
+
+
+def _by_pose(arm: Array) -> Array:
+    """``[-[arm]x, I]`` (..., 3, 6)."""
+    return np.concatenate([-skew(arm), np.broadcast_to(np.eye(3), (*arm.shape, 3))], axis=-1)
 
 
 def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
