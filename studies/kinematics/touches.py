@@ -1,0 +1,183 @@
+r"""A tool ball in fixed sockets: the kinematic errors of an arm from points instead of poses.
+
+Model of touch i, of socket s, with joints q_i, the ball b in the tip's frame and the places p_s of the sockets in the
+base, all unknown:
+
+    FK(q_i; e) b = p_s + v_i,    v_i ~ N(0, sigma^2 I + sigma_q^2 J_b J_b^T)
+
+J_b the derivative of the ball's place by the joints. The deviations sigma and sigma_q, and those of the groups of e
+with the population as the least, are found as by `calibrate` (`noise_estimation`), on rows of 3 instead of 6. What the
+unknowns say of a touch that was held out, all together:
+
+- of a *known* socket: the residual ``FK(q) b - p_s``;
+- of a *new* socket, of which nothing is known: differences of two touches, ``FK(q) b - FK(q') b``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+import uq_handeye as uq
+from studies.common.scores import nees
+from uq_handeye.geometry.se3 import Array, skew
+from uq_handeye.kinematics.kinematic_errors import JOINT_NOISE, JOINT_NOISE_FACTOR
+from uq_handeye.noise_estimation.beside_kinematics import Deviation, Search
+from uq_handeye.noise_estimation.scale_rows import OwnPart, ScaleRows
+
+TOUCH = "touch"
+TOUCH_SD, TOUCH_FACTOR = 0.15e-3, 3.0  # m: what is known of the noise of a touch beforehand
+BALL = np.array([0.0, 0.0, 0.033])  # m, in the frame of the tip: where the search starts
+ROUNDS = 3
+WIDE = 30.0  # noise is looked for within this factor
+# Groups, above the population's. An arm without lengths would fit exactly, all sockets at its base.
+MOST_OF_GROUP = 10.0
+
+
+class Touches(NamedTuple):
+    """Of one arm: joints (n, L), and the names of tool position and socket of each."""
+
+    q: Array
+    positions: NDArray[np.str_]
+    sockets: NDArray[np.str_]
+
+    def rows(self, index: NDArray[np.intp]) -> Touches:
+        return Touches(self.q[index], self.positions[index], self.sockets[index])
+
+
+def read_touches(folder: Path) -> Touches:
+    table = pd.read_csv(folder / "touches.csv")
+    q = pd.read_csv(folder / "joints.csv").drop(columns="timestamp").to_numpy()
+    positions = table["tool_position"].to_numpy(dtype=str)
+    holes = table["hole"].to_numpy().astype(str)
+    return Touches(q, positions, np.char.add(np.char.add(positions, "/"), holes))
+
+
+class Places(NamedTuple):
+    """Of the ball in the base, with what changes them."""
+
+    p: Array  # (n, 3)
+    by_ball: Array  # (n, 3, 3)
+    by_errors: Array  # (n, 3, m)
+    by_joints: Array  # (n, 3, L)
+
+
+@dataclass(frozen=True, eq=False)
+class TouchModel:
+    """The unknowns x = (b, places of the sockets), the kept errors e, and their joint covariance."""
+
+    kinematics: uq.Kinematics
+    kept: NDArray[np.intp]
+    names: tuple[str, ...]  # of the sockets
+    ball: Array
+    sockets: Array  # (s, 3)
+    e: Array  # (m,)
+    covariance: Array  # (3 + 3 s + m,) squared
+    touch_sd: float
+    joint_sd: float
+
+    def places(self, q: Array) -> Places:
+        every = np.zeros(len(self.kinematics.errors))
+        every[self.kept] = self.e
+        G = self.kinematics.poses(q, every)
+        arm = G[:, :3, :3] @ self.ball
+        D = np.concatenate([-skew(arm), np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=-1)
+        by_errors = D @ self.kinematics.columns(q, every)[..., self.kept]
+        return Places(arm + G[:, :3, 3], G[:, :3, :3], by_errors, D @ self.kinematics.jacobian(q, every))
+
+    def own(self, at: Places) -> Array:
+        """(n, 3, 3) noise of one touch."""
+        return np.asarray(self.touch_sd**2 * np.eye(3) + self.joint_sd**2 * at.by_joints @ at.by_joints.mT)
+
+    def rows(self, of: Touches) -> tuple[Array, Array, Places]:
+        """Derivatives (n, 3, ...) of the residuals by all unknowns, and the residuals (n, 3)."""
+        at, numbers = self.places(of.q), np.searchsorted(self.names, of.sockets)
+        by_sockets = np.zeros((len(of.q), 3, len(self.names), 3))
+        by_sockets[np.arange(len(of.q)), :, numbers] = -np.eye(3)
+        A = np.concatenate([at.by_ball, by_sockets.reshape(len(of.q), 3, -1), at.by_errors], axis=-1)
+        return A, at.p - self.sockets[numbers], at
+
+    def judged(self, judge: str, of: Touches) -> tuple[Array, Array]:
+        """`known` or `new`."""
+        return self.known(of) if judge == "known" else self.new(of)
+
+    def known(self, of: Touches) -> tuple[Array, Array]:
+        """Residuals (n, 3) of touches of sockets that are known, and their covariances (n, 3, 3)."""
+        A, r, at = self.rows(of)
+        return r, A @ self.covariance @ A.mT + self.own(at)
+
+    def new(self, of: Touches) -> tuple[Array, Array]:
+        """The same of differences of the touches of each socket by twos, of sockets of which nothing is known."""
+        pairs = np.concatenate([two_by_two(np.flatnonzero(of.sockets == name)) for name in np.unique(of.sockets)])
+        at = self.places(of.q)
+        A = np.zeros((len(of.q), 3, len(self.covariance)))
+        A[..., :3], A[..., A.shape[-1] - len(self.kept) :] = at.by_ball, at.by_errors
+        A, own = A[pairs[:, 0]] - A[pairs[:, 1]], self.own(at)
+        return at.p[pairs[:, 0]] - at.p[pairs[:, 1]], A @ self.covariance @ A.mT + own[pairs].sum(axis=1)
+
+
+def two_by_two(index: NDArray[np.intp]) -> NDArray[np.intp]:
+    return index[: len(index) // 2 * 2].reshape(-1, 2)
+
+
+def nominal(kinematics: uq.Kinematics, of: Touches) -> TouchModel:
+    """Ball and sockets by least squares, without kinematic errors."""
+    names = tuple(np.unique(of.sockets).tolist())
+    none, nothing = np.zeros(0), np.zeros((3 + 3 * len(names),) * 2)
+    start = TouchModel(
+        kinematics, np.zeros(0, dtype=np.intp), names, BALL, np.zeros((len(names), 3)), none, nothing, 0.0, 0.0
+    )
+    A, r, _ = start.rows(of)
+    x = -np.linalg.lstsq(A.reshape(-1, A.shape[-1]), r.ravel(), rcond=None)[0]
+    return replace(start, ball=BALL + x[:3], sockets=np.asarray(x[3:].reshape(-1, 3)))
+
+
+def fitted(kinematics: uq.Kinematics, of: Touches, errors: uq.KinematicErrors) -> TouchModel:
+    """Ball, sockets and kinematic errors, with their joint covariance."""
+    columns = errors.columns(kinematics, of.q)
+    groups = list(dict.fromkeys(columns.groups))
+    spread = float(np.log(errors.population.factor))
+    deviations = (
+        Deviation(TOUCH, "m", np.log(TOUCH_SD), np.log(TOUCH_FACTOR)),
+        Deviation(JOINT_NOISE, "rad", np.log(errors.population.joint_sd), np.log(JOINT_NOISE_FACTOR)),
+        *(Deviation(group, "", np.log(errors.deviations[group]), spread, True) for group in groups),
+    )
+    mean = np.array([float(deviation.mean) for deviation in deviations])
+    low: Array = mean - np.where([of.floor for of in deviations], 0.0, np.log(WIDE))
+    high: Array = mean + np.where([of.floor for of in deviations], np.log(MOST_OF_GROUP), np.log(WIDE))
+    group = np.array([2 + groups.index(name) for name in columns.groups], dtype=np.intp)
+    model = replace(nominal(kinematics, of), kept=columns.kept, e=np.zeros(len(columns.kept)))
+    p, x = 3 + 3 * len(model.names), mean
+    for _ in range(ROUNDS):
+        A, r, at = model.rows(of)
+        J, B = A[..., :p], A[..., p:]
+        eye = np.broadcast_to(np.eye(3), (len(of.q), 3, 3))
+        rows = ScaleRows(J, -r + B @ model.e, [OwnPart(0, eye), OwnPart(1, at.by_joints)], None, B, group)
+        search = Search(rows, deviations, mean, low, high)
+        x = search.minimum(x)
+        counted = search.integrated(x)[0]
+        found, T = rows.at(counted), np.append(np.ones(p), rows.scales(counted))
+        model = replace(
+            model,
+            ball=model.ball + found.unknowns[:3],
+            sockets=model.sockets + found.unknowns[3:].reshape(-1, 3),
+            e=T[p:] * found.errors,
+            covariance=found.covariance * T[:, None] * T,
+            touch_sd=float(np.exp(x[0])),
+            joint_sd=float(np.exp(x[1])),
+        )
+    return model
+
+
+def score(residuals: Array, covariances: Array, quantile: float) -> dict[str, float]:
+    d2 = nees(residuals, covariances)
+    return {
+        "inside": float(np.mean(d2 <= quantile)),
+        "d2/3": float(np.mean(d2)) / 3,
+        "mm": 1e3 * float(np.sqrt(np.mean(np.sum(residuals**2, axis=-1)))),
+    }
