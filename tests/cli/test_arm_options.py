@@ -94,6 +94,24 @@ def test_a_single_file_beside_joints_is_that_of_the_camera(cell):
     assert np.trace(np.array(exact["covariance"])) < 0.5 * np.trace(np.array(found["covariance"]))
 
 
+@pytest.mark.parametrize(
+    "files",
+    [("robot.csv", "camera.csv"), ("camera.csv", "--robot", "robot.csv")],
+    ids=["both files", "--robot"],
+)
+def test_poses_of_the_controller_and_joints_beside(cell, files):
+    """The tool of the controller is found, named in the summary, and X belongs to it."""
+    folder, X, _ = cell
+    found = found_in(folder, *files, *CHAIN, *GIVEN)
+    assert close(found, np.linalg.inv(TOOL) @ X) < FAR
+    text = run("calibrate", *files, *CHAIN, *GIVEN, cwd=folder).stdout
+    assert "after a tool frame of 100 mm, 45.8 deg" in " ".join(text.split())
+    alone = found_in(folder, "camera.csv", *CHAIN, *GIVEN)
+    assert np.trace(np.array(found["covariance"])[:3, :3]) == pytest.approx(
+        np.trace(np.array(alone["covariance"])[:3, :3]), rel=1e-3
+    )
+
+
 def test_degrees_by_flag(cell):
     folder, X, _ = cell
     chain = ("--joints", "degrees.csv", "--urdf", "arm.urdf")
@@ -202,6 +220,16 @@ def test_missing_joints_and_further_ones(cell):
     assert close(found_in(folder, "camera.csv", "--joints", "more.csv", "--urdf", "arm.urdf", *GIVEN), X) < FAR
 
 
+def test_a_urdf_of_another_arm_is_named(cell):
+    folder = cell[0]
+    (folder / "other.urdf").write_text(SIX_AXES.replace("0 0 0.27", "0 0 0.67"))
+    done = run(
+        "calibrate", "robot.csv", "camera.csv", "--joints", "joints.csv", "--urdf", "other.urdf", *GIVEN, cwd=folder
+    )
+    said = " ".join((done.stdout + done.stderr).split())
+    assert "more than any tolerance of an arm" in said and "of another arm" in said
+
+
 # ---------------------------------------------------------------------------------------------------------- real data
 
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
@@ -216,3 +244,5 @@ def test_a_real_arm_by_its_joints():
     arguments = (*chain, *given, "--camera-noise", "0.11deg,0.43mm", "--shared", "none")
     found = found_in(folder, "camera.csv", *arguments)
     np.testing.assert_allclose(1e3 * np.array(found["X"])[:3, 3], [94.6, -11.4, 39.1], atol=1.5)
+    text = run("calibrate", "tcp.csv", "camera.csv", *arguments, cwd=folder).stdout
+    assert "after a tool frame of 45 deg" in " ".join(text.split())

@@ -265,9 +265,10 @@ def request(
         count = motions.N if motions.poses is None else motions.poses.n
         robust = bound and count >= FEWEST_FOR_ROBUST
     errors = _shared_of(shared, motions.poses, noise, method, kind, camera)
-    arm = _arm_of(joints, kinematics, kinematic_errors, motions, noise, method)
-    if arm is not None and about is not None:
-        arm = arm._replace(measured=about[0], at=about[1])
+    measured, at = (motions.poses, None) if about is None else about
+    arm = _arm_of(joints, kinematics, kinematic_errors, measured, noise, method)
+    if arm is not None:
+        arm = arm._replace(at=at)
     columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
     beside: PoseNoise | None = None
     if columns_of_arm is not None and noise is not None:
@@ -314,10 +315,9 @@ def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNois
 
 
 def _arm_of(
-    joints: Any, kinematics: Any, errors: Any, motions: Motions, noise: Noise | None, method: str
+    joints: Any, kinematics: Any, errors: Any, poses: PosePairs | None, noise: Noise | None, method: str
 ) -> Arm | None:
-    """The arm, where joints and kinematics are given and its errors count; raises `InputError`."""
-    poses = motions.poses
+    """The arm of poses as they came, where joints and kinematics are given; raises `InputError`."""
     if kinematics is None:
         if joints is not None or errors is not None:
             raise InputError("Expected `kinematics` beside joints and kinematic errors: Kinematics.from_urdf(...).")

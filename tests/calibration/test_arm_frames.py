@@ -1,0 +1,63 @@
+"""calibrate with joints: the chain in the frames of the controller, also once its errors are derived again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm_cases import SIX_AXES, motion
+from rig_of_arm import ARM, rig
+
+import uq_handeye as uq
+from uq_handeye.errors import InputError
+
+LARGE = {"joint offsets": 2e-2, "joint tilts": 1e-2, "link lengths": 2e-3}
+NOISE = uq.PoseNoise.isotropic(None, (3e-4, 1e-4))
+FRAMES = (motion((0.0, 0.0, 2.0), (0.4, -0.1, 0.8)), motion((0.0, 0.0, 0.8), (0.0, 0.01, 0.15)))
+
+
+def calibrated(poses, sd=LARGE, **options):
+    of = dict(zip(("offset_sd", "tilt_sd", "length_sd"), sd.values(), strict=True))
+    errors = uq.KinematicErrors("declared", **of, joint_sd=1e-4)
+    return uq.calibrate(poses, noise=NOISE, shared=[], kinematics=ARM, kinematic_errors=errors, **options)
+
+
+def said(result):
+    return [finding.code for finding in result.findings if finding.code.startswith("kinematics.")]
+
+
+def test_large_errors_do_not_move_the_chain(rng):
+    """Errors of 20 mrad are derived again at their estimate; the poses compared stay those that were measured."""
+    poses = rig(rng, sd=LARGE, n=15, spread=0.6).poses
+    result = calibrated(poses, robust=False)
+    np.testing.assert_array_equal(result.kinematics.chain.poses(poses.joints), poses.robot)
+    assert np.abs(result.kinematics.e).max() > 5e-3 and said(result) == []
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_frames_of_the_controller_are_in_X_and_W(rng, setup):
+    """Base frame B and tool E of the controller, G = B FK(q) E: X and W are in them, by as much as without."""
+    base, tool = FRAMES
+    poses = rig(rng, setup, n=15, spread=0.6).poses
+    same = calibrated(poses, {"joint offsets": 5e-4, "joint tilts": 5e-4, "link lengths": 3e-4}, robust=False)
+    moved = replace(poses, robot=base @ poses.robot @ tool)
+    result = calibrated(moved, {"joint offsets": 5e-4, "joint tilts": 5e-4, "link lengths": 3e-4}, robust=False)
+    X, W = (np.linalg.inv(tool), base) if setup == "eye-in-hand" else (base, np.linalg.inv(tool))
+    np.testing.assert_allclose(result.X, X @ same.X, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(result.W, W @ same.W, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(np.sort(result.std[:3]), np.sort(same.std[:3]), rtol=0.3)
+    np.testing.assert_allclose(result.kinematics.e, same.kinematics.e, rtol=0, atol=2e-5)
+    assert said(result) == ["kinematics.against_controller"]
+    text = " ".join(result.summary().split())
+    assert "after a tool frame of 150 mm, 45.8 deg and a base frame of 900 mm, 115 deg" in text
+    q = poses.joints[:2] + 0.1
+    ahead = result.predict_camera(joints=q)
+    np.testing.assert_allclose(ahead.poses, same.predict_camera(joints=q).poses, rtol=0, atol=3e-5)
+
+
+def test_another_arm_is_refused_with_what_would_explain_it(rng):
+    poses = rig(rng, n=15).poses
+    with pytest.raises(InputError, match=r"more than any tolerance of an arm.*read the joints as degrees"):
+        uq.calibrate(replace(poses, joints=np.degrees(poses.joints)), kinematics=ARM)
+    other = uq.Kinematics.from_urdf(SIX_AXES.replace("0 0 0.27", "0 0 0.67"))
+    with pytest.raises(InputError, match="The URDF is of another arm"):
+        uq.calibrate(poses, kinematics=other)
