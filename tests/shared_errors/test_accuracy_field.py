@@ -88,6 +88,8 @@ def test_one_row_and_one_source_of_type_B():
     assert dict(zip(result.budget.sources, result.budget.types, strict=True))["robot accuracy"] == "B"
     assert result.provenance.options["shared"] == ["robot accuracy: 0.5 mm, 0.05 deg"]
     assert (result.std > quietly(poses, noise=NOISE).std).all()
+    text = " ".join(result.summary().split())
+    assert "a robot that is less accurate than declared" in text and "wrong robot kinematics" not in text
 
 
 def test_plan_has_columns_at_new_poses():
@@ -189,3 +191,46 @@ def test_it_covers_an_arm_whose_kinematics_are_wrong():
     assert np.mean(inside["today"]) < 0.6
     assert np.mean(inside["declared"]) > 0.85
     assert 0.6 < np.sqrt(np.mean(np.square(error["declared"])) / np.mean(np.square(error["today"]))) < 1.2
+
+
+# ------------------------------------------------------------------------------------------ nothing is declared of it
+
+
+def undeclared(result):
+    return [finding for finding in result.findings if finding.code == "calibration.robot_undeclared"]
+
+
+def test_local_poses_of_a_robot_of_which_nothing_is_declared():
+    """The move of X that is stated is the one which the budget has of that accuracy; silence where all is known."""
+    simulated = uq.simulate(25, noise=NOISE, seed=SEED)
+    poses = uq.PosePairs(simulated.robot, simulated.camera)
+    result = quietly(poses)
+    (found,) = undeclared(result)
+    assert found.severity == "caution" and "--robot-accuracy" in str(found)
+    assert found.values["move"] > 3 * found.values["sd_move"]
+    truth = simulated.robot[:, :3, 3]
+    span = max(np.linalg.norm(a - b) for a in truth for b in truth)
+    assert found.values["span"] == pytest.approx(span, rel=1e-9)
+    draws = []
+    scale = MARGIN / np.sqrt(3) * np.array([np.radians(0.05)] * 3 + [0.5e-3] * 3)
+    rng = np.random.default_rng(1)
+    phi = features(poses.robot)(poses.robot)
+    for _ in range(40):
+        e = phi @ rng.normal(size=(phi.shape[1], 6)) * scale
+        robot = poses.robot.copy()
+        robot[:, :3, :3] = Rotation.from_rotvec(e[:, :3]).as_matrix() @ robot[:, :3, :3]
+        robot[:, :3, 3] += e[:, 3:]
+        moved = uq.efficient(uq.PosePairs(robot, poses.camera), result.noise)
+        draws.append(moved.X[:3, 3] - result.X[:3, 3])
+    assert found.values["move"] == pytest.approx(np.sqrt(np.linalg.eigvalsh(np.cov(np.array(draws).T))[-1]), rel=0.4)
+    assert undeclared(quietly(simulated)) == []
+    assert undeclared(quietly(poses, noise=NOISE)) == []
+    assert undeclared(quietly(poses, shared=[])) == []
+    assert undeclared(quietly(poses, shared=[SharedError.robot_accuracy("0.5mm,0.05deg")])) == []
+
+
+def test_where_the_camera_decides_it_is_a_note():
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    simulated = uq.simulate(20, noise=noise, seed=1)
+    (found,) = undeclared(quietly(uq.PosePairs(simulated.robot, simulated.camera)))
+    assert found.severity == "note"

@@ -52,6 +52,7 @@ from .findings import against_corners, against_data_sheet, against_prior, said_o
 from .request import FEWEST_FOR_ROBUST, OF_NOISE, Job
 from .result import Calibration
 from .result_file import FourDPA
+from .robot_accuracy import accuracy_findings
 
 # Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
 EXACT = 1e-10
@@ -297,6 +298,7 @@ def _assembled(
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint)
+    findings += accuracy_findings(poses, job.shared, fit, fit.covariance_X, estimate is not None)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate)
         if len(data) < FEWEST_FOR_ROBUST:

@@ -91,6 +91,28 @@ def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, An
     )
 
 
+@sentence("calibration.robot_undeclared")
+def _(
+    span: float,
+    angle: float,
+    move: float,
+    turn: float,
+    sd_move: float,
+    sd_turn: float,
+    accuracy_move: float,
+    accuracy_turn: float,
+) -> str:
+    return (
+        "Nothing is declared about the accuracy of the robot. Robots are wrong by 0.5 to 10 mm across their workspace; "
+        f"these poses span {round(1e3 * span)} mm and {round(math.degrees(angle))} deg, where such errors are nearly "
+        f"the same in all of them and do not show in the residuals. With {digits(1e3 * accuracy_move, 2)} mm and "
+        f"{digits(math.degrees(accuracy_turn), 2)} deg, good for an arm, X may be off by {digits(1e3 * move, 2)} mm "
+        f"and {digits(math.degrees(turn), 2)} deg (1 sigma, worst axis; stated: {digits(1e3 * sd_move, 2)} mm, "
+        f"{digits(math.degrees(sd_turn), 2)} deg). Declare it (--robot-accuracy), give joint values and the URDF, or "
+        "take poses over the whole workspace."
+    )
+
+
 @sentence("calibration.bundle_differs")
 def _(distance: float, largest: float, variance_low: float, variance_high: float) -> str:
     return (

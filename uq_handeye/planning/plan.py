@@ -53,7 +53,6 @@ from ..shared_errors.accuracy_field import ROBOT_ACCURACY
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     DEFAULT_SD,
-    ROBOT_ACCURACY,
     SharedError,
     checked_errors,
     default_errors,

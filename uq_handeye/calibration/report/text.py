@@ -14,7 +14,9 @@ from ...geometry.conventions import COMPONENTS
 from ...geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...geometry.principal_axes import principal_axes
 from ...geometry.se3 import Array
+from ...noise.joint_covariance import group_of
 from ...presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
+from ...shared_errors.accuracy_field import ROBOT_ACCURACY
 from ...shared_errors.shared_error import FOCAL_LENGTH, TARGET_SCALE
 from ..result import Calibration
 from .analysis import (
@@ -157,7 +159,9 @@ def not_covered(result: Calibration) -> list[str]:
     names = column_names(result)
     camera = "a wrong model of the camera" if of_camera(result) or FOCAL_LENGTH in names else "wrong intrinsics"
     target = "a target of another shape" if TARGET_SCALE in names else "a wrong size of the target"
-    return [camera, "wrong robot kinematics", target]
+    known = ROBOT_ACCURACY in map(group_of, names)
+    robot = "a robot that is less accurate than declared" if known else "wrong robot kinematics"
+    return [camera, robot, target]
 
 
 def _other_forms(result: Calibration) -> list[Block | list[Block]]:
