@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arm_cases import SIX_AXES
+from picture_cases import camera_to_board, seen_corners
 from rig_of_arm import ARM, CAMERA, GEOMETRY, JOINT_NOISE, rig, squares
 
 import uq_handeye as uq
@@ -95,6 +96,39 @@ def test_without_an_arm_predictions_go_by_robot_poses(rng):
     np.testing.assert_allclose(seen.poses, nominal, atol=1e-12)
     with pytest.raises(InputError, match="knows no joints"):
         result.predict_camera(np.zeros(6))
+
+
+def test_a_new_measurement_shares_the_intrinsics_of_the_calibration(rng):
+    """Poses by the estimated intrinsics err with them as X does: taken as independent d^2 is 5 times too large."""
+    board, size, draws = uq.Board(9, 6, 0.03), (900, 900), 14
+    robot = uq.PoseNoise.isotropic(robot=("0.01deg", "0.02mm"))
+    squared, stored = [], []
+    for k in range(draws):
+        poses = uq.simulate(n_poses=30, noise=robot, seed=k)
+        rows, points, pixels = seen_corners(board.points, camera_to_board(poses.truth.camera, board), rng, noise=0.3)
+        first = rows < 12
+        options = {"model": "pinhole", "shape": "flat"}
+        camera, new = (
+            uq.Corners(rows[of] - rows[of][0], points[of], pixels[of] + 150, image_size=size) for of in (first, ~first)
+        )
+        camera = uq.calibrate_camera(camera, **options)
+        new = uq.calibrate_camera(new, intrinsics=dict(camera.intrinsics), **options)
+        pairs = uq.PosePairs(poses.robot[:12], camera.poses, camera_calibration=camera)
+        result = uq.calibrate(pairs, noise=robot, robust=False, shared=[])
+        squared.append(squares(result.predict_camera(robot=poses.robot[12:]), new.poses).mean() / 6)
+        with pytest.raises(InputError, match="corners"):
+            replace(result, data=None).predict_camera(robot=poses.robot[12:])
+        alone = replace(result, data=None, joint_posterior=without_intrinsics(result.joint_posterior))
+        stored.append(squares(alone.predict_camera(robot=poses.robot[12:]), new.poses).mean() / 6)
+    assert abs(np.mean(squared) - 1) < 4 * np.std(squared) / np.sqrt(draws) + 0.05
+    assert np.mean(stored) > 2
+
+
+def without_intrinsics(posterior):
+    kept = [k for k, name in enumerate(posterior.names) if not name.startswith("intrinsics")]
+    both = [*range(12), *(12 + k for k in kept)]
+    names = tuple(posterior.names[k] for k in kept)
+    return type(posterior)(names, posterior.estimate[kept], posterior.covariance[np.ix_(both, both)])
 
 
 def test_a_file_predicts_the_same(rng, tmp_path):

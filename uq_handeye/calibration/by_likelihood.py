@@ -58,6 +58,9 @@ from .robot_accuracy import accuracy_findings
 EXACT = 1e-10
 # Errors of the arm are derived anew where their second order moves its poses by more than this, in deviations of X.
 SECOND_ORDER = 0.05
+# What no model of an arm explains differs from pose to pose and has tails: beside its errors a pose is wrong from this
+# many times the usual d^2 on. Poses left out for their tails make the noise of the others too small for new ones.
+TAILS = 3.0
 
 
 def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
@@ -94,7 +97,8 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
             found = source.find(at, weights)
             return None if found.noise is None else with_prior(found.noise, known)
 
-        robust = fit_robustly(constraint, noise, at, job.method, estimate_variances, job.seed, known)
+        slack = 1.0 if job.columns_of_arm is None else TAILS
+        robust = fit_robustly(constraint, noise, at, job.method, estimate_variances, job.seed, known, slack)
         noise = robust.noise
     elif source is not None:
         found = source.find(at)
@@ -263,7 +267,9 @@ def _assembled(
     judged = goodness_of_fit(fit)
     if estimate is not None and not estimate.tested:
         judged = replace(judged, p_value=None)
-    posterior = joint.posterior(beside) if fit.W is not None and fit.open is None else None
+    posterior = None
+    if fit.W is not None and fit.open is None:
+        posterior = JointFit.with_intrinsics(fit, noise, job.shared).posterior(beside)
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
         covariance=covariance,

@@ -191,10 +191,12 @@ def fit_robustly(
     estimate: Estimator | None = None,
     seed: int | np.random.Generator = 0,
     prior: PosePrior | None = None,
+    slack: float = 1.0,
 ) -> RobustFit:
     """As `robust_fit`, of one constraint, from the unknowns that all rows together make.
 
-    ``prior`` of X and W is for noise that is not known yet; else that of the noise counts.
+    ``prior`` of X and W is for noise that is not known yet; else that of the noise counts. ``slack`` multiplies the
+    limits of distances where the noise is not known.
     """
     require_enough(constraint)
     subsets = 0
@@ -208,7 +210,7 @@ def fit_robustly(
             settled = _settle(constraint, noise, begun.unknowns, begun.inside, method)
         else:
             assert estimate is not None
-            noise, settled = _alternate(constraint, begun, estimate, method)
+            noise, settled = _alternate(constraint, begun, estimate, method, slack)
     fitted, distances, leverage, scale, limit, _ = settled
     assert fitted.weights is not None
     weights, n = fitted.weights, constraint.n
@@ -316,7 +318,7 @@ def _settle(
 
 
 def _alternate(
-    constraint: Constraint, begun: Consensus, estimate: Estimator, method: str
+    constraint: Constraint, begun: Consensus, estimate: Estimator, method: str, slack: float
 ) -> tuple[Noise | None, _Settled]:
     """Noise from the residuals of the poses kept, then weights by that noise, until the same poses are flagged.
 
@@ -324,7 +326,7 @@ def _alternate(
     """
     noise, at, weights = begun.noise, begun.unknowns, begun.inside
     seen: list[bytes] = []
-    margin = _margin(constraint)
+    margin = slack * _margin(constraint)
     for _ in range(MOST_ROUNDS):
         settled = _settle(constraint, noise, at, weights, "efficient", margin)
         assert settled.fit.weights is not None

@@ -32,6 +32,7 @@ from scipy.special import chdtrc, erfc
 from ..files.validate import array_of
 from ..formatting.units import small_unit
 from ..geometry.se3 import Array
+from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PoseNoise
 from ..noise.square_roots import pulled, whiten
@@ -235,6 +236,17 @@ class JointFit(ReadOnlyArrays):
         # A prior s times as wide would make it `dof + (s^2 - 1) sum(values)`, on average.
         square = 1.0 + (chi2 - dof) / float(values[heard].sum())
         return GroupTest(chi2, dof, float(chdtrc(dof, chi2)), float(np.sqrt(max(square, 0.0))))
+
+    @classmethod
+    def with_intrinsics(cls, fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> JointFit:
+        """Also at the columns of the camera that have no name of their own: what its intrinsics do to its poses."""
+        if not isinstance(noise, PoseNoise) or not isinstance(S := noise.camera, JointCovariance):
+            return cls.of(fit, noise, errors)
+        names = [f"{INTRINSICS}: {j}" if name in ("", INTRINSICS) else name for j, name in enumerate(S.names)]
+        of_camera = tuple(name for name in names if group_of(name) == INTRINSICS)
+        more = SharedError(INTRINSICS, "", "camera", np.ones(len(of_camera)), of_camera, lambda poses: S.shared)
+        noise = replace(noise, camera=replace(S, names=tuple(names)))
+        return cls.of(fit, noise, (*errors, more))
 
     def posterior(self, beside: Mapping[str, Array]) -> JointPosterior:
         """Of X, W and these errors; ``beside`` are moves (p,) of X and W by errors that the noise does not hold."""

@@ -56,8 +56,8 @@ PIXEL, PIXEL_FACTOR = 0.2, 3.0
 PIXELS = "pixel noise"
 # Deviations are looked for from this share of the residuals, below which they are 0, to this multiple.
 LEAST, MOST = 1e-3, 30.0
-# Of groups, above the population's.
-MOST_OF_GROUP = 100.0
+# Of groups, in units of the least: no arm that was measured has more than 6.
+MOST_OF_GROUP = 10.0
 # Linearised again until X and W move by less, in standard deviations; and how often at most.
 STILL, MOST_ROUNDS = 1e-2, 8
 # Nodes of the integral over the deviation of a group, and how many deviations of its prior it reaches.

@@ -31,8 +31,10 @@ from ..geometry.se3 import Array, inverse, perturb, skew
 from ..kinematics.kinematic_errors import EXACT
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..likelihood.shared_estimates import JointPosterior
-from ..noise.joint_covariance import JointCovariance
+from ..noise.camera_noise import INTRINSICS
+from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PoseNoise
+from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.shared_error import error_by_part
@@ -54,6 +56,8 @@ class Predicting(Protocol):
     def kinematics(self) -> FittedKinematics | None: ...
     @property
     def joint_posterior(self) -> JointPosterior | None: ...
+    @property
+    def data(self) -> PosePairs | Motions | None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +99,12 @@ def predict_camera(
     """See `Calibration.predict_camera`."""
     posterior = _posterior(result)
     assert result.W is not None and result.setup is not None
+    from_corners = isinstance(result.data, PosePairs) and result.data.camera_calibration is not None
+    if new_measurement and _of_intrinsics(posterior) and not from_corners:
+        raise InputError(
+            "What errors of the camera's intrinsics do to a new measurement is told by its corners, which this result "
+            "does not hold: calibrate again with the camera folder; or predict without the noise of one measurement."
+        )
     ahead = robot_ahead(result, joints, robot)
     G = inverse(ahead.poses) if result.setup == "eye-to-hand" else ahead.poses
     C = inverse(result.X) @ inverse(G) @ result.W
@@ -242,7 +252,7 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
 
 
 def _columns(result: Predicting, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
-    """(m, 6, q) what shared errors of a side that are known by their names do to m poses; 0 for the others."""
+    """(m, 6, q) what shared errors of a side do to m poses, where names or the camera's calibration tell; else 0."""
     posterior = _posterior(result)
     found = np.zeros((len(robot), 6, len(posterior.names)))
     poses = PosePairs(robot, camera, result.setup or "eye-in-hand")
@@ -250,7 +260,18 @@ def _columns(result: Predicting, side: Literal["robot", "camera"], robot: Array,
         if (of := error_by_part(name)) is not None and of[0].side == side:
             error, part = of
             found[..., k] = error.at(poses)[..., part]
+    seen = result.data.camera_calibration if isinstance(result.data, PosePairs) else None
+    index = _of_intrinsics(posterior)
+    if side == "camera" and index and seen is not None and isinstance(result.noise, PoseNoise):
+        S = result.noise.camera
+        assert isinstance(S, JointCovariance)
+        so_far = S.shared[..., [name in ("", INTRINSICS) for name in S.names]]
+        found[..., index] = seen.shared_ahead(camera, so_far)
     return found
+
+
+def _of_intrinsics(posterior: JointPosterior) -> list[int]:
+    return [k for k, name in enumerate(posterior.names) if group_of(name) == INTRINSICS]
 
 
 def own_noise(result: Predicting, side: Literal["robot", "camera"]) -> Array:
