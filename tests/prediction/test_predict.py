@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES
+from arm_cases import SIX_AXES, motion
 from picture_cases import camera_to_board, seen_corners
 from rig_of_arm import ARM, CAMERA, GEOMETRY, JOINT_NOISE, rig, squares
 
@@ -168,3 +168,31 @@ def test_what_does_not_fit_is_refused(rng):
         uq.calibrate(found.poses, noise=NOISE, method="tsai", kinematics=ARM)
     with pytest.raises(InputError, match=r"\(20, 6\)"):
         uq.calibrate(found.poses, noise=NOISE, joints=np.zeros((19, 6)), kinematics=ARM)
+
+
+def test_the_controller_may_have_a_base_and_a_tool_of_its_own(rng):
+    """The same rig, told in the frames of the controller: the same camera poses are predicted."""
+    found = rig(rng, n=25)
+    base, tool = motion((0, 0, np.pi), (0.1, -0.2, 0.4)), motion((0.1, -0.2, 0.3), (0.01, 0.02, 0.15))
+    poses = uq.PosePairs(base @ found.poses.robot @ tool, found.poses.camera, joints=found.poses.joints)
+    one, other = calibrated(found), calibrated(found._replace(poses=poses))
+    np.testing.assert_allclose(other.X, inverse(tool) @ one.X, atol=1e-6)
+    for joints in (found.near, found.far):
+        a, b = one.predict_camera(joints), other.predict_camera(joints)
+        np.testing.assert_allclose(a.poses, b.poses, atol=1e-6)
+        ratio = np.linalg.eigvals(np.linalg.solve(a.covariance, b.covariance)).real
+        assert (np.abs(ratio - 1) < 5e-3).all()
+
+
+def test_a_controller_that_knows_its_arm_better_says_where_it_is(rng):
+    """Poses by the controller's own calibration: they are needed beside the joints, and improve what is predicted."""
+    found = rig(rng, sd={group: 6 * sd for group, sd in GEOMETRY.items()})
+    known = 0.9 * found.e
+    poses = uq.PosePairs(ARM.poses(found.poses.joints, known), found.poses.camera, joints=found.poses.joints)
+    result = calibrated(found._replace(poses=poses))
+    with pytest.raises(InputError, match="expected `robot`"):
+        result.predict_camera(found.far)
+    seen = result.predict_camera(found.far, robot=ARM.poses(found.far, known), new_measurement=False)
+    assert squares(seen, found.seen(found.far)).mean() / 6 < 4
+    off = np.linalg.norm(seen.poses[:, :3, 3] - found.seen(found.far)[:, :3, 3], axis=-1)
+    assert np.sqrt(np.mean(off**2)) < 2e-3
