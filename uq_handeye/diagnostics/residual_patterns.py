@@ -36,8 +36,9 @@ from ..runtime.read_only import ReadOnlyArrays
 # False-alarm rates of the tests.
 RARE = 1e-3
 RARE_PATTERN = 1e-4
-# Poses below which there are none.
+# Poses below which there are none; and numbers that the fit must leave, six of each pose less one for each unknown.
 FEWEST = 8
+LEFT = 6.0
 # Lags looked at, and rounds of taking from correlations what the fit has taken.
 LAGS, CORRECTIONS = 5, 4
 
@@ -109,6 +110,8 @@ def residual_tests(
         why = "too few"
     elif np.sqrt(np.mean(white[rows] ** 2)) < 1e-6:
         why = "exact"
+    elif 6 * len(rows) - np.sum(_orthonormal(J[rows]) ** 2) < LEFT:
+        why = "unknowns"
     unknown = np.zeros(0), np.zeros(0), None, None, None, None
     if why is not None:
         return (

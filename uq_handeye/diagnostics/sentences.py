@@ -120,6 +120,7 @@ def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
     reason = {
         "too few": f"{rows} rows are too few, {needed} are needed",
         "exact": "the residuals are zero next to the noise",
+        "unknowns": f"{rows} rows leave nothing beside the unknowns of the fit, those of the arm and others among them",
         "coefficients": f"{rows} rows are too few for so many coefficients",
         "estimated": "the correlation in the noise was estimated from these same residuals",
         # of files written before these tests knew joint covariances

@@ -72,7 +72,7 @@ def sample_candidates(
     missing, left = n, _DRAWS * n
     while missing and left:
         size = min(left, max(4 * missing, 64), _DRAWN_AT_ONCE)
-        robot = _robot_of(_camera_poses(data.camera, size, rng), X, W, data.setup)
+        robot = robot_of(draw_camera_poses(data.camera, size, rng), X, W, data.setup)
         inside = ((robot[:, :3, 3] >= low - margin) & (robot[:, :3, 3] <= high + margin)).all(axis=-1)
         found.append(robot[inside][:missing])
         missing -= len(found[-1])
@@ -90,19 +90,19 @@ def predicted_camera(robot: Array, X: Array, W: Array, setup: str) -> Array:
     return np.asarray(inverse(X) @ (robot if setup == "eye-to-hand" else inverse(robot)) @ W)
 
 
-def _robot_of(camera: Array, X: Array, W: Array, setup: str) -> Array:
+def robot_of(camera: Array, X: Array, W: Array, setup: str) -> Array:
     """``W inv(C) inv(X)``, inverted for eye-to-hand."""
     G_inverse = X @ camera @ inverse(W)
     return np.asarray(G_inverse if setup == "eye-to-hand" else inverse(G_inverse))
 
 
-def _camera_poses(camera: Array, size: int, rng: np.random.Generator) -> Array:
+def draw_camera_poses(camera: Array, size: int, rng: np.random.Generator) -> Array:
     """Drawn camera poses (size, 4, 4); see the module."""
     distance = np.linalg.norm(camera[:, :3, 3], axis=-1)
     if distance.min() <= 0.0:
         raise InputError(f"Camera pose {int(np.argmin(distance))} is at the target: there is no line of sight.")
     if camera[:, 2, 3].sum() < 0.0:  # the camera looks along its -z axis: `_swing` wants the target along +z
-        return _HALF_TURN @ _camera_poses(_HALF_TURN @ camera, size, rng)
+        return _HALF_TURN @ draw_camera_poses(_HALF_TURN @ camera, size, rng)
     view = camera[:, :3, 3] / distance[:, None]
     looks = camera[:, :3, :3].mT @ _swing(view)  # Q^T: its z column is the line of sight in the target's frame
     mean = Rotation.from_matrix(looks).mean().as_matrix()

@@ -36,14 +36,18 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..calibration.calibrate import calibrate
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
 from ..formatting.units import parse_length
 from ..geometry.checks import as_transforms
-from ..geometry.se3 import Array, skew
+from ..geometry.se3 import Array
+from ..kinematics.chain import Kinematics
+from ..kinematics.kinematic_errors import KinematicErrors
 from ..likelihood.constraint import Linearised, OnPoses, constraint_of, residual_covariance
 from ..likelihood.gauss_helmert import efficient
+from ..noise.estimate import NoisePrior
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, is_joint
 from ..noise.square_roots import cholesky_of, gram, whiten
@@ -58,9 +62,10 @@ from ..shared_errors.shared_error import (
     default_errors,
     without_shared,
 )
+from .by_joints import PREDICTION, Wanted, plan_by_joints, so_far_by_joints
 from .candidates import MOST, predicted_camera, sample_candidates
 from .result import Plan
-from .selection import covariance_of, exchanged, greedy, value
+from .selection import select, weight_of_X
 from .weak_prior import so_far
 
 CRITERIA = ("trace", "logdet", "point")
@@ -72,13 +77,18 @@ def plan(
     k: int = 5,
     *,
     noise: PoseNoise | None = None,
-    criterion: str = "trace",
+    criterion: str | None = None,
     point: Any = None,
     length: str | float | None = None,
     sample: int = 200,
     seed: int | np.random.Generator = 0,
     repeat: bool = False,
     shared: Sequence[SharedError] | None = None,
+    joints: ArrayLike | None = None,
+    kinematics: Kinematics | None = None,
+    kinematic_errors: KinematicErrors | None = None,
+    task: ArrayLike | None = None,
+    prior: NoisePrior | None = None,
 ) -> Plan:
     """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
 
@@ -86,15 +96,17 @@ def plan(
     ----------
     data : PosePairs
         The poses so far, at least 3, without batch axes. They need not determine X yet.
-    candidates : (m, 4, 4) or None
-        Robot poses ``base_T_gripper`` to choose from; None draws ``sample`` of them by `sample_candidates`.
+    candidates : (m, 4, 4) or None; (m, L) with ``kinematics``
+        Robot poses ``base_T_gripper``, or joints, to choose from; None draws ``sample`` of them by `sample_candidates`,
+        or inside the joint limits by `sample_joints`.
     k : int
     noise : PoseNoise or None
         6x6 or (n, 6, 6), whose mean is taken for new poses; of the camera also what its calibration says
         (``camera_calibration``), which stands where it is left out. None estimates it from the poses so far.
-    criterion : "trace", "logdet" or "point"
+    criterion : "trace", "logdet", "point", "prediction" or None
         What the poses are chosen by: the mean squared error of points at a distance (``length``), the volume of the
-        ellipsoid, or the mean squared error of one point (``point``).
+        ellipsoid, the mean squared error of one point (``point``), or that of predictions at ``task``. None is
+        "prediction" with ``kinematics``, else "trace".
     point : 3 numbers (m) or texts with units, or None
         For criterion "point": in camera coordinates.
     length : float (m), str or None
@@ -107,6 +119,13 @@ def plan(
     shared : sequence of SharedError or None
         As in `calibrate`, but for columns of the user's own, whose effect on new poses is not known. The clock offset
         has none: the robot is taken to stand still there.
+    joints, kinematics, kinematic_errors
+        As in `calibrate`: the errors of the arm are unknowns beside X and W, and the plan is one of joints, inside
+        their limits (`planning.by_joints`).
+    task : (t, L) or None
+        Joints (rad, m) at which predictions are to be good; None: postures spread over the joint limits.
+    prior : NoisePrior or None
+        With ``kinematics``: as in `calibrate`.
 
     Raises
     ------
@@ -131,6 +150,18 @@ def plan(
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
     warn_left_out("plan()", data)
     require_integer("k", k, 1)
+    if kinematics is not None:
+        options = {"noise": noise, "prior": prior, "shared": shared, "joints": joints}
+        known = so_far_by_joints(data, kinematics, options | {"kinematic_errors": kinematic_errors})
+        criterion = criterion or PREDICTION
+        of = Wanted(criterion, *_target(data, criterion, point, length), task)
+        return plan_by_joints(known, candidates, k, of, sample, seed, repeat)
+    if criterion == PREDICTION or any(given is not None for given in (joints, kinematic_errors, task, prior)):
+        raise InputError(
+            "Expected `kinematics` (Kinematics.from_urdf) beside joints, kinematic errors, task, prior and criterion "
+            f"{PREDICTION!r}."
+        )
+    criterion = criterion or "trace"
     estimated = noise is None
     if shared is not None:
         shared = tuple(error for error in checked_errors(shared, data) if not error.is_exact)
@@ -193,14 +224,8 @@ def plan(
         ahead = np.zeros((len(robot), 6, 0)) if seen is None else seen.shared_ahead(camera, intrinsics)
         rows = np.concatenate([rows, _white_columns(linear, of_new, errors, new, ahead)], axis=-1)
 
-    Q = None if criterion == "logdet" else _weight(at.X, target, distance)
-    chosen = greedy(information, rows, np.arange(len(rows)), k, Q, repeat)
-    chosen = exchanged(information, rows, chosen, Q, repeat)
-    chosen = greedy(information, rows, chosen, k, Q, repeat=False)
-    brought = np.cumsum(rows[chosen].mT @ rows[chosen], axis=0)
-    sums = information + np.concatenate([np.zeros_like(brought[:1]), brought])
-    covariances = covariance_of(sums)[:, :6, :6]
-    values = value(covariances, Q)
+    Q = None if criterion == "logdet" else weight_of_X(at.X, target, distance)
+    chosen, covariances, values = select(information, rows, k, Q, repeat)
     return Plan(
         chosen=chosen,
         robot=robot[chosen],
@@ -229,8 +254,8 @@ def _target(
     data: PosePairs, criterion: str, point: Any, length: str | float | None
 ) -> tuple[Array | None, float | None]:
     """Point and length of the criterion, checked."""
-    if criterion not in CRITERIA:
-        raise InputError(f"Expected `criterion` to be one of {', '.join(CRITERIA)}, got {criterion!r}.")
+    if criterion not in (*CRITERIA, PREDICTION):
+        raise InputError(f"Expected `criterion` to be one of {', '.join((*CRITERIA, PREDICTION))}, got {criterion!r}.")
     if (point is not None) != (criterion == "point"):
         raise InputError(
             "Criterion 'point' and a point (x, y, z in camera coordinates) go together, "
@@ -242,7 +267,7 @@ def _target(
         if isinstance(point, str) or np.shape(point) != (3,):
             raise InputError(f"Expected `point` to be x, y, z in camera coordinates, got {point!r}.")
         return np.array([parse_length(x, "`point`") for x in point]), None
-    if criterion == "logdet":
+    if criterion in ("logdet", PREDICTION):
         return None, None
     if length is None:
         return None, float(np.sqrt(np.mean(np.sum(data.camera[:, :3, 3] ** 2, axis=-1))))
@@ -324,12 +349,3 @@ def _noise_of_new(noise: PoseNoise) -> PoseNoise:
             )
     robot, camera = (None if S is None else S.reshape(-1, 6, 6).mean(axis=0) for S in (noise.robot, noise.camera))
     return PoseNoise(robot, camera)
-
-
-def _weight(X: Array, point: Array | None, length: float | None) -> Array:
-    """Q (6, 6) of the criterion ``tr(Q Sigma)``."""
-    if point is not None:
-        M = np.concatenate([-skew(X[:3, :3] @ point), np.eye(3)], axis=1)
-        return np.asarray(M.T @ M)
-    assert length is not None
-    return np.diag([2 / 3 * length**2] * 3 + [1.0] * 3)

@@ -48,6 +48,12 @@ class Plan(ReadOnlyArrays):
     noise_estimated: bool  # from the poses so far
     open_directions: Array  # (r, 6) unit vectors of xi_X/prior that the poses so far leave to the weak prior
     shared: tuple[str, ...] = ()  # errors that all poses share, also the new ones, by name
+    joints: Array | None = None  # (k, L) rad, m, where the plan is one of joints
+    joint_names: tuple[str, ...] = ()  # (L)
+    joint_units: tuple[str, ...] = ()  # (L) rad or m
+    joint_noise: float = 0.0  # rad, of each joint of each new pose
+    task: Array | None = None  # (t, L) joints at which predictions are to be good, of criterion prediction
+    task_given: bool = False  # or spread over the joint limits
 
     @property
     def frame(self) -> str:
@@ -101,11 +107,15 @@ class Plan(ReadOnlyArrays):
             "point": None if self.point is None else self.point.tolist(),
             "prior_std": PRIOR if len(self.open_directions) else None,
             "open_directions": self.open_directions.tolist(),
+            **self._of_joints(),
             "before": _step(self.covariance_before, self.criterion_before, self.std[0], self.worst[0]),
             "steps": [
-                {"candidate": int(row), "robot": G.tolist(), "camera": C.tolist()} | _step(*numbers)
-                for row, G, C, *numbers in zip(
+                {"candidate": int(row), **({} if q is None else {"joints": q.tolist()})}
+                | {"robot": G.tolist(), "camera": C.tolist()}
+                | _step(*numbers)
+                for row, q, G, C, *numbers in zip(
                     self.chosen,
+                    [None] * len(self.chosen) if self.joints is None else self.joints,
                     self.robot,
                     self.camera,
                     self.covariances,
@@ -121,9 +131,26 @@ class Plan(ReadOnlyArrays):
         """JSON text, also written to ``path`` (whole or not at all)."""
         return json_text(self.to_dict(), path)
 
+    def _of_joints(self) -> dict[str, Any]:
+        if self.joints is None:
+            return {}
+        return {
+            "joint_names": list(self.joint_names),
+            "joint_units": list(self.joint_units),
+            "joint_noise": self.joint_noise,
+            "task": self.task.tolist() if self.task is not None and self.task_given else None,
+        }
+
     def to_csv(self, path: str | Path | None = None) -> str:
-        """The robot poses as a pose file (m), in order, numbered 0, 1, ...; also written to ``path``."""
-        text = pose_text(self.robot)
+        """The robot poses as a pose file (m), in order, numbered 0, 1, ...; also written to ``path``.
+
+        A plan of joints is a file of joints (rad, m) under their names, as `kinematics.joints_file` reads.
+        """
+        if self.joints is None:
+            text = pose_text(self.robot)
+        else:
+            head = ",".join(f"{name} [{unit}]" for name, unit in zip(self.joint_names, self.joint_units, strict=True))
+            text = "\n".join([head, *(",".join(f"{value:.9g}" for value in q) for q in self.joints), ""])
         if path is not None:
             write_atomically(path, text)
         return text

@@ -6,16 +6,19 @@ With the covariance ``Sigma`` (12, 12) of ``(xi_X, xi_W)`` so far, whitened deri
     tr(Q Sigma'_X) = tr(Q Sigma_X) - tr(K^-1 V_X Q V_X^T),
     log det Sigma'_X = log det Sigma_X + log det(K - V_X Sigma_X^-1 V_X^T) - log det K.
 
-A criterion is Q (6, 6), or None for the determinant. Exchange: V. V. Fedorov, *Theory of optimal experiments*, 1972.
+Further unknowns stand behind these. A criterion is Q of X (6, 6) or of the first r unknowns (then V_X is of these), or
+None for the determinant. Exchange: V. V. Fedorov, *Theory of optimal experiments*, 1972.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..geometry.se3 import Array
+from ..geometry.se3 import Array, skew
 from ..noise.square_roots import gram
 
 # Smallest eigenvalue of information scaled to a unit diagonal that is more than rounding.
@@ -27,22 +30,49 @@ _MOST_ROUNDS = 20  # 2 or 3 are usual
 
 
 def value(covariance: Array, Q: Array | None) -> Array:
-    """The criterion (...) at covariances (..., 6, 6) of X; Q None is logdet."""
+    """The criterion (...) at covariances (..., p, p) of all unknowns, X first.
+
+    Q is of the first r unknowns (r, r), 6 of X, or None for logdet of X.
+    """
+    r = of(Q)
     if Q is None:
-        return np.asarray(_log_determinant(covariance))
-    return np.asarray(np.einsum("ij,...ji->...", Q, covariance))
+        return np.asarray(_log_determinant(covariance[..., :r, :r]))
+    return np.asarray(np.einsum("ij,...ji->...", Q, covariance[..., :r, :r]))
+
+
+def of(Q: Array | None) -> int:
+    """How many unknowns the criterion is of."""
+    return 6 if Q is None else len(Q)
 
 
 def after(covariance: Array, rows: Array, Q: Array | None) -> Array:
-    """The criterion (m,) after one more pose, from the covariance (12, 12) before it and B (m, 6, 12) of each."""
+    """The criterion (m,) after one more pose, from the covariance (p, p) before it and B (m, 6, p) of each."""
     V = rows @ covariance
     K = np.eye(6) + V @ rows.mT
-    V_X = V[..., :6]
+    V_X = V[..., : of(Q)]
     if Q is None:
         kept = K - V_X @ np.linalg.solve(covariance[:6, :6], V_X.mT)
-        return np.asarray(value(covariance[:6, :6], Q) + _log_determinant(kept) - _log_determinant(K))
+        return np.asarray(value(covariance, Q) + _log_determinant(kept) - _log_determinant(K))
     gain = np.einsum("mii->m", np.linalg.solve(K, V_X @ Q @ V_X.mT))
-    return np.asarray(value(covariance[:6, :6], Q) - gain)
+    return np.asarray(value(covariance, Q) - gain)
+
+
+class Selection(NamedTuple):
+    """Poses in the order in which each brings most."""
+
+    chosen: NDArray[np.intp]  # (k,) rows
+    covariances: Array  # (k + 1, 6, 6) of X before, and after each
+    values: Array  # (k + 1,) the criterion
+
+
+def select(information: Array, rows: Array, k: int, Q: Array | None, repeat: bool) -> Selection:
+    """The k rows B (m, 6, p) that make the criterion small: greedy, exchanged, and put in order."""
+    chosen = greedy(information, rows, np.arange(len(rows)), k, Q, repeat)
+    chosen = exchanged(information, rows, chosen, Q, repeat)
+    chosen = greedy(information, rows, chosen, k, Q, repeat=False)
+    brought = np.cumsum(rows[chosen].mT @ rows[chosen], axis=0)
+    covariances = covariance_of(information + np.concatenate([np.zeros_like(brought[:1]), brought]))
+    return Selection(chosen, covariances[:, :6, :6], value(covariances, Q))
 
 
 def greedy(
@@ -65,7 +95,7 @@ def exchanged(
 ) -> NDArray[np.intp]:
     """Each chosen row replaced by the best one given the others, until no replacement helps."""
     chosen = chosen.copy()
-    best = float(value(covariance_of(information + gram(rows[chosen]))[:6, :6], Q))
+    best = float(value(covariance_of(information + gram(rows[chosen])), Q))
     still = 0
     for place in np.tile(np.arange(len(chosen)), _MOST_ROUNDS):
         others = np.delete(chosen, place)
@@ -97,3 +127,12 @@ def covariance_of(information: Array) -> Array:
 
 def _log_determinant(S: Array) -> Array:
     return np.asarray(np.linalg.slogdet(S)[1])
+
+
+def weight_of_X(X: Array, point: Array | None, length: float | None) -> Array:
+    """Q (6, 6) of the criterion ``tr(Q Sigma)``."""
+    if point is not None:
+        M = np.concatenate([-skew(X[:3, :3] @ point), np.eye(3)], axis=1)
+        return np.asarray(M.T @ M)
+    assert length is not None
+    return np.diag([2 / 3 * length**2] * 3 + [1.0] * 3)

@@ -37,16 +37,36 @@ def headline(plan: Plan) -> str:
 
 def _table(plan: Plan) -> Table:
     name, unit = {"logdet": ("log", "det")}.get(plan.criterion, ("error", "mm"))
-    head = ["step", "candidate", "x", "y", "z", "qx", "qy", "qz", "qw", "rotation", "translation", name]
-    units = ["", "", "mm", "mm", "mm", "", "", "", "", "sd, deg", "sd, mm", unit]
-    rows = [["so far", *[""] * 8, *_numbers(plan, plan.worst[0], plan.criterion_before)]]
-    quaternions = Rotation.from_matrix(plan.robot[:, :3, :3]).as_quat(canonical=True)
-    for step, (row, G, q, worst, value) in enumerate(
-        zip(plan.chosen, plan.robot, quaternions, plan.worst[1:], plan.criterion_values, strict=True), start=1
+    named, in_units, places = _of_poses(plan) if plan.joints is None else _of_joints(plan, plan.joints)
+    head = ["step", "candidate", *named, "rotation", "translation", name]
+    units = ["", "", *in_units, "sd, deg", "sd, mm", unit]
+    rows = [["so far", *[""] * (1 + len(named)), *_numbers(plan, plan.worst[0], plan.criterion_before)]]
+    for step, (row, place, worst, value) in enumerate(
+        zip(plan.chosen, places, plan.worst[1:], plan.criterion_values, strict=True), start=1
     ):
-        place = [f"{1e3 * x:.1f}" for x in G[:3, 3]] + [f"{x:.4f}" for x in q]
         rows.append([str(step), str(row), *place, *_numbers(plan, worst, float(value))])
     return Table("", head, rows, units=units, named=False)
+
+
+def _of_poses(plan: Plan) -> tuple[list[str], list[str], list[list[str]]]:
+    """Columns of robot poses: names, units, texts."""
+    quaternions = Rotation.from_matrix(plan.robot[:, :3, :3]).as_quat(canonical=True)
+    places = [
+        [f"{1e3 * x:.1f}" for x in G[:3, 3]] + [f"{x:.4f}" for x in q]
+        for G, q in zip(plan.robot, quaternions, strict=True)
+    ]
+    return ["x", "y", "z", "qx", "qy", "qz", "qw"], ["mm"] * 3 + [""] * 4, places
+
+
+def _of_joints(plan: Plan, joints: Array) -> tuple[list[str], list[str], list[list[str]]]:
+    """Columns of joints: names, units, texts."""
+    units = ["deg" if unit == "rad" else "mm" for unit in plan.joint_units]
+    factors = [180.0 / np.pi if unit == "deg" else 1e3 for unit in units]
+    return (
+        list(plan.joint_names),
+        units,
+        [[f"{factor * value:.2f}" for factor, value in zip(factors, q.tolist(), strict=True)] for q in joints],
+    )
 
 
 def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
@@ -55,8 +75,11 @@ def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
 
 def _notes(plan: Plan) -> list[str]:
     origin = "drawn around the target" if plan.sampled else "given"
+    what = (
+        "x to qw: base_T_gripper" if plan.joints is None else f"{plan.joint_names[0]} to {plan.joint_names[-1]}: joints"
+    )
     notes = [
-        f"candidate: row among the {plan.n_candidates} candidates {origin}, from 0. x to qw: base_T_gripper. sd: "
+        f"candidate: row among the {plan.n_candidates} candidates {origin}, from 0. {what}. sd: "
         "standard deviation of X along its worst axis, once the pose is taken too. " + _criterion(plan),
     ]
     if len(plan.open_directions):
@@ -67,11 +90,17 @@ def _notes(plan: Plan) -> list[str]:
         )
     whose = "estimated from the poses so far" if plan.noise_estimated else "given"
     included = f", and for what all poses share of {', '.join(plan.shared)}" if plan.shared else ""
-    notes.append(
-        f"Predicted to first order, for the noise {whose}{included}. Other systematic errors (such as those of the "
-        "robot's kinematics) are not covered. Reach and obstacles are not known: look at each pose before you drive "
-        "there."
-    )
+    if plan.joints is None:
+        limits = (
+            "Other systematic errors (such as those of the robot's kinematics) are not covered. Reach and obstacles "
+            "are not known: look at each pose before you drive there."
+        )
+    else:
+        limits = (
+            "The joints are inside their limits. Obstacles, and the arm itself in its way, are not known; branches of "
+            "elbow and wrist may change between poses: look at each pose before you drive there."
+        )
+    notes.append(f"Predicted to first order, for the noise {whose}{included}. {limits}")
     return notes
 
 
@@ -81,6 +110,9 @@ def _criterion(plan: Plan) -> str:
     elif plan.point is not None:
         point = ", ".join(f"{1e3 * x:g}" for x in plan.point)
         what = f"of the point ({point}) mm in camera coordinates, in the {plan.frame.split('_T_')[0]} frame"
+    elif plan.task is not None:
+        where = f"the {len(plan.task)} {'given' if plan.task_given else 'ones spread over the joint limits'}"
+        what = f"of where the camera would see the target, at task postures ({where})"
     else:
         return "log det: of the covariance of X (rad, m), which the poses were chosen to make small."
     return f"error: root mean square error {what}, which the poses were chosen to make small."

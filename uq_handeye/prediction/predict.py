@@ -93,10 +93,29 @@ class RobotAhead:
     noise: Array  # (..., 6, 6) of joints and pose, drawn anew
 
 
+@dataclass(frozen=True, eq=False)
+class CameraAhead:
+    """Camera poses of predictions, with what the errors of the posterior and new noise do to them."""
+
+    poses: Array  # (..., 4, 4) camera_T_target that will be measured
+    columns: Array  # (..., 6, 12 + q) error of the pose by those of the posterior
+    noise: Array  # (..., 6, 6) of joints, robot pose and camera pose, drawn anew
+    robot: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
+
+
 def predict_camera(
     result: Predicting, joints: Any = None, robot: Any = None, new_measurement: bool = True
 ) -> CameraPrediction:
     """See `Calibration.predict_camera`."""
+    ahead = camera_ahead(result, joints, robot)
+    S = ahead.columns @ _posterior(result).covariance @ ahead.columns.mT
+    if new_measurement:
+        S = S + ahead.noise
+    return CameraPrediction(ahead.poses, _symmetric(S), new_measurement)
+
+
+def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> CameraAhead:
+    """Camera poses at joints or robot poses, to first order in the errors of the posterior."""
     posterior = _posterior(result)
     assert result.W is not None and result.setup is not None
     from_corners = isinstance(result.data, PosePairs) and result.data.camera_calibration is not None
@@ -118,11 +137,11 @@ def predict_camera(
     by_all = np.concatenate(
         [-np.linalg.solve(D_C, linear.J), by_robot @ ahead.columns.reshape(len(flat), 6, -1) - F_C], axis=-1
     )
-    S = by_all @ posterior.covariance @ by_all.mT
-    if new_measurement:
-        S = S + by_robot @ ahead.noise.reshape(-1, 6, 6) @ by_robot.mT + own_noise(result, "camera")
+    noise = by_robot @ ahead.noise.reshape(-1, 6, 6) @ by_robot.mT + own_noise(result, "camera")
     seen = perturb(flat, (F_C @ posterior.estimate[:, None])[..., 0])
-    return CameraPrediction(seen.reshape(*shape, 4, 4), _symmetric(S).reshape(*shape, 6, 6), new_measurement)
+    return CameraAhead(
+        seen.reshape(*shape, 4, 4), by_all.reshape(*shape, 6, -1), noise.reshape(*shape, 6, 6), ahead.poses
+    )
 
 
 def predict_points(

@@ -2,25 +2,31 @@
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from ...errors import InputError
+from ..arm_options import KINEMATICS, Arm, arm_of
 from ..messages import timed
 from ..noise_options import Given, given_of
 from ..options import OUTPUT, JsonOption, emit, flag, made_of, option, require_writable
 from ..pose_files import PoseFiles
 
-CRITERIA = ("trace", "logdet", "point")
+CRITERIA = ("trace", "logdet", "point", "prediction")
 
 
-@made_of(given=given_of, files=PoseFiles)
+@made_of(given=given_of, files=PoseFiles, arm=arm_of)
 def plan_command(
     files: "PoseFiles",
     given: "Given",
+    arm: "Arm | None",
     k: Annotated[int, option("-k", "--count", help="How many poses to take next.")] = 5,
     candidates: Annotated[
         Path | None,
-        option("--candidates", metavar="FILE.csv", help="Robot poses to choose from, in the units of the robot file."),
+        option(
+            "--candidates",
+            metavar="FILE.csv",
+            help="Robot poses to choose from, in the units of the robot file; joints with --joints.",
+        ),
     ] = None,
     sample: Annotated[
         int,
@@ -28,20 +34,22 @@ def plan_command(
             "--sample",
             help="Without --candidates: how many to draw. They look at the target from near where the camera has been "
             "(0.8 to 1.2 times the distances, 15 deg more tilt, 30 deg more roll), with the robot inside the box of "
-            "its positions so far, grown by 15 % of its diagonal: its reach is not known.",
+            "its positions so far, grown by 15 % of its diagonal: its reach is not known. With --joints: anywhere "
+            "inside the joint limits.",
         ),
     ] = 200,
     seed: Annotated[int, option("--seed", help="Seed of the candidates drawn.")] = 0,
     criterion: Annotated[
-        str,
+        str | None,
         option(
             "--criterion",
             of=CRITERIA,
             metavar="NAME",
             help="What to make small: trace (mean squared error of points at --length from the camera), logdet (volume "
-            "of the ellipsoid) or point (mean squared error of --point).",
+            "of the ellipsoid), point (mean squared error of --point) or, with --joints, prediction (of where the "
+            "target is seen from the postures of --task). Default: prediction with --joints, else trace.",
         ),
-    ] = "trace",
+    ] = None,
     point: Annotated[
         str | None, option("--point", metavar="X,Y,Z", help="Camera coordinates with units, e.g. 0mm,0mm,300mm.")
     ] = None,
@@ -49,11 +57,26 @@ def plan_command(
         str | None,
         option("--length", metavar="LENGTH", help="For trace; left out, the RMS distance of camera to target so far."),
     ] = None,
+    task: Annotated[
+        Path | None,
+        option(
+            "--task",
+            metavar="FILE.csv",
+            panel=KINEMATICS,
+            help="Joints at which the calibration will be used. Default: postures spread over the joint limits.",
+        ),
+    ] = None,
     repeat: Annotated[bool, flag("--repeat", help="A candidate may be taken more than once.")] = False,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
-        option("-o", "--output", metavar="FILE.csv", panel=OUTPUT, help="Write the robot poses, in order, in metres."),
+        option(
+            "-o",
+            "--output",
+            metavar="FILE.csv",
+            panel=OUTPUT,
+            help="Write the robot poses, in order, in metres; with --joints the joints, in rad.",
+        ),
     ] = None,
 ) -> None:
     """Which poses to take next, and the standard deviations of X predicted after each.
@@ -63,12 +86,16 @@ def plan_command(
     With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
     0.1deg,0.5mm. Without, it is estimated from the data.
 
+    With the arm's errors as unknowns, and the answer in joints inside their
+    limits: uq-handeye plan camera.csv --joints joints.csv --urdf robot.urdf
+
     Predicted to first order for the noise. Reach and obstacles are not known:
     look at each pose before you drive there.
     """
     from ...calibration.findings import check_input
     from ...findings import warn
     from ...io import read_pose_file
+    from ...kinematics.joints_file import read_joints
     from ...noise.models import PoseNoise
     from ...planning.plan import plan
 
@@ -78,12 +105,24 @@ def plan_command(
     if point is not None and point.count(",") != 2:
         raise InputError(f"Expected --point to be X,Y,Z with units such as 0mm,0mm,300mm, got {point!r}.")
     if point is not None and criterion != "point":
-        raise InputError(f"--point goes with --criterion point, got --criterion {criterion}.")
+        raise InputError(f"--point goes with --criterion point, got --criterion {criterion or 'trace'}.")
     require_writable(output, "-o")
-    poses, noise, shared = files.read(given)
+    of_arm: dict[str, Any] = {}
+    if arm is None:
+        if task is not None or criterion == "prediction":
+            raise InputError("--task and --criterion prediction go with --joints and --urdf.")
+        poses, noise, shared = files.read(given)
+        rows = None if candidates is None else read_pose_file(candidates, files.both_units[0])[1]
+    else:
+        units, chain = arm.chain.joint_units, arm.kinematics
+        poses, noise, shared = files.read_open(given, None, given.one_side, arm)
+        rows = None if candidates is None else read_joints(candidates, chain, units).q
+        of_arm = {
+            "task": None if task is None else read_joints(task, chain, units).q,
+            "prior": given.one_side,
+        } | arm.of_calibrate
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
-    rows = None if candidates is None else read_pose_file(candidates, files.both_units[0])[1]
     with timed("checking the input"), suppress(InputError):  # plan() may do with what calibrate() refuses
         warn(check_input(poses, noise))
     with timed("planning"):
@@ -99,6 +138,7 @@ def plan_command(
             seed=seed,
             repeat=repeat,
             shared=shared,
+            **of_arm,
         )
     if output is not None:
         found.to_csv(output)

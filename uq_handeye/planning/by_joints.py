@@ -1,0 +1,230 @@
+r"""Planning in joints: the next poses of an arm whose kinematics are wrong.
+
+X, W and the errors e of the arm are unknowns together (`prediction`): their joint posterior P from the poses so far has
+the information ``P^-1``, and a pose at joints q adds ``B^T B``, ``B = L^-1 A(q)``, with the derivatives A of the camera
+pose that will be measured there by all of them, and ``L L^T`` its own noise. Criterion ``prediction`` is the mean
+squared error (m^2) of where the camera would see the target at the task postures,
+
+    tr(Q Sigma),    Q = mean over the task of  A_t(q)^T A_t(q),    A_t the rows of the translation.
+
+That is free of the choice of base and flange (K2): it is the error with which something seen now is found elsewhere.
+
+*Candidates* are joints inside the limits. Camera poses are drawn as in `candidates`, without a box, and the arm is
+brought there by inverse kinematics (`kinematics.inverse`), half of the draws from near the joints so far, half from
+postures anywhere inside the limits: these take other branches of the elbow and the wrist. Obstacles are unknown, and so
+is the arm itself in its way.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..calibration.calibrate import calibrate
+from ..calibration.result import Calibration
+from ..errors import DegenerateMotionError, InputError, NotConvergedError
+from ..geometry.checks import as_numbers
+from ..geometry.se3 import Array
+from ..kinematics.chain import Kinematics
+from ..kinematics.gravity import spread_postures
+from ..kinematics.inverse import postures_at
+from ..kinematics.joint import PRISMATIC
+from ..noise.models import PoseNoise
+from ..noise.square_roots import cholesky_of, whiten
+from ..poses.pose_pairs import PosePairs
+from ..prediction.predict import CameraAhead, camera_ahead, own_noise
+from .candidates import MOST, draw_camera_poses, robot_of
+from .result import Plan
+from .selection import covariance_of, select, weight_of_X
+
+PREDICTION = "prediction"
+# Postures of the task where none are given.
+TASK = 200
+# Candidates start from joints so far, moved by this (rad, m); and are drawn so many times as often as asked for.
+NEAR = {PRISMATIC: 0.1}
+NEAR_TURN = 0.5
+DRAWS = 20
+DRAWN_AT_ONCE = 2_000
+
+
+class Wanted(NamedTuple):
+    """What is to be made small."""
+
+    criterion: str
+    point: Array | None  # (3,) m
+    length: float | None  # m
+    task: Any  # (t, L) joints, or None
+
+
+class SoFar(NamedTuple):
+    """What the poses so far tell."""
+
+    data: PosePairs
+    joints: Array  # (n, L)
+    chain: Kinematics
+    result: Calibration
+    noise_estimated: bool
+
+
+def plan_by_joints(
+    known: SoFar,
+    candidates: Any,
+    k: int,
+    of: Wanted,
+    sample: int,
+    seed: int | np.random.Generator,
+    repeat: bool,
+) -> Plan:
+    """See `plan`."""
+    data, chain, result = known.data, known.chain, known.result
+    assert result.joint_posterior is not None and result.W is not None and result.setup is not None
+    e = None if result.kinematics is None else result.kinematics.e
+    q = (
+        sample_joints(data, chain, known.joints, result.X, result.W, sample, e=e, seed=seed)
+        if candidates is None
+        else _inside(chain, candidates, "candidates")
+    )
+    if len(q) > MOST:
+        raise InputError(f"Expected at most {MOST} candidates, got {len(q)}: thin them out.")
+    if k > len(q) and not repeat:
+        raise InputError(
+            f"Expected at most as many poses as candidates, got k = {k} and {len(q)} candidates; give more, or let "
+            "them be taken again (repeat)."
+        )
+    P = result.joint_posterior.covariance
+    some = np.flatnonzero(np.diag(P) > 0)
+    information = covariance_of(P[np.ix_(some, some)])
+    ahead = _ahead(result, chain, q)
+    rows = whiten(cholesky_of(ahead.noise), ahead.columns[..., some])
+    at_task = (
+        spread_postures(chain.limits, _revolute(chain), TASK) if of.task is None else _inside(chain, of.task, "task")
+    )
+    Q = None
+    if of.criterion == PREDICTION:
+        A = _ahead(result, chain, at_task).columns[:, 3:, some]
+        Q = np.einsum("tri,trj->ij", A, A) / len(A)
+    elif of.criterion != "logdet":
+        Q = weight_of_X(result.X, of.point, of.length)
+    chosen, covariances, values = select(information, rows, k, Q, repeat)
+    return Plan(
+        chosen=chosen,
+        robot=ahead.robot[chosen],
+        camera=ahead.poses[chosen],
+        covariance_before=covariances[0],
+        covariances=covariances[1:],
+        criterion=of.criterion,
+        criterion_before=float(values[0]),
+        criterion_values=values[1:],
+        length=of.length,
+        point=of.point,
+        X=result.X,
+        W=result.W,
+        setup=result.setup,
+        n_poses=data.n,
+        n_candidates=len(q),
+        sampled=candidates is None,
+        noise=PoseNoise(own_noise(result, "robot"), own_noise(result, "camera")),
+        noise_estimated=known.noise_estimated,
+        open_directions=np.zeros((0, 6)),
+        shared=tuple(dict.fromkeys(error.error for error in result.shared)),
+        joints=q[chosen],
+        joint_names=chain.names,
+        joint_units=tuple(joint.unit for joint in chain.joints),
+        joint_noise=0.0 if result.kinematics is None else result.kinematics.joint_noise,
+        task=at_task if of.criterion == PREDICTION else None,
+        task_given=of.task is not None,
+    )
+
+
+def sample_joints(
+    data: PosePairs,
+    chain: Kinematics,
+    joints: Array,
+    X: Array,
+    W: Array,
+    n: int = 200,
+    *,
+    e: Array | None = None,
+    seed: int | np.random.Generator = 0,
+) -> Array:
+    """Up to ``n`` joints (m, L) inside the limits from which the camera sees the target; see the module.
+
+    Raises
+    ------
+    InputError
+        n below 1 or above 100,000, a camera pose so far at the target itself, or no draw within reach.
+    """
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MOST:
+        raise InputError(f"Expected the number of candidates to be an integer between 1 and {MOST}, got {n!r}.")
+    rng = np.random.default_rng(seed)
+    near = np.array([NEAR.get(joint.kind, NEAR_TURN) for joint in chain.joints])
+    anywhere = spread_postures(chain.limits, _revolute(chain))
+    found: list[Array] = []
+    missing, left = n, DRAWS * n
+    while missing and left:
+        size = min(left, max(3 * missing, 64), DRAWN_AT_ONCE)
+        robot = robot_of(draw_camera_poses(data.camera, size, rng), X, W, data.setup)
+        start = joints[rng.integers(len(joints), size=size)] + near * rng.normal(size=(size, len(near)))
+        other = rng.uniform(size=size) < 0.5
+        start[other] = anywhere[rng.integers(len(anywhere), size=int(other.sum()))]
+        postures = postures_at(chain, robot, start, e)
+        found.append(_unwound(chain, postures.q[postures.reached], joints)[:missing])
+        missing -= len(found[-1])
+        left -= size
+    if missing == n:
+        raise InputError(
+            f"None of {DRAWS * n} poses that look at the target is within reach and joint limits. Are X, the joints "
+            "and the URDF right? If so, give candidates of your own."
+        )
+    return np.concatenate(found)
+
+
+def so_far_by_joints(data: PosePairs, chain: Kinematics, options: dict[str, Any]) -> SoFar:
+    """X, W and the errors of the arm from the poses so far; ``options`` are those of `calibrate`."""
+    advice = "Take more poses, with rotations about other axes, or plan them without joints."
+    try:
+        result = calibrate(data, kinematics=chain, **options)
+    except (DegenerateMotionError, NotConvergedError) as error:
+        raise InputError(f"The poses so far do not determine X and the errors of the arm. {advice}") from error
+    if result.joint_posterior is None or result.W is None:
+        raise InputError(f"The poses so far leave a part of X open, or fit exactly. {advice}")
+    joints = as_numbers(data.joints if options["joints"] is None else options["joints"], "joints")
+    return SoFar(data, joints, chain, result, options["noise"] is None)
+
+
+def _ahead(result: Calibration, chain: Kinematics, q: Array) -> CameraAhead:
+    """Camera poses at joints (m, L); of an arm that is exact, by its model."""
+    if result.kinematics is None:
+        return camera_ahead(result, robot=chain.poses(q))
+    return camera_ahead(result, q)
+
+
+def _inside(chain: Kinematics, values: Any, name: str) -> Array:
+    """Joints (m, L), m >= 1, inside the limits; raises `InputError`."""
+    q = as_numbers(values, name)
+    if q.ndim != 2 or len(q) == 0 or q.shape[1] != chain.n_joints or not np.isfinite(q).all():
+        raise InputError(
+            f"Expected `{name}` to be finite joints (m, {chain.n_joints}) of {', '.join(chain.names)}, got shape "
+            f"{q.shape}."
+        )
+    outside = (q < chain.limits[:, 0]) | (q > chain.limits[:, 1])
+    if outside.any():
+        row, joint = (int(index) for index in np.argwhere(outside)[0])
+        low, high = chain.limits[joint]
+        raise InputError(
+            f"Expected `{name}` inside the joint limits, got {q[row, joint]:.4g} of {chain.names[joint]} in row {row} "
+            f"(limits {low:.4g} to {high:.4g} {chain.joints[joint].unit}); are they in degrees?"
+        )
+    return q
+
+
+def _unwound(chain: Kinematics, q: Array, joints: Array) -> Array:
+    """The same postures with joints that turn without limits within half a turn of where they have been."""
+    endless = _revolute(chain) & ~np.isfinite(chain.limits).any(axis=1)
+    middle = 0.5 * (joints.min(axis=0) + joints.max(axis=0))
+    return np.where(endless, middle + (q - middle + np.pi) % (2 * np.pi) - np.pi, q)
+
+
+def _revolute(chain: Kinematics) -> Any:
+    return np.array([joint.is_revolute for joint in chain.joints])
