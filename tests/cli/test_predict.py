@@ -103,6 +103,18 @@ def test_at_robot_poses_where_no_joints_are_known(stored):
     np.testing.assert_allclose(again["points"], expected.points, rtol=1e-9)
 
 
+def test_how_far_the_tool_misses(stored):
+    folder, result, _, ahead, _ = stored
+    write_joints(folder / "there.csv", ahead + 0.1)
+    arguments = ("arm.json", "--joints", "next.csv", "--reached-at", "there.csv", "--point", "0mm,0mm,300mm")
+    found = json.loads(predicted(folder, *arguments, "--tool", "0,0,150mm", "--json"))
+    there = (ahead + 0.1)[:, None]
+    same = result.predict([[0, 0, 0.3]], joints=ahead[:, None], reached_at=there, tool=[0, 0, 0.15])
+    np.testing.assert_allclose(found["points"], same.points, rtol=1e-9)
+    np.testing.assert_allclose(found["covariance"], same.covariance, rtol=1e-9)
+    assert "Tip of the tool minus the point, in the frame base: 1 at 3 robot poses" in predicted(folder, *arguments)
+
+
 def test_long_tables_are_cut_in_text_alone(stored):
     folder, _, _, ahead, _ = stored
     write_joints(folder / "many.csv", np.tile(ahead, (20, 1)))
@@ -124,7 +136,15 @@ def test_long_tables_are_cut_in_text_alone(stored):
         (("arm.json", "--joints", "next.csv", "--point", "0,0,1", "--no-noise"), "--no-noise goes with --camera"),
         (("arm.json", "--robot", "robot.csv", "--joint-units", "deg", "--camera"), "--joint-units is of --joints"),
         (("arm.json", "--joints", "next.csv", "--robot-units", "mm", "--camera"), "--robot-units is of --robot"),
-        (("arm.json", "--joints", "next.csv", "--robot", "robot.csv", "--camera"), "next.csv has 3 rows and robot.csv"),
+        (
+            ("arm.json", "--joints", "next.csv", "--robot", "robot.csv", "--camera"),
+            "next.csv has 3 and robot.csv has 2 rows",
+        ),
+        (("arm.json", "--joints", "next.csv", "--point", "0,0,1", "--tool", "0,0,1"), "--tool is of --reached-at"),
+        (
+            ("arm.json", "--joints", "next.csv", "--camera", "--reached-at", "next.csv"),
+            "--reached-at goes with --point",
+        ),
         (("plain.json", "--joints", "next.csv", "--camera"), "plain.json knows no joints: give --robot"),
         (("arm.json", "--joints", "degrees.csv", "--camera"), "Give --joint-units deg"),
         (("arm.json", "--joints", "missing.csv", "--camera"), "missing.csv"),

@@ -12,6 +12,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.io import read_pose_file
 from uq_handeye.kinematics.against_controller import against_controller
 from uq_handeye.kinematics.chain import Kinematics
+from uq_handeye.kinematics.joints_file import read_joints
 
 TOOL = motion((0.0, 0.0, 0.8), (0.01, 0.0, 0.12))
 BASE = motion((0.0, 0.0, np.pi), (0.3, -0.2, 0.9))
@@ -150,7 +151,10 @@ def test_refuses_other_numbers(arm, joints):
         against_controller(arm, joints, arm.poses(joints[:5]))
 
 
-@pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
+needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
+
+
+@needs_data
 def test_real_controller_is_the_nominal_chain_with_a_tool_turned():
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "fr3_philnad"
     joints = np.loadtxt(folder / "joints.csv", delimiter=",", skiprows=1)[:, 1:]
@@ -158,3 +162,20 @@ def test_real_controller_is_the_nominal_chain_with_a_tool_turned():
         Kinematics.from_urdf(folder / "model.urdf"), joints, read_pose_file(folder / "tcp.csv")[1]
     )
     assert "a tool frame of 45 deg" in said(found) and found.largest[1] < 1e-4
+
+
+@needs_data
+@pytest.mark.parametrize(("arm", "apart"), [("panda_2", 4), ("panda_3", 1), ("panda_6", 0)])
+def test_real_controllers_that_calibrate_nothing(arm, apart):
+    """Pandas report the nominal kinematics; a few rows were read while the arm was moved by hand."""
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "mukca_panda"
+    times, robot = read_pose_file(folder / arm / "robot.csv")
+    nominal, calibrated = (
+        Kinematics.from_urdf(file) for file in (folder / "model.urdf", folder / arm / "calibrated.urdf")
+    )
+    joints = read_joints(folder / arm / "joints.csv", nominal)
+    q = joints.q[np.searchsorted(joints.timestamps, times)]
+    found = against_controller(nominal, q, robot)
+    assert found.base is None and found.tool is None and len(found.apart) == apart
+    assert 1e-5 < found.rms[1] < 1e-4
+    assert 2e-3 < against_controller(calibrated, q, robot).rms[1] < 20e-3

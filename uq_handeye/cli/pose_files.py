@@ -410,11 +410,14 @@ def _noise_of_arm(
 ) -> "Noise":
     """The noise as `calibrate` has it, with the errors of the arm and all others that the poses share."""
     from ..calibration.calibrate import calibrate
+    from ..findings import warn
 
-    with timed("estimating the errors of the arm"):
-        found = calibrate(poses, noise=given, prior=prior, shared=shared, **arm.of_calibrate).noise
-    if found is None:
+    with timed("estimating the errors of the arm"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used
+        found = calibrate(poses, noise=given, prior=prior, shared=shared, **arm.of_calibrate)
+    warn(finding for finding in found.findings if finding.code.startswith("kinematics."))  # but for these
+    if found.noise is None:
         raise InputError(
             "The residuals are at rounding level: no noise can be estimated. Give --robot-noise and --camera-noise."
         )
-    return found
+    return found.noise

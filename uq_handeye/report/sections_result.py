@@ -101,6 +101,8 @@ def warnings_section(result: Calibration) -> Section:
         which = "No test of the data, of the residuals or of the two halves"
         text = f"Nothing looked wrong. {which if not not_run else 'No test that was run'} gave a warning."
         blocks.append(Paragraph(f"{text} What no test can show stands in the last section."))
+    beside_joints = (found for found in result.findings if found.code == "kinematics.against_controller")
+    blocks += [Paragraph(str(found)) for found in beside_joints]
     if not_run:
         blocks += [Paragraph("Tests that were not run, and say nothing:"), Points(not_run)]
     return Section("warnings", "Warnings", blocks)

@@ -60,6 +60,24 @@ def predict_command(
             help="Point in camera coordinates, e.g. 0mm,0mm,300mm: its position in the base; repeatable.",
         ),
     ] = None,
+    reached_at: Annotated[
+        Path | None,
+        option(
+            "--reached-at",
+            metavar="FILE.csv",
+            panel=KINEMATICS,
+            help="Joints at which the tool is brought to the points seen at --joints, row by row: how far it misses.",
+        ),
+    ] = None,
+    tool: Annotated[
+        str | None,
+        option(
+            "--tool",
+            metavar="X,Y,Z",
+            panel=KINEMATICS,
+            help="Tip of the tool in the flange, e.g. 0mm,0mm,150mm, for --reached-at. Default: its origin.",
+        ),
+    ] = None,
     camera: Annotated[
         bool, flag("--camera", help="Predict camera_T_target instead: the poses that the camera should see.")
     ] = False,
@@ -78,6 +96,9 @@ def predict_command(
 
     What the camera should see there, to compare with what it sees:
     uq-handeye predict result.json --joints q.csv --camera
+
+    How far a tool misses what the camera saw, with what both have in common left
+    out: append --reached-at there.csv --tool 0mm,0mm,150mm to the first.
     """
     import numpy as np
 
@@ -88,20 +109,27 @@ def predict_command(
         raise InputError("Say what to predict: --point X,Y,Z in camera coordinates, or --camera for what it sees.")
     if no_noise and not camera:
         raise InputError("--no-noise goes with --camera: a point in the base is no measurement.")
-    if joints is None and robot is None:
+    if reached_at is not None and camera:
+        raise InputError("--reached-at goes with --point: the point that the tool is brought to.")
+    if tool is not None and reached_at is None:
+        raise InputError("--tool is of --reached-at FILE.csv, the joints at which it is at the point; give it, too.")
+    if joints is None and robot is None and reached_at is None:
         raise InputError("Say where to predict: give --joints FILE.csv, or --robot FILE.csv.")
-    if joint_units is not None and joints is None:
+    if joint_units is not None and joints is None and reached_at is None:
         raise InputError("--joint-units is of --joints; leave it out.")
     if robot_units != "m" and robot is None:
         raise InputError("--robot-units is of --robot; leave it out.")
     require_writable(output, "-o", (".csv",))
-    points = None if not point else np.array([_coordinates(text) for text in point])
+    points = None if not point else np.array([_coordinates(text, "--point") for text in point])
+    tip = None if tool is None else np.array(_coordinates(tool, "--tool"))
     stored = Calibration.from_json(result)
-    times, at = _places(stored, str(result), joints, joint_units, robot, robot_units)
+    times, at = _places(
+        stored, str(result), {"joints": joints, "reached_at": reached_at}, joint_units, robot, robot_units
+    )
     if points is not None:
-        found = stored.predict(points, **{name: values[:, None] for name, values in at.items()})
+        found = stored.predict(points, tool=tip, **{name: values[:, None] for name, values in at.items()})
         rows, data = _point_rows(found, times), found.to_dict()
-        text = _text_of_points(found, len(times), stored)
+        text = _text_of_points(found, len(times), stored, reached_at is not None)
     else:
         seen = stored.predict_camera(**at, new_measurement=not no_noise)
         rows, data, text = _pose_rows(seen, times), seen.to_dict(), _text_of_poses(seen)
@@ -110,10 +138,10 @@ def predict_command(
     emit(json_text(data | {"timestamps": times.tolist()}) if as_json else text)
 
 
-def _coordinates(text: str) -> list[float]:
+def _coordinates(text: str, name: str) -> list[float]:
     parts = [part.strip() for part in text.split(",")]
     if len(parts) != 3:
-        raise InputError(f"Expected --point to be X,Y,Z such as 0mm,0mm,300mm, got {text!r}.")
+        raise InputError(f"Expected {name} to be X,Y,Z such as 0mm,0mm,300mm, got {text!r}.")
     from ...formatting.units import parse_length
 
     values = []
@@ -121,42 +149,48 @@ def _coordinates(text: str) -> list[float]:
         try:
             values.append(float(part))
         except ValueError:
-            values.append(parse_length(part, "--point"))
+            values.append(parse_length(part, name))
     if not (far := max(map(abs, values))) <= 10.0 or not all(map(math.isfinite, values)):
-        raise InputError(f"--point {text}: {far:g} m from the camera; write the unit, e.g. 0mm,0mm,300mm.")
+        raise InputError(f"{name} {text}: {far:g} m away; write the unit, e.g. 0mm,0mm,300mm.")
     return values
 
 
 def _places(
-    stored: "Calibration", name: str, joints: Path | None, joint_units: str | None, robot: Path | None, units: str
+    stored: "Calibration",
+    name: str,
+    files: dict[str, Path | None],
+    joint_units: str | None,
+    robot: Path | None,
+    units: str,
 ) -> "tuple[Array, dict[str, Array]]":
-    """Timestamps, or numbers of the rows, and joints or robot poses."""
+    """Timestamps, or numbers of the rows; and joints and robot poses, by the arguments of `predict`."""
     import numpy as np
 
     from ...io import read_pose_file
     from ...kinematics.joints_file import read_joints
 
     at: dict[str, Array] = {}
+    names: dict[str, Path] = {}
     times: list[Array | None] = []
-    if joints is not None:
+    for argument, file in files.items():
+        if file is None:
+            continue
         if stored.kinematics is None:
             raise InputError(
                 f"{name} knows no joints: give --robot, poses base_T_gripper; or calibrate with --joints and --urdf."
             )
-        table = read_joints(joints, stored.kinematics.chain, joint_units)
-        at["joints"] = table.q
+        table = read_joints(file, stored.kinematics.chain, joint_units)
+        at[argument], names[argument] = table.q, file
         times.append(table.timestamps)
     if robot is not None:
         stamps, at["robot"] = read_pose_file(robot, units)
+        names["robot"] = robot
         times.append(stamps)
-    counts = {len(values) for values in at.values()}
-    if len(counts) > 1:
-        raise InputError(
-            f"{joints} has {len(at['joints'])} rows and {robot} has {len(at['robot'])} poses: expected the joints of "
-            "each pose."
-        )
+    if len({len(values) for values in at.values()}) > 1:
+        counts = " and ".join(f"{names[argument]} has {len(values)}" for argument, values in at.items())
+        raise InputError(f"{counts} rows: expected one row in each file per prediction.")
     known = next((stamps for stamps in times if stamps is not None), None)
-    return np.arange(float(counts.pop())) if known is None else known, at
+    return np.arange(float(len(next(iter(at.values()))))) if known is None else known, at
 
 
 # ---------------------------------------------------------------------------------------------------------- output
@@ -194,7 +228,7 @@ def _plain(*parts: Any) -> list[Any]:
     return [value for part in flat for value in part.tolist()]
 
 
-def _text_of_points(found: "PointUncertainty", n: int, stored: "Calibration") -> str:
+def _text_of_points(found: "PointUncertainty", n: int, stored: "Calibration", reached: bool) -> str:
     from ...presentation.document import Heading, Paragraph, Table, to_text
 
     k = found.points.shape[1]
@@ -205,12 +239,20 @@ def _text_of_points(found: "PointUncertainty", n: int, stored: "Calibration") ->
         for i in range(n)
         for j in range(k)
     ]
-    moving = "" if stored.setup == "eye-in-hand" else " The camera stands still: the robot does not move the points."
+    where = f"{k} at {n} robot {'pose' if n == 1 else 'poses'}"
+    if reached:
+        what = f"Tip of the tool minus the point, in the frame {found.frame}: {where}"
+        known = f"The tip is within {worst:.3g} mm of where this says, with at least 95 % probability."
+    else:
+        what = f"Points in the frame {found.frame}: {where}"
+        known = f"A sphere of {worst:.3g} mm holds each point with at least 95 % probability."
+        if stored.setup != "eye-in-hand":
+            known += " The camera stands still: the robot does not move the points."
     return to_text(
         [
             [
-                Heading(f"Points in the frame {found.frame}: {k} at {n} robot {'pose' if n == 1 else 'poses'}"),
-                Paragraph(f"A sphere of {worst:.3g} mm holds each point with at least 95 % probability.{moving}"),
+                Heading(what),
+                Paragraph(known),
             ],
             Table("", head, cells[:PRINTED], units=["", "", *["mm"] * 7], named=False),
             _more(len(cells)),
