@@ -107,8 +107,15 @@ def predict_camera(
     result: Predicting, joints: Any = None, robot: Any = None, new_measurement: bool = True
 ) -> CameraPrediction:
     """See `Calibration.predict_camera`."""
+    posterior = _posterior(result)
+    from_corners = isinstance(result.data, PosePairs) and result.data.camera_calibration is not None
+    if new_measurement and _of_intrinsics(posterior) and not from_corners:
+        raise InputError(
+            "What errors of the camera's intrinsics do to a new measurement is told by its corners, which this result "
+            "does not hold: calibrate again with the camera folder; or predict without the noise of one measurement."
+        )
     ahead = camera_ahead(result, joints, robot)
-    S = ahead.columns @ _posterior(result).covariance @ ahead.columns.mT
+    S = ahead.columns @ posterior.covariance @ ahead.columns.mT
     if new_measurement:
         S = S + ahead.noise
     return CameraPrediction(ahead.poses, _symmetric(S), new_measurement)
@@ -118,12 +125,6 @@ def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> C
     """Camera poses at joints or robot poses, to first order in the errors of the posterior."""
     posterior = _posterior(result)
     assert result.W is not None and result.setup is not None
-    from_corners = isinstance(result.data, PosePairs) and result.data.camera_calibration is not None
-    if new_measurement and _of_intrinsics(posterior) and not from_corners:
-        raise InputError(
-            "What errors of the camera's intrinsics do to a new measurement is told by its corners, which this result "
-            "does not hold: calibrate again with the camera folder; or predict without the noise of one measurement."
-        )
     ahead = robot_ahead(result, joints, robot)
     G = inverse(ahead.poses) if result.setup == "eye-to-hand" else ahead.poses
     C = inverse(result.X) @ inverse(G) @ result.W
