@@ -122,9 +122,13 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         noise = _columns_at_corrected(job, noise, fit)
         fit = _fitted_again(job, noise, fit)
         estimate = None if estimate is None else replace(estimate, noise=noise)
+    deviations = dict(found.deviations) if isinstance(found, FoundKinematics) else None
     correlated = _correlated(job, noise, fit, estimate)
     if correlated is not None:
-        assert isinstance(correlated.noise, PoseNoise)
+        assert isinstance(correlated.noise, PoseNoise) and estimate is not None
+        if deviations is not None and JOINT_NOISE in deviations:  # a part of the noise is in common now
+            k = estimate.names.index(JOINT_NOISE)
+            deviations[JOINT_NOISE] *= float(np.sqrt(correlated.variances[k] / max(estimate.variances[k], 1e-300)))
         independent, noise = fit, correlated.noise
         fit = _fitted_again(job, noise, fit)
         finding = _correlation_finding(job, correlated, independent, fit)
@@ -136,7 +140,6 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         fit = _fitted_again(job, noise, fit)
         estimate = None if estimate is None else replace(estimate, noise=noise)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
-    deviations = found.deviations if isinstance(found, FoundKinematics) else None
     return _assembled(job, noise, fit, fourdpa, estimate, robust, resolved, deviations)
 
 

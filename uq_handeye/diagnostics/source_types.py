@@ -40,7 +40,9 @@ def with_types(budget: Budget, noise: Noise, estimate: NoiseEstimate | None, fro
         data |= set(index)
     serial = {} if estimate is None else _serial(noise)
     data |= serial.keys()
-    both = set() if estimate is None else {part.name for part in estimate.components if part.status == "prior"} - data
+    both = set()
+    if estimate is not None:
+        both = {part.name for part in estimate.components if part.status == "population"}
     types = tuple("A" if name in data else "A, B" if name in both else "B" for name in budget.sources)
     return replace(budget, types=types, relative=_relative(budget.sources, index, estimate, serial))
 

@@ -90,9 +90,10 @@ class Component:
     """A standard deviation per axis, with its 95 % interval.
 
     ``status``: "estimated"; "zero" (the estimate is 0, on the edge of what is possible); "prior" (estimated with its
-    data sheet); "fixed" (given); "not told apart" (between ``low`` and ``high``, the data say no more); "exact" (the
-    residuals are rounding errors; ``high`` is then not determined: None); "from corners", "by geometry" (of the camera
-    poses, from their own covariance: root of the mean variance); "given" (the pixel noise of it).
+    data sheet); "population" (of the errors of an arm: at least that of arms of its kind); "fixed" (given); "not told
+    apart" (between ``low`` and ``high``, the data say no more); "exact" (the residuals are rounding errors; ``high`` is
+    then not determined: None); "from corners", "by geometry" (of the camera poses, from their own covariance: root of
+    the mean variance); "given" (the pixel noise of it).
     """
 
     name: str

@@ -363,7 +363,8 @@ class FoundKinematics:
             if of.floor:
                 low, high = max(low, float(np.exp(of.mean))), max(float(np.exp(upper[k])), value)
                 low = min(low, value)
-            status = "zero" if self.zero[k] else "prior" if np.isfinite(of.sd) else "estimated"
+            of_sheet = np.isfinite(of.sd) and of.name not in (JOINT_NOISE, PIXELS)
+            status = "population" if of.floor else "zero" if self.zero[k] else "prior" if of_sheet else "estimated"
             components.append(Component(of.name, of.unit, value, 0.0 if self.zero[k] else low, high, status))
         camera, how = self.source.camera, ""
         if isinstance(camera, CameraNoise):
