@@ -126,6 +126,24 @@ def test_joints_pair_by_time(cell):
     assert found["n_poses"] == 7 and close(found, X) < FAR
 
 
+@pytest.mark.parametrize("robot", [(), ("--robot", "robot.csv")], ids=["joints alone", "beside poses"])
+def test_streams_with_clocks_of_their_own(tmp_path, robot):
+    rng = np.random.default_rng([SEED, 23])
+    times = np.arange(0.0, 12.0, 0.01)
+    turn = rng.uniform(0.4, 0.9, (2, 6))
+    q_at = lambda t: 0.8 * np.sin(t[:, None] * turn[0] + [0, 1, 2, 3, 4, 5]) + 0.2 * np.sin(4 * t[:, None] * turn[1])  # noqa: E731
+    X, W = motion((0.2, -0.1, 0.4), (0.05, 0.02, 0.08)), random_transforms(rng)
+    seen = np.arange(0.5, 11.5, 0.05)
+    camera = moved(np.linalg.inv(ARM.poses(q_at(seen)) @ X) @ W, rng.normal(size=(len(seen), 6)) * 1e-3)
+    write_joints(tmp_path / "joints.csv", q_at(times) + 1e-5 * rng.normal(size=(len(times), 6)), times=times)
+    write_pose_file(tmp_path / "robot.csv", ARM.poses(q_at(times[3::2] + 0.004)), times[3::2] + 0.004)
+    write_pose_file(tmp_path / "camera.csv", camera, seen - 0.3)
+    (tmp_path / "arm.urdf").write_text(SIX_AXES)
+    found = found_in(tmp_path, "camera.csv", *robot, *CHAIN, "--kinematics", "exact", "--pair", "async")
+    assert close(found, X) < FAR
+    assert found["time_offset"]["offset"] == pytest.approx(0.3, abs=2e-3)
+
+
 def test_errors_of_the_arm_are_estimated_unless_said_otherwise(cell):
     folder, X, _ = cell
     found = found_in(folder, "camera.csv", *CHAIN, "--robot-class", "cobot")
