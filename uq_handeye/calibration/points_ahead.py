@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..geometry.se3 import Array
+from .analysis import distance_of
 
 if TYPE_CHECKING:
     from .result import Calibration
 
-# Where nothing is known of the distance to the target (m).
-_DEFAULT = 0.5
 _STEPS = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0])  # of the table, in distances to the target
 
 
@@ -32,11 +31,7 @@ class Ahead(NamedTuple):
 
 def typical_distance(result: Calibration) -> tuple[float, bool]:
     """RMS distance from camera to target (m); False: it is not known, and a usual one is taken."""
-    if result.analysis is not None:
-        spectrum = result.analysis.diagnostics.spectrum
-        if spectrum.length_of == "target":
-            return float(spectrum.length_m), True
-    return _DEFAULT, False
+    return distance_of(result.analysis)
 
 
 def ahead(result: Calibration, distances: Array | None = None) -> Ahead:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,10 +38,11 @@ from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
 from ..prediction.fitted_kinematics import FittedKinematics
 from ..prediction.predict import CameraPrediction, predict_camera, predict_points
+from ..prediction.workspace import WorkspacePrediction, over_workspace
 from ..presentation.document import document_of, to_text
 from ..presentation.notebook import html_of
 from ..runtime.read_only import ReadOnlyArrays
-from .analysis import Analysis, StoredAnalysis
+from .analysis import Analysis, StoredAnalysis, distance_of
 from .estimated_poses import EstimatedPoses
 from .provenance import Provenance
 from .result_file import FORMAT, FourDPA, finite, from_dict, plain
@@ -295,6 +297,14 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
             As `predict`.
         """
         return predict_camera(self, joints, robot, new_measurement)
+
+    @cached_property
+    def over_workspace(self) -> WorkspacePrediction | None:
+        """How far the tool misses what the camera sees, near the calibrated poses and over the whole workspace.
+
+        Computed when it is first asked for. None where the calibration knows no errors of an arm (`kinematics`).
+        """
+        return over_workspace(self, distance_of(self.analysis)[0])
 
     def __repr__(self) -> str:
         data = f"{self.n_pairs} pairs" if self.n_poses is None else f"{self.n_poses} poses"

@@ -192,6 +192,12 @@ class NoiseEstimate(ReadOnlyArrays):
     def tested(self) -> bool:
         """Whether residuals can contradict this noise: most of what they see was not made of them."""
         factor = self.camera_factor
+        if any(component.name.startswith("camera") and not component.is_given for component in self.components) and all(
+            component.name.partition(" ")[0] not in ("robot", "camera", "A", "B")
+            for component in self.components
+            if component.status in ("fixed", "prior")
+        ):  # what is assumed of an arm beside a camera that the residuals gave
+            return False
         if any(component.name == CAMERA_EXCESS and component.value > 0 for component in self.components):
             return False
         return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)

@@ -167,7 +167,7 @@ def predict_points(
     if noise is not None and (noise.shape[-2:] != (3, 3) or not np.isfinite(noise).all()):
         raise InputError(f"Expected `points_covariance` to be finite numbers (..., 3, 3), got shape {noise.shape}.")
     at = () if ahead is None else ahead.poses.shape[:-2]
-    reached = None if reached_at is None else _reached(result, reached_at, tool)
+    reached = None if reached_at is None else tip_at(robot_ahead(result, reached_at, None), tool)
     try:
         shape = np.broadcast_shapes(p.shape[:-1], at, () if reached is None else reached.at.shape[:-1])
     except ValueError:
@@ -175,11 +175,9 @@ def predict_points(
             f"Expected leading axes of `points` (..., 3) and robot poses that fit, got {p.shape} and {at}"
             f"{'' if reached is None else f' and {reached.at.shape[:-1]}'}."
         ) from None
-    found = _seen(result, p, ahead, noise)
-    if reached is not None:
-        found = InBase(reached.at - found.at, reached.by_all - found.by_all, reached.new + found.new)
-    S = found.by_all @ _posterior(result).covariance @ found.by_all.mT + found.new
-    S = np.broadcast_to(_symmetric(S), (*shape, 3, 3))
+    found = seen_at(result, p, ahead, noise)
+    found = found if reached is None else reached.less(found)
+    S = np.broadcast_to(found.covariance(result), (*shape, 3, 3))
     return PointUncertainty(np.broadcast_to(found.at, (*shape, 3)), S, "base")
 
 
@@ -190,9 +188,17 @@ class InBase(NamedTuple):
     by_all: Array  # (..., 3, 12 + q)
     new: Array  # (..., 3, 3)
 
+    def less(self, other: InBase) -> InBase:
+        """The difference, with the noise of both."""
+        return InBase(self.at - other.at, self.by_all - other.by_all, self.new + other.new)
 
-def _seen(result: Predicting, p: Array, ahead: RobotAhead | None, noise: Array | None) -> InBase:
-    """Points (..., 3) that the camera saw, at robot poses; ``noise`` (..., 3, 3) their own."""
+    def covariance(self, result: Predicting) -> Array:
+        """(..., 3, 3)."""
+        return _symmetric(self.by_all @ _posterior(result).covariance @ self.by_all.mT + self.new)
+
+
+def seen_at(result: Predicting, p: Array, ahead: RobotAhead | None, noise: Array | None = None) -> InBase:
+    """Points (..., 3) that the camera sees, at robot poses; ``noise`` (..., 3, 3) their own."""
     X, q = result.X, _posterior(result).covariance.shape[0] - 12
     arm = p @ X[:3, :3].T
     by_X = _by_pose(arm)
@@ -216,12 +222,11 @@ def _seen(result: Predicting, p: Array, ahead: RobotAhead | None, noise: Array |
     return InBase(b, by_all, new)
 
 
-def _reached(result: Predicting, joints: Any, tool: Any) -> InBase:
-    """The tip of the tool (3,) in the flange, at joints."""
+def tip_at(ahead: RobotAhead, tool: Any) -> InBase:
+    """The tip of the tool (..., 3) in the flange, at robot poses."""
     tip = np.zeros(3) if tool is None else as_numbers(tool, "tool")
     if tip.ndim < 1 or tip.shape[-1] != 3 or not np.isfinite(tip).all():
         raise InputError(f"Expected `tool` to be finite numbers (..., 3) in metres, got shape {tip.shape}.")
-    ahead = robot_ahead(result, joints, None)
     lever = (ahead.poses[..., :3, :3] @ tip[..., None])[..., 0]
     by_G = _by_pose(lever)
     by_errors = by_G @ ahead.columns

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from ..calibration.points_ahead import ahead, typical_distance
 from ..calibration.report.analysis import budget_shares, shown_budget
+from ..calibration.report.arm import prediction_words, workspace_caption
 from ..calibration.report.budget_figure import budget_figure
 from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure
@@ -20,6 +21,7 @@ from ..calibration.report.shared_errors import shared_groups
 from ..calibration.report.shared_figure import shared_figure
 from ..calibration.report.task_space_figure import task_space_figure
 from ..calibration.report.text import directions, parent_frame
+from ..calibration.report.workspace_figure import workspace_figure
 from ..comparison.methods_figure import methods_picture
 from ..errors import InputError
 from ..formatting.numbers import digits
@@ -78,6 +80,7 @@ def pictures(
         "budget": _budget(result),
         "shared": _shared(result),
         "task_space": _task_space(result),
+        "workspace": _workspace(result),
         "methods": None if comparison is None else methods_picture(comparison),
     }
     return {stem: picture for stem, picture in found.items() if picture is not None}
@@ -220,3 +223,14 @@ def _task_space(result: Calibration) -> Picture | None:
     if known:
         caption += f" The target was {typical:.2g} m away (RMS): beyond, the numbers are extrapolated."
     return Picture(task_space_figure(result), alt, caption)
+
+
+def _workspace(result: Calibration) -> Picture | None:
+    found = result.over_workspace
+    if found is None:
+        return None
+    alt = (
+        "A section of the workspace with the 95 % radius of the miss in cells and the calibrated poses on it, and the "
+        f"same against the distance from the nearest calibrated pose. {prediction_words(result)}"
+    )
+    return Picture(workspace_figure(found), alt, workspace_caption(result))

@@ -34,6 +34,7 @@ from .sections_data import (
 from .sections_repeat import repeat_section
 from .sections_result import (
     answer_section,
+    arm_sections,
     ellipses_section,
     forms_section,
     scope_section,
@@ -110,6 +111,7 @@ def report_html(
     sections = [
         answer_section(result),
         warnings_section(result),
+        *arm_sections(result, drawings),
         ellipses_section(result, drawings, cross_check),
         rig_section(result, drawings),
         *camera_sections(result),

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..calibration.points_ahead import ahead
 from ..calibration.report.analysis import tests_not_run
+from ..calibration.report.arm import arm_sentences
 from ..calibration.report.shared_errors import included_words
 from ..calibration.report.text import answer, directions, ellipsoid_words, not_covered, parent_frame, source_words
 from ..formatting.numbers import concise, fixed
@@ -106,6 +107,15 @@ def warnings_section(result: Calibration) -> Section:
     if not_run:
         blocks += [Paragraph("Tests that were not run, and say nothing:"), Points(not_run)]
     return Section("warnings", "Warnings", blocks)
+
+
+def arm_sections(result: Calibration, drawings: Mapping[str, Drawing]) -> list[Section]:
+    """The arm, and how far the tool misses over the workspace; none where the calibration knows no joints."""
+    sentences = arm_sentences(result)
+    if not sentences:
+        return []
+    drawn = [drawings["workspace"]] if "workspace" in drawings else []
+    return [Section("arm", "The arm", [*map(Paragraph, sentences), *drawn])]
 
 
 def ellipses_section(result: Calibration, drawings: Mapping[str, Drawing], cross_check: CrossCheck | None) -> Section:

@@ -7,6 +7,7 @@ from ...geometry.pose_numbers import POSE_NUMBERS, pose_numbers
 from ...presentation.document import Caution, Paragraph, Table
 from ...presentation.notebook import heat_html, html_of, matrix_html, to_html
 from ..result import Calibration
+from .arm import arm_sentences
 from .shared_errors import shared_blocks
 from .text import answer, directions
 
@@ -35,7 +36,7 @@ def calibration_html(result: Calibration) -> str:
         [
             Paragraph(answer(result)),
             *map(Caution, result.warnings),
-            [table, *map(Paragraph, directions(result))],
+            [table, *map(Paragraph, [*directions(result), *arm_sentences(result)])],
             shared_blocks(result),
         ],
         beside=f"{origin}{setup}",

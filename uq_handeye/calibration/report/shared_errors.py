@@ -9,6 +9,7 @@ import numpy as np
 from ...diagnostics.scale_errors import ScaleError
 from ...diagnostics.sentences import relative
 from ...formatting.numbers import concise, digits
+from ...kinematics.kinematic_errors import DECLARED_AS, ESTIMATE
 from ...likelihood.shared_estimates import SharedEstimate
 from ...likelihood.shared_groups import SharedGroup, grouped
 from ...noise.camera_noise import INTRINSICS
@@ -35,7 +36,8 @@ SHARED_CODES = ("calibration.shared_confounded", "calibration.shared_opens")
 def shared_table(result: Calibration) -> Table | None:
     """One row for each error that was declared or assumed, then those that were not; None where nothing is known."""
     groups = shared_groups(result)
-    rows: list[list[Cell]] = [_declared(group) for group in groups]
+    estimated = result.kinematics is not None and result.kinematics.how == ESTIMATE
+    rows: list[list[Cell]] = [_declared(group, estimated and group.name in DECLARED_AS) for group in groups]
     if (found := result.time_offset) is not None and found.std > 0:
         known = concise(1e3 * found.offset, 1e3 * found.std, "ms")
         rows.append([CLOCK_OFFSET, "estimated from the streams", known, f"{100 * found.share:.1f} %"])
@@ -76,8 +78,9 @@ def _probes(result: Calibration) -> Sequence[ScaleError]:
     return () if result.analysis is None else result.analysis.diagnostics.probes
 
 
-def _declared(group: SharedGroup) -> list[Cell]:
-    how, share = "default" if group.default else "declared", f"{100 * group.share:.1f} %"
+def _declared(group: SharedGroup, estimated: bool) -> list[Cell]:
+    how = "estimated" if estimated else "default" if group.default else "declared"
+    share = f"{100 * group.share:.1f} %"
     if group.count > 1:
         return [f"{group.name} ({group.count})", f"{sizes_of(group)} ({how})", found_of(group), share]
     error = group.parts[0]
@@ -145,7 +148,12 @@ def _included(result: Calibration) -> tuple[list[tuple[str, bool]], int]:
     groups: dict[str, list[SharedGroup]] = {}  # by error: such as both coordinates of the principal point
     for group in shared_groups(result):
         groups.setdefault(group.parts[0].error, []).append(group)
+    of_arm = [] if result.kinematics is None else [name for name in groups if name in DECLARED_AS]
+    if of_arm:
+        parts.append((f"errors of the arm ({', '.join(of_arm)})", False))
     for name, of_error in groups.items():
+        if name in of_arm:
+            continue
         sizes = list(dict.fromkeys(map(sizes_of, of_error)))
         parts.append((f"{name} {' and '.join(sizes)}", of_error[0].default))
     parts += [(name, False) for name in dict.fromkeys(map(group_of, column_names(result))) if not groups]

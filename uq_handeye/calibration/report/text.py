@@ -14,6 +14,7 @@ from ...geometry.conventions import COMPONENTS
 from ...geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...geometry.principal_axes import principal_axes
 from ...geometry.se3 import Array
+from ...kinematics.kinematic_errors import EXACT
 from ...noise.joint_covariance import group_of
 from ...presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
 from ...shared_errors.accuracy_field import ROBOT_ACCURACY
@@ -29,6 +30,7 @@ from .analysis import (
     pair_table,
     worst_words,
 )
+from .arm import arm_blocks
 from .shared_errors import column_names, included_words, of_camera, shared_blocks
 
 _SOURCES = {
@@ -58,6 +60,7 @@ def calibration_document(result: Calibration, threshold: float = 0.5) -> Documen
         *map(Caution, result.warnings),
         *(Paragraph(str(found)) for found in result.findings if found.code == "kinematics.against_controller"),
         *_numbers(result, threshold),
+        *([arm] if (arm := arm_blocks(result)) else []),
         *([beside] if (beside := beside_blocks(result)) else []),
         noise_blocks(result),
         pair_table(result),
@@ -161,6 +164,8 @@ def not_covered(result: Calibration) -> list[str]:
     target = "a target of another shape" if TARGET_SCALE in names else "a wrong size of the target"
     known = ROBOT_ACCURACY in map(group_of, names)
     robot = "a robot that is less accurate than declared" if known else "wrong robot kinematics"
+    if result.kinematics is not None and result.kinematics.how != EXACT:
+        robot = "what the model of the arm leaves out"
     return [camera, robot, target]
 
 

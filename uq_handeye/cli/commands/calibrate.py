@@ -51,7 +51,7 @@ DEMO_NOISE = {"robot": ("0.02deg", "0.05mm"), "camera": ("0.1deg", "0.5mm")}
 EXPORTS = {"ros": "x_ros.yaml", "urdf": "x.urdf", "opencv": "x_opencv.yaml", "npz": "x.npz"}
 
 # Every figure that `report.figures` may draw.
-FIGURES = ("ellipses", "rig", "residuals", "budget", "shared", "task_space", "methods")
+FIGURES = ("ellipses", "rig", "residuals", "budget", "shared", "task_space", "workspace", "methods")
 
 REPORTS = (".html", ".pdf")
 
