@@ -103,6 +103,17 @@ def test_at_robot_poses_where_no_joints_are_known(stored):
     np.testing.assert_allclose(again["points"], expected.points, rtol=1e-9)
 
 
+def test_beside_poses_of_the_controller(stored):
+    folder, result, _, ahead, _ = stored
+    robot = ARM.poses(ahead)
+    write_pose_file(folder / "own.csv", robot)
+    arguments = ("arm.json", "--joints", "next.csv", "--robot", "own.csv", "--point", "0mm,0mm,300mm")
+    found = json.loads(predicted(folder, *arguments, "--json"))
+    same = result.predict([[0, 0, 0.3]], joints=ahead[:, None], robot=robot[:, None])
+    np.testing.assert_allclose(found["points"], same.points, rtol=1e-9)
+    np.testing.assert_allclose(found["covariance"], same.covariance, rtol=1e-9)
+
+
 def test_how_far_the_tool_misses(stored):
     folder, result, _, ahead, _ = stored
     write_joints(folder / "there.csv", ahead + 0.1)
