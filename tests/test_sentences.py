@@ -46,6 +46,7 @@ NAMED = {
     "sides": ["robot", "camera"],
     "unit": "mm",
     "errors": [{"name": "focal length", "estimate": 0.01, "sd": 1e-3}],
+    "told": [{"group": "joint offsets", "share": 0.4}, {"group": "sag", "share": 0.1}],
     "directions": [{"what": "rotation", "axis": [0.0, 1.0, 0.0], "size": 0.1}],
 }
 MADE = {"float": 0.25, "int": 3, "str": "text", "bool": True, "Sequence[float]": [0.6, 0.0, 0.8],

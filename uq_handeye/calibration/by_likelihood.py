@@ -43,6 +43,7 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
 from ..poses.timing import TimeOffset
 from ..prediction.fitted_kinematics import FittedKinematics
+from ..prediction.local_joints import local_findings
 from ..propagation.published_fit import Published, fit_published
 from ..runtime.read_only import read_only
 from ..shared_errors.shared_error import CLOCK_OFFSET, shared_columns, with_shared, without_shared
@@ -308,6 +309,7 @@ def _assembled(
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint)
     findings += accuracy_findings(poses, job.shared, fit, fit.covariance_X, estimate is not None)
+    findings += local_findings(result)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate)
         if len(data) < FEWEST_FOR_ROBUST:
