@@ -16,6 +16,7 @@ from stream_cases import motion, streams
 
 import uq_handeye as uq
 from uq_handeye.io import write_pose_file
+from uq_handeye.kinematics.kinematic_errors import POPULATIONS
 
 FLAGS = re.DOTALL | re.MULTILINE
 
@@ -24,6 +25,7 @@ SHOWN = [
     "tutorial/signed_off_report",
     "how-to/looks_wrong",
     "how-to/shared_errors",
+    "how-to/kinematics",
     "how-to/ros",
     "how-to/opencv",
     "how-to/controller",
@@ -222,3 +224,12 @@ def test_the_citation_names_this_version():
 def test_the_readme_has_the_two_commands_of_the_gate():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(re.findall(r"^```sh$", text, re.MULTILINE)) == 2
+
+
+def test_the_populations_of_arms_are_those_of_the_code():
+    text = (DOCS / "explanation" / "kinematics.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)`[^|]*\|(.*)\|$", text, re.MULTILINE))
+    assert list(rows) == list(POPULATIONS)
+    for name, population in POPULATIONS.items():
+        told = [float(cell.split()[0]) for cell in rows[name].split("|")]
+        assert told == pytest.approx([*(1e3 * sd for sd in population[:-1]), population.factor]), name

@@ -4,8 +4,8 @@ Postures q are drawn over the joint limits (an infinite limit of a revolute join
 prismatic joint the end of its calibrated range, widened by half), and those of the calibration are taken as they are.
 Eye-in-hand, the camera sees a point straight ahead of it at a distance, at q; joints q' at which the origin of the
 flange is at the point are found from q by damped least squares, within the limits. Postures from which none are
-found are left out. Eye-to-hand, the flange is at q and the point there. The covariance is that of `predict`, tool against
-point, with the noise of joints and robot at both.
+found are left out. Eye-to-hand, the flange is at q and the point there. The covariance is that of `predict`, tool
+against point, with the noise of joints and robot at both.
 
 *Nominal poses.* Who goes on with ``FK(q; 0)`` for both has the mean error ``miss(FK(.; e)) - miss(FK(.; 0))`` on top,
 with e as estimated.

@@ -69,8 +69,8 @@ def prediction_words(result: Calibration) -> str:
     text += "." if found.near is None else f", within {_mm(found.near)} mm near the calibrated poses."
     if found.nominal > WORTH_SAYING * found.anywhere:
         text += (
-            f" With nominal poses in place of the corrected ones add {_mm(found.nominal)} mm (RMS): a mean error, which "
-            "is not part of the covariance."
+            f" With nominal poses in place of the corrected ones add {_mm(found.nominal)} mm (RMS): a mean error, "
+            "which is not part of the covariance."
         )
     return text
 
