@@ -64,8 +64,9 @@ class AgainstController(ReadOnlyArrays):
     apart : tuple of int
         Poses that differ by far more than the others.
     reading : str or None
-        Where the poses seem to be of another arm: what would explain them, a key of `sentences.READINGS`; `detail`
-        names the joints that it is about.
+        Where the poses seem to be of another arm: what would explain them, a key of `sentences.READINGS`.
+    detail : tuple of str
+        Names of the joints that the reading is about.
     """
 
     base: Array | None
