@@ -27,6 +27,8 @@ from .predict import Predicting, robot_ahead, seen_at, tip_at
 POSTURES = 1500
 # The search of q': steps, damping (m), and where it has arrived (m).
 STEPS, DAMPING, ARRIVED = 25, 0.02, 1e-4
+# Of the calibrated poses at most so many, evenly among them.
+MOST_NEAR = 200
 # Misses drawn of each posture, for the 95 % of all of them.
 DRAWS = 100
 # Fewer postures than this say nothing of a workspace.
@@ -65,7 +67,9 @@ def over_workspace(result: Predicting, distance: float, postures: int = POSTURES
     distance = min(distance, 0.5 * fitted.chain.reach)
     rng = np.random.default_rng(0)
     low, high = ends(fitted)
-    everywhere, near = rng.uniform(low, high, (postures, len(low))), np.clip(fitted.joints, low, high)
+    everywhere = rng.uniform(low, high, (postures, len(low)))
+    some = np.unique(np.linspace(0, len(fitted.joints) - 1, MOST_NEAR).round().astype(int))
+    near = np.clip(fitted.joints[some], low, high)
     far, close = (_Views(result, fitted, distance, q) for q in (everywhere, near))
     if len(far.radius_95) < FEWEST:
         return None

@@ -9,8 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ...geometry.se3 import Array
 from ...prediction.workspace import WorkspacePrediction
@@ -20,6 +22,8 @@ from ...presentation.figure_parts import INK, ORANGE, SMALL, TEXT, canvas, finis
 CELLS, BINS = 20, 8
 # The colour bar spans at least this factor.
 LEAST_SPAN = 1.5
+# Beyond this factor its numbers are 1, 2, 5.
+WIDE = 6.0
 
 
 def workspace_figure(found: WorkspacePrediction) -> Figure:
@@ -55,13 +59,10 @@ def _section(figure: Figure, axis: Axes, found: WorkspacePrediction) -> None:
         edgecolors="face",
         linewidth=0.3,
     )
-    bar = figure.colorbar(drawn, ax=axis, shrink=0.95)
-    bar.set_label("95 % radius (mm)", fontsize=TEXT)
-    bar.ax.tick_params(labelsize=SMALL)
-    plain_numbers(bar.ax)
+    _bar(figure, axis, drawn)
     axis.plot(
         found.near_place[:, 0], found.near_place[:, 1], "o", markersize=4.0, markerfacecolor="white",
-        markeredgecolor="black", markeredgewidth=0.9, label="calibrated poses",
+        markeredgecolor="black", markeredgewidth=0.9, label="calibrated poses", clip_on=False, zorder=3,
     )  # fmt: skip
     axis.legend(
         fontsize=SMALL, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), borderpad=0.1, handletextpad=0.3
@@ -70,6 +71,20 @@ def _section(figure: Figure, axis: Axes, found: WorkspacePrediction) -> None:
     axis.set_aspect("equal")
     axis.set_xlabel("flange: distance from joint 1 (m)", fontsize=TEXT)
     axis.set_ylabel("height above the base (m)", fontsize=TEXT)
+
+
+def _bar(figure: Figure, axis: Axes, drawn: QuadMesh) -> None:
+    """A logarithmic colour bar with few numbers."""
+    least, most = drawn.get_clim()
+    bar = figure.colorbar(drawn, ax=axis, shrink=0.95)
+    bar.set_label("95 % radius (mm)", fontsize=TEXT)
+    bar.ax.tick_params(labelsize=SMALL)
+    if most > WIDE * least:
+        plain_numbers(bar.ax)
+        return
+    ticks = [tick for tick in MaxNLocator(5).tick_values(least, most) if least <= tick <= most]
+    bar.set_ticks(ticks, labels=[f"{tick:.4g}" for tick in ticks])
+    bar.ax.minorticks_off()
 
 
 def _curves(axis: Axes, found: WorkspacePrediction) -> None:
@@ -86,11 +101,13 @@ def _curves(axis: Axes, found: WorkspacePrediction) -> None:
     x = np.array([away[group].mean() for group in groups])
     low, middle, high = (np.array([np.quantile(radius[group], q) for group in groups]) for q in (0.05, 0.5, 0.95))
     axis.fill_between(x, low, high, color="0.8", linewidth=0, label="9 of 10 postures")
-    axis.plot(x, middle, color="black", linewidth=1.6, marker="o", markersize=3, label="95 % radius, median")
+    axis.plot(
+        x, middle, color="black", linewidth=1.6, marker="o", markersize=3, clip_on=False, label="95 % radius, median"
+    )
     if (bias > 1e-3 * radius.min()).any():
         rms = np.array([np.sqrt(np.mean(bias[group] ** 2)) for group in groups])
         axis.plot(
-            x, rms, color=ORANGE, linewidth=1.6, linestyle="--", marker="s", markersize=3,
+            x, rms, color=ORANGE, linewidth=1.6, linestyle="--", marker="s", markersize=3, clip_on=False,
             label="nominal poses add (RMS)",
         )  # fmt: skip
         _fit(axis, np.concatenate([low, high, rms]))
