@@ -36,6 +36,7 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
+from ..prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from ..prediction.fitted_kinematics import FittedKinematics
 from ..prediction.predict import CameraPrediction, predict_camera, predict_points
 from ..prediction.workspace import WorkspacePrediction, over_workspace
@@ -362,6 +363,15 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
         from ..export import write_export
 
         return write_export(self, path, format)
+
+    def export_urdf(self, path: str | Path, urdf: str | Path, narrower: float = 0.5) -> CorrectedUrdf:
+        """The URDF of the arm with the errors corrected that are known, written to ``path``.
+
+        Only numbers whose standard deviation is below ``narrower`` times the one assumed; their covariance, and what
+        was left as it was, is written beside it as ``NAME.corrections.json`` (`prediction.corrected_urdf`). ``urdf`` is
+        the file that the arm was calibrated with.
+        """
+        return write_corrected_urdf(self.kinematics, path, urdf, narrower)
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table of the six numbers of X: value, standard deviation, unit."""

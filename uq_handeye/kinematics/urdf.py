@@ -76,7 +76,7 @@ def read_urdf(path_or_text: StrPath, base: str | None = None, tip: str | None = 
 
 def read_tree(path_or_text: StrPath) -> Tree:
     """All links and joints."""
-    return _parse(*_text(path_or_text))
+    return _parse(*urdf_text(path_or_text))
 
 
 def chain_of(tree: Tree, base: str | None, tip: str | None, origins: Mapping[str, Array]) -> ChainParts:
@@ -87,7 +87,7 @@ def chain_of(tree: Tree, base: str | None, tip: str | None, origins: Mapping[str
     T, down = _path(tree, base, tip)
     joints: list[Joint] = []
     for part in down:
-        T = T @ (origins[part.name] if part.name in origins else _origin(part, where))
+        T = T @ (origins[part.name] if part.name in origins else origin_of(part, where))
         if part.type == "fixed":
             continue
         _require_moving(part, where)
@@ -98,7 +98,7 @@ def chain_of(tree: Tree, base: str | None, tip: str | None, origins: Mapping[str
     return ChainParts(tree.name or "robot", base, tip, tuple(joints), T)
 
 
-def _text(path_or_text: StrPath) -> tuple[str, str]:
+def urdf_text(path_or_text: StrPath) -> tuple[str, str]:
     """The text of a URDF and what to call it in messages."""
     if isinstance(path_or_text, str) and path_or_text.lstrip("\ufeff \t\r\n").startswith("<"):
         if len(path_or_text) > MAX_BYTES:
@@ -252,7 +252,7 @@ def _path(tree: Tree, base: str, tip: str) -> tuple[Array, list[_Joint]]:
                 f"{tree.where}: the tip {short(tip)} is not below the base {short(base)}: joint {short(joint.name)}, "
                 "which moves, leads up from the base. Exchange base and tip, or give another base."
             )
-        origin = _origin(joint, tree.where)
+        origin = origin_of(joint, tree.where)
         T[:3, :3], T[:3, 3] = T[:3, :3] @ origin[:3, :3].T, T[:3, 3] - T[:3, :3] @ origin[:3, :3].T @ origin[:3, 3]
     return T, down[:meeting][::-1]
 
@@ -310,7 +310,8 @@ def _moving(part: _Joint, origin: Array, where: str) -> Joint:
         raise InputError(f"{where}, line {part.line}: {text[0].lower()}{text[1:]}") from error
 
 
-def _origin(part: _Joint, where: str) -> Array:
+def origin_of(part: _Joint, where: str) -> Array:
+    """The ``<origin>`` (4, 4) of a joint."""
     xyz = _numbers(part, "origin", "xyz", (0.0, 0.0, 0.0), where)
     if (longest := float(np.abs(xyz).max())) > MAX_LENGTH:
         raise InputError(

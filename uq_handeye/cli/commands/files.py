@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from ...errors import InputError
 from ...runtime.progress import working
 from ..messages import progress_wanted, timed
 from ..options import OUTPUT, emit, one_of, option, require_writable
@@ -29,14 +30,32 @@ def export_command(
             help=f"{', '.join(EXPORT_NAMES)}. Left out: by the ending of FILE.",
         ),
     ] = None,
+    corrects: Annotated[
+        Path | None,
+        option(
+            "--corrects",
+            metavar="ROBOT.urdf",
+            panel=OUTPUT,
+            help="Write this URDF, of the arm as it was calibrated, with the errors corrected that are known (standard "
+            "deviation below half of that assumed), and their covariance beside it as JSON.",
+        ),
+    ] = None,
 ) -> None:
-    """X of a stored result for ROS, URDF, OpenCV or NumPy.
+    """X of a stored result for ROS, URDF, OpenCV or NumPy; or the URDF of the arm, corrected.
 
     Example: uq-handeye export result/result.json x.urdf
+
+    The arm: uq-handeye export result/result.json corrected.urdf --corrects robot.urdf
     """
     from ...calibration.result import Calibration
 
     require_writable(file, "FILE")
+    if corrects is not None:
+        if format is not None:
+            raise InputError("--format is of X, not of the URDF of --corrects; leave it out.")
+        found = Calibration.from_json(result).export_urdf(file, corrects)
+        emit(f"Wrote {file} and {file.with_suffix('.corrections.json')}. {found.summary}\n")
+        return
     name = None if format is None else one_of(format, "--format", EXPORT_NAMES)
     emit(f"Wrote {Calibration.from_json(result).export(file, name)}\n")
 
