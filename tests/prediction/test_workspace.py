@@ -9,7 +9,7 @@ from support import SEED
 import uq_handeye as uq
 from uq_handeye.calibration.report.arm import arm_sentences
 from uq_handeye.calibration.report.workspace_figure import workspace_figure
-from uq_handeye.prediction.workspace import brought_to, ends, over_workspace
+from uq_handeye.prediction.workspace import WorkspacePrediction, brought_to, ends, over_workspace
 from uq_handeye.presentation.ellipses import render
 from uq_handeye.report.figures import figures
 
@@ -94,3 +94,11 @@ def test_without_an_arm_there_is_none():
 def test_the_physical_flange_is_said():
     said = " ".join(arm_sentences(calibrated(errors=uq.KinematicErrors("declared", joint_sd=2e-4, flange="physical"))))
     assert "machined" in said and "frame of the controller" not in said
+
+
+def test_a_turntable_whose_flange_stays_where_it_is_is_drawn():
+    k = np.full(40, 1e-3)
+    found = WorkspacePrediction(
+        0.4, np.full((40, 2), 0.3), k, 0 * k, 0 * k, np.full((5, 2), 0.3), k[:5], k[:5], 1e-3, None
+    )
+    assert render(workspace_figure(found), "png")

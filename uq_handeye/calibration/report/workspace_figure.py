@@ -20,6 +20,8 @@ from ...presentation.figure_parts import INK, ORANGE, SMALL, TEXT, canvas, finis
 
 # Cells along the longer side of the map, and points of the curves.
 CELLS, BINS = 20, 8
+# A map is at least so large (m).
+SMALLEST = 0.02
 # The colour bar spans at least this factor.
 LEAST_SPAN = 1.5
 # Beyond this factor its numbers are 1, 2, 5.
@@ -38,9 +40,9 @@ def workspace_figure(found: WorkspacePrediction) -> Figure:
 def _section(figure: Figure, axis: Axes, found: WorkspacePrediction) -> None:
     """The 95 % radius in cells of the section, geometric mean about each; calibrated poses on top."""
     plain(axis)
-    places, size = found.place, float(np.ptp(found.place, axis=0).max()) / CELLS
-    low = places.min(axis=0)
-    edges = [np.arange(low[k], places[:, k].max() + size, size) for k in range(2)]
+    places, low, span = found.place, found.place.min(axis=0), np.ptp(found.place, axis=0)
+    size = max(float(span.max()), SMALLEST) / CELLS
+    edges = [low[k] + size * np.arange(max(int(np.ceil(span[k] / size)), 1) + 1) for k in range(2)]
     x, y = np.meshgrid(*(0.5 * (edge[1:] + edge[:-1]) for edge in edges))
     off2 = ((np.stack([x, y], axis=-1)[..., None, :] - places) ** 2).sum(axis=-1) / size**2
     weight = np.exp(-0.5 * off2)
@@ -113,7 +115,7 @@ def _curves(axis: Axes, found: WorkspacePrediction) -> None:
         _fit(axis, np.concatenate([low, high, rms]))
     else:
         _fit(axis, np.concatenate([low, high]))
-    axis.set_xlim(0, float(x[-1]) * 1.02)
+    axis.set_xlim(0, max(float(x[-1]), SMALLEST) * 1.02)
     axis.set_xlabel("flange from the nearest calibrated pose (m)", fontsize=TEXT)
     axis.set_ylabel("miss of the tool (mm)", fontsize=TEXT, color=INK)
     axis.legend(fontsize=SMALL, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1, borderpad=0.1)
