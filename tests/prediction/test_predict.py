@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from arm_cases import SIX_AXES, motion
 from picture_cases import camera_to_board, seen_corners
-from rig_of_arm import ARM, CAMERA, GEOMETRY, JOINT_NOISE, rig, squares
+from rig_of_arm import ARM, CAMERA, CENTRE, GEOMETRY, JOINT_NOISE, rig, squares
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
@@ -196,3 +196,9 @@ def test_a_controller_that_knows_its_arm_better_says_where_it_is(rng):
     assert squares(seen, found.seen(found.far)).mean() / 6 < 4
     off = np.linalg.norm(seen.poses[:, :3, 3] - found.seen(found.far)[:, :3, 3], axis=-1)
     assert np.sqrt(np.mean(off**2)) < 2e-3
+
+
+def test_joints_in_degrees_are_refused(rng):
+    result = calibrated(rig(rng))
+    with pytest.raises(InputError, match="in degrees"):
+        result.predict_camera(np.rad2deg(CENTRE))

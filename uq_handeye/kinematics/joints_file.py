@@ -17,7 +17,6 @@ the limits of the joints, and are refused.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, NamedTuple, NoReturn
@@ -25,7 +24,7 @@ from typing import Any, BinaryIO, NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, InputWarning
+from ..errors import InputError
 from ..files.lines import MAX_BYTES, decoded, is_number, rows_of, short
 from ..files.open import StrPath, as_path, opened, shown
 from ..formats.columns import SECONDS, meaning_and_unit
@@ -36,12 +35,9 @@ from ..geometry.checks import first_duplicate
 from ..geometry.se3 import Array
 from .chain import Kinematics
 from .joint import MAX_NAME, PRISMATIC, REVOLUTE
+from .joint_limits import require_within_limits
 from .urdf import nearest
 
-# Beyond a limit by no more than this (rad, m) is within the zero and the reading of a real joint, and is warned of.
-NEAR_LIMIT = {REVOLUTE: np.deg2rad(3.0), PRISMATIC: 0.01}
-# Joints without limits stay within this (rad, m), unless somebody says the unit.
-USUAL = {REVOLUTE: 4 * np.pi, PRISMATIC: 20.0}
 DEGREE, MILLIMETRE = ANGLE_UNITS["deg"], LENGTH_UNITS["mm"]
 
 _MARKS = (",", ";", "\t")
@@ -192,61 +188,8 @@ def _in_units(values: Array, named: list[str | None], wanted: _Wanted, at: Calla
             told[k] = unit is not None or said is not None
         if of_kind and (known := (units - {None}) or ({said} if said else set())):
             wanted.notes.append(f"{kind} joints in {', '.join(sorted(map(str, known)))}")
-    _check_limits(q, told, wanted, at)
+    require_within_limits(q, wanted.names, wanted.kinds, wanted.limits, told, at)
     return q
-
-
-def _check_limits(q: Array, told: NDArray[np.bool_], wanted: _Wanted, at: Callable[[int], str]) -> None:
-    """Refuse values far outside the limits, in the unit that they may be in; warn of those a little outside."""
-    usual = np.array([(-USUAL[kind], USUAL[kind]) for kind in wanted.kinds])
-    limits = np.full((len(wanted.kinds), 2), [-np.inf, np.inf]) if wanted.limits is None else wanted.limits
-    checked = np.where(np.isfinite(limits) | told[:, None], limits, usual)
-    near = np.array([NEAR_LIMIT[kind] for kind in wanted.kinds])
-    beyond = np.maximum(checked[:, 0] - q, q - checked[:, 1])
-    if (beyond > near).any():
-        row, k = (int(i) for i in np.argwhere(beyond > near)[0])
-        revolute = wanted.kinds[k] == REVOLUTE
-        same = np.array([kind == wanted.kinds[k] for kind in wanted.kinds])
-        smaller = DEGREE if revolute else MILLIMETRE
-        other, flag = None, None
-        if _inside(q * smaller, checked, near, same) and not told[k]:
-            other, flag = ("degrees", "deg") if revolute else ("millimetres", "mm")
-        elif _inside(q / smaller, checked, near, same) and told[k]:
-            other, flag = ("radians", "rad") if revolute else ("metres", "m")
-        hint = (
-            f"in {other}? Give --joint-units {flag}."
-            if other
-            else "is this the arm of the URDF? Correct the limits there if the joint may stand so."
-        )
-        raise InputError(f"{at(row)}, joint {wanted.names[k]}: {_outside(q[row, k], checked[k], revolute)}; {hint}")
-    if (beyond > 1e-9).any():
-        row, k = (int(i) for i in np.argwhere(beyond > 1e-9)[0])
-        more = int((beyond > 1e-9).any(axis=1).sum()) - 1
-        rows = f" (and {more} more rows)" if more else ""
-        text = _outside(q[row, k], checked[k], wanted.kinds[k] == REVOLUTE)
-        warnings.warn(f"{at(row)}, joint {wanted.names[k]}{rows}: {text}.", InputWarning, stacklevel=4)
-    turning = np.array([kind == REVOLUTE for kind in wanted.kinds]) & told
-    if len(q) > 2 and turning.any() and 0 < np.abs(q[:, turning]).max() <= 2 * np.pi * DEGREE:
-        warnings.warn(
-            f"{at(0).rpartition(', ')[0]}: all joints stay within {np.rad2deg(np.abs(q[:, turning]).max()):.2g} deg of "
-            "zero. Are the values radians?",
-            InputWarning,
-            stacklevel=4,
-        )
-
-
-def _inside(q: Array, limits: Array, near: Array, same: NDArray[np.bool_]) -> bool:
-    return bool(((q >= limits[:, 0] - near) & (q <= limits[:, 1] + near))[:, same].all())
-
-
-def _outside(value: float, limits: Array, revolute: bool) -> str:
-    lower, upper = limits
-    if revolute:
-        return (
-            f"{value:.4g} rad ({np.rad2deg(value):.4g} deg) is outside {lower:.4g} to {upper:.4g} rad "
-            f"({np.rad2deg(lower):.4g} to {np.rad2deg(upper):.4g} deg)"
-        )
-    return f"{value:.4g} m is outside {lower:.4g} to {upper:.4g} m"
 
 
 # CSV

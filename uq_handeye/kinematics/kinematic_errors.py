@@ -56,8 +56,8 @@ class Population(NamedTuple):
 
 # By class; docs/explanation/kinematics.md has the sources.
 POPULATIONS = {
-    "industrial": Population(2e-3, 0.6e-3, 0.2e-3, 0.3e-3, 1.0e-3, 0.2e-3, 2.0),
-    "cobot": Population(5e-3, 1.5e-3, 0.3e-3, 0.4e-3, 1.0e-3, 0.2e-3, 2.0),
+    "industrial": Population(3e-3, 0.9e-3, 0.3e-3, 0.4e-3, 1.5e-3, 0.2e-3, 2.0),
+    "cobot": Population(7e-3, 1.8e-3, 0.3e-3, 0.4e-3, 1.0e-3, 0.2e-3, 2.0),
     "hobby": Population(20e-3, 10e-3, 1e-3, 10e-3, 10e-3, 3e-3, 2.0),
 }
 # The kind of arm that is taken where nothing is said.

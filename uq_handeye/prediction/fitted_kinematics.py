@@ -14,6 +14,7 @@ from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, logarithm, perturb
 from ..kinematics.chain import Kinematics
 from ..kinematics.errors import GROUPS
+from ..kinematics.joint_limits import require_within_limits
 from ..kinematics.kinematic_errors import JOINT_NOISE
 from ..likelihood.shared_estimates import JointPosterior
 from ..runtime.read_only import ReadOnlyArrays
@@ -118,6 +119,11 @@ class FittedKinematics(ReadOnlyArrays):
                 f"Expected `joints` to be finite numbers (..., {count}) of {', '.join(self.chain.names)}, got shape "
                 f"{values.shape}."
             )
+        kinds = [joint.kind for joint in self.chain.joints]
+        require_within_limits(
+            values.reshape(-1, count), self.chain.names, kinds, self.chain.limits, np.zeros(count, dtype=bool),
+            lambda row: f"`joints`, row {row}", "Expected rad, and m of prismatic joints.",
+        )  # fmt: skip
         return values
 
     @classmethod
