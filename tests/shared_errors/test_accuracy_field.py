@@ -225,6 +225,8 @@ def test_local_poses_of_a_robot_of_which_nothing_is_declared():
     assert found.values["move"] == pytest.approx(np.sqrt(np.linalg.eigvalsh(np.cov(np.array(draws).T))[-1]), rel=0.4)
     assert undeclared(quietly(simulated)) == []
     assert undeclared(quietly(poses, noise=NOISE)) == []
+    with_joints = uq.PosePairs(poses.robot, poses.camera, joints=np.zeros((25, 6)))
+    assert undeclared(quietly(with_joints)) == []
     assert undeclared(quietly(poses, shared=[])) == []
     assert undeclared(quietly(poses, shared=[SharedError.robot_accuracy("0.5mm,0.05deg")])) == []
 

@@ -34,13 +34,13 @@ def accuracy_findings(
 ) -> list[Finding]:
     """One finding for local poses whose noise is estimated, with the default errors and no others of the robot.
 
-    None of simulated poses, whose robot is as it was simulated.
+    None of simulated poses, whose robot is as it was simulated, nor of poses with joints, which say more of the arm.
     """
     of_robot = any(e.side == "robot" and e.name not in (ROBOT_SCALE, CLOCK_OFFSET) for e in shared)
     by_default = any(error.default for error in shared)
     if poses is None or poses.truth is not None or fit.W is None or fit.opened is not None:
         return []
-    if not estimated or not by_default or of_robot:
+    if not estimated or not by_default or of_robot or poses.joints is not None:
         return []
     span, angle, reach = extent(poses.robot)
     if not 0 < span < LOCAL * reach:
