@@ -1,5 +1,6 @@
 """Plans in joints: predictions against the enlarged set, joints inside their limits, and whether such poses help."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -117,6 +118,8 @@ def test_text_json_and_csv_list_the_joints(exact, tmp_path):
     text = found.to_text()
     assert "axis_6" in text and "deg" in text and f"{np.degrees(found.joints[0, 0]):.2f}" in text
     assert "The joints are inside their limits." in text and "the 60 given" in text
+    long = dataclasses.replace(found, joint_names=tuple(f"shoulder_{name}" for name in ARM.names)).to_text()
+    assert "q1" in long and "q1 to q6: joints shoulder_axis_1, shoulder_axis_2" in long.replace("\n", " ")
     data = json.loads(found.to_json())
     assert data["joint_names"] == list(ARM.names) and data["joint_units"] == ["rad"] * 6
     np.testing.assert_allclose([step["joints"] for step in data["steps"]], found.joints)

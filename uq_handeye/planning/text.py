@@ -10,6 +10,9 @@ from ..presentation.document import Document, Paragraph, Table, document_of
 from .result import Plan
 from .weak_prior import PRIOR
 
+# Letters of the longest name of a joint that heads a column.
+WIDEST = 8
+
 
 @document_of.register(Plan)
 def plan_document(plan: Plan) -> Document:
@@ -58,12 +61,18 @@ def _of_poses(plan: Plan) -> tuple[list[str], list[str], list[list[str]]]:
     return ["x", "y", "z", "qx", "qy", "qz", "qw"], ["mm"] * 3 + [""] * 4, places
 
 
+def _short_names(plan: Plan) -> list[str]:
+    """Names of the joints, or q1, q2, ... where they would make the table too wide."""
+    short = max(map(len, plan.joint_names)) <= WIDEST
+    return list(plan.joint_names) if short else [f"q{k}" for k in range(1, len(plan.joint_names) + 1)]
+
+
 def _of_joints(plan: Plan, joints: Array) -> tuple[list[str], list[str], list[list[str]]]:
     """Columns of joints: names, units, texts."""
     units = ["deg" if unit == "rad" else "mm" for unit in plan.joint_units]
     factors = [180.0 / np.pi if unit == "deg" else 1e3 for unit in units]
     return (
-        list(plan.joint_names),
+        _short_names(plan),
         units,
         [[f"{factor * value:.2f}" for factor, value in zip(factors, q.tolist(), strict=True)] for q in joints],
     )
@@ -75,9 +84,11 @@ def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
 
 def _notes(plan: Plan) -> list[str]:
     origin = "drawn around the target" if plan.sampled else "given"
-    what = (
-        "x to qw: base_T_gripper" if plan.joints is None else f"{plan.joint_names[0]} to {plan.joint_names[-1]}: joints"
-    )
+    if plan.joints is None:
+        what = "x to qw: base_T_gripper"
+    else:
+        names = _short_names(plan)
+        what = f"{names[0]} to {names[-1]}: joints {', '.join(plan.joint_names)}"
     notes = [
         f"candidate: row among the {plan.n_candidates} candidates {origin}, from 0. {what}. sd: "
         "standard deviation of X along its worst axis, once the pose is taken too. " + _criterion(plan),

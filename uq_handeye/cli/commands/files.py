@@ -45,7 +45,8 @@ def export_command(
 
     Example: uq-handeye export result/result.json x.urdf
 
-    The arm: uq-handeye export result/result.json corrected.urdf --corrects robot.urdf
+    The arm:
+    uq-handeye export result/result.json new.urdf --corrects robot.urdf
     """
     from ...calibration.result import Calibration
 
