@@ -1,0 +1,3 @@
+from studies import kinematics
+
+kinematics.STUDY.run(kinematics.__doc__)
