@@ -152,11 +152,11 @@ def of_real(folder: Path, full: bool) -> Iterator[dict[str, object]]:
         errors = uq.KinematicErrors(robot_class=kind)
         sizes = [("local", 15), ("local", 30), ("anywhere", 15), ("anywhere", 30), ("anywhere", 60)]
         for where, n in sizes if full else sizes[2:3]:
-            found: dict[str, list[dict[str, float]]] = {"joints": [], "joints, not robust": [], "no joints": []}
+            found: dict[str, list[dict[str, float]]] = {"joints": [], "no joints": []}
             rng = np.random.default_rng([SEED, n, where == "local"])
             for chosen, others in subsets(of, where, n, SUBSETS if full else 1, rng):
                 with_arm = {"kinematics": of.kinematics, "kinematic_errors": errors}
-                ways: tuple[dict[str, Any], ...] = (with_arm, {**with_arm, "robust": False}, {})
+                ways: tuple[dict[str, Any], ...] = (with_arm, {})
                 for lines, options in zip(found.values(), ways, strict=True):
                     result = calibrated(of.poses(chosen), **options)
                     lines.append(
