@@ -41,7 +41,10 @@ def rows_of(tables: Tables) -> Iterator[tuple[str, Points]]:
         yield f"population, {key[0]} {WORDS[key[1]]}", points(lines, "far: inside", "far: mm")
     if "real" in tables:
         for key, lines in tables["real"].groupby(["arm", "where", "poses"], sort=False):
-            yield f"{NAMES[key[0]]}, {key[2]} {WORDS[key[1]]}", points(lines, "held out: inside", "held out: mm")
+            yield (
+                f"{NAMES[key[0]].split()[-1]}, {key[2]} {WORDS[key[1]]}",
+                points(lines, "held out: inside", "held out: mm"),
+            )
     if "touches" in tables:
         for line in tables["touches"].to_dict("records"):
             label = f"{line['arm'].replace('_', ' ')}, {line['poses']}, {line['held out']}"
