@@ -13,7 +13,8 @@ kinematics: their errors have the correlation 0.5 at a quarter of the reach, and
 
 *What is stated.* A data sheet's accuracy is read as the root mean square, over the workspace, of the distance (and of
 the angle) between the pose commanded and the one attained, once the frames of base and tool are aligned: its third in
-squares is the variance per axis. The field has `MARGIN` times that deviation, as no arm is a draw from this field.
+squares is the variance per axis. The field has `MARGIN` times that deviation, as no arm
+is a draw from this field; for the arms of the study `robot_accuracy` that is not enough to hold 95 %.
 
 *Columns.* With the poses U at hand (at most `MOST_CENTRES` of them, each the one that the others tell least of),
 ``phi(x) = V^T K_UU^(-1/2) k(U, x)``, V the first m eigenvectors of ``sum_i K^(-1/2) k(U, x_i) k(x_i, U) K^(-1/2)``: one
