@@ -162,12 +162,21 @@ def test_what_does_not_fit_is_refused(rng):
         result.predict_camera(robot=np.eye(4))
     with pytest.raises(InputError, match="points"):
         result.predict([0, 0], found.near)
+    for noise in (-np.eye(3), np.eye(2), np.zeros((5, 3, 3))):
+        with pytest.raises(InputError, match="points_covariance"):
+            result.predict([[0, 0, 0.3]], found.near, points_covariance=noise)
     with pytest.raises(InputError, match="kinematics"):
         uq.calibrate(found.poses, noise=NOISE, joints=found.poses.joints)
     with pytest.raises(InputError, match="efficient or ml"):
         uq.calibrate(found.poses, noise=NOISE, method="tsai", kinematics=ARM)
     with pytest.raises(InputError, match=r"\(20, 6\)"):
         uq.calibrate(found.poses, noise=NOISE, joints=np.zeros((19, 6)), kinematics=ARM)
+
+
+def test_no_joints_make_no_predictions(rng):
+    result = calibrated(rig(rng))
+    assert result.predict_camera(np.zeros((0, 6))).covariance.shape == (0, 6, 6)
+    assert result.predict([0, 0, 0.3], np.zeros((0, 6))).covariance.shape == (0, 3, 3)
 
 
 def test_the_controller_may_have_a_base_and_a_tool_of_its_own(rng):

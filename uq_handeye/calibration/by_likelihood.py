@@ -220,8 +220,9 @@ def _correlated(job: Job, noise: Noise, fit: Fit, estimate: NoiseEstimate | None
 
 def _correlation_finding(job: Job, estimate: NoiseEstimate, independent: Fit, fit: Fit) -> Finding:
     assert estimate.correlation is not None and job.poses is not None
-    ratio = np.linalg.solve(independent.covariance_X, fit.covariance_X)
-    return correlation_finding(estimate.correlation, job.poses.setup, float(np.sqrt(np.trace(ratio) / 6)))
+    known = np.linalg.pinv(independent.covariance_X, rcond=SINGULAR, hermitian=True)  # but along what is open
+    ratio = np.trace(known @ fit.covariance_X) / np.trace(known @ independent.covariance_X)
+    return correlation_finding(estimate.correlation, job.poses.setup, float(np.sqrt(ratio)))
 
 
 def _longest(motions: Motions) -> float:

@@ -126,7 +126,7 @@ def _(distance: float, largest: float, variance_low: float, variance_high: float
 @sentence("calibration.unweighted")
 def _() -> str:
     return (
-        "The noise given makes a part of the data exact, so that they cannot be weighted by its inverse: X is that of "
+        "The noise makes a part of the data exact, so that they cannot be weighted by its inverse: X is that of "
         "method '4dpa', which does not weight and does not look for outliers. Give the poses of one side a rotation "
         "and a translation deviation above 0 for the estimate of least variance."
     )

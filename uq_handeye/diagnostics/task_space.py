@@ -116,7 +116,7 @@ def through_X(
     """
     parent = "parent frame of X" if setup is None else _frames(setup)[0]
     p = _points(points)
-    return PointUncertainty(*_carried(*_pose(X, covariance, "X"), p, _point_noise(points_covariance, p)), parent)
+    return PointUncertainty(*_carried(*_pose(X, covariance, "X"), p, point_noise(points_covariance, p)), parent)
 
 
 def through_robot(
@@ -166,7 +166,7 @@ def through_target(
     C, S = _pose(camera, np.zeros((6, 6)) if camera_covariance is None else camera_covariance, "camera")
     J = inverse_jacobian(C)
     p = _points(points)
-    on_target = _carried(inverse(C), J @ S @ J.mT, p, _point_noise(points_covariance, p))
+    on_target = _carried(inverse(C), J @ S @ J.mT, p, point_noise(points_covariance, p))
     return PointUncertainty(*_carried(*_pose(W, covariance_W, "W"), *on_target), far)
 
 
@@ -220,7 +220,8 @@ def _points(points: Any) -> Array:
     return p
 
 
-def _point_noise(covariance: Any, points: Array) -> Array | None:
+def point_noise(covariance: Any, points: Array) -> Array | None:
+    """Noise of points (..., 3), one or of each, as it was given; raises `InputError`."""
     if covariance is None:
         return None
     S = as_numbers(covariance, "points_covariance")

@@ -137,7 +137,8 @@ def _share_of_process(fit: Fit) -> float:
     factor = fit.weighted_factor
     pull = pulled(factor, whiten(factor, fit.linear.J)) @ fit.covariance[:, :6]
     flat = pull.reshape(-1, 6)
-    relative = np.linalg.solve(fit.covariance_X, flat.T @ fit.S.serial.times(flat))
+    known = np.linalg.pinv(fit.covariance_X, rcond=SINGULAR, hermitian=True)  # but along what is open
+    relative = known @ flat.T @ fit.S.serial.times(flat)
     return float(np.trace(relative @ relative))
 
 

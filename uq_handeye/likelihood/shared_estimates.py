@@ -42,6 +42,8 @@ from .gauss_helmert import Fit
 
 # A share of the prior variance below which the data have said nothing of an error: rounding.
 NOTHING = 1e-9
+# No more of it than this is known to be left.
+ROUNDING = float(np.finfo(float).eps)
 # What X and W cannot explain of a column must exceed what the noise of the poses makes of it, in squares, by this
 # factor: else it is that noise which residuals and column have in common.
 SIGNAL = 10.0
@@ -265,7 +267,7 @@ class JointFit(ReadOnlyArrays):
         found, of_all = [], self.told
         for k, (error, name, sd) in enumerate(self.parts):
             told, value, effect = float(of_all[k]), sd * float(self.z[k]), self.response[:6, k]
-            left = 1.0 - told
+            left = max(1.0 - told, ROUNDING)
             more = 0.0 if resolved is None else resolved.left_open.get(name, 0.0)
             says = told > NOTHING
             if error.name in OF_LENGTHS:

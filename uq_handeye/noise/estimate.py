@@ -245,7 +245,7 @@ class NoiseEstimate(ReadOnlyArrays):
                 tuple(Component(**component) for component in values["components"]),
                 tuple(map(Finding.from_dict, values["findings"])),
                 array_of(values["variances"], (size,), "noise_estimate.variances"),
-                array_of(values["covariance"], (size, size), "noise_estimate.covariance"),
+                array_of(values["covariance"] or np.zeros((0, 0)), (size, size), "noise_estimate.covariance"),
                 float(values["dof"]),
                 None if factor is None else CameraFactor(**factor),
                 None if spread is None else float(spread),

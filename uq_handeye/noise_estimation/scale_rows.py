@@ -34,6 +34,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..geometry.se3 import Array
 from ..noise.triangular import checked_cholesky, substitute, substitute_transposed
 
@@ -110,7 +111,13 @@ class ScaleRows:
         M = N + np.diag(np.repeat([0.0, 1.0], [p, len(T) - p]))
         c = T * rows.N[:-1, -1]
         unit = 1.0 / np.sqrt(np.diag(M))
-        half = np.linalg.inv(np.linalg.cholesky(M * unit[:, None] * unit)) * unit
+        try:
+            half = np.linalg.inv(np.linalg.cholesky(M * unit[:, None] * unit)) * unit
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "The errors of the arm are assumed so much larger than the noise that numbers cannot hold both, or the "
+                "poses do not determine X: expected smaller standard deviations, or poses that differ more."
+            ) from None
         C = half.T @ half
         found = C @ c
         z = found[p:]

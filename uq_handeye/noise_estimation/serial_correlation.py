@@ -74,6 +74,8 @@ SIZES = (0.1, 0.4, 1.6, 6.4, 25.0)
 SHORTEST = 2.0
 # Deviation of the logarithm of a size about that of the grid, and what the variances are sought between.
 WIDE, RANGE = 2.0**0.5, (1e-3, 1e5)
+# Moves of X and W do nothing to the residuals where they do less than this share of the others: their squares count.
+UNSEEN = 1e-7
 # Odds from which on it is a caution.
 SURE = 20.0
 
@@ -204,11 +206,21 @@ class _Found(NamedTuple):
     scale: float
 
 
+def _determined(J: Array) -> Array:
+    """J (n, 6, r) by those moves of X and W that the residuals see; the others count for no likelihood."""
+    flat = J.reshape(-1, J.shape[-1])
+    scale = np.linalg.norm(flat, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    _, s, moves = np.linalg.svd(flat / scale, full_matrices=False)
+    seen = s > UNSEEN * s[0]
+    return J if seen.all() else np.asarray(J @ (moves[seen] / scale).T)
+
+
 def _find(fit: Fit, kept: NDArray[np.intp], time: Array, tied: bool, distance: float) -> _Found | None:
     S = fit.S if fit.weights is None else weighted(fit.S, fit.weights)
     own = S.own if isinstance(S, JointCovariance) else np.asarray(S)
     shared = S.shared if isinstance(S, JointCovariance) else np.zeros((*fit.residual.shape, 0))
-    J, n = fit.linear.J, len(kept)
+    J, n = _determined(fit.linear.J), len(kept)
     y = np.concatenate([J, shared, fit.residual[..., None]], axis=-1)[kept]
     own = own[kept]
     variances = np.diagonal(own, axis1=1, axis2=2).mean(axis=0)

@@ -24,12 +24,13 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from ..diagnostics.task_space import PointUncertainty
+from ..diagnostics.task_space import PointUncertainty, point_noise
 from ..errors import InputError
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.se3 import Array, inverse, perturb, skew
 from ..kinematics.kinematic_errors import EXACT
 from ..likelihood.constraint import OnPoses, Unknowns
+from ..likelihood.open_directions import OpenDirections
 from ..likelihood.shared_estimates import JointPosterior
 from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance, group_of
@@ -58,6 +59,8 @@ class Predicting(Protocol):
     def joint_posterior(self) -> JointPosterior | None: ...
     @property
     def data(self) -> PosePairs | Motions | None: ...
+    @property
+    def opened(self) -> OpenDirections | None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,12 +139,12 @@ def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> C
     F_C = _columns(result, "camera", ahead.poses.reshape(-1, 4, 4), flat)
     by_robot = -np.linalg.solve(D_C, D_G)
     by_all = np.concatenate(
-        [-np.linalg.solve(D_C, linear.J), by_robot @ ahead.columns.reshape(len(flat), 6, -1) - F_C], axis=-1
+        [-np.linalg.solve(D_C, linear.J), by_robot @ ahead.columns.reshape(F_C.shape) - F_C], axis=-1
     )
     noise = by_robot @ ahead.noise.reshape(-1, 6, 6) @ by_robot.mT + own_noise(result, "camera")
     seen = perturb(flat, (F_C @ posterior.estimate[:, None])[..., 0])
     return CameraAhead(
-        seen.reshape(*shape, 4, 4), by_all.reshape(*shape, 6, -1), noise.reshape(*shape, 6, 6), ahead.poses
+        seen.reshape(*shape, 4, 4), by_all.reshape(*shape, *by_all.shape[1:]), noise.reshape(*shape, 6, 6), ahead.poses
     )
 
 
@@ -163,9 +166,7 @@ def predict_points(
     p = as_numbers(points, "points")
     if p.ndim < 1 or p.shape[-1] != 3 or not np.isfinite(p).all():
         raise InputError(f"Expected `points` to be finite numbers (..., 3) in metres, got shape {p.shape}.")
-    noise = None if points_covariance is None else as_numbers(points_covariance, "points_covariance")
-    if noise is not None and (noise.shape[-2:] != (3, 3) or not np.isfinite(noise).all()):
-        raise InputError(f"Expected `points_covariance` to be finite numbers (..., 3, 3), got shape {noise.shape}.")
+    noise = point_noise(points_covariance, p)
     at = () if ahead is None else ahead.poses.shape[:-2]
     reached = None if reached_at is None else tip_at(robot_ahead(result, reached_at, None), tool)
     try:
@@ -320,6 +321,11 @@ def own_noise(result: Predicting, side: Literal["robot", "camera"]) -> Array:
 
 
 def _posterior(result: Predicting) -> JointPosterior:
+    if result.opened is not None:
+        raise InputError(
+            "Predictions need all of X and W, and the motions leave a part of them open (`opened`). Close it by a "
+            "prior (prior_X, prior_W), or calibrate with turns about another axis."
+        )
     if result.joint_posterior is None or result.W is None:
         raise InputError(
             "Predictions need X and W together: expected a calibration of poses by efficient or ml whose motions leave "

@@ -20,6 +20,8 @@ import numpy as np
 from ..diagnostics.task_space import PointUncertainty
 from ..geometry.se3 import Array
 from ..kinematics.chain import Kinematics
+from ..noise.joint_covariance import JointCovariance
+from ..noise.models import PoseNoise, is_joint
 from ..runtime.read_only import ReadOnlyArrays
 from .fitted_kinematics import FittedKinematics
 from .predict import Predicting, robot_ahead, seen_at, tip_at
@@ -59,10 +61,14 @@ class WorkspacePrediction(ReadOnlyArrays):
 def over_workspace(result: Predicting, distance: float, postures: int = POSTURES) -> WorkspacePrediction | None:
     """Misses over the workspace with the point ``distance`` (m) from the camera, at most half the reach.
 
-    None where the calibration knows no joints or no errors of them, or the tool reaches next to no point.
+    None where the calibration knows no joints or no errors of them, where the noise of the robot poses is that of all
+    together and says nothing of a new one, or where the tool reaches next to no point.
     """
     fitted = result.kinematics
     if fitted is None or result.joint_posterior is None or result.W is None:
+        return None
+    of_robot = result.noise.robot if isinstance(result.noise, PoseNoise) else None
+    if of_robot is not None and is_joint(of_robot) and not isinstance(of_robot, JointCovariance):
         return None
     distance = min(distance, 0.5 * fitted.chain.reach)
     rng = np.random.default_rng(0)

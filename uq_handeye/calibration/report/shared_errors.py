@@ -9,7 +9,7 @@ import numpy as np
 from ...diagnostics.scale_errors import ScaleError
 from ...diagnostics.sentences import relative
 from ...formatting.numbers import concise, digits
-from ...kinematics.kinematic_errors import DECLARED_AS, ESTIMATE
+from ...kinematics.kinematic_errors import DECLARED_AS
 from ...likelihood.shared_estimates import SharedEstimate
 from ...likelihood.shared_groups import SharedGroup, grouped
 from ...noise.camera_noise import INTRINSICS
@@ -36,8 +36,7 @@ SHARED_CODES = ("calibration.shared_confounded", "calibration.shared_opens")
 def shared_table(result: Calibration) -> Table | None:
     """One row for each error that was declared or assumed, then those that were not; None where nothing is known."""
     groups = shared_groups(result)
-    estimated = result.kinematics is not None and result.kinematics.how == ESTIMATE
-    rows: list[list[Cell]] = [_declared(group, estimated and group.name in DECLARED_AS) for group in groups]
+    rows: list[list[Cell]] = [_declared(group, group.parts[0].error in _of_population(result)) for group in groups]
     if (found := result.time_offset) is not None and found.std > 0:
         known = concise(1e3 * found.offset, 1e3 * found.std, "ms")
         rows.append([CLOCK_OFFSET, "estimated from the streams", known, f"{100 * found.share:.1f} %"])
@@ -49,6 +48,12 @@ def shared_table(result: Calibration) -> Table | None:
         ]  # fmt: skip
     caption = CAPTION + (OF_MANY if any(group.count > 1 for group in groups) else "")
     return Table(caption, ["error", "assumed", "found", "share"], rows, frozenset({1})) if rows else None
+
+
+def _of_population(result: Calibration) -> set[str]:
+    """The groups of errors of an arm whose deviations were estimated, at least those of such arms."""
+    parts = () if result.noise_estimate is None else result.noise_estimate.components
+    return {part.name for part in parts if part.status == "population"}
 
 
 def shared_groups(result: Calibration) -> list[SharedGroup]:
@@ -148,7 +153,7 @@ def _included(result: Calibration) -> tuple[list[tuple[str, bool]], int]:
     groups: dict[str, list[SharedGroup]] = {}  # by error: such as both coordinates of the principal point
     for group in shared_groups(result):
         groups.setdefault(group.parts[0].error, []).append(group)
-    of_arm = [] if result.kinematics is None else [name for name in groups if name in DECLARED_AS]
+    of_arm = [name for name in groups if name in DECLARED_AS]
     if of_arm:
         parts.append((f"errors of the arm ({', '.join(of_arm)})", False))
     for name, of_error in groups.items():

@@ -14,7 +14,7 @@ from ...geometry.conventions import COMPONENTS
 from ...geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...geometry.principal_axes import principal_axes
 from ...geometry.se3 import Array
-from ...kinematics.kinematic_errors import EXACT
+from ...kinematics.kinematic_errors import DECLARED_AS
 from ...noise.joint_covariance import group_of
 from ...presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
 from ...shared_errors.accuracy_field import ROBOT_ACCURACY
@@ -164,7 +164,7 @@ def not_covered(result: Calibration) -> list[str]:
     target = "a target of another shape" if TARGET_SCALE in names else "a wrong size of the target"
     known = ROBOT_ACCURACY in map(group_of, names)
     robot = "a robot that is less accurate than declared" if known else "wrong robot kinematics"
-    if result.kinematics is not None and result.kinematics.how != EXACT:
+    if set(DECLARED_AS) & set(map(group_of, names)):
         robot = "what the model of the arm leaves out"
     return [camera, robot, target]
 

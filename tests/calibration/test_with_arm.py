@@ -1,0 +1,94 @@
+"""Calibrations with joints at their edges: parallel axes, nothing to estimate, priors without end."""
+
+import re
+
+import numpy as np
+import pytest
+from arm_cases import measured, motion, random_chain
+from calibration_cases import quietly
+from rig_of_arm import ARM, CAMERA, rig
+
+import uq_handeye as uq
+from uq_handeye.kinematics.chain import Joint, Kinematics
+
+
+def scara():
+    """Four joints, all about or along z."""
+    joints = (
+        Joint("shoulder", "revolute", motion(shift=(0, 0, 0.3)), [0, 0, 1], -2.5, 2.5),
+        Joint("elbow", "revolute", motion(shift=(0.3, 0, 0)), [0, 0, 1], -2.5, 2.5),
+        Joint("quill", "prismatic", motion(shift=(0.25, 0, 0)), [0, 0, 1], -0.2, 0.0),
+        Joint("wrist", "revolute", np.eye(4), [0, 0, 1], -3.0, 3.0),
+    )
+    return Kinematics("scara", "base", "tip", joints, motion((np.pi, 0, 0)))
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_parallel_axes_leave_open_what_predictions_need(rng, setup):
+    arm = scara()
+    poses, _, _ = measured(arm, rng, 20, setup=setup, camera=(1e-3, 1e-3), joint_sd=2e-4)
+    result = quietly(poses, kinematics=arm)
+    assert result.opened is not None
+    text = result.summary()
+    assert "errors of the arm (joint offsets, joint tilts" in " ".join(text.split())
+    assert "wrong robot kinematics" not in text and "declared)" not in text
+    for predict in (result.predict_camera, lambda joints: result.predict([0, 0, 0.3], joints)):
+        with pytest.raises(uq.InputError, match=r"leave a part of them open.*prior"):
+            predict(poses.joints[:2])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_parallel_axes_without_errors_of_the_arm(seed):
+    """Moves of X and W that change nothing count for no likelihood of errors in common."""
+    poses, _, _ = measured(scara(), np.random.default_rng(seed), 20, camera=(1e-3, 1e-3))
+    assert quietly(poses).opened is not None
+    exact = uq.KinematicErrors("exact")
+    assert quietly(poses, kinematics=scara(), kinematic_errors=exact).opened is not None
+
+
+def test_one_axis_does_not_stop_a_calibration(rng):
+    arm = random_chain(rng, "R")
+    poses, _, _ = measured(arm, rng, 20, camera=(1e-3, 1e-3), joint_sd=2e-4)
+    assert len(quietly(poses, kinematics=arm).open_directions) == 2
+
+
+def test_a_group_of_one_number_is_estimated_like_the_others(rng):
+    arm = random_chain(rng, "RRPR")
+    poses, _, _ = measured(arm, rng, 20, camera=(1e-3, 1e-3), joint_sd=2e-4)
+    row = re.compile(r"joint offsets: j1 .*\((\w+)\)")
+    assert row.search(quietly(poses, kinematics=arm).summary())[1] == "estimated"
+    declared = uq.KinematicErrors("declared", robot_class="industrial")
+    assert row.search(quietly(poses, kinematics=arm, kinematic_errors=declared).summary())[1] == "declared"
+
+
+@pytest.mark.parametrize(
+    ("errors", "noise"),
+    [
+        (uq.KinematicErrors(joint_sd=0), uq.PoseNoise.isotropic(camera=CAMERA)),  # no noise is left to be estimated
+        (uq.KinematicErrors(offset_sd=0.5, tilt_sd=0.5, length_sd=1.0), None),  # the data leave nothing of the prior
+    ],
+)
+def test_a_file_holds_results_at_the_edge(rng, tmp_path, errors, noise):
+    result = quietly(rig(rng, n=12).poses, kinematics=ARM, kinematic_errors=errors, noise=noise)
+    result.to_json(tmp_path / "result.json")
+    again = uq.Calibration.from_json(tmp_path / "result.json")
+    assert [error.alone_sd for error in again.shared] == [error.alone_sd for error in result.shared]
+    np.testing.assert_array_equal(again.joint_posterior.covariance, result.joint_posterior.covariance)
+
+
+def test_noise_of_all_robot_poses_together_says_nothing_of_a_new_one(rng):
+    found = rig(rng, n=12)
+    noise = uq.PoseNoise(robot=np.eye(72) * 1e-8, camera=np.eye(6) * 1e-7)
+    errors = uq.KinematicErrors("declared", robot_class="industrial")
+    result = quietly(found.poses, kinematics=ARM, kinematic_errors=errors, noise=noise)
+    assert result.over_workspace is None
+    assert "The arm:" in result.summary()
+    with pytest.raises(uq.InputError, match="joint array of the robot poses"):
+        result.predict_camera(found.near)
+
+
+def test_errors_beyond_all_numbers_are_refused_in_words():
+    errors = uq.KinematicErrors(offset_sd=3.0, tilt_sd=3.0, length_sd=10.0)
+    poses = rig(np.random.default_rng(2), n=12).poses
+    with pytest.raises(uq.InputError, match="expected smaller standard deviations"):
+        quietly(poses, kinematics=ARM, kinematic_errors=errors)
