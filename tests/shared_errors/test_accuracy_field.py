@@ -76,14 +76,18 @@ def test_other_poses_have_columns_of_the_same_unknowns():
 
 def test_many_poses_have_no_more_columns():
     T = near(1500, 0.3)
-    assert SharedError.robot_accuracy("0.5mm,0.05deg").bound(pairs(T)).at(pairs(T)).shape == (1500, 6, 60)
+    assert SharedError.robot_accuracy("0.5mm,0.05deg").bound(pairs(T)).at(pairs(T)).shape == (
+        1500,
+        6,
+        6 * MOST_FEATURES,
+    )
 
 
 def test_one_row_and_one_source_of_type_B():
     poses = uq.simulate(20, noise=NOISE, seed=SEED)
     result = quietly(poses, noise=NOISE, shared=[SharedError.robot_accuracy("0.5mm,0.05deg")])
     row = next(row for row in shared_table(result).rows if row[0].startswith("robot accuracy"))
-    assert row[1] == "0.5 mm, 0.05 deg (declared)" and "% of it; told" in row[2]
+    assert row[1] == "0.5 mm, 0.05 deg (declared)" and row[2] == "not asked of the data"
     assert included_words(result).endswith("share: robot accuracy 0.5 mm, 0.05 deg.")
     assert dict(zip(result.budget.sources, result.budget.types, strict=True))["robot accuracy"] == "B"
     assert result.provenance.options["shared"] == ["robot accuracy: 0.5 mm, 0.05 deg"]
@@ -181,7 +185,7 @@ def session(rng, n=20):
 def test_it_covers_an_arm_whose_kinematics_are_wrong():
     """Of local poses X lies outside its 95 % ellipsoid more often than not; with the accuracy declared inside."""
     inside, error = {"today": [], "declared": []}, {"today": [], "declared": []}
-    for seed in range(16):
+    for seed in range(100, 124):
         poses, X, accuracy = session(np.random.default_rng(seed))
         for name, shared in (("today", []), ("declared", [SharedError.robot_accuracy(*accuracy)])):
             result = quietly(poses, shared=shared, correlation="none")
@@ -190,7 +194,7 @@ def test_it_covers_an_arm_whose_kinematics_are_wrong():
             error[name].append(np.linalg.norm(e[3:]))
     assert np.mean(inside["today"]) < 0.6
     assert np.mean(inside["declared"]) > 0.85
-    assert 0.6 < np.sqrt(np.mean(np.square(error["declared"])) / np.mean(np.square(error["today"]))) < 1.2
+    np.testing.assert_array_equal(error["declared"], error["today"])  # it gains no accuracy
 
 
 # ------------------------------------------------------------------------------------------ nothing is declared of it

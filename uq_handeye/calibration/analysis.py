@@ -22,6 +22,7 @@ from ..errors import DegenerateMotionError, InputError
 from ..files.validate import array_of, unequal
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
+from ..likelihood.shared_estimates import of_moves
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, checked_covariance
 from ..poses.motions import Motions
@@ -43,7 +44,7 @@ class Analysis:
     estimate: NoiseEstimate | None = field(default=None, repr=False)  # where the noise comes from the data
     dof: float | None = None  # degrees of freedom of the covariance then
     seed: int = 0
-    # How X and W move (p,) with errors that are beside the noise, by name: one standard deviation each.
+    # How X and W move, (p,) or (p, r), with errors that are beside the noise, by name: one standard deviation each.
     beside: dict[str, Array] = field(default_factory=dict, repr=False)
     # Covariances (n, 6, 6) within what each robot pose has by itself, by name: of joint noise.
     within: dict[str, Array] = field(default_factory=dict, repr=False)
@@ -76,7 +77,7 @@ class Analysis:
                 found[kind] = resampled(self.data, self.method, kind, fit=self.fit, seed=self.seed).covariance_X
             except (InputError, DegenerateMotionError) as error:
                 found[kind], reasons[kind] = None, str(error)
-        more = [np.outer(move[:6], move[:6]) for move in self.beside.values()]
+        more = [of_moves(move[:6]) for move in self.beside.values()]
         found = {name: S if S is None else np.asarray(sum(more, S)) for name, S in found.items()}
         return read_only(found), reasons
 

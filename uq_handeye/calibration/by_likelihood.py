@@ -16,6 +16,7 @@ from ..findings import Finding
 from ..geometry.se3 import Array, logarithm
 from ..input_checks.checks import check_fit, check_motions, require_signal
 from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE, KinematicColumns
+from ..likelihood.carried_errors import carried_estimates, carried_moves
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import (
     CLOSED_FORM_STEPS,
@@ -31,7 +32,7 @@ from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
 from ..likelihood.open_start import start_open
 from ..likelihood.robust import RobustFit, fit_robustly
-from ..likelihood.shared_estimates import JointFit, JointPosterior, Resolved, resolve_doubts
+from ..likelihood.shared_estimates import JointFit, JointPosterior, Resolved, SharedEstimate, of_moves, resolve_doubts
 from ..likelihood.starts import leaves_open
 from ..noise.estimate import NoiseEstimate, NoisePrior
 from ..noise.models import Noise, PairNoise, PoseNoise, with_prior
@@ -258,9 +259,11 @@ def _assembled(
     time_offset, move = _time_offset(poses, fit, covariance)
     if move is not None:
         beside[CLOCK_OFFSET] = move
+    carried = {} if poses is None else {e.name: carried_moves(fit, e, poses) for e in job.carried if not e.is_exact}
+    beside |= carried
     for move in beside.values():
-        covariance = covariance + np.outer(move[:6], move[:6])
-        covariance_W = None if covariance_W is None else covariance_W + np.outer(move[6:], move[6:])
+        covariance = covariance + of_moves(move[:6])
+        covariance_W = None if covariance_W is None else covariance_W + of_moves(move[6:])
     table = pose_table(fit, robust)
     # Beside a camera covariance from corners the noise counts as known: most of it, or the test errs on the safe side.
     # A drift does not count in halves: the test is of the noise that both were made of.
@@ -288,7 +291,7 @@ def _assembled(
         fit=judged,
         table=table,
         time_offset=time_offset,
-        shared=joint.estimates(resolved),
+        shared=(*joint.estimates(resolved), *_carried_estimates(job, carried, covariance)),
         analysis=analysis,
         opened=fit.opened,
         joint_posterior=posterior,
@@ -309,7 +312,7 @@ def _assembled(
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint)
-    findings += accuracy_findings(poses, job.shared, fit, fit.covariance_X, estimate is not None)
+    findings += accuracy_findings(poses, (*job.shared, *job.carried), fit, fit.covariance_X, estimate is not None)
     findings += local_findings(result)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate)
@@ -317,6 +320,12 @@ def _assembled(
             values = {"item": table.item, "count": len(data), "needed": FEWEST_FOR_ROBUST}
             findings.append(Finding("calibration.few_for_outliers", "caution", values))
     return result, said + findings
+
+
+def _carried_estimates(job: Job, moves: Mapping[str, Array], covariance: Array) -> list[SharedEstimate]:
+    """Of errors of which the data were not asked."""
+    of = [(error, moves[error.name]) for error in job.carried if error.name in moves]
+    return [part for error, each in of for part in carried_estimates(error, each, covariance)]
 
 
 def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:

@@ -197,7 +197,7 @@ def calibrate(
         **({} if job.pose_prior is None else {"pose_prior": job.pose_prior.to_dict()}),
         "seed": job.seed,
         "correlation": correlation,
-        "shared": [line for error in job.shared for line in error.described],
+        "shared": [line for error in (*job.shared, *job.carried) for line in error.described],
     }
     result = replace(result, findings=tuple(findings), provenance=provenance(data, options))
     warn(findings)

@@ -100,7 +100,8 @@ class Job:
     seed: int
     camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
     robot_noise: Any = None  # covariance beside it, where it is known
-    shared: tuple[SharedError, ...] = ()  # what all poses share
+    shared: tuple[SharedError, ...] = ()  # what all poses share, as unknowns
+    carried: tuple[SharedError, ...] = ()  # the same, of which the data are not asked
     correlation: str = "auto"  # one of CORRELATIONS
     pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
     arm: Arm | None = None  # the robot's joints, where its kinematic errors count
@@ -264,7 +265,11 @@ def request(
     if robust is None:
         count = motions.N if motions.poses is None else motions.poses.n
         robust = bound and count >= FEWEST_FOR_ROBUST
-    errors = _shared_of(shared, motions.poses, noise, method, kind, camera)
+    declared = _shared_of(shared, motions.poses, noise, method, kind, camera)
+    errors = tuple(error for error in declared if error.learned)
+    carried = tuple(error for error in declared if not error.learned)
+    if carried and not bound:
+        raise InputError(f"Method {method!r} takes no {carried[0].name}; use efficient or ml.")
     measured, at = (motions.poses, None) if about is None else about
     arm = _arm_of(joints, kinematics, kinematic_errors, measured, noise, method)
     if arm is not None:
@@ -298,6 +303,7 @@ def request(
         camera,
         robot,
         errors,
+        carried,
         correlation,
         pose_prior,
         arm,

@@ -1,8 +1,7 @@
 """What the accuracy of the robot may do to X, where the poses are local and nothing is declared about it.
 
 Errors of the kinematics are nearly the same in all poses of one region: the residuals do not show them, and X takes
-them up. With the gain ``K_i = -C J_i^T S^-1 D_i`` of the estimate an error field with the columns F (`accuracy_field`)
-moves X by ``sum_i K_i F_i z``, z ~ N(0, I); an accuracy as many arms have it is taken.
+them up. An accuracy as many arms have it, a smooth field over the pose (`accuracy_field`), is carried to X.
 """
 
 from __future__ import annotations
@@ -12,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from ..findings import Finding
 from ..geometry.se3 import Array
+from ..likelihood.carried_errors import carried_moves
 from ..likelihood.gauss_helmert import Fit
-from ..noise.square_roots import pulled, whiten
+from ..likelihood.shared_estimates import of_moves
 from ..poses.pose_pairs import PosePairs
-from ..shared_errors.accuracy_field import deviations, field_columns
 from ..shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, SharedError
 
 # Accuracy (m, rad) of an arm of which nothing is known, and the factor on the stated deviations from which on what it
@@ -45,7 +44,8 @@ def accuracy_findings(
     span, angle, reach = extent(poses.robot)
     if not 0 < span < LOCAL * reach:
         return []
-    S = moved_by(fit, poses, *TYPICAL)
+    typical = SharedError.robot_accuracy(*TYPICAL).bound(poses)
+    S = of_moves(carried_moves(fit, typical, poses)[:6])
     move, turn = (float(np.sqrt(np.linalg.eigvalsh(S[part, part])[-1])) for part in (slice(3, 6), slice(3)))
     sd_move, sd_turn = (
         float(np.sqrt(np.linalg.eigvalsh(covariance[part, part])[-1])) for part in (slice(3, 6), slice(3))
@@ -66,13 +66,3 @@ def extent(T: Array) -> tuple[float, float, float]:
     q = Rotation.from_matrix(some[:, :3, :3]).as_quat()
     angle = 2.0 * float(np.arccos(np.clip(np.abs(q @ q.T).min(), 0.0, 1.0)))
     return span, angle, float(np.linalg.norm(t, axis=-1).max())
-
-
-def moved_by(fit: Fit, poses: PosePairs, translation: float, rotation: float) -> Array:
-    """(6, 6) covariance of the move of X by the field of an accuracy (m, rad), as the fit is weighted."""
-    columns = field_columns(poses.robot, deviations(translation, rotation), None)[1]
-    factor = fit.weighted_factor
-    back = pulled(factor, whiten(factor, fit.linear.J))  # S^-1 J
-    moves = np.einsum("nri,nrk->ik", back, fit.linear.sides[0] @ columns(poses.robot))
-    E = (fit.covariance @ moves)[:6]
-    return np.asarray(E @ E.T)

@@ -25,6 +25,7 @@ from ..files.validate import plain
 from ..geometry.se3 import Array
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit
+from ..likelihood.shared_estimates import of_moves
 from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PairNoise, is_joint, require_count
@@ -241,8 +242,8 @@ def budget(
 ) -> Budget:
     """The budget of X (and of W) of one fit; see `budget_of_sensitivities`.
 
-    With robust weights it is the covariance that this noise gives the weighted estimate. ``beside`` are moves (p,) of X
-    and W by one standard deviation of errors that the noise does not hold, by name.
+    With robust weights it is the covariance that this noise gives the weighted estimate. ``beside`` are moves of X
+    and W, (p,) or (p, r), by one standard deviation of errors that the noise does not hold, by name.
     """
     if fit.covariance.ndim != 2:
         raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
@@ -256,7 +257,7 @@ def budget(
         gain_of_prior = C[:, start : start + 6]
         found = found.plus(f"prior of {name}", gain_of_prior @ known @ gain_of_prior.T)
     for name, move in (beside or {}).items():
-        found = found.plus(name, np.outer(move, move))
+        found = found.plus(name, of_moves(move))
     return found
 
 

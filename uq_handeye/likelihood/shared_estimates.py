@@ -251,8 +251,8 @@ class JointFit(ReadOnlyArrays):
         return cls.of(fit, noise, (*errors, more))
 
     def posterior(self, beside: Mapping[str, Array]) -> JointPosterior:
-        """Of X, W and these errors; ``beside`` are moves (p,) of X and W by errors that the noise does not hold."""
-        C = self.fit.covariance + sum((np.outer(move, move) for move in beside.values()), np.zeros(()))
+        """Of X, W and these errors; ``beside`` are moves (p,) or (p, r) by errors that the noise does not hold."""
+        C = self.fit.covariance + sum(map(of_moves, beside.values()), np.zeros(()))
         sd = np.array([sd for _, _, sd in self.parts])
         across = self.response * sd
         left = (np.eye(len(sd)) - 0.5 * (self.explained + self.explained.T)) * np.outer(sd, sd)
@@ -291,6 +291,12 @@ class JointFit(ReadOnlyArrays):
             for k, (_, name, sd) in enumerate(self.parts)
             if left_open.get(name, 0.0) > 0
         }
+
+
+def of_moves(moves: Array) -> Array:
+    """Covariance (p, p) of X and W by moves (p,), or (p, r) of r independent errors, of one standard deviation each."""
+    each = moves.reshape(len(moves), -1)
+    return np.asarray(each @ each.T)
 
 
 def shared_estimates(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> tuple[SharedEstimate, ...]:

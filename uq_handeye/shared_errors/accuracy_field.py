@@ -13,15 +13,17 @@ kinematics: their errors have the correlation 0.5 at a quarter of the reach, and
 
 *What is stated.* A data sheet's accuracy is read as the root mean square, over the workspace, of the distance (and of
 the angle) between the pose commanded and the one attained, once the frames of base and tool are aligned: its third in
-squares is the variance per axis. The field has `MARGIN` times that deviation, as no arm
-is a draw from this field; for the arms of the study `robot_accuracy` that is not enough to hold 95 %.
+squares is the variance per axis. The field has `MARGIN` times that deviation, as no arm is a draw from this field.
+
+*Carried, not learned.* The data are not asked of it (`likelihood.carried_errors`): X stays as it is without, and its
+covariance grows by what the field does to it. As an unknown of the fit the field would seem to be told by local poses,
+because it is none of the errors that real arms have; the ellipsoid is then too small.
 
 *Columns.* With the poses U at hand (at most `MOST_CENTRES` of them, each the one that the others tell least of),
 ``phi(x) = V^T K_UU^(-1/2) k(U, x)``, V the first m eigenvectors of ``sum_i K^(-1/2) k(U, x_i) k(x_i, U) K^(-1/2)``: one
-column for each of the m features and each of the six components, unknowns with the prior N(0, 1). m is the least with
-which no more than `LEFT_OUT` of the variance is left out, but not above `MOST_FEATURES`; the columns are scaled so that
-their mean variance is the whole. All of it is O(n). What is left out is finer than the poses can follow, and noise that
-is estimated finds it. A pose far from U has columns near 0: new poses belong among U.
+column for each of the m features and each of the six components, of deviation 1. m is the least with which no more
+than `LEFT_OUT` of the variance is left out, but not above `MOST_FEATURES`; the columns are scaled so that their mean
+variance is the whole. All of it is O(n). A pose far from U has columns near 0: new poses belong among U.
 """
 
 from __future__ import annotations
@@ -41,8 +43,6 @@ ANGLE = 1.5  # rad
 MARGIN = 1.5
 LEFT_OUT = 0.01
 MOST_FEATURES = 20
-# Beyond MANY poses, where columns cost more than they bring.
-MANY, MOST_FEATURES_OF_MANY = 300, 10
 MOST_CENTRES = 150
 # Share of the variance below which a further centre says nothing new.
 _NOTHING_NEW = 1e-6
@@ -82,7 +82,7 @@ def features(poses: Array, reach: float | None = None) -> Callable[[Array], Arra
     found, V = np.linalg.eigh(at_poses.T @ at_poses)
     found, V = found[::-1], V[:, ::-1]
     enough = int(np.searchsorted(np.cumsum(found), (1.0 - LEFT_OUT) * len(poses))) + 1
-    m = min(enough, MOST_FEATURES if len(poses) <= MANY else MOST_FEATURES_OF_MANY, len(found))
+    m = min(enough, MOST_FEATURES, len(found))
     V = V[:, :m] * np.where(V[np.abs(V[:, :m]).argmax(axis=0), np.arange(m)] < 0, -1.0, 1.0)
     map_ = half @ V * np.sqrt(len(poses) / found[:m].sum())
     return lambda at: kernel(at, centres, length) @ map_

@@ -93,6 +93,7 @@ class SharedError(ReadOnlyArrays):
     focal_length_px: float | None = None  # of a principal point in pixels
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
+    learned: bool = True  # the data may say something of it; False: it is carried to X as it is
 
     @property
     def widest(self) -> Array:
@@ -221,7 +222,9 @@ class SharedError(ReadOnlyArrays):
 
         words = f"{digits(1e3 * move, 2)} mm, {digits(np.degrees(turn), 2)} deg"
         sd = np.ones(1) if scale.any() else np.zeros(1)
-        unbound = cls(ROBOT_ACCURACY, "", "robot", sd, (ROBOT_ACCURACY,), _unbound, stated=words, bind=bind)
+        unbound = cls(
+            ROBOT_ACCURACY, "", "robot", sd, (ROBOT_ACCURACY,), _unbound, stated=words, bind=bind, learned=False
+        )
         return unbound
 
     @property

@@ -16,6 +16,7 @@ from ...noise.camera_noise import INTRINSICS
 from ...noise.joint_covariance import JointCovariance, group_of
 from ...noise.models import PoseNoise, is_joint
 from ...presentation.document import Block, Cell, Points, Table
+from ...shared_errors.accuracy_field import ROBOT_ACCURACY
 from ...shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
 from ..result import Calibration
 from .time_offset import offset_sentence
@@ -58,7 +59,8 @@ def _of_population(result: Calibration) -> set[str]:
 
 def shared_groups(result: Calibration) -> list[SharedGroup]:
     """The shared errors of a result, those of many numbers as one."""
-    return grouped(result.shared, result.bound if result.bound is not None else result.covariance)
+    carried = any(group_of(error.name) == ROBOT_ACCURACY for error in result.shared)  # no part of the bound
+    return grouped(result.shared, result.covariance if carried or result.bound is None else result.bound)
 
 
 def shared_blocks(result: Calibration) -> list[Block]:
@@ -109,7 +111,9 @@ def sizes_of(group: SharedGroup) -> str:
 def found_of(group: SharedGroup) -> str:
     """RMS of the estimates of a group, and how much the data told of it."""
     sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
-    rms = ", ".join(size.rstrip() for size in sizes) + (" of it" if group.parts[0].stated else "")
+    if group.parts[0].stated:
+        return "not asked of the data"
+    rms = ", ".join(size.rstrip() for size in sizes)
     return f"RMS {rms}; told {100 * group.told:.0f} %"
 
 

@@ -162,7 +162,7 @@ def not_covered(result: Calibration) -> list[str]:
     names = column_names(result)
     camera = "a wrong model of the camera" if of_camera(result) or FOCAL_LENGTH in names else "wrong intrinsics"
     target = "a target of another shape" if TARGET_SCALE in names else "a wrong size of the target"
-    known = ROBOT_ACCURACY in map(group_of, names)
+    known = any(error.error == ROBOT_ACCURACY for error in result.shared)
     robot = "a robot that is less accurate than declared" if known else "wrong robot kinematics"
     if set(DECLARED_AS) & set(map(group_of, names)):
         robot = "what the model of the arm leaves out"
