@@ -23,7 +23,7 @@ TYPICAL = (0.5e-3, np.radians(0.05))
 CLEARLY = 3.0
 # Poses are local where no two of their positions are farther apart than this share of the largest distance from the
 # base.
-LOCAL = 0.75
+LOCAL = 0.5
 # Poses among which the largest distance is looked for.
 _LOOKED_AT = 500
 
