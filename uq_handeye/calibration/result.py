@@ -280,7 +280,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
         """The poses ``camera_T_target`` that the camera should see at robot poses, with their covariance.
 
         Model: `prediction`. X, W, the errors of the arm and those of camera and target count together, with all their
-        correlations.
+        correlations. A declared accuracy of the robot and columns of the user's own count in X, not at the new pose.
 
         Parameters
         ----------

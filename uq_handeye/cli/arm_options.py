@@ -30,6 +30,17 @@ _DEVIATIONS = {
     "--sag-sd": ("sag_sd", "sag_sd"),
 }
 
+JointUnits = Annotated[
+    str | None,
+    option(
+        "--joint-units",
+        of=JOINT_UNITS,
+        metavar="UNIT",
+        panel=KINEMATICS,
+        help="Unit of --joints: rad, deg, or e.g. deg,mm with prismatic joints. Default: what its header says.",
+    ),
+]
+
 
 @dataclass(frozen=True)
 class ChainOptions:
@@ -85,16 +96,7 @@ class ChainOptions:
             help="Calibration of a Universal Robots arm, in place of --urdf or for it.",
         ),
     ] = None
-    joint_units: Annotated[
-        str | None,
-        option(
-            "--joint-units",
-            of=JOINT_UNITS,
-            metavar="UNIT",
-            panel=KINEMATICS,
-            help="Unit of --joints: rad, deg, or e.g. deg,mm with prismatic joints. Default: what its header says.",
-        ),
-    ] = None
+    joint_units: JointUnits = None
 
     @property
     def given(self) -> list[str]:

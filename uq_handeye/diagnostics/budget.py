@@ -31,7 +31,7 @@ from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PairNoise, is_joint, require_count
 from ..noise.square_roots import pulled, whiten
 from ..runtime.read_only import ReadOnlyArrays
-from .task_space import _by_pose, _points
+from .task_space import _points, by_pose
 
 # Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
 EACH, SHARED, IN_TIME = "(each pose)", "(shared)", "(correlated in time)"
@@ -163,7 +163,7 @@ class Budget(ReadOnlyArrays):
         p = _points(point)
         if p.shape != (3,) or len(self.covariance) == 3:
             raise InputError(f"Expected one `point` (3,) and the budget of X, got shape {p.shape}.")
-        J = _by_pose(self.X[:3, :3] @ p)
+        J = by_pose(self.X[:3, :3] @ p)
         carried = [J @ of[:, :6, :6] @ J.T for of in (self.covariances, self.by_pose)]
         return Budget(self.sources, carried[0], carried[1], self.X, self.types, self.relative)
 

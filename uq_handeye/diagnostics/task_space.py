@@ -174,14 +174,14 @@ def _carried(T: Array, S: Array, points: Array, noise: Array | None) -> tuple[Ar
     """``T p`` and its covariance."""
     R = T[..., :3, :3]
     arm = (R @ points[..., None])[..., 0]
-    J = _by_pose(arm)
+    J = by_pose(arm)
     total = J @ S @ J.mT
     if noise is not None:
         total = total + R @ noise @ R.mT
     return arm + T[..., :3, 3], np.asarray(total)
 
 
-def _by_pose(arm: Array) -> Array:
+def by_pose(arm: Array) -> Array:
     """``[-[arm]x, I]`` (..., 3, 6)."""
     J = np.empty((*arm.shape, 6))
     J[..., :3] = -skew(arm)
@@ -194,7 +194,7 @@ def moves_of_points(arm: Array, basis: Array, carried: Array | None = None) -> A
 
     ``carried`` (..., 3, 3) is the rotation of the pose that carries them further.
     """
-    moves = basis @ _by_pose(arm).mT
+    moves = basis @ by_pose(arm).mT
     return np.asarray(moves if carried is None else moves @ carried.mT)
 
 

@@ -49,17 +49,15 @@ from ..noise.models import PoseNoise, is_joint, marginals, rows_of
 from ..noise.pose_prior import PosePrior
 from ..shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
 from ..shared_errors.shared_error import SharedError, add_columns, with_shared
+from .beside_camera import MOST_ROUNDS, PIXEL, PIXEL_FACTOR, STILL
+from .components_beside_camera import PIXEL_KIND
 from .scale_rows import OwnPart, ScaleRows
 
-# What is known of the pixel noise beforehand: its standard deviation (pixels) within this factor.
-PIXEL, PIXEL_FACTOR = 0.2, 3.0
-PIXELS = "pixel noise"
+PIXELS = PIXEL_KIND[0]
 # Deviations are looked for from this share of the residuals, below which they are 0, to this multiple.
 LEAST, MOST = 1e-3, 30.0
 # Of groups, in units of the least: no arm that was measured has more than 6.
 MOST_OF_GROUP = 10.0
-# Linearised again until X and W move by less, in standard deviations; and how often at most.
-STILL, MOST_ROUNDS = 1e-2, 8
 # Nodes of the integral over the deviation of a group, and how many deviations of its prior it reaches.
 NODES, REACH = 16, 3.5
 # Of differences of the gradient.

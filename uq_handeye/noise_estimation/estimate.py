@@ -146,7 +146,8 @@ def estimate_noise(
     robot : covariance or None
         Of the robot poses beside `camera`; None: estimated too.
     shared : sequence of SharedError
-        Errors that all poses share, unknowns with a prior beside X and W; the noise that is returned contains them.
+        Errors that all poses share, unknowns with a prior beside X and W; the noise that is returned contains them,
+        but for the accuracy of a robot, which is none (`SharedError.learned`).
 
     Raises
     ------

@@ -34,7 +34,7 @@ from ..noise.models import PoseNoise
 from ..noise.square_roots import cholesky_of, whiten
 from ..poses.pose_pairs import PosePairs
 from ..prediction.predict import CameraAhead, camera_ahead, own_noise
-from .candidates import MOST, draw_camera_poses, robot_of
+from .candidates import draw_camera_poses, require_choice, require_number, robot_of
 from .result import Plan
 from .selection import covariance_of, select, weight_of_X
 
@@ -85,13 +85,7 @@ def plan_by_joints(
         if candidates is None
         else _inside(chain, candidates, "candidates")
     )
-    if len(q) > MOST:
-        raise InputError(f"Expected at most {MOST} candidates, got {len(q)}: thin them out.")
-    if k > len(q) and not repeat:
-        raise InputError(
-            f"Expected at most as many poses as candidates, got k = {k} and {len(q)} candidates; give more, or let "
-            "them be taken again (repeat)."
-        )
+    require_choice(len(q), k, repeat)
     P = result.joint_posterior.covariance
     some = np.flatnonzero(np.diag(P) > 0)
     information = covariance_of(P[np.ix_(some, some)])
@@ -155,8 +149,7 @@ def sample_joints(
     InputError
         n below 1 or above 100,000, a camera pose so far at the target itself, or no draw within reach.
     """
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MOST:
-        raise InputError(f"Expected the number of candidates to be an integer between 1 and {MOST}, got {n!r}.")
+    require_number(n)
     rng = np.random.default_rng(seed)
     near = np.array([NEAR.get(joint.kind, NEAR_TURN) for joint in chain.joints])
     anywhere = spread_postures(chain.limits, _revolute(chain))

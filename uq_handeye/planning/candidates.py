@@ -61,8 +61,7 @@ def sample_candidates(
     InputError
         n below 1 or above 100,000, a camera pose so far at the target itself, or no draw in the box.
     """
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MOST:
-        raise InputError(f"Expected the number of candidates to be an integer between 1 and {MOST}, got {n!r}.")
+    require_number(n)
     X, W = as_transforms(X, "X", stack=False), as_transforms(W, "W", stack=False)
     rng = np.random.default_rng(seed)
     where = data.robot[:, :3, 3]
@@ -83,6 +82,23 @@ def sample_candidates(
             "it has been. Is X right? If so, give candidates of your own."
         )
     return np.concatenate(found)
+
+
+def require_number(n: int) -> None:
+    """Raise `InputError` unless so many candidates can be drawn."""
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MOST:
+        raise InputError(f"Expected the number of candidates to be an integer between 1 and {MOST}, got {n!r}.")
+
+
+def require_choice(count: int, k: int, repeat: bool) -> None:
+    """Raise `InputError` unless k poses can be chosen out of ``count`` candidates."""
+    if count > MOST:
+        raise InputError(f"Expected at most {MOST} candidates, got {count}: thin them out.")
+    if k > count and not repeat:
+        raise InputError(
+            f"Expected at most as many poses as candidates, got k = {k} and {count} candidates; give more, or let "
+            "them be taken again (repeat)."
+        )
 
 
 def predicted_camera(robot: Array, X: Array, W: Array, setup: str) -> Array:

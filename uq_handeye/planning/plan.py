@@ -53,17 +53,17 @@ from ..noise.models import PoseNoise, is_joint
 from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES, warn_left_out
-from ..shared_errors.accuracy_field import ROBOT_ACCURACY
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     DEFAULT_SD,
     SharedError,
     checked_errors,
     default_errors,
+    listed_errors,
     without_shared,
 )
 from .by_joints import PREDICTION, Wanted, plan_by_joints, so_far_by_joints
-from .candidates import MOST, predicted_camera, sample_candidates
+from .candidates import predicted_camera, require_choice, sample_candidates
 from .result import Plan
 from .selection import select, weight_of_X
 from .weak_prior import so_far
@@ -117,8 +117,8 @@ def plan(
     repeat : bool
         Whether a candidate may be taken more than once.
     shared : sequence of SharedError or None
-        As in `calibrate`, but for columns of the user's own, whose effect on new poses is not known. The clock offset
-        has none: the robot is taken to stand still there.
+        As in `calibrate`, but for columns of the user's own, whose effect on new poses is not known, and the
+        accuracy of a robot, of which poses tell nothing. The clock offset has none: the robot is taken to stand still.
     joints, kinematics, kinematic_errors
         As in `calibrate`: the errors of the arm are unknowns beside X and W, and the plan is one of joints, inside
         their limits (`planning.by_joints`).
@@ -150,6 +150,11 @@ def plan(
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
     warn_left_out("plan()", data)
     require_integer("k", k, 1)
+    if carried := [error.name for error in listed_errors(shared or ()) if not error.learned]:
+        raise InputError(
+            f"Expected `shared` without {carried[0]!r}: poses tell nothing of it, so that none is better than another. "
+            "Plan without it, or with joints and kinematics."
+        )
     if kinematics is not None:
         options = {"noise": noise, "prior": prior, "shared": shared, "joints": joints}
         known = so_far_by_joints(data, kinematics, options | {"kinematic_errors": kinematic_errors})
@@ -165,7 +170,7 @@ def plan(
     estimated = noise is None
     if shared is not None:
         shared = tuple(error for error in checked_errors(shared, data) if not error.is_exact)
-        if own := [error.name for error in shared if error.name not in (*DEFAULT_SD, ROBOT_ACCURACY)]:
+        if own := [error.name for error in shared if error.name not in DEFAULT_SD]:
             raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
     errors = tuple(shared or ())
     if noise is None:
@@ -201,17 +206,9 @@ def plan(
         robot = as_transforms(candidates, "candidates")
         if robot.ndim != 3 or len(robot) == 0:
             raise InputError(f"Expected `candidates` to have shape (m, 4, 4) with m >= 1, got {robot.shape}.")
-    if len(robot) > MOST:
-        raise InputError(f"Expected at most {MOST} candidates, got {len(robot)}: thin them out.")
-    if k > len(robot) and not repeat:
-        raise InputError(
-            f"Expected at most as many poses as candidates, got k = {k} and {len(robot)} candidates; give more, or let "
-            "them be taken again (repeat)."
-        )
+    require_choice(len(robot), k, repeat)
     camera = predicted_camera(robot, at.X, at.W, data.setup)
     if errors or intrinsics.shape[-1]:
-        together = PosePairs(np.concatenate([data.robot, robot]), np.concatenate([data.camera, camera]), data.setup)
-        errors = tuple(error.bound(together) for error in errors)
         before = constraint.linearise(at, constraint.first, constraint.second)
         F = _white_columns(before, noise, errors, data, intrinsics)
         J = whiten(cholesky_of(residual_covariance(before.sides, noise)), before.J)

@@ -24,10 +24,10 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from ..diagnostics.task_space import PointUncertainty, point_noise
+from ..diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ..errors import InputError
 from ..geometry.checks import as_numbers, as_transforms
-from ..geometry.se3 import Array, inverse, perturb, skew
+from ..geometry.se3 import Array, inverse, perturb
 from ..kinematics.kinematic_errors import EXACT
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..likelihood.open_directions import OpenDirections
@@ -202,14 +202,14 @@ def seen_at(result: Predicting, p: Array, ahead: RobotAhead | None, noise: Array
     """Points (..., 3) that the camera sees, at robot poses; ``noise`` (..., 3, 3) their own."""
     X, q = result.X, _posterior(result).covariance.shape[0] - 12
     arm = p @ X[:3, :3].T
-    by_X = _by_pose(arm)
+    by_X = by_pose(arm)
     in_X = arm + X[:3, 3]
     if result.setup == "eye-in-hand":
         assert ahead is not None
         R = ahead.poses[..., :3, :3]
         lever = (R @ in_X[..., None])[..., 0]
         b = lever + ahead.poses[..., :3, 3]
-        by_G = _by_pose(lever)
+        by_G = by_pose(lever)
         by_errors = by_G @ ahead.columns
         by_X = R @ by_X
         new = by_G @ ahead.noise @ by_G.mT
@@ -229,16 +229,11 @@ def tip_at(ahead: RobotAhead, tool: Any) -> InBase:
     if tip.ndim < 1 or tip.shape[-1] != 3 or not np.isfinite(tip).all():
         raise InputError(f"Expected `tool` to be finite numbers (..., 3) in metres, got shape {tip.shape}.")
     lever = (ahead.poses[..., :3, :3] @ tip[..., None])[..., 0]
-    by_G = _by_pose(lever)
+    by_G = by_pose(lever)
     by_errors = by_G @ ahead.columns
     by_all = np.zeros((*by_errors.shape[:-1], 12 + by_errors.shape[-1]))
     by_all[..., 12:] = by_errors
     return InBase(lever + ahead.poses[..., :3, 3], by_all, by_G @ ahead.noise @ by_G.mT)
-
-
-def _by_pose(arm: Array) -> Array:
-    """``[-[arm]x, I]`` (..., 3, 6)."""
-    return np.concatenate([-skew(arm), np.broadcast_to(np.eye(3), (*arm.shape, 3))], axis=-1)
 
 
 def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:

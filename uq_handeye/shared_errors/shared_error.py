@@ -303,10 +303,13 @@ def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
 
 
 def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str, JointCovariance]:
-    """By side what the errors make of its poses: a covariance without noise of its own."""
+    """By side what the errors make of its poses: a covariance without noise of its own.
+
+    Those that are not `learned` are no unknowns of a fit, and not in it.
+    """
     found: dict[str, JointCovariance] = {}
     for side in SIDES:
-        of_side = [error for error in errors if error.side == side and not error.is_exact]
+        of_side = [error for error in errors if error.side == side and error.learned and not error.is_exact]
         if of_side:
             F = np.concatenate([error.at(poses) * error.widest for error in of_side], axis=-1)
             names = np.array([name for error in of_side for name in error.parts])

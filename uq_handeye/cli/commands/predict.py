@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..arm_options import JOINT_UNITS, KINEMATICS
+from ..arm_options import KINEMATICS, JointUnits
 from ..options import OUTPUT, UNITS, JsonOption, emit, flag, option, require_writable
 from .files import ResultFile
 
@@ -30,16 +30,7 @@ def predict_command(
             help="Joint values to predict at, by the names of the calibration's joints.",
         ),
     ] = None,
-    joint_units: Annotated[
-        str | None,
-        option(
-            "--joint-units",
-            of=JOINT_UNITS,
-            metavar="UNIT",
-            panel=KINEMATICS,
-            help="Unit of --joints: rad, deg, or e.g. deg,mm with prismatic joints. Default: what its header says.",
-        ),
-    ] = None,
+    joint_units: JointUnits = None,
     robot: Annotated[
         Path | None,
         option(
