@@ -29,7 +29,7 @@ def asked(monkeypatch):
     """What a report is asked for, instead of the report, which takes seconds."""
     found = []
 
-    def report(self, path, *, comparison=True, cross_check=None):
+    def report(self, path, *, comparison=True, cross_check=None, **_):
         found.append((self, path, comparison, cross_check))
         return path
 
@@ -64,6 +64,16 @@ def test_what_goes_into_the_report(session, tmp_path, asked):
         if wanted:  # compared before, and handed over
             assert comparison.comparison.reference == "efficient (this result)"
         assert result.provenance.command.startswith("uq-handeye ")
+
+
+def test_the_title_block_goes_into_the_result_and_the_report(session, tmp_path, asked):
+    (tmp_path / "cell.toml").write_text('cell = "B7"\noperator = "J. Doe"\n', encoding="utf-8")
+    about = ("--about", tmp_path / "cell.toml", "--about", "operator=M. Roe")
+    done = run("calibrate", "robot.csv", "camera.csv", *NOISE, *about, "--report", tmp_path / "r.pdf", cwd=session)
+    assert done.returncode == 0 and asked[0][0].about == {"cell": "B7", "operator": "M. Roe"}
+    for wrong in ("colour=red", "cell.tml", ""):
+        done = run("report", "result.json", tmp_path / "r.pdf", "--about", wrong, cwd=session)
+        assert done.returncode == 2 and done.stderr.count("\n") == 1
 
 
 def test_the_comparison_of_the_report_is_a_figure_of_the_folder(session, tmp_path, asked):

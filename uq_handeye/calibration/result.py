@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -128,6 +129,8 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
     opened : OpenDirections or None
         What of X and W the motions leave open; None: nothing. `covariance` and `covariance_W` are then those of the
         other directions, and have the variance 0 along these: use them together with `open_directions`.
+    about : dict of str to str
+        Title block of the report: cell, robot, camera, serial numbers, ... (`files.about.ABOUT`).
     kinematics : FittedKinematics or None
         The errors of the arm, where its joints and kinematics were given.
     joint_posterior : JointPosterior or None
@@ -164,6 +167,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
     kinematics: FittedKinematics | None = None  # the arm, where its joints were given
     joint_posterior: JointPosterior | None = field(default=None, repr=False)  # of X, W and what all poses share
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
+    about: dict[str, str] = field(default_factory=dict)  # title block of the report, by the names of `files.about`
     data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of; not in the JSON file
     analysis: Analysis | StoredAnalysis | None = field(
         default=None, repr=False
@@ -331,8 +335,12 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
         *,
         comparison: Methods = True,
         cross_check: CrossCheck | None = None,
+        about: Mapping[str, str] | None = None,
+        verdict: Any = None,
+        details: bool = False,
+        paper: str = "a4",
     ) -> Path:
-        """One self-contained file for people: ``.html``, or ``.pdf``; see `report.page` for the sections.
+        """Write the report as one self-contained file: two pages, then folded sections with everything else.
 
         Parameters
         ----------
@@ -343,6 +351,14 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
             that is computed for a report; False leaves the section without.
         cross_check : CrossCheck or None
             Where given, its covariances are drawn over the ellipses and its relations listed.
+        about : mapping or None
+            Title block: cell, robot, camera, operator, ... (`files.about.ABOUT`), added to those of `about`.
+        verdict : Verdict or None
+            Of a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
+        details : bool
+            Open the folded sections, also in the PDF, which otherwise has the two pages alone.
+        paper : str
+            Of the PDF: "a4" or "letter".
 
         Raises
         ------
@@ -353,7 +369,8 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
         """
         from ..report.page import write_report
 
-        return write_report(self, path, comparison=comparison, cross_check=cross_check)
+        given = {"about": about, "verdict": verdict, "details": details, "paper": paper}
+        return write_report(self, path, comparison=comparison, cross_check=cross_check, **given)
 
     def export(self, path: str | Path, format: str | None = None) -> Path:
         """X for another program: JSON, ROS (YAML), URDF, OpenCV FileStorage or NPZ; see `export` for what each holds.
@@ -420,6 +437,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
             "poses": None if self.table is None else self.table.to_dict(),
             "analysis": None if self.analysis is None else self.analysis.to_dict(),
             "provenance": None if self.provenance is None else self.provenance.to_dict(),
+            **({"about": self.about} if self.about else {}),
             "time_offset": None if self.time_offset is None else self.time_offset.to_dict(),
             "shared": [error.to_dict() for error in self.shared],
             **({} if self.agreement is None else {"agreement": self.agreement.to_dict()}),

@@ -14,6 +14,7 @@ import numpy as np
 from ..diagnostics.pose_table import PoseTable
 from ..errors import InputError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..files.about import as_about
 from ..files.validate import misfit, not_finite, unequal
 from ..findings import Finding
 from ..geometry.checks import as_transforms
@@ -137,6 +138,7 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "table": _read(data, "poses", PoseTable.from_dict),
         "analysis": _read(data, "analysis", lambda part: StoredAnalysis.from_dict(part, X)),
         "provenance": _read(data, "provenance", Provenance.from_dict),
+        "about": as_about(data.get("about", {})),
         "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
         "shared": tuple(map(SharedEstimate.from_dict, data.get("shared", ()))),
         "opened": None if data.get("open") is None else OpenDirections.from_dict(data["open"]),

@@ -30,12 +30,13 @@ FLAGS = (
     "--disable-sync",
     "--disable-dev-shm-usage",
 )
+PAPERS = ("a4", "letter")
 # Seconds that a browser may take.
 PATIENCE = 120
 
 
-def to_pdf(html: str) -> bytes:
-    """The pages of a self-contained HTML text.
+def to_pdf(html: str, paper: str = PAPERS[0]) -> bytes:
+    """Print a self-contained HTML text on paper of one of `PAPERS`.
 
     Raises
     ------
@@ -44,6 +45,7 @@ def to_pdf(html: str) -> bytes:
     InputError
         The browser did not print.
     """
+    html = html.replace("</style>", f"@page {{ size: {paper}; }}\n</style>", 1)
     if (printer := found_weasyprint()) is not None:
         return _by_weasyprint(html, printer)
     if (browser := found_browser()) is not None:

@@ -6,18 +6,22 @@ text is escaped by the template. The same result gives the same file, except for
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from .._version import __version__
 from ..calibration.result import Calibration
 from ..comparison.of_result import Compared, compare_beside
 from ..comparison.result import Comparison
 from ..errors import InputError
+from ..files.about import as_about
 from ..files.atomic import require_writable_file, write_atomically
 from ..geometry.conventions import CONVENTION
 from ..presentation.page import drawing, rendered
-from ..presentation.pdf import to_pdf
+from ..presentation.pdf import PAPERS, to_pdf
 from ..validation.cross_check.result import CrossCheck as CrossCheck
 from .figures import pictures, require_same_problem
 from .sections_camera import camera_sections
@@ -54,6 +58,10 @@ def write_report(
     *,
     comparison: Methods = True,
     cross_check: CrossCheck | None = None,
+    about: Mapping[str, str] | None = None,
+    verdict: Any = None,
+    details: bool = False,
+    paper: str = PAPERS[0],
 ) -> Path:
     """Write the report of ``result``; the arguments are those of `Calibration.report`.
 
@@ -78,11 +86,14 @@ def write_report(
         raise InputError(f"Expected `path` to end in {' or '.join(SUFFIXES)}, got {path.name!r}.")
     if not isinstance(comparison, bool | Comparison | Compared):
         raise InputError(f"Expected `comparison` to be True, False or a Comparison, got {type(comparison).__name__}.")
+    if paper not in PAPERS:
+        raise InputError(f"Expected `paper` to be {' or '.join(PAPERS)}, got {paper!r}.")
+    result = replace(result, about=as_about({**result.about, **(about or {})}))
     require_writable_file(path)  # before the methods are compared
     if comparison is True:
         comparison = compare_beside(result)
     text = report_html(result, comparison=comparison or None, cross_check=cross_check)
-    write_atomically(path, text if suffix == ".html" else to_pdf(text))
+    write_atomically(path, text if suffix == ".html" else to_pdf(text, paper))
     return path
 
 

@@ -31,6 +31,7 @@ from ..options import (
     require_writable,
 )
 from ..pose_files import PoseFiles, problem_for
+from ..report_options import ReportOptions, report_options_of
 from ..views import pictures_of
 
 if TYPE_CHECKING:
@@ -68,7 +69,15 @@ ReportFile = Annotated[
 ]
 
 
-@made_of(given=given_of, prior=prior_of, beforehand=pose_prior_of, files=PoseFiles, pictures=pictures_of, arm=arm_of)
+@made_of(
+    given=given_of,
+    prior=prior_of,
+    beforehand=pose_prior_of,
+    files=PoseFiles,
+    pictures=pictures_of,
+    arm=arm_of,
+    wishes=report_options_of,
+)
 def calibrate_command(
     files: "PoseFiles",
     pictures: "Pictures | Views | None",
@@ -76,6 +85,7 @@ def calibrate_command(
     prior: "NoisePrior | None",
     beforehand: "dict[str, Any]",
     arm: "Arm | None",
+    wishes: "ReportOptions",
     method: Annotated[
         str | None,
         option(
@@ -194,8 +204,9 @@ def calibrate_command(
             **beforehand,
             **({} if arm is None else arm.of_calibrate),
         )
+    result = replace(result, about=wishes.about)
     check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
-    _deliver(result, as_json, output, report, threshold, not no_compare, check)
+    _deliver(result, as_json, output, report, threshold, not no_compare, check, wishes)
 
 
 def demo_command(as_json: JsonOption = False, output: ResultFolder = None, report: ReportFile = None) -> None:
@@ -238,6 +249,7 @@ def _deliver(
     threshold: float,
     comparison: bool,
     check: "CrossCheck | None",
+    wishes: ReportOptions | None = None,
 ) -> None:
     """Files first: where one cannot be written, nothing is printed as if all were well."""
     result = _with_command(result)
@@ -251,14 +263,16 @@ def _deliver(
         with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
             _write_result(result, output, check, None if isinstance(methods, bool) else methods.comparison)
     if report is not None:
-        write_report(result, report, methods, check)
+        write_report(result, report, methods, check, **({} if wishes is None else wishes.of_report))
     emit(result.to_json() if as_json else result.summary(threshold))
 
 
-def write_report(result: "Calibration", file: Path, comparison: "Compared | bool", check: "CrossCheck | None") -> None:
+def write_report(
+    result: "Calibration", file: Path, comparison: "Compared | bool", check: "CrossCheck | None", **options: Any
+) -> None:
     """The report, which names this command line as what made it."""
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
-        _with_command(result).report(file, comparison=comparison, cross_check=check)
+        _with_command(result).report(file, comparison=comparison, cross_check=check, **options)
 
 
 def _with_command(result: "Calibration") -> "Calibration":

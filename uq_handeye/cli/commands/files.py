@@ -8,7 +8,8 @@ import typer
 from ...errors import InputError
 from ...runtime.progress import working
 from ..messages import progress_wanted, timed
-from ..options import OUTPUT, emit, one_of, option, require_writable
+from ..options import OUTPUT, emit, made_of, one_of, option, require_writable
+from ..report_options import ReportOptions, report_options_of
 from .calibrate import REPORTS
 
 # The names of export.FORMATS, written down once more to be quick.
@@ -61,9 +62,11 @@ def export_command(
     emit(f"Wrote {Calibration.from_json(result).export(file, name)}\n")
 
 
+@made_of(wishes=report_options_of)
 def report_command(
     result: ResultFile,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, .html or .pdf.")],
+    wishes: "ReportOptions",
 ) -> None:
     """A report for people from a stored result.
 
@@ -77,5 +80,5 @@ def report_command(
     require_writable(file, "FILE", REPORTS)
     stored = Calibration.from_json(result)
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
-        written = stored.report(file, comparison=False)
+        written = stored.report(file, comparison=False, about=wishes.about, **wishes.of_report)
     emit(f"Wrote {written}\n")

@@ -1,0 +1,47 @@
+"""Options of the report: its title block, paper, and whether its folded sections are open."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from ..errors import InputError
+from ..files.about import ABOUT, read_about
+from .options import OUTPUT, flag, one_of, option
+
+PAPERS = ("a4", "letter")
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """What the report is to say and how it is printed."""
+
+    about: dict[str, str]  # title block, by the names of `files.about.ABOUT`
+    of_report: dict[str, Any]  # arguments of `Calibration.report`
+
+
+def report_options_of(
+    about: Annotated[
+        list[str] | None,
+        option(
+            "--about",
+            panel=OUTPUT,
+            metavar="FILE|KEY=VALUE",
+            help=f"Title block of the report and result: a TOML file, or one of {', '.join(ABOUT)}. Repeat for more.",
+        ),
+    ] = None,
+    full_report: Annotated[
+        bool,
+        flag(
+            "--full-report",
+            panel=OUTPUT,
+            help="Open the folded sections of the report, also in the PDF. Default: two pages.",
+        ),
+    ] = False,
+    paper: Annotated[
+        str, option("--paper", of=PAPERS, panel=OUTPUT, metavar="NAME", help="Paper of a PDF report: a4 or letter.")
+    ] = "a4",
+) -> ReportOptions:
+    """Read the options of the report."""
+    for text in about or ():
+        if not text.strip():
+            raise InputError("Expected --about to name a TOML file or KEY=VALUE, got an empty text.")
+    return ReportOptions(read_about(about or ()), {"details": full_report, "paper": one_of(paper, "--paper", PAPERS)})
