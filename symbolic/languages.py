@@ -136,7 +136,7 @@ class Octave(Language):
         return re.sub(r"\.([*/^])", r"\1", self.printer.doprint(expression))  # all names are numbers
 
     def function_name(self, form: ClosedForm) -> str:
-        """With its case, but W.m and w.m would be one file on some disks."""
+        """Return the name with its case; W.m and w.m would be one file on some disks."""
         name = self.prefix + form.name
         return f"{name}_matrix" if Fortran().function_name(form).endswith("_matrix") else name
 

@@ -1,4 +1,4 @@
-"""From SE(3) to SO(4) with the scaling factor d: equations (49)-(51), and the perturbation of a pose.
+"""Map from SE(3) to SO(4) with the scaling factor d: equations (49)-(51), and the perturbation of a pose.
 
 T = (R, t) in SE(3); t and d in the same length unit. F2 is orthogonal up to terms in 1/d^2. F1 is not, even
 in the dual numbers of (49): F1 F1^T = I + [[0, 2 t], [2 t^T, 0]]/d + O(1/d^2). Both respect products up to

@@ -1,4 +1,4 @@
-"""What can go wrong, in type: every error and warning that the toolkit raises on purpose."""
+"""Errors and warnings that the toolkit raises on purpose, by type."""
 
 from __future__ import annotations
 

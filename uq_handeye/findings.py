@@ -1,4 +1,4 @@
-"""What a test, a fit or a run found: a code, how serious it is, and its values; the words come last.
+"""Findings of tests, fits and runs: a code, how serious it is, and its values; the words come last.
 
 Whoever finds something makes a `Finding`; whoever decides looks at its code, severity and values. A package words the
 codes that begin with its name in its module ``sentences``, by functions that take the values by name:
@@ -98,7 +98,7 @@ def sentence(code: str) -> Callable[[Words], Words]:
 
 @sentence("stored.text")
 def _(text: str) -> str:
-    """Of files from before there were findings."""
+    """Return the text of a file that was written before there were findings."""
     return text
 
 

@@ -1,4 +1,4 @@
-"""What belongs to a fit beyond X and its covariance, worked out when it is first asked for.
+"""Quantities of a fit beyond X and its covariance, computed when they are first requested.
 
 Diagnostics, the covariances that need no noise model beside that of the model, the split-half test, the budget of the
 noise sources. All of one data set and the `Fit` on it; poses that robust estimation rejected are left out of the tests.
@@ -35,7 +35,7 @@ USUAL_DISTANCE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """Of one data set: see the module."""
+    """Analysis of one data set: see the module."""
 
     data: PosePairs | Motions = field(repr=False)
     noise: Noise = field(repr=False)
@@ -62,7 +62,7 @@ class Analysis:
 
     @cached_property
     def reasons(self) -> dict[str, str]:
-        """Why a covariance is not determined, by its name."""
+        """Reasons why a covariance is not determined, by its name."""
         return self._covariances[1]
 
     @cached_property
@@ -127,7 +127,7 @@ class StoredAnalysis(ReadOnlyArrays):
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], X: Array) -> StoredAnalysis:
-        """What `Analysis.to_dict` wrote, for the X that it belongs to."""
+        """Return the analysis that `Analysis.to_dict` wrote, for the X that it belongs to."""
         covariances = {
             name: None if S is None else checked_covariance(S, name, joint=False)
             for name, S in data["covariances"].items()
@@ -157,7 +157,7 @@ class StoredAnalysis(ReadOnlyArrays):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As `Analysis.to_dict`."""
+        """Return the same dictionary as `Analysis.to_dict`."""
         return _to_dict(self)
 
 

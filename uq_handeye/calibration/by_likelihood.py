@@ -171,7 +171,7 @@ def _joint_noise(job: Job, found: Mapping[str, float] | None) -> dict[str, Array
 
 
 def _fitted(job: Job, posterior: JointPosterior | None, found: Mapping[str, float] | None) -> FittedKinematics | None:
-    """What the fit says of the arm."""
+    """Return the results of the fit about the arm."""
     if job.arm is None or posterior is None:
         return None
     given = job.arm.errors
@@ -323,13 +323,15 @@ def _assembled(
 
 
 def _carried_estimates(job: Job, moves: Mapping[str, Array], covariance: Array) -> list[SharedEstimate]:
-    """Of errors of which the data were not asked."""
+    """Return the estimates of the errors that are carried to X and not fitted."""
     of = [(error, moves[error.name]) for error in job.carried if error.name in moves]
     return [part for error, each in of for part in carried_estimates(error, each, covariance)]
 
 
 def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:
-    """What the offset of interpolated poses does to X, and one standard deviation of it as a move (12,) of X and W."""
+    """Return the effect of the offset of interpolated poses on X, and one standard deviation of it as a move (12,) of
+    X and W.
+    """
     timing = None if poses is None else poses.timing
     if timing is None or fit.W is None:
         return None, None

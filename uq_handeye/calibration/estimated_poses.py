@@ -21,7 +21,7 @@ from .sentences import open_words
 
 
 class EstimatedPoses:
-    """What follows from X, W and their covariances alone; the attributes are those of `Calibration`."""
+    """Quantities that follow from X, W and their covariances only; the attributes are those of `Calibration`."""
 
     X: Array
     covariance: Array | None

@@ -1,4 +1,4 @@
-"""What `calibrate` finds: data sheets contradicted, outliers, shifted rows, a rotation that is left open."""
+"""Findings of `calibrate`: data sheets contradicted, outliers, shifted rows, a rotation that is left open."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ SUSPICIOUS = np.radians(1.0)
 
 
 def against_data_sheet(result: Calibration) -> list[Finding]:
-    """Whether the residuals contradict what was taken as known of the noise."""
+    """Return a finding if the residuals contradict the noise that was given."""
     estimate, fit = result.noise_estimate, result.fit
     if estimate is None or fit is None or fit.p_value is None or not estimate.has_prior or fit.p_value > RARE:
         return []
@@ -86,7 +86,7 @@ def against_data_sheet(result: Calibration) -> list[Finding]:
 
 
 def against_corners(estimate: NoiseEstimate) -> list[Finding]:
-    """Whether the residuals contradict the covariance of camera poses from corners."""
+    """Return a finding if the residuals contradict the covariance of camera poses from corners."""
     return [found for found in estimate.findings if found.severity != "note"]
 
 
@@ -129,7 +129,7 @@ def shared_findings(job: Job, result: Calibration, joint: JointFit) -> list[Find
 
 
 def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]) -> list[Finding]:
-    """That most of an error goes into X, along which directions; a caution where X is hardly determined then."""
+    """Report along which directions most of an error goes into X; a caution where X is hardly determined then."""
     assert result.covariance is not None and result.analysis is not None
     S, R = result.covariance, result.X[:3, :3]
     distance, directions, hardly = result.analysis.diagnostics.spectrum.length_m, [], False
@@ -159,7 +159,7 @@ def _square_of(job: Job) -> float | None:
 
 
 def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:
-    """Which poses a plain fit should leave out: robust estimation tells, as gross errors spoil all residuals."""
+    """Find the poses that a plain fit should leave out, by robust estimation, as outliers affect all residuals."""
     if not (table.distance2 > table.limit_of_all).any():
         return []
     with suppress(InputError, NotConvergedError):
@@ -170,7 +170,8 @@ def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:
 
 
 def check_input(data: PosePairs | Motions, noise: Noise | None = None, pairs: str | ArrayLike = "all") -> list[Finding]:
-    """What looks wrong with the input, by the checks that `calibrate` makes before it estimates noise and covariance.
+    """Return suspicious properties of the input, by the checks that `calibrate` makes before it estimates noise and
+    covariance.
 
     Raises `InputError` for what `calibrate` cannot use.
     """
@@ -185,7 +186,7 @@ def look_at(job: Job) -> list[Finding]:
 
 
 def reasons(job: Job) -> list[Finding]:
-    """What may be wrong with data that gave no result."""
+    """Return possible causes where the data gave no result."""
     found: list[Finding] = []
     with suppress(InputError, NotConvergedError):
         X = fit_published(job.motions, None, "4dpa", None, job.everything).X
@@ -195,7 +196,7 @@ def reasons(job: Job) -> list[Finding]:
 
 
 def shifted(job: Job, result: Calibration | None) -> list[Finding]:
-    """Whether rows of one file are missing, where the fit gives reason to ask (or there is none)."""
+    """Return a finding if rows of one file are missing, where the fit gives reason to ask (or there is none)."""
     if job.poses is None or job.poses.n < FEWEST_FOR_ROBUST:
         return []
     if result is not None:
@@ -211,14 +212,14 @@ def shifted(job: Job, result: Calibration | None) -> list[Finding]:
 
 
 def said_open(opened: OpenDirections | None, setup: str | None) -> list[Finding]:
-    """What the data leave open of X and W."""
+    """Return what the data leave open of X and W."""
     if opened is None:
         return []
     return [Finding("calibration.open", "caution", {"directions": opened.single().tolist(), "setup": setup})]
 
 
 def against_prior(fit: Fit) -> list[Finding]:
-    """Whether the prior of X and W contradicts the data.
+    """Return a finding if the prior of X and W contradicts the data.
 
     The estimate less the prior's mean has the covariance ``Lambda^-1 - C`` along what data and prior both determine;
     its square is chi-square with as many degrees of freedom.

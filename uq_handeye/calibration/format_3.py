@@ -61,7 +61,7 @@ def _with_reason(data: dict[str, Any], start: str) -> dict[str, Any]:
 
 
 def _untested(data: dict[str, Any], start: str) -> dict[str, Any]:
-    """With the reason why there is no test, and then without the numbers that stood for it."""
+    """Add the reason why there is no test, and remove the numbers that stood in its place."""
     found = _with_reason(data, start)
     if found["reason"] is None:
         return found
@@ -69,7 +69,7 @@ def _untested(data: dict[str, Any], start: str) -> dict[str, Any]:
 
 
 def _budget(data: dict[str, Any], estimated: bool) -> dict[str, Any]:
-    """With the type of its sources; how well their variances are known those files do not say."""
+    """Add the types of the sources; those files do not say how well their variances are known."""
     sources, parts = tuple(data["sources"]), np.array(data["covariances"], dtype=float)
     types = ("A" if estimated else "B",) * len(sources)
     return data | Budget(sources, parts, np.zeros((0, *parts.shape[1:])), np.eye(4), types).to_dict()

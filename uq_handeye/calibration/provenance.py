@@ -1,4 +1,4 @@
-"""Where a result comes from: the files, the numbers in them, the options and the versions; enough to repeat the run."""
+"""Origin of a result: the files, the numbers in them, the options and the versions; enough to repeat the run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..runtime.versions import versions
 
 @dataclass(frozen=True)
 class Provenance:
-    """What a calibration was made of and with.
+    """Input, options and versions of a calibration.
 
     ``data_sha256`` is the SHA-256 of the poses (or motions) as they were used, float64, little-endian, robot first: the
     same numbers give it whatever file they came from. ``options`` are the arguments of `calibrate`; ``command`` is the
@@ -42,7 +42,7 @@ class Provenance:
 
 
 def provenance(data: PosePairs | Motions, options: dict[str, Any]) -> Provenance:
-    """Of what `calibrate` is given."""
+    """Record what `calibrate` was given."""
     sides = (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
     poses = data if isinstance(data, PosePairs) else data.poses
     digest = hashlib.sha256()

@@ -1,4 +1,4 @@
-"""What `calibrate` was asked for, checked: data, noise, method and options that fit each other."""
+"""Checked request to `calibrate`: data, noise, method and options that fit each other."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Arm(NamedTuple):
 
     @property
     def columns(self) -> KinematicColumns:
-        """What the errors do to the poses."""
+        """Derivatives of the robot poses by the kinematic errors."""
         return self.errors.columns(self.kinematics, self.joints, self.at)
 
     def linear_about(self, e: Array) -> Array:
@@ -86,7 +86,7 @@ class Arm(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What was asked for, checked."""
+    """Checked request to `calibrate`."""
 
     motions: Motions  # of which residuals are taken, and 4DPA where `everything` is None
     everything: AllPairs | None  # 4DPA of all pairs, without forming them
@@ -114,7 +114,7 @@ class Job:
 
     @cached_property
     def constraint(self) -> Constraint:
-        """What the likelihood is of: the residual rows of the data."""
+        """Residual rows of the data, which define the likelihood."""
         constraint = constraint_of(self.data, self.noise)
         if self.noise is not None:
             return constraint
@@ -122,12 +122,12 @@ class Job:
 
     @cached_property
     def columns(self) -> dict[str, JointCovariance]:
-        """What the shared errors make of the poses of each side."""
+        """Effect of the shared errors on the poses of each side."""
         return {} if self.poses is None else shared_columns(self.shared, self.poses)
 
     @property
     def data(self) -> PosePairs | Motions:
-        """What the likelihood is of: the poses where there are any, unless the noise is that of motions."""
+        """Data of the likelihood: the poses where there are any, unless the noise is that of motions."""
         return self.motions if self.poses is None or isinstance(self.noise, PairNoise) else self.poses
 
 
@@ -167,7 +167,7 @@ def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
 
 
 def _pose_prior(noise: Noise | None, X: Any, W: Any, method: str, motions: Motions) -> PosePrior | None:
-    """What is known of X and W: given here, or with the noise."""
+    """Return the prior of X and W: given here, or with the noise."""
     given = PosePrior.of(X, W)
     if noise is not None and noise.prior is not None:
         if given is not None:
@@ -355,7 +355,7 @@ def _arm_of(
 def take_offset(
     data: PosePairs | Motions, shared: tuple[SharedError, ...]
 ) -> tuple[PosePairs | Motions, tuple[SharedError, ...]]:
-    """Of synchronised poses the clock offset is that of their `timing`, whose standard deviation is replaced."""
+    """Replace the standard deviation of the clock offset in the `timing` of synchronised poses."""
     poses = data if isinstance(data, PosePairs) else data.poses
     offset = next((error for error in shared if error.name == CLOCK_OFFSET), None)
     if offset is None or poses is None or poses.timing is None:
@@ -373,7 +373,7 @@ def _shared_of(
     kind: str | None,
     camera: CameraNoise | None,
 ) -> tuple[SharedError, ...]:
-    """What was given; else the defaults, where the noise is to be estimated."""
+    """Return the errors that were given; else the defaults, where the noise is to be estimated."""
     if shared is None:
         if noise is not None or poses is None or method == BUNDLE or kind not in (None, "poses"):
             return ()

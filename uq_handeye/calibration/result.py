@@ -175,7 +175,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What looked wrong, one sentence or more each: the findings that are more than a note."""
+        """Texts of the findings that are more than a note, one sentence or more each."""
         return texts(self.findings)
 
     @property
@@ -207,7 +207,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
 
     @property
     def budget(self) -> Budget:
-        """Which share of the variance comes from which noise source."""
+        """Shares of the variance by noise source."""
         return self._analysed().budget
 
     def _analysed(self) -> Analysis | StoredAnalysis:
@@ -220,7 +220,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
 
     @property
     def used(self) -> tuple[PosePairs | Motions, Noise]:
-        """What X is the plain fit of: the poses that count, and their noise, that of each divided by its weight.
+        """Data and noise of which X is the plain fit: the poses that count, the noise of each divided by its weight.
 
         `monte_carlo`, `sweep`, `sample_posterior` and `cross_check`, given the calibration itself, start from these, so
         that all of them speak of this X. Raises `InputError` where there are no poses or there is no noise.
@@ -243,7 +243,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
         reached_at: ArrayLike | None = None,
         tool: ArrayLike | None = None,
     ) -> PointUncertainty:
-        """Where points that the camera sees lie in the base, with the covariance of X and the arm together.
+        """Predict where points that the camera sees lie in the base, with the covariance of X and the arm together.
 
         With ``reached_at``: how far the tip of the tool misses the points, at these joints. This is what counts where
         the robot goes to what the camera saw: errors that move the point and the tool alike cancel.
@@ -305,7 +305,8 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
 
     @cached_property
     def over_workspace(self) -> WorkspacePrediction | None:
-        """How far the tool misses what the camera sees, near the calibrated poses and over the whole workspace.
+        """Distance by which the tool misses what the camera sees, near the calibrated poses and over the whole
+        workspace.
 
         Computed when it is first asked for. None where the calibration knows no errors of an arm (`kinematics`).
         """
@@ -450,7 +451,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
         }
 
     def _derived(self) -> dict[str, Any]:
-        """What follows from other parts of the file."""
+        """Return the parts that follow from other parts of the file."""
         return {
             "frame": self.frame,
             "std": finite(self.std),

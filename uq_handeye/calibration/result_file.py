@@ -39,7 +39,7 @@ from .request import BUNDLE, COVARIANCES
 
 
 class Stored(Protocol):
-    """What is checked of a calibration that was read; `Calibration` lies above its file."""
+    """Interface of a calibration that was read, as far as it is checked; `Calibration` lies above its file."""
 
     @property
     def fit(self) -> GoodnessOfFit | None: ...
@@ -71,7 +71,7 @@ _KNOWN = {
 
 
 class FourDPA(NamedTuple):
-    """What 4DPA alone makes of the same data."""
+    """4DPA result for the same data."""
 
     X: Array  # (4, 4)
     covariance: Array | None  # (6, 6), to first order, at the same noise

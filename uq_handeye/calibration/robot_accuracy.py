@@ -1,4 +1,4 @@
-"""What the accuracy of the robot may do to X, where the poses are local and nothing is declared about it.
+"""Possible effect of the robot's accuracy on X, where the poses are local and nothing is declared about it.
 
 Errors of the kinematics are nearly the same in all poses of one region: the residuals do not show them, and X takes
 them up. An accuracy as many arms have it, a smooth field over the pose (`accuracy_field`), is carried to X.

@@ -1,4 +1,4 @@
-"""What `calibrate` finds beyond the checks that it calls, in words. Values are in rad and m."""
+"""Sentences of the findings of `calibrate` beyond the checks that it calls. Values are in rad and m."""
 
 from __future__ import annotations
 

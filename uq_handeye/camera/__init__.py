@@ -1,3 +1,3 @@
-"""From board corners in pictures to intrinsics, camera poses and their joint covariance (T4b)."""
+"""Camera calibration: from board corners in pictures to intrinsics, camera poses and their joint covariance (T4b)."""
 
 from . import sentences as sentences

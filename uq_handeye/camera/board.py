@@ -111,12 +111,12 @@ class Board:
 
     @property
     def side(self) -> float:
-        """Of a square, in metres."""
+        """Length of the side of a square, in metres."""
         return float(self.square)
 
     @property
     def turns(self) -> int:
-        """At how many angles, 360 degrees over this apart, the board looks the same: 1, 2 or 4."""
+        """Number of angles, 360 degrees over this apart, at which the board looks the same: 1, 2 or 4."""
         if self.kind == "charuco" or (self.columns + self.rows) % 2:
             return 1
         return 4 if self.columns == self.rows and self.columns % 2 == 0 else 2
@@ -206,7 +206,7 @@ def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: boo
 
 
 def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) -> Corners:
-    """What `detect_board` does, without a word of half turns: for those who resolve them."""
+    """Find corners as `detect_board` does, without a warning about half turns: for callers who resolve them."""
     if not isinstance(board, Board):
         raise InputError(f"Expected `board` to be a Board, got {type(board).__name__}.")
     paths = picture_paths(images)
@@ -326,7 +326,7 @@ def _names(paths: list[Path]) -> list[str]:
 
 
 def _picture(path: Path) -> Picture:
-    """In grey, as the sensor has it: what a file says of its orientation is for viewers."""
+    """Read the picture in grey, as the sensor has it: the orientation stated in a file is for viewers."""
     cv2 = opencv()
     with opened(path, MAX_BYTES) as file:
         data = np.frombuffer(file.read(), dtype=np.uint8)
@@ -371,8 +371,10 @@ def _chessboard_finder(board: Board) -> Callable[[Picture], Found]:
 
 
 def _refined(picture: Picture, corners: Array, share: float) -> tuple[Array, NDArray[np.intp]]:
-    """By the gradients around each corner (m, 2), and half the width (m,) of the window: a share of the distance to the
-    nearest neighbour, but within the picture, as beyond its rim edges would seem to run on along the rows."""
+    """Refine corners by the gradients around each of them (m, 2); also return half the width (m,) of the window: a
+    share of the distance to the nearest neighbour, but within the picture, as beyond its rim edges would seem to run
+    on along the rows.
+    """
     cv2 = opencv()
     flat = np.asarray(corners, dtype=float).reshape(-1, 2)
     apart = np.linalg.norm(flat[:, None] - flat, axis=-1) + 1e9 * np.eye(len(flat))
@@ -409,7 +411,7 @@ def _ordered(grid: Array, picture: Picture) -> NDArray[np.intp]:
 
 
 def _first_is_dark(grid: Array, picture: Picture) -> bool:
-    """Whether the square between the first four corners is of the darker colour, judged by all squares."""
+    """Return whether the square between the first four corners is of the darker colour, judged by all squares."""
     centres = 0.25 * (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1])
     x = 0.15 * (grid[:-1, 1:] - grid[:-1, :-1])
     y = 0.15 * (grid[1:, :-1] - grid[:-1, :-1])

@@ -47,12 +47,12 @@ class BoardPattern(ReadOnlyArrays):
 
     @property
     def found(self) -> bool:
-        """Whether there is one that matters."""
+        """True if there is a pattern that matters."""
         return self.p_value < RARE and self.share > LARGE
 
 
 def board_pattern_of(bundle: Bundle, corners: Corners) -> BoardPattern:
-    """Of the corners that were used."""
+    """Return the pattern of the corners that were used."""
     from scipy.special import gammaincc  # slow to import
 
     shape, s = bundle.shape, bundle.pixel_noise

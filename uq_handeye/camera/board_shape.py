@@ -49,7 +49,7 @@ SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class BoardShape(ReadOnlyArrays):
-    """Of the points of one board."""
+    """Shape of the points of one board."""
 
     name: str  # of `SHAPES`, or "measured"
     names: tuple[str, ...]  # of the coefficients
@@ -65,7 +65,7 @@ class BoardShape(ReadOnlyArrays):
 
     @cached_property
     def moves(self) -> list[list[tuple[int, Array]]]:
-        """Of each coefficient, along which axes it moves the points, and how far (u,)."""
+        """Axes along which each coefficient moves the points, and how far (u,)."""
         fields = np.ascontiguousarray(self.fields.T)
         return [[(axis, by) for axis, by in enumerate(field) if by.any()] for field in fields]
 
@@ -89,7 +89,7 @@ class BoardShape(ReadOnlyArrays):
 
 
 def flat_shape(points: Array) -> BoardShape:
-    """That of a board (or any other target) whose points (m, 3) are where they are meant to be."""
+    """Return the shape of a board (or any other target) whose points (m, 3) are where they are meant to be."""
     unique = np.unique(points, axis=0)
     return BoardShape(FLAT, (), unique, np.zeros_like(unique), np.zeros((len(unique), 3, 0)), np.zeros(0))
 

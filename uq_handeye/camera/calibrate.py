@@ -155,7 +155,7 @@ def _rejected(corners: Corners, bad: NDArray[np.bool_]) -> Corners:
 
 
 def _moved(d: Array) -> list[Finding]:
-    """By how far corners (k, 2) were moved, in pixels; nothing to say where no edge is bent."""
+    """Report how far corners (k, 2) were moved, in pixels; nothing where no edge is bent."""
     distance = np.linalg.norm(d, axis=1)
     if distance.max(initial=0.0) < TELLING:
         return []
@@ -166,7 +166,7 @@ def _moved(d: Array) -> list[Finding]:
 def _findings(
     bundle: Bundle, corners: Corners, pattern: Pattern, board_pattern: BoardPattern, automatic: bool
 ) -> list[Finding]:
-    """What a user has to know before trusting the result."""
+    """Return what a user has to know before trusting the result."""
     found = []
     deviations = np.sqrt(np.diag(bundle.covariance))
     of = dict(zip(bundle.names, zip(bundle.parameters, deviations, bundle.free, strict=True), strict=True))

@@ -1,4 +1,4 @@
-"""What text, page, figures and files read of a calibrated camera."""
+"""Interface of a calibrated camera, as text, page, figures and files read it."""
 
 from __future__ import annotations
 

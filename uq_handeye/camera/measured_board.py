@@ -34,7 +34,7 @@ class MeasuredBoard(ReadOnlyArrays):
 
     @property
     def flat(self) -> bool:
-        """Whether every point lies where it was meant to."""
+        """True if every point lies where it was meant to."""
         return bool(np.array_equal(self.nominal, self.points))
 
     @property
@@ -66,7 +66,7 @@ class MeasuredBoard(ReadOnlyArrays):
 
     @cached_property
     def stretch(self) -> tuple[float, float]:
-        """By what share squares are wider (along x) than high (along y), and its standard deviation.
+        """Share by which squares are wider (along x) than high (along y), and its standard deviation.
 
         The slopes of ``dx = a + b x + c y`` and of dy, by least squares over the points: ``dx/dx - dy/dy``.
         """

@@ -66,11 +66,13 @@ class CameraModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all parameters: focal lengths and centre in pixels, coefficients without unit."""
+        """Names of all parameters: focal lengths and centre in pixels, coefficients without unit."""
         return LINEAR + self.coefficients
 
     def project(self, parameters: Array, points: Array, free: NDArray[np.bool_] | None = None) -> Projected:
-        """Of ``points`` (..., 3) in the camera frame with ``parameters`` (k,); derivatives by the ``free`` ones."""
+        """Project ``points`` (..., 3) in the camera frame with ``parameters`` (k,); derivatives by the ``free``
+        ones.
+        """
         if points.ndim == 1:
             return Projected(*(part[0] for part in self.project(parameters, points[None], free)))
         seen = self.distort(parameters[4:], *(points[..., k] for k in range(3)))

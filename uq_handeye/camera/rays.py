@@ -1,4 +1,4 @@
-r"""Where pixels look: directions in the camera frame, and how well the intrinsics say where a point is seen.
+r"""Rays of pixels: directions in the camera frame, and their uncertainty from the intrinsics.
 
 Model: the pixel z of a direction d, ``|d| = 1``, is ``project(k, d)`` (`models`). Its inverse has no closed form;
 Newton on the sphere needs none:  ``d <- (d + J^+ (z - project(k, d))) / |...|`` with ``J = d project / d d`` (2, 3),

@@ -1,4 +1,4 @@
-r"""Is the camera model right? A pattern of the residuals over the picture says that it is not.
+r"""Test of the camera model: a pattern of the residuals over the picture shows that it is wrong.
 
 The picture is divided into CELLS x CELLS cells. Where the model is right, the mean residual of cell c with m_c corners
 is Gaussian with the variance ``v_c = sum_j s_j^2 / m_c^2`` per coordinate, s_j the noise of the picture of corner j,
@@ -40,12 +40,12 @@ class Pattern(ReadOnlyArrays):
 
     @property
     def found(self) -> bool:
-        """Whether there is one that matters: the model is wrong, or the board is not flat."""
+        """True if there is a pattern that matters: the model is wrong, or the board is not flat."""
         return self.p_value < RARE and self.share > LARGE
 
 
 def pattern_of(bundle: Bundle, corners: Corners, image_size: tuple[int, int]) -> Pattern:
-    """Of the corners that were used."""
+    """Return the pattern of the corners that were used."""
     from scipy.special import gammaincc  # slow to import
 
     pixels, residuals = corners.pixels[bundle.used], bundle.residuals[bundle.used]

@@ -1,4 +1,4 @@
-"""What `calibrate_camera` found."""
+"""Result of `calibrate_camera`."""
 
 from __future__ import annotations
 
@@ -98,7 +98,9 @@ class CameraCalibration:
 
     @cached_property
     def covariance(self) -> JointCovariance:
-        """Of the errors (theta, tau) of all poses: left rotation, additive translation, in the camera frame."""
+        """Joint covariance of the errors (theta, tau) of all poses: left rotation, additive translation, in the camera
+        frame.
+        """
         free = self.bundle.free
         factor = np.linalg.cholesky(self.bundle.covariance[np.ix_(free, free)])
         return JointCovariance(self.bundle.own, self.bundle.by_parameters[..., free] @ factor)
@@ -157,7 +159,7 @@ class CameraCalibration:
         return write_camera(self, folder, report_files(self))
 
     def select(self, index: NDArray[Any]) -> CameraCalibration:
-        """Of some of the pictures, by their numbers or a mask: the same camera, nothing is estimated anew."""
+        """Select pictures by their numbers or a mask: the same camera, nothing is estimated again."""
         numbers = np.arange(self.corners.n)[index]
         kept = np.isin(self.corners.picture, numbers)
         if (np.diff(numbers) <= 0).any():

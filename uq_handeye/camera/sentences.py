@@ -1,4 +1,4 @@
-"""What a camera calibration finds, in words."""
+"""Sentences of the findings of a camera calibration."""
 
 from __future__ import annotations
 

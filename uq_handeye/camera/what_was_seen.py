@@ -1,4 +1,4 @@
-"""What the pictures saw, in numbers: boards, coverage, residuals by picture, cell and ring, certainty of a pixel."""
+"""Statistics of the pictures: boards, coverage, residuals by picture, cell and ring, certainty of a pixel."""
 
 from __future__ import annotations
 

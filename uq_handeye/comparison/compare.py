@@ -357,7 +357,7 @@ def _undetermined(row: Row, error: DegenerateMotionError) -> Row:
 
 
 def _said(error: Exception) -> str:
-    """What went wrong, on one line of a table."""
+    """Return the error on one line of a table."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
@@ -372,7 +372,7 @@ def _seconds(function: Callable[[], object]) -> float:
 
 
 def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
-    """Those of the reference (of all methods if none succeeded), and what each method has beyond them."""
+    """Return the warnings of the reference (of all methods if none succeeded), and what each method has beyond them."""
     common = {without_numbers(text): text for row in (rows if base is None else [base]) for text in row.warnings}
     own = {row.method: tuple(text for text in row.warnings if without_numbers(text) not in common) for row in rows}
     return tuple(common.values()), own

@@ -136,7 +136,7 @@ def png(figure: Figure) -> bytes:
 
 
 def _remarks(comparison: Comparison) -> tuple[str, str]:
-    """What to beware of, and in which colour."""
+    """Return the cautions about a comparison, and their colour."""
     remarks = notes(comparison, of_pairs=False)  # the title has the pairs
     if not comparison.warnings:
         return " ".join(remarks), "0.35"
@@ -145,7 +145,7 @@ def _remarks(comparison: Comparison) -> tuple[str, str]:
 
 
 def _failures(axis: Axes, comparison: Comparison) -> None:
-    """Why every method failed, where there is nothing to draw."""
+    """Write why every method failed, where there is nothing to draw."""
     axis.set_axis_off()
     axis.set_yticks([])
     count = len(comparison.rows)
@@ -160,7 +160,7 @@ def _failures(axis: Axes, comparison: Comparison) -> None:
 
 
 def _ticks(axis: Any, low: float, high: float) -> None:
-    """At least two ticks if they fit: round numbers whose labels neither touch nor reach beyond the rim."""
+    """Set at least two ticks if they fit: round numbers whose labels neither touch nor reach beyond the rim."""
     kept: list[tuple[float, str]] = []
     for bins in (3, 4, 5, 6, 8, 10):
         ticks = MaxNLocator(nbins=bins, steps=[1, 2, 5, 10]).tick_values(low, high)
@@ -174,7 +174,7 @@ def _ticks(axis: Any, low: float, high: float) -> None:
 
 
 def _styles(comparison: Comparison) -> dict[str, _Style]:
-    """How each method is drawn."""
+    """Return the style in which each method is drawn."""
     styles: dict[str, _Style] = {}
     different = 0
     for row in comparison.rows:
@@ -422,7 +422,7 @@ def _at_rim(axis: Axes, x: float, y: float, style: _Style) -> tuple[float, float
 
 
 def _explanation(figure: Figure, comparison: Comparison, width: float, height: float) -> None:
-    """What is drawn, below the panels."""
+    """Write what is drawn, below the panels."""
     if comparison.reference is None:
         return
     if comparison.noise is None:

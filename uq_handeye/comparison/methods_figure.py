@@ -41,7 +41,7 @@ def methods_picture(comparison: Comparison) -> Picture | None:
 
 
 def methods_figure(rows: Sequence[Row]) -> Figure:
-    """Of rows whose differences are from the first of them; those without a result are left out."""
+    """Draw rows whose differences are from the first of them; those without a result are left out."""
     shown = [row for row in rows if row.xi is not None and row.failure is None]
     figure = canvas(0.9 + 2 * (0.17 * len(shown) + 0.55))
     grid: Any = figure.subplots(2, 3, sharey=True)

@@ -72,7 +72,7 @@ class Comparison:
 
     @property
     def origin(self) -> str:
-        """What the methods were given, e.g. ``300 pairs of 25 poses, eye-in-hand``."""
+        """Description of the data that the methods were given, e.g. ``300 pairs of 25 poses, eye-in-hand``."""
         pairs = f"{self.n_pairs:,} pairs"
         if self.n_pairs_available > self.n_pairs:
             pairs = f"{self.n_pairs:,} of the {self.n_pairs_available:,} pairs"
@@ -100,7 +100,7 @@ class Comparison:
 
     @property
     def verdict(self) -> str:
-        """In words: who agrees, who differs, who failed."""
+        """Verdict in words: which methods agree, differ or failed."""
         return verdict(self.rows, self.reference, self.noise is not None)
 
     def to_text(self) -> str:

@@ -29,7 +29,7 @@ _TURN, _MOVE = slice(0, 3), slice(3, 6)
 
 @dataclass(frozen=True, eq=False)
 class Row(ReadOnlyArrays):
-    """What one method made of the data. Angles in rad, lengths in m."""
+    """Result of one method on the data. Angles in rad, lengths in m."""
 
     method: str
     year: int | None  # None: of this toolkit
@@ -50,8 +50,9 @@ class Row(ReadOnlyArrays):
 
     @property
     def status(self) -> str:
-        """What there is: "ok"; "not run", its extra is not installed; "unconverged"; "failed"; or "undetermined", where
-        the noise leaves X open and the covariance means nothing."""
+        """Status of the result: "ok"; "not run", its extra is not installed; "unconverged"; "failed"; or
+        "undetermined", where the noise leaves X open and the covariance means nothing.
+        """
         if self.failure is None:
             return "ok"
         if self.not_run:
@@ -134,7 +135,7 @@ def against(row: Row, base: Row | None) -> Row:
 
 
 def is_rounding(xi: Array) -> bool:
-    """Whether a difference (6,) is below 1e-9 degrees and 1e-9 mm."""
+    """Return whether a difference (6,) is below 1e-9 degrees and 1e-9 mm."""
     return all(float(np.linalg.norm(part)) < least for part, least in zip((xi[:3], xi[3:]), ROUNDING, strict=True))
 
 

@@ -51,7 +51,7 @@ _LEGEND = (
 
 
 def notes(comparison: Comparison, of_pairs: bool = True) -> list[str]:
-    """What is not as asked for, or not as one would expect; ``of_pairs``: also that not all pairs were used."""
+    """Return what is not as requested or expected; ``of_pairs``: also that not all pairs were used."""
     found = []
     reference, asked = comparison.reference, comparison.asked_reference
     if reference is not None and reference != asked:
@@ -94,7 +94,9 @@ def comparison_document(comparison: Comparison, warnings: bool = True) -> Docume
 
 
 def word(row: Row, reference: str | None) -> str:
-    """What to call a row: reference, agrees, DIFFERS, UNDETERMINED, UNCONVERGED, or nothing where it is not known."""
+    """Return the word for a row: reference, agrees, DIFFERS, UNDETERMINED, UNCONVERGED, or nothing where it is not
+    known.
+    """
     if row.failure is not None:
         return row.status.upper()
     if row.method == reference:

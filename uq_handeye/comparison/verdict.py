@@ -1,4 +1,4 @@
-"""Who agrees with the reference, in one sentence."""
+"""Verdict of a comparison in one sentence: the methods that agree with the reference."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MM, _DEG = 1e3, 180 / np.pi
 
 
 def verdict(rows: Sequence[Row], reference: str | None, noise_known: bool) -> str:
-    """Who agrees with the reference, who differs, who failed."""
+    """State which methods agree with the reference, which differ, and which failed."""
     if reference is None:
         if len(rows) == 1:
             return f"{rows[0].method} gave no result{to_rely_on(rows[0])}."

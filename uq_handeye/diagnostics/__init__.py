@@ -1,3 +1,3 @@
-"""What residuals and geometry say about a calibration."""
+"""Diagnostics of a calibration from its residuals and geometry."""
 
 from . import sentences as sentences

@@ -1,4 +1,5 @@
-r"""Which source the variance of a point, or of X, comes from; combined and expanded, in the terms of JCGM 100 (GUM).
+r"""Uncertainty budget: shares of the variance of a point, or of X, by source; combined and expanded, in the terms of
+JCGM 100 (GUM).
 
 The covariance is the sum over the sources, of type A (evaluated from the data) or B (declared: data sheets, priors,
 what is assumed). A standard uncertainty of a group of components, such as X's translation, is per axis: the root of the
@@ -168,7 +169,7 @@ class Budget(ReadOnlyArrays):
         return Budget(self.sources, carried[0], carried[1], self.X, self.types, self.relative)
 
     def merged(self, *groups: Sequence[str]) -> Budget:
-        """With the sources of each group as one, such as those that the data cannot tell apart.
+        """Merge the sources of each group into one, such as those that cannot be separated by the data.
 
         Raises `InputError` for names that are no sources or that two groups share.
         """
@@ -185,7 +186,9 @@ class Budget(ReadOnlyArrays):
     def _gathered(
         self, labels: Sequence[str], covariances: Array, types: Sequence[str], relative: Array, by_pose: Array
     ) -> Budget:
-        """With those of one label as one source; R is that of the sums, each weighted by its mean share."""
+        """Merge the covariances of one label into one source; R is that of the sums, each weighted by its mean
+        share.
+        """
         names = tuple(dict.fromkeys(labels))
         of = np.array([[label == name for label in labels] for name in names], dtype=float)
         size = np.trace(covariances / np.maximum(np.diag(covariances.sum(axis=0)), 1e-300), axis1=1, axis2=2)
@@ -197,7 +200,7 @@ class Budget(ReadOnlyArrays):
         return Budget(names, merged, by_pose, self.X, mixed, weight @ relative @ weight.T)
 
     def plus(self, name: str, covariance: Array) -> Budget:
-        """With the covariance (p, p) of one more source, or more of one that is there; each pose gets its n-th part."""
+        """Add the covariance (p, p) of one more source, or to one that is there; each pose gets its n-th part."""
         by_pose = self.by_pose + covariance / max(len(self.by_pose), 1)
         parts = np.concatenate([self.covariances, [covariance]])
         kind = self.types[self.sources.index(name)] if name in self.sources else "B"
@@ -397,6 +400,6 @@ def _has_coupling(S: Array) -> bool:
 
 
 def _shares(variances: Array) -> Array:
-    """Of the sum over the first axis; 0 where it is 0."""
+    """Return shares of the sum over the first axis; 0 where it is 0."""
     total = variances.sum(axis=0)
     return np.asarray(variances / np.where(total > 0, total, 1.0))

@@ -1,4 +1,4 @@
-r"""What the data of a fit can tell, and what they cannot: observability, influence, residual tests, systematic errors.
+r"""Diagnostics of the data of a fit: observability, influence, residual tests, systematic errors.
 
 Model: the linearised `Fit`. Its residuals r (n rows of 6) have the covariance S, its unknowns x = (xi_X, xi_W) the
 derivatives J and the covariance ``C = (J^T S^-1 J)^-1``; an error e of the residuals moves the estimate by
@@ -108,7 +108,7 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
 
 
 def _covered(noise: Noise, poses: PosePairs | None) -> set[str]:
-    """Those of `PROBED` that the noise holds: columns of that name, or of all intrinsics."""
+    """Return those of `PROBED` that the noise holds: columns of that name, or of all intrinsics."""
     if isinstance(noise, PairNoise):
         return set()
     joint = [S for S in (noise.robot, noise.camera) if isinstance(S, JointCovariance)]

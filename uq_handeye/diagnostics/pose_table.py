@@ -64,7 +64,9 @@ class PoseTable(ReadOnlyArrays):
 
     @property
     def findings(self) -> list[Finding]:
-        """Which stand out, and what was done about it; nothing if none does (one in 1000 does by chance)."""
+        """Findings about rows that stand out, and what was done about them; empty if none does (one in 1000 does by
+        chance).
+        """
         found = []
         for flag in ("rejected", "downweighted", "outlier"):
             rows = [k for k in np.argsort(-self.distance2).tolist() if self.flag[k] == flag]
@@ -128,7 +130,7 @@ _COLUMNS = ("rotation", "translation", "distance2", "leverage", "weight")
 
 
 def pose_table(fit: Fit, robust: RobustFit | None) -> PoseTable:
-    """Of a fit, robust or not."""
+    """Return the table of the poses of a fit, robust or not."""
     n = fit.residual.shape[-2]
     if robust is not None:
         distance2, leverage, weight, flag = robust.distances, robust.leverage, robust.weights, robust.flags

@@ -45,7 +45,9 @@ LAGS, CORRECTIONS = 5, 4
 
 @dataclass(frozen=True, eq=False)
 class Autocorrelation(ReadOnlyArrays):
-    """Of whitened residuals in the order of the rows (of the timestamps), pooled over the six components."""
+    """Autocorrelation of whitened residuals in the order of the rows (of the timestamps), pooled over the six
+    components.
+    """
 
     reason: Finding | None  # why there is no test
     correlation: Array  # (lags,) of lag 1, 2, ..., less its expectation for independent rows
@@ -81,7 +83,7 @@ class Regression:
 def residual_tests(
     fit: Fit, poses: PosePairs | None, second: Array, correlation_estimated: bool = False
 ) -> tuple[Autocorrelation, Normality, Regression]:
-    """Of one fit; ``second`` are the poses (motions) of the camera, corrected by the fit.
+    """Test the residuals of one fit; ``second`` are the poses (motions) of the camera, corrected by the fit.
 
     The autocorrelation is not tested on the residuals that it was estimated from.
     """

@@ -65,7 +65,9 @@ class Spectrum(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Influence(ReadOnlyArrays):
-    """Of each pose (or motion): its share of the information about X, and what X does when it is left out."""
+    """Influence of each pose (or motion): its share of the information about X, and the change of X when it is left
+    out.
+    """
 
     share: Array  # (n,), sums to 1
     effective_number: float  # 1 / sum share^2
@@ -75,7 +77,7 @@ class Influence(ReadOnlyArrays):
     p_value: Array  # (n,) of the row's residual given all others, chi-square(6) if the noise is right
 
     def findings(self, n: int, item: str) -> tuple[Finding, ...]:
-        """How the information is spread over n rows, those that are needed, and those that move X most."""
+        """Report how the information is spread over n rows, those that are needed, and those that move X most."""
         most = int(self.share.argmax())
         found = [
             _note(
@@ -143,13 +145,13 @@ class Diagnostics:
 
     @property
     def correlated(self) -> bool:
-        """Whether neighbouring residuals are correlated beyond chance."""
+        """True if neighbouring residuals are correlated beyond chance."""
         p_value = self.autocorrelation.p_value
         return p_value is not None and p_value < RARE
 
     @property
     def not_run(self) -> tuple[Finding, ...]:
-        """Why tests of the residuals were not run."""
+        """Reasons why tests of the residuals were not run."""
         tests = (self.autocorrelation, self.normality, self.regression)
         return tuple(test.reason for test in tests if test.reason is not None)
 
@@ -158,7 +160,7 @@ class Diagnostics:
         return [str(finding) for finding in self.findings]
 
     def warnings(self) -> list[str]:
-        """Those of the sentences that a user should act upon."""
+        """Return the sentences that a user should act upon."""
         return list(texts(self.findings))
 
     def to_dict(self) -> dict[str, Any]:

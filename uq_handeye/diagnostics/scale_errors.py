@@ -49,7 +49,7 @@ class ScaleError(ReadOnlyArrays):
 
     @property
     def asked_for(self) -> bool:
-        """Whether the residuals ask for it beyond chance."""
+        """True if the residuals ask for it beyond chance."""
         return not self.covered and self.visible and abs(self.z) > SCORE
 
 
@@ -89,7 +89,7 @@ def scale_errors(
     inflation: float,
     covered: Collection[str] = (),
 ) -> tuple[ScaleError, ...]:
-    """What each of the ``lengths`` does and shows; ``covered`` are those that the noise holds."""
+    """Return the effect and the visibility of each of the ``lengths``; ``covered`` are those that the noise holds."""
     C, J, r = fit.covariance, white[..., :-1], white[..., -1]
     known = {name: value for name, value in lengths.items() if value is not None}
     changes = [(fit.linear.sides[side][..., 3:] @ change[..., None]) for side, change in known.values()]

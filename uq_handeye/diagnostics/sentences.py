@@ -1,4 +1,4 @@
-"""What the diagnostics find, in words.
+"""Sentences of the findings of the diagnostics.
 
 Values are in rad, m and standard deviations of X; those of directions in mm and deg, as their names say.
 """

@@ -1,4 +1,5 @@
-"""Which sources of a budget are of type A, evaluated from the data, and how well their variances are known (JCGM 100).
+"""Types of the sources of a budget: type A, evaluated from the data, and how well their variances are known (JCGM
+100).
 
 Type A: noise that was estimated from residuals or corners, with the correlation of neighbouring poses, and a clock
 offset that two streams gave. Type B: noise as given or fixed by a data sheet, shared errors with what is assumed of

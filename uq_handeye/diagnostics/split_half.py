@@ -71,7 +71,7 @@ class SplitHalf(ReadOnlyArrays):
 
     @property
     def possible(self) -> bool:
-        """Whether there is a test."""
+        """True if there is a test."""
         return self.reason is None
 
     @property
@@ -179,7 +179,7 @@ def split_half(
 
 
 def split_fit(fit: Fit, data: PosePairs | Motions, split: str, seed: int = 0, dof: float | None = None) -> SplitHalf:
-    """As `split_half`, of the rows of a fit of the data; those of a robust weight below 1 are left out.
+    """Run `split_half` on the rows of a fit of the data; those of a robust weight below 1 are left out.
 
     Each half moves X from that of all rows by one Gauss-Newton step on its own rows.
     """
@@ -227,7 +227,9 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, seed: int = 0, do
 
 
 def _p_value_of_estimated(d2: Array, dof: float) -> Array:
-    """Of d^2 (...) with noise from the same data; 0 from ``d^2 = dof`` on, which it cannot exceed."""
+    """Return the p-value of d^2 (...) with noise from the same data; 0 from ``d^2 = dof`` on, which it cannot
+    exceed.
+    """
     left = np.maximum(dof - d2, 1e-300)
     return np.where(d2 < dof, fdtrc(6, dof - 6, d2 / 6 * (dof - 6) / left), 0.0)
 

@@ -58,7 +58,9 @@ class PointUncertainty(ReadOnlyArrays):
         return np.asarray(np.where(some, np.sqrt(_WITHIN_95 * np.linalg.eigvalsh(finite)[..., -1]), np.inf))
 
     def left_open(self, moves: Array) -> PointUncertainty:
-        """With the coordinates infinite that move along open directions, (..., k, 3) metres for one of length 1."""
+        """Return the points with infinite variance in coordinates that move along open directions, (..., k, 3) metres
+        for one of length 1.
+        """
         moved = np.asarray((np.abs(moves) > NEGLIGIBLE).any(axis=-2))
         if not moved.any():
             return self
@@ -190,7 +192,8 @@ def by_pose(arm: Array) -> Array:
 
 
 def moves_of_points(arm: Array, basis: Array, carried: Array | None = None) -> Array:
-    """How points ``R p + t`` with ``R p = arm`` (..., 3) move along errors of the pose, the basis (k, 6): (..., k, 3).
+    """Return how points ``R p + t`` with ``R p = arm`` (..., 3) move along errors of the pose, the basis (k, 6): (...,
+    k, 3).
 
     ``carried`` (..., 3, 3) is the rotation of the pose that carries them further.
     """

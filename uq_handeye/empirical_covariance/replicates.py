@@ -43,7 +43,7 @@ BLOCK = 1024
 
 
 class Solved(NamedTuple):
-    """Of T resampled data sets, or of the original one without the leading axis."""
+    """Solution for T resampled data sets, or for the original one without the leading axis."""
 
     X: Array  # (T, 4, 4)
     W: Array | None  # (T, 4, 4); None for motions without poses
@@ -93,7 +93,7 @@ class Problem:
     # ------------------------------------------------------------------------------------------ in closed form
 
     def influence(self) -> Influence:
-        """Of the module `sandwich`, by pose (by motion where there are no poses)."""
+        """Return the `Influence` of the module `sandwich`, by pose (by motion where there are no poses)."""
         return pooled_influence(*self.first_order())
 
     def first_order(self) -> tuple[Array, Array, Array]:
@@ -215,7 +215,7 @@ class Problem:
 
     @cached_property
     def _products(self) -> Array:
-        """What ``G X C`` is linear in, (n, 120): products of entries of R_G and C, and the entries of G."""
+        """Products that ``G X C`` is linear in, (n, 120): those of entries of R_G and C, and the entries of G."""
         assert self.poses is not None
         G, C = self.poses.effective_robot[:, :3], self.poses.camera[:, :3]
         products = G[:, :, :3, None, None] * C[:, None, None]
@@ -236,7 +236,7 @@ class Problem:
             yield counts
 
     def solve_each(self, counts: Counts) -> tuple[Solved, NDArray[np.bool_]]:
-        """As `solve`, and which rows (T,) are determined; X = W = 1 in the others."""
+        """Solve as `solve`, and return which rows (T,) are determined; X = W = 1 in the others."""
         rows = len(counts)
         X = np.tile(np.eye(4), (rows, 1, 1))
         W = None if self.poses is None else X.copy()
@@ -261,6 +261,6 @@ class Problem:
 
 
 def _repeated(counts: Counts) -> Counts:
-    """Which rows of the data (T, m) the counts (T, n) ask for; all sums must be m."""
+    """Return the rows of the data (T, m) that the counts (T, n) ask for; all sums must be m."""
     T, n = counts.shape
     return np.repeat(np.tile(np.arange(n), T), counts.ravel()).reshape(T, -1)

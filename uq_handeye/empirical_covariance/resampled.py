@@ -120,7 +120,7 @@ def deletions(influence: Influence) -> Array:
 
 
 def _active(fit: Fit, influence: Influence) -> NDArray[np.bool_]:
-    """Which poses (..., n) of the influence carry weight."""
+    """Return which poses (..., n) of the influence carry weight."""
     assert fit.weights is not None
     return fit.weights > 0 if fit.weights.ndim > 1 else np.ones(influence.n, dtype=bool)
 

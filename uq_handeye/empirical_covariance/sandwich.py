@@ -69,7 +69,7 @@ JOINT = (
 
 @dataclass(frozen=True, eq=False)
 class Influence:
-    """What each pose (or motion) does to the estimate, to first order, in units of the working covariance."""
+    """Influence of each pose (or motion) on the estimate, to first order, in units of the working covariance."""
 
     residual: Array  # (..., n, 6), e
     J: Array  # (..., n, 6, p)
@@ -90,7 +90,7 @@ class Influence:
 
     @cached_property
     def covariance(self) -> Array:
-        """That of the working model (..., p, p)."""
+        """Covariance of the working model (..., p, p)."""
         rows = self.B.swapaxes(-3, -2).reshape(*self.B.shape[:-3], self.B.shape[-2], -1)
         return np.asarray(rows @ rows.mT)
 
@@ -187,7 +187,7 @@ def require_dispensable(ok: NDArray[np.bool_]) -> None:
 
 
 def influence_of(fit: Fit) -> Influence:
-    """Of `efficient` or `maximum_likelihood`, with the noise of the fit as the working model.
+    """Return the influence for `efficient` or `maximum_likelihood`, with the noise of the fit as the working model.
 
     Poses with the robust weight 0 are left out where there is one data set; weights are taken as given numbers.
     Declared errors that all poses share follow X and W among the unknowns, as far as the data tell anything of them.
@@ -220,12 +220,14 @@ def of_declared(fit: Fit) -> Array | float:
 
 
 def _declared(fit: Fit) -> bool:
-    """Whether all that the poses share are errors with a name."""
+    """Return whether all that the poses share are errors with a name."""
     return isinstance(fit.S, JointCovariance) and has_own_residuals(fit) and all(fit.S.names)
 
 
 def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:
-    """Of any estimator, from e (n, 6), J (n, 6, p) and B (n, p, 6); the residuals' mean square is the working model."""
+    """Return the influence for any estimator, from e (n, 6), J (n, 6, p) and B (n, p, 6); the residuals' mean square
+    is the working model.
+    """
     if len(residual) < FEWEST:
         return Influence(residual, J, B)  # which raises
     S = residual.T @ residual / len(residual)
@@ -258,7 +260,8 @@ def sandwich(fit: Fit) -> Array:
 
 
 def hac(fit: Fit, lags: int | None = None) -> Array:
-    """As `sandwich`, and robust to errors that neighbouring poses (in the order given) share.
+    """Return a covariance as `sandwich` does, robust also to errors that neighbouring poses (in the order given)
+    share.
 
     ``lags`` is the number of neighbours with a weight above 0; None takes `automatic_lags`, 0 is the sandwich. It cures
     a part of the error only: of a video of 200 frames with errors of correlation 0.8 from frame to frame, the sandwich

@@ -61,7 +61,7 @@ def _solution(moments: Array, n: int) -> RobotWorld:
 
 
 def _refined(moments: Array, G: Array, C: Array) -> RobotWorld:
-    """With one step of iterative refinement by the residuals of the poses (T, n, 4, 4) themselves."""
+    """Apply one step of iterative refinement by the residuals of the poses (T, n, 4, 4) themselves."""
     T, n = G.shape[:2]
     equations, y = _linear(moments, n)
     gradient = np.zeros_like(y)
@@ -82,7 +82,7 @@ def _gradient(A: Array, B: Array, y: Array) -> Array:
 
 
 def _slopes(moments: Array, n: int) -> tuple[Array, Array]:
-    """Of X = inv(Z') and of W = inv(X')."""
+    """Return the slopes of X = inv(Z') and of W = inv(X')."""
     equations, y = _linear(moments, n)
     found = _projected(y)
     dy = slopes(_normal_equations, SHAPE, equations, y)

@@ -1,4 +1,4 @@
-"""What every export needs of a pose: its frames by name, its quaternion, its angles about fixed axes."""
+"""Frames by name, quaternion and angles about fixed axes of a pose, for every export."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NOT_DETERMINED = "The covariance is not determined, so it is left out."
 
 
 class Opened(Protocol):
-    """What is read of `OpenDirections`."""
+    """Interface of `OpenDirections`, as far as it is read."""
 
     @property
     def of_X(self) -> Array: ...
@@ -34,7 +34,7 @@ class Opened(Protocol):
 
 
 class Exportable(Protocol):
-    """What is read of a `Calibration`."""
+    """Interface of a `Calibration`, as far as it is read."""
 
     @property
     def setup(self) -> str | None: ...
@@ -109,7 +109,7 @@ def transforms_of(result: Exportable) -> tuple[Transform, Transform]:
 
 
 def open_comments(result: Exportable) -> list[str]:
-    """What an export says of open directions; nothing where there are none."""
+    """Return the comments of an export about open directions; none where there are none."""
     if result.opened is None:
         return []
     return [

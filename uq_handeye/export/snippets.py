@@ -50,7 +50,7 @@ def _numpy(X: Transform) -> Snippet:
 
 
 def opencv_name(X: Transform) -> str:
-    """As OpenCV writes the frames of ``parent_T_child``: ``cam2gripper``."""
+    """Return the name of ``parent_T_child`` as OpenCV writes the frames: ``cam2gripper``."""
     short_names = {"camera": "cam"}
     return f"{short_names.get(X.child, X.child)}2{short_names.get(X.parent, X.parent)}"
 

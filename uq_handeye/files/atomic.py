@@ -141,7 +141,7 @@ def _require_place(target: Path) -> int | None:
 
 @contextmanager
 def _refusals(target: Path) -> Iterator[None]:
-    """What the system refuses within it, as one line about ``target``."""
+    """Convert what the system refuses within the block into one line about ``target``."""
     try:
         yield
     except OSError as error:
@@ -177,7 +177,9 @@ def _replace(prepared: list[tuple[Path | None, Path]]) -> None:
 
 
 def _remove(temporary: Path) -> None:
-    """What stopped the writing, such as a file system that is read-only, may stop the removal of what is not there."""
+    """Remove the temporary file, if that is possible: the cause that stopped the writing, such as a read-only file
+    system, may also prevent the removal.
+    """
     with suppress(OSError):
         temporary.unlink()
 

@@ -39,7 +39,7 @@ POSE_NAMES = {
 
 
 def got(value: Any) -> str:
-    """What came, in few words."""
+    """Describe the value that was received, in few words."""
     if isinstance(value, dict):
         return f"the keys {short(', '.join(map(str, value)))}"
     if isinstance(value, list | tuple):
@@ -72,7 +72,7 @@ def item(value: Any, key: str, where: str) -> Any:
 
 
 def vector(value: Any, size: int, where: str) -> list[float]:
-    """So many finite numbers from a list."""
+    """Check and return a list of ``size`` finite numbers."""
     if not isinstance(value, list) or len(value) != size:
         raise InputError(f"{where}: expected a list of {size} numbers, got {got(value)}.")
     return [number(entry, f"{where}[{k}]") for k, entry in enumerate(value)]

@@ -85,7 +85,7 @@ def decoded(text: bytes, what: str) -> str:
 
 
 def is_number(text: bytes) -> bool:
-    """Whether `float` takes it, and without underscores."""
+    """Return whether `float` accepts the text, without underscores."""
     try:
         float(text)
     except ValueError:

@@ -42,7 +42,7 @@ def shown(path: Path) -> str:
 
 
 def reason(error: OSError) -> str:
-    """Why the system refused, in the words of the system: ``permission denied``."""
+    """Return why the system refused, in the words of the system: ``permission denied``."""
     text = error.strerror or str(error) or type(error).__name__
     return text[0].lower() + text[1:]
 
@@ -73,7 +73,7 @@ def opened(path: Path, max_bytes: int) -> Iterator[BinaryIO]:
 
 
 class _Pipe(io.RawIOBase):
-    """What comes through a pipe until its writers close it: not nothing, at most ``max_bytes``, without long waits.
+    """Content of a pipe until its writers close it: not nothing, at most ``max_bytes``, without long waits.
 
     It is at its end where no process has it open for writing, so that a pipe without a writer is not waited for.
     """
@@ -109,7 +109,7 @@ class _Pipe(io.RawIOBase):
 
 
 class Hashed(io.RawIOBase):
-    """What is read from a file, counted and hashed (SHA-256)."""
+    """Reader that counts and hashes (SHA-256) what is read from a file."""
 
     def __init__(self, file: BinaryIO) -> None:
         self.file = file

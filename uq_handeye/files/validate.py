@@ -67,7 +67,7 @@ def _first(parts: Any, path: str) -> str | None:
 
 
 def unequal(again: Any, data: Any, path: str) -> str | None:
-    """Where ``data``, as read, differs from what is written again, as a path; None if nowhere.
+    """Return the path where ``data``, as read, differs from what is written again; None if nowhere.
 
     More names in ``data`` do not matter.
     """
@@ -153,7 +153,9 @@ def plain(value: Any) -> Any:
 
 
 def not_finite(data: Any, path: str) -> str | None:
-    """Where the data hold NaN, infinity, an integer beyond any float, or a truth value in a list; None if nowhere."""
+    """Return the path where the data hold NaN, infinity, an integer beyond any float, or a truth value in a list; None
+    if nowhere.
+    """
     if isinstance(data, dict):
         return next((found for name, part in data.items() if (found := not_finite(part, f"{path}.{name}"))), None)
     if isinstance(data, list | tuple):

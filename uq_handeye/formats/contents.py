@@ -1,4 +1,4 @@
-"""What a reader hands over: poses as their file has them, and how they become metres, matrices and one frame."""
+"""Content of a pose file as a reader returns it, and its conversion to metres, matrices and one frame."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What one file holds: both sides, each by its name, or poses of one side that the file does not name."""
+    """Content of one file: both sides, each by its name, or poses of one side that the file does not name."""
 
     robot: Side | None = None
     camera: Side | None = None

@@ -189,7 +189,7 @@ def write_pose_file(path: StrPath, poses: Any, timestamps: ArrayLike | None = No
 
 
 def pose_text(poses: Any, timestamps: ArrayLike | None = None) -> str:
-    """What `write_pose_file` writes.
+    """Return the text that `write_pose_file` writes.
 
     >>> print(pose_text(np.eye(4)[None]), end="")
     timestamp,x,y,z,qx,qy,qz,qw
@@ -245,7 +245,7 @@ def _header(line: bytes, where: str) -> _Header:
 
 
 def _missing_line(n: int) -> str:
-    """What to do with n numbers in a line and no names of them."""
+    """Describe what to do with n numbers in a line without names."""
     if n in (12, 16):
         return f"or, if the {n} numbers are a matrix, save the matrices (n, 4, 4) with numpy.save"
     names = f"{HEADER} or {','.join(COLUMNS[1:])}"

@@ -1,4 +1,4 @@
-"""Which format a file has, told by its content, and its poses as they stand there."""
+"""Detection of the format of a file by its content, and its poses as they stand there."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _log = logging.getLogger("uq_handeye")
 
 
 def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
-    """What a file holds, and the `Source` of it, whose notes say what was found out.
+    """Read the content of a file, and its `Source`, whose notes say what was found out.
 
     Raises `InputError` for what cannot be read, in the words of the reader of the format; and for a content that is of
     no format or of several.

@@ -31,7 +31,7 @@ MESSAGE = ("timestamp", *(f"translation.{axis}" for axis in "xyz"), *(f"rotation
 
 
 def is_message(value: Any) -> bool:
-    """Whether a pose looks like a ``geometry_msgs/Pose`` or ``Transform``, stamped or not."""
+    """Return whether a pose looks like a ``geometry_msgs/Pose`` or ``Transform``, stamped or not."""
     if not isinstance(value, dict):
         return False
     parts = (value.get("rotation"), value.get("orientation"), value.get("transform"), value.get("pose"))

@@ -138,7 +138,7 @@ def _is_matrix(value: Any) -> bool:
 
 
 def is_storage(tree: Any) -> bool:
-    """Whether a tree holds a matrix of OpenCV, by itself or in a list."""
+    """Return whether a tree holds a matrix of OpenCV, directly or in a list."""
     if not isinstance(tree, dict):
         return False
     firsts = (value[0] if isinstance(value, list) and value else value for value in tree.values())

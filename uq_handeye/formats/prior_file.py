@@ -20,7 +20,7 @@ _FORM = (
 
 
 def read_prior(path: StrPath, of: str = "X") -> tuple[Array, Array]:
-    """What is known of X or W from a YAML or JSON file, as ``prior_X`` or ``prior_W`` of `calibrate`.
+    """Read the prior of X or W from a YAML or JSON file, as ``prior_X`` or ``prior_W`` of `calibrate`.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ SMALLEST_P = 1e-15
 
 
 def digits(value: float | np.floating[Any], significant: int = 3) -> str:
-    """So many significant digits, without an exponent where that is short."""
+    """Format a number with the given significant digits, without an exponent where that is short."""
     value = float(value)
     if value == 0 or 1e-4 <= abs(value) < 1e6:
         whole = value != 0 and abs(value) >= 10 ** (significant - 1)
@@ -31,7 +31,7 @@ def rough(value: float) -> str:
 
 
 def fixed(value: float | np.floating[Any], significant: int = 3) -> str:
-    """As `digits`, with the zeros at the end that it cuts: for columns of a table.
+    """Format as `digits`, but keep the zeros at the end: for columns of a table.
 
     >>> fixed(0.8), fixed(10), fixed(1234.5), fixed(0)
     ('0.800', '10.0', '1234', '0')

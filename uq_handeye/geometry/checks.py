@@ -69,7 +69,7 @@ def entry_rows(*stacks: Array, out: Array | None = None) -> Array:
 
 
 def surely_transforms(rows: Array) -> bool:
-    """Whether every ``rows[:, :, k]`` of (4, 4, m) is in SE(3) to about 1e-5, with finite translations.
+    """Return whether every ``rows[:, :, k]`` of (4, 4, m) is in SE(3) to about 1e-5, with finite translations.
 
     |R|^2 = 3 and det R = 1 hold together only for rotations: the squared singular values then have
     arithmetic and geometric mean 1, so all are 1. To second order |R|^2 - 2 det R - 1 = 2 |E|^2 - tr(E)^2
@@ -141,5 +141,5 @@ def first_duplicate(times: NDArray[np.float64]) -> tuple[int, int] | None:
 
 
 def is_number(value: Any) -> bool:
-    """Of Python or NumPy; truth values are none."""
+    """Return whether the value is a number of Python or NumPy; truth values are not."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)

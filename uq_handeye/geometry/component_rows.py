@@ -45,7 +45,7 @@ class Side(NamedTuple):
 
     @classmethod
     def of(cls, T: Array, turn: Array | None, L: Array | None) -> Side:
-        """Of motions (N, 4, 4) whose covariances are L L^T, in a frame turned by ``turn``."""
+        """Return the side of motions (N, 4, 4) whose covariances are L L^T, in a frame rotated by ``turn``."""
         q, t = rows_of(T[:, None], turn)
         if L is None:
             return cls(q, t, None)

@@ -1,4 +1,4 @@
-"""Does the input look like a hand-eye data set? Warnings that say why not and what to try.
+"""Checks whether the input looks like a hand-eye data set, with warnings that say why not and what to try.
 
 Nothing here changes a result. Each ``check_`` returns findings, which `calibrate` gives as `InputWarning` and keeps in
 the result; `require_signal` refuses data whose X would be an accident of the noise.
@@ -303,7 +303,7 @@ def _outliers(
 
 
 def _check_lengths(poses: PosePairs, X: Array) -> list[Finding]:
-    """Is the sensor bracket longer than the arm, and is there another reading of the files by which it is not?
+    """Report a sensor bracket that is longer than the arm, and another reading of the files by which it is not.
 
     Two lists in the wrong place fit ``G X C = W`` exactly, with X and W exchanged: both inverse, ``inv(G) W inv(C) =
     X``; or swapped, ``C inv(W) G = inv(X)``, where G is the robot's own list (eye-in-hand; eye-to-hand it gives inv(X)

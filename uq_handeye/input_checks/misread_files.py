@@ -1,4 +1,4 @@
-"""Which other reading of the two files would fit (setup, direction, quaternion order, unit), and how to ask for it.
+"""Other readings of the two files that would fit (setup, direction, quaternion order, unit), and how to ask for them.
 
 `checks` asks where X does not explain the poses. A reading is a dictionary of plain values: its ``kind`` ("inverse
 robot", "inverse camera", "quaternion", "scale") and what belongs to it; `sentences` names the argument of `read_poses`

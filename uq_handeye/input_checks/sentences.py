@@ -1,4 +1,4 @@
-"""What the input checks find, in words: which thing looks wrong, and which argument or option to try.
+"""Sentences of the findings of the input checks: which thing looks wrong, and which argument or option to try.
 
 Values are in rad and m; rows count from 0.
 """
@@ -207,7 +207,7 @@ def _reading(
 
 
 def _option(file: str, argument: str, value: str, other: str | None = None) -> str:
-    """How to say it for one file, in Python and on the command line: ``units=("m", "mm") (--camera-units mm)``."""
+    """Name the argument and the option for one file: ``units=("m", "mm") (--camera-units mm)``."""
     second = "None" if other is None else f'"{other}"'
     pair = f'"{value}", {second}' if file == "robot" else f'{second}, "{value}"'
     return f"{argument}=({pair}) (--{file}-{argument} {value})"
@@ -224,7 +224,7 @@ def _(
     rotation: float,
     translation: float,
 ) -> str:
-    """Which file begins early, where a file lacks a row, which rows to leave out, and what it changes."""
+    """Say which file begins early, where a file lacks a row, which rows to leave out, and what it changes."""
     parts = []
     k = stretches[0][2]
     if k:

@@ -70,7 +70,7 @@ class Shift(ReadOnlyArrays):
 
     @property
     def finding(self) -> Finding:
-        """Which rows belong together, which to leave out, and what it changes."""
+        """Finding that says which rows belong together, which to leave out, and what it changes."""
         robot, camera = (np.setdiff1d(np.arange(self.n), rows) for rows in (self.robot_rows, self.camera_rows))
         rotation, translation = self.ratio
         values = {
@@ -150,7 +150,7 @@ def find_shift(poses: PosePairs, *, seed: int | np.random.Generator = 0) -> Shif
 
 
 def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_]) -> Finding | None:
-    """Whether wrong rows in a run, too few for `find_shift`, fit their neighbours in the run.
+    """Return a finding if wrong rows in a run, too few for `find_shift`, fit their neighbours in the run.
 
     ``at`` is what the other poses agree on. Where a row is lost near an end of the file, all rows from there to the end
     are wrong, and fit once they are moved by one.

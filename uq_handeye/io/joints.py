@@ -138,5 +138,7 @@ def give_joints(poses: PosePairs, values: Array, name: str) -> PosePairs:
 
 
 def _patience(times: Array, tolerance: float) -> float:
-    """By how much timestamps of a row may differ: half the interval between rows, or the tolerance if that is less."""
+    """Return how far timestamps of a row may differ: half the interval between rows, or the tolerance if that is
+    smaller.
+    """
     return min(tolerance, 0.5 * float(np.median(np.abs(np.diff(times))))) if len(times) > 1 else tolerance

@@ -171,7 +171,7 @@ def read_poses(
 
 
 def _robot_contents(robot: StrPath | None, arm: Joints | None, format: str | None) -> tuple[Contents, Source]:
-    """What the robot's file holds, or what the joints make of it."""
+    """Return the content of the robot's file, or poses computed from the joints."""
     if robot is not None:
         return read_contents(as_path(robot), format)
     assert arm is not None
@@ -193,7 +193,7 @@ def _joint_values(arm: Joints | None, robot: StrPath | None, side: Side, toleran
 
 
 def _joint_source(arm: Joints | None, robot: StrPath | None) -> tuple[Source, ...]:
-    """That of joints beside a file of robot poses; without one they are the robot's source."""
+    """Return the source of joints beside a file of robot poses; without one they are the robot's source."""
     return () if arm is None or robot is None else (arm.source,)
 
 

@@ -53,7 +53,8 @@ Frames = tuple[Array, Array]  # base B and tool E (4, 4)
 
 @dataclass(frozen=True, eq=False)
 class AgainstController(ReadOnlyArrays):
-    """How the controller's poses differ from the forward kinematics of the joints: G = B FK(q) E but for what is left.
+    """Difference between the controller's poses and the forward kinematics of the joints: G = B FK(q) E but for a
+    rest.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ class AgainstController(ReadOnlyArrays):
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Of what is left, without the poses that are apart: rad and m."""
+        """RMS of the rest, without the poses that are apart: rad and m."""
         kept = self._kept
         return _rms(self.rotation[kept]), _rms(self.translation[kept])
 
@@ -97,12 +98,12 @@ class AgainstController(ReadOnlyArrays):
 
     @property
     def same_arm(self) -> bool:
-        """Whether the chain may be that of this arm."""
+        """True if the chain may be that of this arm."""
         return bool(self.rms[0] <= ANOTHER_ARM[0] and self.rms[1] <= ANOTHER_ARM[1])
 
     @property
     def exact(self) -> bool:
-        """Whether the poses are those of the chain to rounding, in the same frames."""
+        """True if the poses are those of the chain to rounding, in the same frames."""
         largest = self.largest
         same = self.base is None and self.tool is None and not self.apart
         return bool(same and largest[0] < ROUNDING[0] and largest[1] < ROUNDING[1])
@@ -125,7 +126,7 @@ class AgainstController(ReadOnlyArrays):
 
     @property
     def findings(self) -> list[Finding]:
-        """What is to be said of it."""
+        """Findings about the difference."""
         values = {
             "rotation": self.rms[0],
             "translation": self.rms[1],
@@ -284,7 +285,7 @@ def _middle(Z: Array) -> Array:
 
 
 def _better(cost: Array) -> NDArray[np.bool_]:
-    """Which values are no more than `FAR` medians; at least half of them."""
+    """Return which values are no more than `FAR` medians; at least half of them."""
     return np.asarray(cost <= FAR * np.median(cost))
 
 

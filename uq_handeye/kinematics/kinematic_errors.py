@@ -1,4 +1,4 @@
-r"""What is assumed of the kinematic errors of an arm, and their effects at the poses of one data set.
+r"""Assumed kinematic errors of an arm, and their effects at the poses of one data set.
 
 The errors e of an arm (`chain.Kinematics.errors`) are drawn once and shared by all of its poses. Those of a group, such
 as the offsets of its joints, have one standard deviation. A few poses of one region cannot tell it (theory T13): it is
@@ -68,7 +68,7 @@ JOINT_NOISE_FACTOR = 3.0
 
 @dataclass(frozen=True)
 class KinematicErrors:
-    """What is known of an arm before the data: see the module.
+    """Knowledge about the errors of an arm before the data: see the module.
 
     Parameters
     ----------
@@ -126,17 +126,17 @@ class KinematicErrors:
 
     @property
     def is_exact(self) -> bool:
-        """Whether nothing of the arm is uncertain, not even its joints."""
+        """True if nothing of the arm is uncertain, not even its joints."""
         return self.how == EXACT and not self.joint_sd
 
     @property
     def population(self) -> Population:
-        """Of the class, or of that which is usual."""
+        """Population of the robot's class, or the usual one."""
         return POPULATIONS[self.robot_class or USUAL]
 
     @property
     def deviations(self) -> dict[str, float]:
-        """By group, rad or m; see ``robot_class``."""
+        """Standard deviations by group, rad or m; see ``robot_class``."""
         if self.how == EXACT:
             return dict.fromkeys(DECLARED_AS, 0.0)
         given = {group: getattr(self, name) for group, name in DECLARED_AS.items()}
@@ -164,7 +164,9 @@ class KinematicErrors:
 
 
 class KinematicColumns(NamedTuple):
-    """What the errors of an arm do to n measured poses, per unit (rad, m), left rotation and additive translation."""
+    """Effects of the errors of an arm on n measured poses, per unit (rad, m), left rotation and additive
+    translation.
+    """
 
     F: Array  # (n, 6, m) of the errors that are shared
     J: Array  # (n, 6, L) of noise of the joints
@@ -174,5 +176,5 @@ class KinematicColumns(NamedTuple):
     given: KinematicErrors
 
     def rows(self, index: NDArray[Any]) -> KinematicColumns:
-        """At some of the poses."""
+        """Return the columns at some of the poses."""
         return self._replace(F=self.F[index], J=self.J[index])

@@ -1,4 +1,4 @@
-"""What is found about the kinematics of an arm, in words. Values are in rad and m; poses count from 0."""
+"""Sentences of the findings about the kinematics of an arm. Values are in rad and m; poses count from 0."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def with_origins(path_or_text: StrPath, origins: Mapping[str, Placed], comment: 
 
 
 def _end_of_tag(data: bytes, at: int) -> int:
-    """Where the tag that starts at a byte ends: a ``>`` outside of quotes."""
+    """Return where the tag that starts at a byte ends: a ``>`` outside of quotes."""
     quote = b""
     for k in range(at, len(data)):
         byte = data[k : k + 1]

@@ -1,4 +1,4 @@
-r"""What most poses (or motions) agree on: a start that outliers do not spoil.
+r"""Consensus of most poses (or motions): a start that outliers do not affect.
 
 Model: most poses obey ``G X C = W`` (motions: ``A X = X B``) with Gaussian noise; the others, at most 40 %, hold
 anything.
@@ -51,7 +51,7 @@ PIVOT_STEPS = 5
 
 
 class Consensus(NamedTuple):
-    """What most poses agree on."""
+    """Estimate that most poses agree on."""
 
     unknowns: Unknowns
     inside: Array  # (n,) 1 for the poses that it was fitted to, else 0
@@ -199,7 +199,7 @@ def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
 
 
 def _determined(A: Array, B: Array) -> NDArray[np.bool_]:
-    """Whether the motions (T, m, 4, 4) of each subset turn about two axes, by the eigenvalues of M (T2)."""
+    """Return whether the motions (T, m, 4, 4) of each subset rotate about two axes, by the eigenvalues of M (T2)."""
     H = (0.25 * vee(A[..., :3, :3])).mT @ vee(B[..., :3, :3])
     s = np.linalg.svd(H, compute_uv=False)
     sign = np.sign(np.linalg.det(H))
@@ -226,7 +226,7 @@ def _misfits(closure: tuple[Array, Array], at: Unknowns) -> Array:
 
 
 def _scales(constraint: Constraint, at: Unknowns, majority: int) -> Array:
-    """Of all hypotheses (T, 2) the `misfit` that the majority of the poses stays below."""
+    """Return the `misfit` of all hypotheses (T, 2) that the majority of the poses stays below."""
     T, closure = len(at.X), constraint.closure()
     scales = np.empty((T, 2))
     step = max(1, CHUNK // constraint.n)

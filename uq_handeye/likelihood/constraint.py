@@ -46,13 +46,13 @@ _EYE6 = np.eye(6)
 
 
 class Unknowns(NamedTuple):
-    """What is estimated: X (..., 4, 4) and, on poses, W (..., 4, 4)."""
+    """Unknowns of the estimation: X (..., 4, 4) and, on poses, W (..., 4, 4)."""
 
     X: Array
     W: Array | None
 
     def moved(self, step: Array) -> Unknowns:
-        """By errors (..., 6) of X, or (..., 12) of X and W."""
+        """Move the unknowns by errors (..., 6) of X, or (..., 12) of X and W."""
         if self.W is None:
             return Unknowns(perturb(self.X, step), None)
         both = perturb(
@@ -112,7 +112,7 @@ class OnPoses:
 
     @cached_property
     def one_axis(self) -> NDArray[np.bool_]:
-        """Whether the robot turns about one axis at most (...), whatever the camera says."""
+        """True where the robot rotates about one axis at most (...), whatever the camera says."""
         return _one_axis(self)
 
     def closure(self) -> tuple[Array, Array]:
@@ -141,7 +141,7 @@ class OnPoses:
         return r, R_G, arm, lever
 
     def linearise(self, at: Unknowns, first: Array, second: Array) -> Linearised:
-        """At the unknowns and the (measured or corrected) poses."""
+        """Linearise at the unknowns and the (measured or corrected) poses."""
         r, R_G, arm, lever = self._closed(at, first, second)
         J = np.empty((*r.shape, 12))
         J[..., :6], D_G, D_C = loop_derivatives(R_G, at.X[..., None, :3, :3], arm[..., 0], lever[..., 0])
@@ -181,7 +181,7 @@ class OnMotions:
 
     @cached_property
     def one_axis(self) -> NDArray[np.bool_]:
-        """Whether the robot turns about one axis at most (...), whatever the camera says."""
+        """True where the robot rotates about one axis at most (...), whatever the camera says."""
         return _one_axis(self)
 
     def closure(self) -> tuple[Array, Array]:
@@ -208,7 +208,7 @@ class OnMotions:
         return r, arm, lever
 
     def linearise(self, at: Unknowns, first: Array, second: Array) -> Linearised:
-        """At X and the (measured or corrected) motions."""
+        """Linearise at X and the (measured or corrected) motions."""
         r, arm, lever = self._closed(at, first, second)
         turn = first[..., :3, :3] - _EYE
         turned = np.broadcast_to(-at.X[..., None, :3, :3], (*r.shape[:-1], 3, 3))
@@ -252,7 +252,7 @@ def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> Constraint:
 
 
 def covariances_of(noise: Noise) -> tuple[Any, Any]:
-    """Those of side 1 and side 2, None where exact."""
+    """Return the covariances of side 1 and side 2, None where exact."""
     return (noise.A, noise.B) if isinstance(noise, PairNoise) else (noise.robot, noise.camera)
 
 

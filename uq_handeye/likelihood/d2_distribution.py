@@ -12,7 +12,7 @@ from ..errors import InputError
 
 @dataclass(frozen=True)
 class Reference:
-    """Of d^2 with 6 components; fewer where directions of X stay open, along which an error has no d^2.
+    """Distribution of d^2 with 6 components; fewer where directions of X stay open, along which an error has no d^2.
 
     - ``chi-square``: the covariance is that of known noise.
     - ``F``: it is that of noise estimated from the same data, ``d^2 / 6 ~ F(6, dof)`` (`effective_dof`).
@@ -37,7 +37,7 @@ class Reference:
 
     @property
     def determined(self) -> bool:
-        """Whether there are quantiles: Hotelling needs more than 5 degrees of freedom."""
+        """True if there are quantiles: Hotelling needs more than 5 degrees of freedom."""
         return self.kind != "Hotelling" or (self.dof is not None and self.dof > 5)
 
     def quantile(self, level: float) -> float:

@@ -104,7 +104,7 @@ class Fit(ReadOnlyArrays):
 
     @property
     def opened(self) -> OpenDirections | None:
-        """What stays open, of one problem; None: nothing."""
+        """Open directions of one problem; None: nothing is open."""
         if self.open is None:
             return None
         basis = self.open_directions
@@ -142,7 +142,7 @@ class Fit(ReadOnlyArrays):
         return result
 
     def gauged(self) -> Fit:
-        """With the open directions as if they were known: X and W move along them by nothing."""
+        """Return the fit with the open directions taken as known: X and W do not move along them."""
         return self if self.open is None else replace(self, open=None)
 
     @property
@@ -306,7 +306,7 @@ def _checked(data: PosePairs | Motions, noise: Noise) -> Constraint:
 
 
 def fit_data(data: PosePairs | Motions, constraint: Constraint, noise: Noise, steps: int) -> Fit:
-    """So many steps from 4DPA, or from where `sound_start` leads; leading axes are independent problems."""
+    """Run ``steps`` steps from 4DPA, or from the start of `sound_start`; leading axes are independent problems."""
     astray: NDArray[np.bool_] | None = None
     if noise.prior is None:
         with suppress(DegenerateMotionError):
@@ -321,7 +321,7 @@ def fit_data(data: PosePairs | Motions, constraint: Constraint, noise: Noise, st
 
 
 def open_at(constraint: Constraint, at: Unknowns, prior: PosePrior | None) -> OpenDirections | None:
-    """What stays open near the unknowns of data that fit exactly."""
+    """Return the directions that stay open near the unknowns of data that fit exactly."""
     noise = with_prior(isotropic_residuals(constraint, at), prior)
     return fit(constraint, noise, at, 1).opened
 
@@ -335,7 +335,7 @@ def fit(
     *,
     halt_open: bool = False,
 ) -> Fit:
-    """So many steps of Gauss-Helmert, or fewer once all problems stand still.
+    """Run ``steps`` steps of Gauss-Helmert, or fewer once all problems have converged.
 
     Robust ``weights`` (..., n) in [0, 1] multiply the information of each pose or motion; 0 leaves it out.
     ``halt_open``: end after the first step if it finds open directions, as the start was then none.
@@ -387,7 +387,7 @@ def _with_prior(information: Array, gradient: Array, noise: Noise, at: Unknowns)
 
 
 def offset_sensitivity(fit: Fit, timing: Timing) -> Array:
-    """By how much X and W move, (12,), per second of the time offset of the n poses that were fitted.
+    """Return by how much X and W move, (12,), per second of the time offset of the n poses that were fitted.
 
     ``g = -C J^T S^-1 j`` with ``j_i = D_i rate_i``: rad/s and m/s. At the joint optimum of X, W and an offset known
     with the variance v, the covariance of (X, W) is ``C + v g g^T`` (`synchronisation`).

@@ -1,4 +1,5 @@
-r"""Does the noise explain the residuals, and how many degrees of freedom has a covariance that was made from them.
+r"""Goodness of fit: test whether the noise explains the residuals, and the degrees of freedom of a covariance that was
+estimated from them.
 
 Goodness of fit. With residuals e after the fit, their covariance S from the noise and p unknowns
 
@@ -70,7 +71,7 @@ class GoodnessOfFit:
 
 
 def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
-    """Of one fit (no leading axes); a pose of robust weight w counts as w poses.
+    """Test one fit (no leading axes); a pose of robust weight w counts as w poses.
 
     Raises `InputError` where there are no degrees of freedom left.
     """

@@ -61,7 +61,7 @@ TOLD = 4.5
 
 @dataclass(frozen=True, eq=False)
 class OpenDirections(ReadOnlyArrays):
-    """What of (X, W) data and prior leave open.
+    """Directions of (X, W) that data and prior leave open.
 
     ``basis`` (k, 12): errors (theta_X, tau_X, theta_W, tau_W) in rad and m along which X and W move without a trace in
     the residuals, of length 1 and at right angles to each other in units of the rig (theta times lever); of motions
@@ -186,12 +186,12 @@ def solve_information(
 
 
 def _unit_factors(diagonal: Array) -> Array:
-    """Of rows and columns (..., p) that make a diagonal 1, but where it is as good as 0."""
+    """Return factors of rows and columns (..., p) that make a diagonal 1, but where it is nearly 0."""
     return np.asarray(1.0 / np.sqrt(np.maximum(diagonal, 1e-300 + 1e-24 * diagonal.max(axis=-1, keepdims=True))))
 
 
 def _suspicious(smallest: Array, diagonal: Array, noise: Noise, lever: Array) -> NDArray[np.bool_]:
-    """Whether noise could make the smallest eigenvalue of the information, scaled to a unit diagonal."""
+    """Return whether noise could make the smallest eigenvalue of the information, scaled to a unit diagonal."""
     levels = [
         (float(S[..., :3, :3].trace(axis1=-2, axis2=-1).max()), float(S[..., 3:, 3:].trace(axis1=-2, axis2=-1).max()))
         for S in own_covariances(noise)
@@ -210,7 +210,9 @@ def _inverted(values: Array, vectors: Array, scale: Array) -> Array:
 
 
 def own_covariances(noise: Noise) -> tuple[Array | None, Array | None]:
-    """Of each pose by itself (6, 6) or (n, 6, 6), without what poses share: that tilts no axis against another."""
+    """Return the covariances of each pose by itself (6, 6) or (n, 6, 6), without errors that poses share: those tilt
+    no axis against another.
+    """
     first, second = (
         None if S is None else S.own if isinstance(S, JointCovariance) else marginals(S) for S in covariances_of(noise)
     )
@@ -238,7 +240,7 @@ def _without_noise(U: Array, rig: Array, information: Array, tilts: Tilts) -> Ar
 
 @dataclass(frozen=True, eq=False)
 class Tilts:
-    """By what errors of the poses change J, and by how much; leading axes are those of the weights, too."""
+    """Change of J by errors of the poses, and its size; leading axes are those of the weights, too."""
 
     J: Array  # (..., n, 6, p)
     A: Array  # (..., n, 6): weights of the rows of r, the inverse of S_0
@@ -246,7 +248,7 @@ class Tilts:
     P: Array  # (..., n, 6, 6): covariance of z
 
     def __getitem__(self, k: Any) -> Tilts:
-        """Those of one problem."""
+        """Return the tilts of one problem."""
         return Tilts(self.J[k], self.A[k], self.B[k], self.P[k])
 
     @property
@@ -278,7 +280,7 @@ def tilts_of(
     weights: Array | None,
     corrected: bool,
 ) -> Tilts:
-    """At the poses where the constraint was linearised, ``corrected`` or measured."""
+    """Compute tilts at the poses where the constraint was linearised, ``corrected`` or measured."""
     D_1, D_2 = linear.sides
     J = linear.J[..., :6]
     # z = (theta, f): the errors that change J

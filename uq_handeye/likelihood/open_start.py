@@ -1,4 +1,4 @@
-r"""Where to start from when the motions leave a part of X open, and 4DPA has no answer.
+r"""Start of the fit when the motions leave a part of X open, and 4DPA has no answer.
 
 Candidates for the rotation of X, from all motions of a few rows (residuals of ``A X = X B``):
 
@@ -82,7 +82,7 @@ def isotropic_residuals(constraint: Constraint, at: Unknowns) -> Noise:
 
 
 def _variances(constraint: Constraint, at: Unknowns) -> Array:
-    """Of the residuals per axis (2,), rotation and translation, from their medians."""
+    """Return variances of the residuals per axis (2,), rotation and translation, from their medians."""
     r = constraint.residual(at, constraint.first, constraint.second)
     squares = (r * r).reshape(-1, 2, 3).sum(axis=-1)
     return np.asarray(np.maximum(np.median(squares, axis=0) / MEDIAN, 1e-24))
@@ -166,7 +166,9 @@ def _between(b: Array, a: Array) -> Array:
 
 
 def _isotropic(noise: Noise) -> Noise:
-    """Of the same size, one for every row: a start is not made better by details, and biased by nearly exact ones."""
+    """Return noise of the same size, one for every row: a start is not made better by details, and biased by nearly
+    exact ones.
+    """
     parts: list[Any] = []
     for S in own_covariances(noise):
         if S is not None:

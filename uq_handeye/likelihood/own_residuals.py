@@ -1,4 +1,4 @@
-r"""What is left of the residuals once the errors that all poses share are taken out of them.
+r"""Residuals after the errors that all poses share are taken out of them.
 
 With ``S = blkdiag(S_i) + F F^T`` and r the residuals after the fit, ``z = (F^T S_i^-1 F + 1)^-1 F^T S_i^-1 r`` is the
 estimate of the shared errors, and ``e = r - F z`` are those of each pose alone, whitened by S_i. They belong to one
@@ -25,7 +25,9 @@ TOLD = 1e-4
 
 
 class OwnResiduals(NamedTuple):
-    """Of one fit, in units of each pose's own noise; weights are in them beside serial errors alone."""
+    """Own residuals of one fit, in units of each pose's own noise; they include the weights only where there are
+    serial errors.
+    """
 
     e: Array  # (n, 6)
     J: Array  # (n, 6, p + q), q combinations of shared errors of which the data tell something
@@ -34,7 +36,7 @@ class OwnResiduals(NamedTuple):
 
 
 def has_own_residuals(fit: Fit) -> bool:
-    """Whether the poses have errors in common of this kind, and no serial ones."""
+    """Return whether the poses have errors in common of this kind, and no serial ones."""
     return isinstance(fit.S, JointCovariance) and fit.S.serial is None
 
 

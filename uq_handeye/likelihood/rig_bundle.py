@@ -84,7 +84,7 @@ class Agreement(ReadOnlyArrays):
 
     @classmethod
     def of(cls, X: Array, covariance: Array, X0: Array, covariance0: Array) -> Agreement:
-        """Of estimate and covariance by bundle and by `efficient`."""
+        """Compare estimate and covariance by bundle and by `efficient`."""
         sd = np.sqrt(np.diag(covariance0))
         xi = np.concatenate([logarithm(X[:3, :3] @ X0[:3, :3].T), X[:3, 3] - X0[:3, 3]]) / sd
         scale = 1.0 / np.outer(sd, sd)
@@ -95,7 +95,7 @@ class Agreement(ReadOnlyArrays):
 
     @property
     def sentence(self) -> str:
-        """In words."""
+        """Agreement in words."""
         low, high = self.eigenvalues[0], self.eigenvalues[-1]
         return (
             "Bundle adjustment against method 'efficient' with the joint covariance of the camera poses: X differs by "
@@ -109,7 +109,7 @@ class Agreement(ReadOnlyArrays):
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Agreement:
-        """What `to_dict` wrote, also in an older file, which holds times beside it."""
+        """Read what `to_dict` wrote, also in an older file, which also holds times."""
         arrays = {name: np.asarray(values[name], dtype=float) for name in ("by_component", "eigenvalues")}
         if any(array.shape != (6,) for array in arrays.values()):
             raise InputError("Expected 6 numbers for each part of the agreement of two estimates.")
@@ -132,7 +132,7 @@ class _Problem:
 
     @property
     def last(self) -> int:
-        """Where the intrinsics end among the values."""
+        """End of the intrinsics among the values."""
         return 12 + int(self.free.sum())
 
     def _all(self, values: Array) -> Array:

@@ -193,7 +193,7 @@ def fit_robustly(
     prior: PosePrior | None = None,
     slack: float = 1.0,
 ) -> RobustFit:
-    """As `robust_fit`, of one constraint, from the unknowns that all rows together make.
+    """Run `robust_fit` on one constraint, from the unknowns that all rows together give.
 
     ``prior`` of X and W is for noise that is not known yet; else that of the noise counts. ``slack`` multiplies the
     limits of distances where the noise is not known.
@@ -242,7 +242,9 @@ def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: i
 
 
 def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:
-    """What the iteration settles at from all rows alike, if it can be relied on (module); else None."""
+    """Return the result to which the iteration converges from all rows alike, if it can be relied on (module); else
+    None.
+    """
     try:
         plain = _settle_clean(constraint, noise, start, method)
         settled = plain or _settle(constraint, noise, start, np.ones(constraint.n), method, most=FREE)
@@ -270,7 +272,7 @@ def largest_by_chance(n: int) -> float:
 
 
 def _margin(constraint: Constraint) -> float:
-    """By how much the limits of distances grow where the noise comes from the residuals (module)."""
+    """Return the factor by which the limits of distances grow where the noise comes from the residuals (module)."""
     return 6.0 * float(fdtri(6, 0.5 * (6 * constraint.n - constraint.p), 0.999)) / FULL
 
 

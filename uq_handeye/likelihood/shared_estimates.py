@@ -1,4 +1,4 @@
-r"""What data say of the errors that all poses share, and what these do to X.
+r"""Estimates of the errors that all poses share, and their effect on X.
 
 Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled by their standard deviations, so that
 ``e = sd z``, ``z ~ N(0, I)``. With ``f = D F`` their effect on the residuals, r the residuals after the fit and
@@ -81,7 +81,9 @@ class SharedEstimate(ReadOnlyArrays):
 
     @property
     def p_value(self) -> float | None:
-        """Of the prior: the probability of an estimate at least as far from 0; None where the data say nothing."""
+        """p-value of the prior: the probability of an estimate at least as far from 0; None where the data say
+        nothing.
+        """
         if self.alone is None or self.alone_sd is None:
             return None
         spread = float(np.hypot(self.alone_sd, self.prior_sd))
@@ -131,7 +133,7 @@ class JointPosterior(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Resolved(ReadOnlyArrays):
-    """What the data make of errors with doubt: the noise with one prior for each, and what that leaves out."""
+    """Errors with doubt as the data resolve them: the noise with one prior for each, and what that leaves out."""
 
     noise: Noise
     errors: tuple[SharedError, ...]
@@ -198,7 +200,7 @@ class JointFit(ReadOnlyArrays):
 
     @classmethod
     def of(cls, fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> JointFit:
-        """At those of the errors that the noise of the fit has columns of."""
+        """Build the joint fit of those errors that the noise of the fit has columns of."""
         named: dict[str, Array] = {}
         if isinstance(noise, PoseNoise):
             for S, D in zip((noise.robot, noise.camera), fit.linear.sides, strict=True):
@@ -228,7 +230,9 @@ class JointFit(ReadOnlyArrays):
         return np.clip(np.diag(self.explained), 0.0, 1.0)
 
     def test_of(self, group: str) -> GroupTest | None:
-        """Whether the estimates of the numbers of an error are as large as was assumed; None where data say nothing."""
+        """Test whether the estimates of the numbers of an error are as large as assumed; None where the data say
+        nothing.
+        """
         of = np.array([group_of(name) == group for _, name, _ in self.parts], dtype=bool)
         values, vectors = np.linalg.eigh(self.explained[np.ix_(of, of)])
         heard = values > HEARD
@@ -251,7 +255,9 @@ class JointFit(ReadOnlyArrays):
         return cls.of(fit, noise, (*errors, more))
 
     def posterior(self, beside: Mapping[str, Array]) -> JointPosterior:
-        """Of X, W and these errors; ``beside`` are moves (p,) or (p, r) by errors that the noise does not hold."""
+        """Return the posterior of X, W and these errors; ``beside`` are moves (p,) or (p, r) by errors that the noise
+        does not hold.
+        """
         C = self.fit.covariance + sum(map(of_moves, beside.values()), np.zeros(()))
         sd = np.array([sd for _, _, sd in self.parts])
         across = self.response * sd
@@ -260,7 +266,9 @@ class JointFit(ReadOnlyArrays):
         return JointPosterior(tuple(name for _, name, _ in self.parts), sd * self.z, joint)
 
     def estimates(self, resolved: Resolved | None = None) -> tuple[SharedEstimate, ...]:
-        """In the order of the errors; ``resolved``: what `resolve_doubts` made of those with doubt."""
+        """Return the estimates in the order of the errors; ``resolved``: the result of `resolve_doubts` for those with
+        doubt.
+        """
         if not self.parts:
             return ()
         to_unit = np.linalg.inv(np.linalg.cholesky(self.fit.covariance[:6, :6]))
@@ -285,7 +293,9 @@ class JointFit(ReadOnlyArrays):
         return tuple(found)
 
     def moves(self, left_open: Mapping[str, float]) -> dict[str, Array]:
-        """By name how X and W move (p,), ``Cov(x, e) / Var(e)``, times the deviation of what was left open."""
+        """Return by name how X and W move (p,): ``Cov(x, e) / Var(e)``, times the standard deviation of what was left
+        open.
+        """
         return {
             name: self.response[:, k] / (sd * max(1.0 - float(self.told[k]), NOTHING)) * left_open[name]
             for k, (_, name, sd) in enumerate(self.parts)

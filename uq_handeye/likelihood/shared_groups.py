@@ -31,7 +31,7 @@ class SharedGroup:
 
     @property
     def count(self) -> int:
-        """Of the numbers."""
+        """Number of the parts."""
         return len(self.parts)
 
     @property
@@ -47,7 +47,7 @@ class SharedGroup:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Those of the numbers as people read them, in order."""
+        """Units of the numbers as people read them, in order."""
         return tuple(dict.fromkeys(part.shown[1] for part in self.parts))
 
     def of_unit(self, unit: str) -> tuple[Array, Array, Array]:
@@ -59,7 +59,9 @@ class SharedGroup:
 
 
 def grouped(estimates: Iterable[SharedEstimate], covariance: Array | None) -> list[SharedGroup]:
-    """In the order of the estimates; ``covariance`` (6, 6) is that of X which their effects were found beside."""
+    """Group the estimates in their order; ``covariance`` (6, 6) of X is the one that their effects were found
+    beside.
+    """
     groups: dict[str, list[SharedEstimate]] = {}
     for estimate in estimates:
         groups.setdefault(group_of(estimate.name), []).append(estimate)
@@ -73,7 +75,9 @@ def grouped(estimates: Iterable[SharedEstimate], covariance: Array | None) -> li
 
 
 def joint_share(parts: Iterable[SharedEstimate], covariance: Array | None) -> float:
-    """Of all parts together in the variance of X; without its covariance the largest of the single shares."""
+    """Return the share of all parts together in the variance of X; without its covariance the largest of the single
+    shares.
+    """
     parts = list(parts)
     if covariance is None:
         return max(part.share for part in parts)

@@ -1,4 +1,4 @@
-"""Where the fit of X and W starts: 4DPA, or where the data alone leave directions open, a start of its own."""
+"""Start of the fit of X and W: 4DPA, or another start where the data leave directions open."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def sound_start(
 
 
 def leaves_open(constraint: Constraint, noise: Noise | None, at: Unknowns) -> bool:
-    """Whether the data of one problem, without prior, leave a direction open near the unknowns."""
+    """Return whether the data of one problem, without prior, leave a direction open near the unknowns."""
     guess = isotropic_residuals(constraint, at) if noise is None else without_prior(noise)
     try:
         return bool(_open_problems(constraint, guess, at))
@@ -77,7 +77,7 @@ def leaves_open(constraint: Constraint, noise: Noise | None, at: Unknowns) -> bo
 
 
 def _open_problems(constraint: Constraint, noise: Noise, at: Unknowns) -> NDArray[np.bool_]:
-    """Whether the data of each problem (...) leave a direction open."""
+    """Return whether the data of each problem (...) leave a direction open."""
     linear = constraint.linearise(at, constraint.first, constraint.second)
     S = residual_covariance(linear.sides, noise)
     information = gram(whiten(cholesky_of(S), linear.J))
@@ -88,5 +88,5 @@ def _open_problems(constraint: Constraint, noise: Noise, at: Unknowns) -> NDArra
 
 
 def _of_problem(noise: Noise, k: tuple[int, ...]) -> Noise:
-    """With the means of the prior of one problem out of many."""
+    """Return the noise with the means of the prior of one problem out of many."""
     return noise if noise.prior is None else with_prior(noise, noise.prior.rows(k))

@@ -53,7 +53,7 @@ class CameraNoise(ReadOnlyArrays):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """That of the covariance, (6n, 6n)."""
+        """Shape of the covariance, (6n, 6n)."""
         return self.joint.shape
 
     def covariance(self, pixel_sd: float | None = None) -> JointCovariance:
@@ -68,7 +68,7 @@ class CameraNoise(ReadOnlyArrays):
         return replace(self.joint, own=s * s * self.joint.own, shared=shared)
 
     def rows(self, index: NDArray[Any]) -> CameraNoise:
-        """That of some of the poses."""
+        """Return the noise of some of the poses."""
         return replace(self, joint=self.joint.rows(index))
 
     def scaled(self) -> tuple[Array, Array]:

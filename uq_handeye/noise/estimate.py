@@ -1,4 +1,4 @@
-"""What is known of the noise, before and after it is estimated: data sheets, components, the estimate as a whole.
+"""Noise before and after it is estimated: data sheets, components, the estimate as a whole.
 
 Units: rad and m, standard deviations per axis; text is in degrees and mm. How it is found: `noise_estimation`, and for
 camera poses from corners `noise_estimation.beside_camera`.
@@ -31,7 +31,7 @@ PartlyKnown = tuple[str | float | None, str | float | None]
 
 @dataclass(frozen=True)
 class NoisePrior:
-    """What data sheets say: standard deviations per axis, each known within a factor.
+    """Prior of the noise from data sheets: standard deviations per axis, each known within a factor.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Component:
 
     @property
     def is_given(self) -> bool:
-        """Whether it has no interval: it was not estimated."""
+        """True if it has no interval: it was not estimated."""
         return self.status in ("fixed", "exact", "given", "from corners", "by geometry")
 
     def __str__(self) -> str:
@@ -133,7 +133,7 @@ class CameraFactor:
 
 @dataclass(frozen=True)
 class SerialCorrelation:
-    """What the errors of neighbouring poses have in common: a drift, or noise that is correlated in time.
+    """Correlation of the errors of neighbouring poses: a drift, or noise that is correlated in time.
 
     A stationary process of rotation and translation, whose correlation of poses k apart is ``exp(-k / length)``.
     """
@@ -170,27 +170,27 @@ class NoiseEstimate(ReadOnlyArrays):
 
     @property
     def statement(self) -> tuple[str, ...]:
-        """What the data can and cannot tell, in words."""
+        """Sentences that say what the data can and cannot tell."""
         return tuple(map(str, self.findings))
 
     @property
     def has_prior(self) -> bool:
-        """Whether a data sheet had a say, so that the test of the fit is one."""
+        """True if a data sheet contributed, so that the test of the fit is one."""
         return any(component.status in ("fixed", "prior") for component in self.components)
 
     @property
     def from_corners(self) -> bool:
-        """Whether the noise of the camera poses comes from their corners, and the robot's alone was estimated."""
+        """True if the noise of the camera poses comes from their corners, and only the robot's was estimated."""
         return any(component.status == "from corners" for component in self.components)
 
     @property
     def by_geometry(self) -> bool:
-        """Whether the covariance of the camera poses has the shape that their views give it (`CameraNoise`)."""
+        """True if the covariance of the camera poses has the shape that their views give it (`CameraNoise`)."""
         return any(component.status == "by geometry" for component in self.components)
 
     @property
     def tested(self) -> bool:
-        """Whether residuals can contradict this noise: most of what they see was not made of them."""
+        """True if residuals can contradict this noise: most of what they see was not made of them."""
         factor = self.camera_factor
         if any(component.name.startswith("camera") and not component.is_given for component in self.components) and all(
             component.name.partition(" ")[0] not in ("robot", "camera", "A", "B")
@@ -231,7 +231,7 @@ class NoiseEstimate(ReadOnlyArrays):
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> NoiseEstimate:
-        """What `to_dict` wrote."""
+        """Read what `to_dict` wrote."""
         try:
             given = values["noise"]
             noise: Noise | None = None

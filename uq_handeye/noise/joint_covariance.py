@@ -83,7 +83,7 @@ class JointCovariance(ReadOnlyArrays):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """That of the array, (..., 6n, 6n)."""
+        """Shape of the array, (..., 6n, 6n)."""
         parts = [self.own, self.shared] + ([] if self.serial is None else [self.serial.by_state])
         return (*np.broadcast_shapes(*(part.shape[:-3] for part in parts)), 6 * self.n, 6 * self.n)
 
@@ -131,7 +131,7 @@ class JointCovariance(ReadOnlyArrays):
     __rmul__ = __mul__
 
     def any(self) -> bool:
-        """Whether it is not zero."""
+        """Return whether it is not zero."""
         return bool(self.own.any() or self.shared.any() or (self.serial is not None and self.serial.state.any()))
 
     @property
@@ -141,7 +141,7 @@ class JointCovariance(ReadOnlyArrays):
         return np.asarray(self.own + self.shared @ self.shared.mT + passed_on)
 
     def rows(self, index: NDArray[Any]) -> JointCovariance:
-        """That of some of the poses."""
+        """Return the joint covariance of some of the poses."""
         return JointCovariance(
             self.own[..., index, :, :],
             self.shared[..., index, :, :],
@@ -150,19 +150,19 @@ class JointCovariance(ReadOnlyArrays):
         )
 
     def carried(self, D: Array) -> JointCovariance:
-        """Of ``D_i xi_i``, D (..., n, 6, 6)."""
+        """Return the covariance of ``D_i xi_i``, D (..., n, 6, 6)."""
         serial = None if self.serial is None else self.serial.carried(D)
         return JointCovariance(D @ self.own @ D.mT, D @ self.shared, self.names, serial)
 
     def weighted(self, scale: Array) -> JointCovariance:
-        """With what each pose has of its own times ``scale`` (..., n), and what they share as it is.
+        """Return the covariance with each pose's own part times ``scale`` (..., n), and the shared part as it is.
 
         Scaling the whole of each block would make an error that all poses share look like one that averages out.
         """
         return JointCovariance(scale[..., None, None] * self.own, self.shared, self.names, self.serial)
 
     def plus(self, other: Array | JointCovariance) -> JointCovariance:
-        """And independent errors of each pose (..., n, 6, 6), or of another joint covariance."""
+        """Add independent errors of each pose (..., n, 6, 6), or another joint covariance."""
         if isinstance(other, JointCovariance):
             shared = np.concatenate([self.shared, other.shared], axis=-1)
             if self.serial is not None and other.serial is not None:
@@ -181,7 +181,7 @@ class JointCovariance(ReadOnlyArrays):
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> JointCovariance:
-        """What `to_dict` wrote; KeyError for parts that are missing."""
+        """Read what `to_dict` wrote; KeyError for parts that are missing."""
         own = np.asarray(values["own"], dtype=float)
         shared = np.asarray(values["shared"], dtype=float)
         if own.shape == (6, 6):

@@ -1,4 +1,4 @@
-"""What is known of X and W as people write it: ``target z = 120mm +- 1mm``."""
+"""Known values of X and W as people write them: ``target z = 120mm +- 1mm``."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def checked_covariance(value: Any, name: str, joint: bool) -> Array:
 
 
 def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
-    """As `checked_covariance`."""
+    """Check as `checked_covariance`."""
     if value.own.ndim != 3 or value.shared.ndim != 3:
         raise InputError(f"Expected the covariance `{name}` to be that of one set of poses, got {value.shape}.")
     if not np.isfinite(value.shared).all():
@@ -107,17 +107,17 @@ class PairNoise:
         return (None if self.A is None else factor(self.A), None if self.B is None else factor(self.B))
 
     def rows(self, index: NDArray[Any]) -> PairNoise:
-        """That of some of the motions, by their numbers or a mask."""
+        """Return the noise of some of the motions, by their numbers or a mask."""
         return replace(self, A=rows_of(self.A, index), B=rows_of(self.B, index))
 
     def weighted(self, weights: Array) -> PairNoise:
-        """With the covariance of each motion divided by its weight (N,)."""
+        """Return the noise with the covariance of each motion divided by its weight (N,)."""
         A, B = (None if S is None else np.asarray(weighted(S, weights)) for S in (self.A, self.B))
         return replace(self, A=A, B=B)
 
     @classmethod
     def isotropic(cls, A: Deviations | None = None, B: Deviations | None = None) -> PairNoise:
-        """From standard deviations (rotation, translation) per axis, e.g. ``A=("0.02deg", "0.05mm")``."""
+        """Build noise from standard deviations (rotation, translation) per axis, e.g. ``A=("0.02deg", "0.05mm")``."""
         return cls(_isotropic(A, "A"), _isotropic(B, "B"))
 
 
@@ -152,11 +152,13 @@ class PoseNoise:
         _require_prior(self.prior)
 
     def rows(self, index: NDArray[Any]) -> PoseNoise:
-        """That of some of the poses, by their numbers or a mask; of a joint covariance its marginal."""
+        """Return the noise of some of the poses, by their numbers or a mask; of a joint covariance its marginal."""
         return replace(self, robot=rows_of(self.robot, index), camera=rows_of(self.camera, index))
 
     def weighted(self, weights: Array) -> PoseNoise:
-        """With the covariance of each pose, of a joint one its own part, divided by its weight (n,)."""
+        """Return the noise with the covariance of each pose, of a joint one its own part, divided by its weight
+        (n,).
+        """
         robot, camera = (None if S is None else weighted(S, weights) for S in (self.robot, self.camera))
         return replace(self, robot=robot, camera=camera)
 
@@ -167,7 +169,7 @@ class PoseNoise:
 
     @classmethod
     def isotropic(cls, robot: Deviations | None = None, camera: Deviations | None = None) -> PoseNoise:
-        """From standard deviations (rotation, translation) per axis.
+        """Build noise from standard deviations (rotation, translation) per axis.
 
         >>> noise = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "0.5mm"))
         >>> bool(np.allclose(np.sqrt(np.diag(noise.camera)), [1e-3] * 3 + [0.5e-3] * 3))
@@ -205,7 +207,7 @@ def _isotropic(value: Deviations | None, name: str) -> Array | None:
 
 
 def is_joint(covariance: Any) -> bool:
-    """Whether a covariance is the joint one of several poses."""
+    """Return whether a covariance is the joint one of several poses."""
     return isinstance(covariance, JointCovariance) or (covariance.ndim == 2 and covariance.shape[0] > 6)
 
 

@@ -1,4 +1,4 @@
-r"""What is known of X and W before the data: a Gaussian on any of their twelve numbers.
+r"""Prior of X and W before the data: a Gaussian on any of their twelve numbers.
 
 Model: with a mean pose (R_0, t_0) the unknown pose has the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_0``,
 ``t = t_0 + tau`` (rad, m, left rotation, additive translation, parent frame of the pose), Gaussian with zero mean and
@@ -56,7 +56,7 @@ class PosePrior(ReadOnlyArrays):
 
     @classmethod
     def of(cls, X: Any = None, W: Any = None) -> PosePrior | None:
-        """From ``(pose, covariance)`` of X and of W; None where both are.
+        """Build a prior from ``(pose, covariance)`` of X and of W; None where both are.
 
         Parameters
         ----------
@@ -94,12 +94,12 @@ class PosePrior(ReadOnlyArrays):
         return result
 
     def rows(self, index: Any) -> PosePrior:
-        """Of some of the problems that the means are of."""
+        """Return the prior of some of the problems that the means belong to."""
         X, W = (T if T is None or T.ndim == 2 else T[index] for T in (self.X, self.W))
         return replace(self, X=X, W=W)
 
     def without_W(self) -> PosePrior | None:
-        """That of X alone."""
+        """Return the prior of X only."""
         return None if self.X is None else PosePrior(self.X, self.information_X)
 
     def normal_equations(self, X: Array, W: Array | None) -> tuple[Array, Array, Array]:
@@ -119,7 +119,7 @@ class PosePrior(ReadOnlyArrays):
         return information, gradient, square
 
     def drawn(self, X: Array, W: Array | None, batch: tuple[int, ...], rng: np.random.Generator) -> PosePrior:
-        """With means (..., 4, 4), ``batch`` of them, drawn about the true X and W: what would have been measured."""
+        """Draw ``batch`` means (..., 4, 4) about the true X and W: what would have been measured."""
         return self.moved(X, W, rng.standard_normal((*batch, 6 * len(self.parts()))))
 
     def moved(self, X: Array, W: Array | None, z: Array) -> PosePrior:
@@ -154,7 +154,7 @@ def _error(at: Array, mean: Array) -> tuple[Array, Array]:
 
 
 def _mean_and_information(value: Any, name: str) -> tuple[Array, Array]:
-    """From a pose and a covariance with infinity where nothing is known."""
+    """Return mean and information from a pose and a covariance with infinity where nothing is known."""
     try:
         mean, covariance = value
     except (TypeError, ValueError):

@@ -85,11 +85,11 @@ class SerialErrors(ReadOnlyArrays):
         return np.asarray(self.by_state @ self.state @ self.by_state.mT)
 
     def rows(self, index: NDArray[Any]) -> SerialErrors:
-        """Those of some of the poses."""
+        """Return the errors of some of the poses."""
         return SerialErrors(self.time[index], self.by_state[..., index, :, :], self.state, self.length, self.name)
 
     def carried(self, D: Array) -> SerialErrors:
-        """Of ``D_i xi_i``, D (..., n, 6, 6)."""
+        """Return the errors ``D_i xi_i``, D (..., n, 6, 6)."""
         return SerialErrors(self.time, D @ self.by_state, self.state, self.length, self.name)
 
     def scaled(self, factor: float) -> SerialErrors:
@@ -103,7 +103,7 @@ class SerialErrors(ReadOnlyArrays):
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> SerialErrors:
-        """What `to_dict` wrote; KeyError for parts that are missing."""
+        """Read what `to_dict` wrote; KeyError for parts that are missing."""
         time, by_state, state = (np.asarray(values[name], dtype=float) for name in ("time", "by_state", "state"))
         return cls(time, by_state, state, float(values["length"]), str(values["name"]))
 

@@ -19,7 +19,7 @@ Factor = Array | JointFactor
 
 
 def joint_residuals(S: Covariance) -> bool:
-    """Whether the residuals of different poses are correlated."""
+    """Return whether the residuals of different poses are correlated."""
     return isinstance(S, JointCovariance) or S.shape[-1] != 6
 
 
@@ -98,7 +98,7 @@ def weighed_blocks(S: Covariance) -> Array:
 
 
 def least_weight(S: Covariance) -> float:
-    """What a weight of 0 becomes.
+    """Return the number that replaces a weight of 0.
 
     A pose of no weight stays a link of the chain of serial errors, where a larger variance would leave nothing but
     rounding of what its neighbours have in common.

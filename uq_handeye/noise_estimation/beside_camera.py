@@ -85,7 +85,7 @@ class _Search:
     unit: Array  # (m,) by which x is known about, so that steps of the search have the right length
 
     def measured(self, x: Array) -> _Search:
-        """With the unit at x."""
+        """Measure with the unit at x."""
         v = self.variances(x, np.zeros(len(x), dtype=bool))
         own = np.diag(self.rows.information(v, self.rows.at(v)))
         return replace(self, unit=np.clip(0.5 / (np.maximum(v, 1e-300) * np.sqrt(np.maximum(own, 1e-300))), 0.01, 1.0))
@@ -245,13 +245,13 @@ class FoundRobotNoise:
 
     @cached_property
     def variances(self) -> dict[str, float]:
-        """By the names of the components."""
+        """Variances by the names of the components."""
         v = self.search.variances(self.x, self.zero)
         return {part.kind[0]: float(value) for part, value in zip(self.search.rows.parts, v, strict=True)}
 
     @cached_property
     def noise(self) -> PoseNoise:
-        """Of all poses."""
+        """Noise of all poses."""
         robot = self.source.robot
         if robot is None:
             v = np.array([self.variances[name] for name, _ in ROBOT_KINDS])

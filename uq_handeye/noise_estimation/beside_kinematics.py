@@ -100,7 +100,7 @@ class BesideKinematics:
 
     @cached_property
     def deviations(self) -> tuple[Deviation, ...]:
-        """Those that the model has, in the order of the parameters: own noise, then groups."""
+        """Standard deviations that the model has, in the order of the parameters: own noise, then groups."""
         given, found = self.kinematics.given, []
         population, values, factor = given.population, self.prior.values, self.prior.factor
         if isinstance(self.camera, CameraNoise) and self.camera.pixel_sd is None:
@@ -208,7 +208,7 @@ class Search:
 
     @classmethod
     def of(cls, rows: ScaleRows, deviations: tuple[Deviation, ...]) -> Search:
-        """With a start that is made of the residuals where nothing is known."""
+        """Build a search whose start is made of the residuals where nothing is known."""
         n = len(rows.y)
         J = rows.J.reshape(6 * n, -1)
         left = (rows.y.ravel() - J @ np.linalg.lstsq(J, rows.y.ravel(), rcond=None)[0]).reshape(n, 6)
@@ -318,7 +318,7 @@ class FoundKinematics:
 
     @cached_property
     def deviations(self) -> dict[str, float]:
-        """By name, rad, m or pixels; of groups those that their errors count with."""
+        """Standard deviations by name, rad, m or pixels; of groups those that their errors count with."""
         values = np.where(self.zero, 0.0, np.exp(self._integrated[0]))
         return {of.name: float(value) for of, value in zip(self.search.deviations, values, strict=True)}
 
@@ -329,7 +329,7 @@ class FoundKinematics:
 
     @cached_property
     def noise(self) -> PoseNoise:
-        """Of all poses."""
+        """Noise of all poses."""
         source, s = self.source, self.deviations
         camera, robot = source.camera, source.robot
         if isinstance(camera, CameraNoise):
@@ -392,7 +392,7 @@ class FoundKinematics:
 
     @property
     def _said(self) -> dict[str, Any]:
-        """What the sentence says: whose deviations are the least, and of which groups they were given."""
+        """Values of the sentence: whose standard deviations are the least, and of which groups they were given."""
         given = self.source.kinematics.given
         groups = dict.fromkeys(self.source.kinematics.groups)
         return {

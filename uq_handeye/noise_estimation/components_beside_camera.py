@@ -49,7 +49,7 @@ STEP = 1e-4
 
 
 class AtVariances(NamedTuple):
-    """At given variances (m,)."""
+    """Restricted likelihood at given variances (m,)."""
 
     deviance: float
     quadratic: Array  # (m,) q_k

@@ -94,7 +94,7 @@ class Components:
 
 
 class NoiseSource(Protocol):
-    """Where the noise of one data set comes from."""
+    """Source of the noise of one data set."""
 
     def find(self, at: Unknowns, weights: Array | None = None) -> FoundNoise:
         """Linearised near the unknowns, with poses that count with ``weights`` (n,)."""
@@ -237,7 +237,7 @@ class FromResiduals:
 
     @cached_property
     def model(self) -> tuple[Model, tuple[str, ...]]:
-        """And the names of its unknown variances."""
+        """Model of the noise, and the names of its unknown variances."""
         return model_of(self.prior, self.constraint.sides)
 
     def find(self, at: Unknowns, weights: Array | None = None) -> FoundComponents:
@@ -267,7 +267,7 @@ class FoundComponents:
 
     @property
     def exact(self) -> bool:
-        """Whether residuals at rounding level leave nothing to estimate."""
+        """True if residuals at rounding level leave nothing to estimate."""
         return bool(self.source.model[1]) and bool(self.components.exact.any())
 
     @cached_property
@@ -469,7 +469,7 @@ def _from_data_sheet(
 
 
 def _component(name: str, variances: Sequence[float | Array], status: str) -> Component:
-    """From estimate, lower and upper end of a variance."""
+    """Build a component from estimate, lower and upper end of a variance."""
     value, low, high = (float(np.sqrt(x)) for x in variances)
     return Component(
         name, "rad" if "rotation" in name else "m", value, low, high if np.isfinite(high) else None, status

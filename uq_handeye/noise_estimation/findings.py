@@ -1,4 +1,4 @@
-"""What a data set can and cannot tell about its noise: findings of an estimate, worded in `sentences`."""
+"""Findings about what a data set can and cannot tell about its noise, worded in `sentences`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_PIXELS, LEAST_PIXELS = 1.5, 0.015
 def noise_findings(
     parts: dict[str, Component], sides: tuple[str, str], rotation_told: bool, sheet: frozenset[str]
 ) -> tuple[Finding, ...]:
-    """What the data can and cannot tell; ``sheet`` names what the data sheet decides."""
+    """Return what the data can and cannot tell; ``sheet`` names what the data sheet decides."""
     found = []
     sums = [parts[together(what, sides)] for what in ("rotation", "translation")]
     for what, which in (
@@ -51,7 +51,7 @@ def noise_findings(
 
 
 def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | None) -> tuple[Finding, ...]:
-    """Of the robot's noise beside the covariance of the camera poses, and of their pixels."""
+    """Report the robot's noise beside the covariance of the camera poses, and the noise of their pixels."""
     camera, robot = (
         [parts[f"{side} {what}"] for what in ("rotation", "translation") if f"{side} {what}" in parts]
         for side in ("camera", "robot")
@@ -84,7 +84,7 @@ def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | N
 
 
 def against_pixels(pixels: Component, factor: CameraFactor | None) -> Finding:
-    """Whether the residuals contradict the pixel noise given: a caution where they do."""
+    """Compare the residuals with the pixel noise given: a caution where they contradict it."""
     if factor is None or factor.dof < TELLING:
         return _note("pixels_hidden")
     values = {"given": pixels.value, "factor": factor.value, "p_value": factor.p_value, "dof": factor.dof}
@@ -98,7 +98,7 @@ def unusual_pixels(pixels: Component) -> Finding:
 
 
 def against_camera(factor: CameraFactor | None) -> Finding:
-    """Whether the residuals contradict the camera's covariance: a caution where they do."""
+    """Compare the residuals with the camera's covariance: a caution where they contradict it."""
     if factor is None or factor.dof < TELLING:
         return _note("camera_hidden")
     values = {"factor": factor.value, "p_value": factor.p_value, "dof": factor.dof}

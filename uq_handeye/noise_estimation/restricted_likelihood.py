@@ -93,7 +93,7 @@ class Rows:
 
 
 class Restricted(NamedTuple):
-    """At given variances (s, c, b)."""
+    """Restricted likelihood at given variances (s, c, b)."""
 
     deviance: Array  # (...): minus twice the restricted log-likelihood
     score: Array  # (..., 3)
@@ -104,7 +104,7 @@ class Restricted(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Which variances v (K) are unknown: ``(s, c, b) = mixing v + offset``, some with a log-normal prior.
+    """Model of the unknown variances v (K): ``(s, c, b) = mixing v + offset``, some with a log-normal prior.
 
     A prior says that log of the standard deviation is Gaussian with mean ``log_mean`` and deviation ``log_sd``.
     """

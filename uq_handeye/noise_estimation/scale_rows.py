@@ -47,7 +47,7 @@ class OwnPart(NamedTuple):
 
 
 class AtDeviations(NamedTuple):
-    """At given logarithms of the deviations (k,)."""
+    """Likelihood at given logarithms of the standard deviations (k,)."""
 
     deviance: float
     gradient: Array  # (k,)
@@ -57,7 +57,7 @@ class AtDeviations(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What the rows say, once the noise of each block is known."""
+    """Sums over the rows, once the noise of each block is known."""
 
     N: Array  # (p + m + 1, p + m + 1) of [J, B, y]
     log_determinant: float  # of S
@@ -86,7 +86,7 @@ class ScaleRows:
         return np.where(self.group < 0, 1.0, np.exp(x[self.group]))
 
     def sums(self, x: Array) -> Sums:
-        """At the noise of each block; the deviations of the groups do not matter."""
+        """Return the sums at the noise of each block; the standard deviations of the groups do not matter."""
         n, r = self.y.shape
         S = np.zeros((n, r, r)) if self.known is None else np.array(self.known)
         for parameter, U in self.own:

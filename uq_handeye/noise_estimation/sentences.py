@@ -1,4 +1,4 @@
-"""What a data set can and cannot tell about its noise, in words.
+"""Sentences about what a data set can and cannot tell about its noise.
 
 Values hold `Component` as dictionaries of its fields, in rad and m.
 """

@@ -1,4 +1,4 @@
-r"""Whether the errors of neighbouring poses are correlated, and how: drift, and noise that is correlated in time.
+r"""Correlation of the errors of neighbouring poses: drift, and noise that is correlated in time.
 
 Model (`noise.serial_errors`): beside the errors of each pose alone, whose covariance S_i has been estimated as if there
 were nothing else, a stationary Markov process z with the covariance ``exp(-|i - j| / length) diag(p_1 I, p_2 I)``
@@ -133,13 +133,13 @@ def effect_on_residuals(fit: Fit, way: str) -> Array:
 
 
 def _ways(fit: Fit, distance: float, n: int) -> list[str]:
-    """What may be correlated; ``distance`` (m) of the target."""
+    """Return what may be correlated; ``distance`` (m) of the target."""
     mount = float(np.linalg.norm(fit.X[:3, 3])) > NEAR * distance
     return [*(MOVES if mount else MOVES[:2]), *(NOISES if n >= MANY else ())]
 
 
 class _At(NamedTuple):
-    """At a size and a length."""
+    """Fit at a size and a length."""
 
     deviance: float
     scale: float  # sigma^2
@@ -164,7 +164,7 @@ class _Rows:
         return inverse @ self.own[order] @ inverse.mT, inverse @ self.y[order]
 
     def at(self, rotation: float, translation: float, length: float) -> _At:
-        """With these shares of the mean variances as those of the process."""
+        """Fit with these shares of the mean variances as those of the process."""
         P = np.diag(np.repeat([rotation, translation] * self.unit, 3))
         process = SerialErrors(self.base.time, self.base.by_state, P, length)
         T, y = self.by_state
@@ -340,7 +340,7 @@ def _rescaled(values: Any, by: float) -> Any:
 
 
 def correlation_finding(correlation: SerialCorrelation, setup: str, growth: float) -> Finding:
-    """What neighbouring poses have in common; ``growth``: of the standard deviations of X by it."""
+    """Report what neighbouring poses have in common; ``growth``: of the standard deviations of X by it."""
     values = {
         "way": correlation.way,
         "against": "gripper" if (correlation.way == "target") == (setup == "eye-to-hand") else "base",

@@ -1,3 +1,3 @@
-"""Which poses to add next."""
+"""Planning of the poses to add next."""
 
 from . import text as text  # registers the words of a plan

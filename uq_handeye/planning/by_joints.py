@@ -49,7 +49,7 @@ DRAWN_AT_ONCE = 2_000
 
 
 class Wanted(NamedTuple):
-    """What is to be made small."""
+    """Quantity to minimise."""
 
     criterion: str
     point: Array | None  # (3,) m
@@ -58,7 +58,7 @@ class Wanted(NamedTuple):
 
 
 class SoFar(NamedTuple):
-    """What the poses so far tell."""
+    """Information from the poses so far."""
 
     data: PosePairs
     joints: Array  # (n, L)

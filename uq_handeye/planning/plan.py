@@ -318,7 +318,7 @@ def _estimated_noise(
 
 
 def _of_each_pose(noise: PoseNoise) -> PoseNoise:
-    """With the marginals of what neighbours have in common, which says nothing of new poses."""
+    """Return the marginals without what neighbours have in common, which says nothing about new poses."""
     sides = []
     for S in (noise.robot, noise.camera):
         if isinstance(S, JointCovariance):

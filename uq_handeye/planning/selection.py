@@ -41,7 +41,7 @@ def value(covariance: Array, Q: Array | None) -> Array:
 
 
 def of(Q: Array | None) -> int:
-    """How many unknowns the criterion is of."""
+    """Return the number of unknowns of the criterion."""
     return 6 if Q is None else len(Q)
 
 

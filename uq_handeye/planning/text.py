@@ -21,7 +21,7 @@ def plan_document(plan: Plan) -> Document:
 
 
 def headline(plan: Plan) -> str:
-    """What the poses would bring, in one sentence or two."""
+    """State in one sentence or two what the poses would bring."""
     k = len(plan.chosen)
     before, after = plan.worst[0], plan.worst[-1]
     poses = f"{k} more {'pose' if k == 1 else 'poses'} would bring"

@@ -1,4 +1,4 @@
-r"""What the poses so far say of X and W, for planning: also where they leave a part of X open.
+r"""Information of the poses so far about X and W, for planning: also where they leave a part of X open.
 
 With ``I`` the information (12, 12) about ``(xi_X, xi_W)`` (T5), W eliminated leaves ``I_XX - I_XW I_WW^-1 I_WX``. An
 eigenvector along which that is worth less than a standard deviation of OPEN (0.1 rad or 0.1 m) is *open*: parallel axes
@@ -61,7 +61,7 @@ def so_far(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array, Array]:
 
 
 def _of_prior(noise: PoseNoise, at: Unknowns) -> Array | float:
-    """What a prior of X and W tells of them (12, 12)."""
+    """Return the information (12, 12) of a prior of X and W about them."""
     return 0.0 if noise.prior is None else noise.prior.normal_equations(at.X, at.W)[0]
 
 

@@ -68,8 +68,8 @@ def resolve_turns(poses: PosePairs, board: Board) -> PosePairs:
 
 
 def _turned(seen: CameraCalibration, board: Board, angle: Array) -> CameraCalibration:
-    """With the points of picture k turned by an angle about the middle of the board, ``D_k``, so that
-    ``C'_k = C_k D_k^-1``: an error (theta, tau) of C is ``(theta, tau + theta x R t)`` of C', t that of ``D_k^-1``.
+    """Rotate the points of picture k by an angle about the middle of the board, ``D_k``, so that ``C'_k = C_k
+    D_k^-1``: an error (theta, tau) of C is ``(theta, tau + theta x R t)`` of C', t that of ``D_k^-1``.
     """
     corners, bundle = seen.corners, seen.bundle
     D = np.zeros((len(angle), 4, 4))
@@ -125,7 +125,7 @@ def _of_each(cost: Array, labels: NDArray[np.intp]) -> Array:
 
 
 def _labels(cost: Array) -> NDArray[np.intp]:
-    """From each of some poses: all others as they fit it; then one after the other as they fit all."""
+    """Label all poses as they fit one of them, for several such starts; then one after the other as they fit all."""
     n = len(cost)
     best: tuple[float, NDArray[np.intp]] | None = None
     for first in np.unique(np.linspace(0, n - 1, min(n, STARTS)).astype(int)):

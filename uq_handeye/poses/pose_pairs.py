@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Truth(NamedTuple):
-    """What a simulation knows."""
+    """True values of a simulation."""
 
     X: Array  # (4, 4)
     W: Array  # (4, 4): base_T_target (eye-in-hand) or gripper_T_target (eye-to-hand)

@@ -1,4 +1,4 @@
-"""How well X explains the motions and the poses: residuals, and what they say in sum."""
+"""Residuals of the motions and the poses by X, and their summary."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..geometry.se3 import Array
 
 
 class Residuals(NamedTuple):
-    """How well X explains the motions: rotation in rad, translation in the unit of the input, over pairs."""
+    """Residuals of the motions by X: rotation in rad, translation in the unit of the input, over pairs."""
 
     rotation_rms: float
     rotation_median: float

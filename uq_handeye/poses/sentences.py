@@ -1,4 +1,4 @@
-"""What pose data bring with them that a computation leaves out, in words."""
+"""Sentences about properties of pose data that a computation leaves out."""
 
 from __future__ import annotations
 

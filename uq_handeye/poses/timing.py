@@ -1,4 +1,4 @@
-"""What poses that were paired by interpolation know about their time offset."""
+"""Time offset of poses that were paired by interpolation, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ class Timing:
         return len(self.rate)
 
     def rows(self, index: NDArray[Any]) -> Timing:
-        """That of some of the poses; the offset is known as well as before."""
+        """Return the timing of some of the poses; the offset is known as well as before."""
         return Timing(self.offset, self.std, self.rate[index], self.side)
 
     @property
     def matters(self) -> bool:
-        """Whether an error of the offset moves any pose."""
+        """True if an error of the offset moves any pose."""
         return bool(self.std > 0 and self.rate.any())
 
 
@@ -90,7 +90,7 @@ def warn_left_out(function: str, data: Any) -> None:
 
 
 def left_out_of(function: str, timing: Timing | None) -> list[Finding]:
-    """What a function that takes the offset as exact leaves out, if the offset matters."""
+    """Report what a function that takes the offset as exact leaves out, if the offset matters."""
     if timing is None or not timing.matters:
         return []
     return [Finding("poses.offset_taken_as_exact", "caution", {"function": function, "std": timing.std})]

@@ -1,4 +1,4 @@
-r"""What a calibration found of the arm that carried it: the errors of its kinematics, and poses corrected by them."""
+r"""Arm as a calibration found it: the errors of its kinematics, and poses corrected by them."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class FittedKinematics(ReadOnlyArrays):
         beside_controller: tuple[float, float],
         posterior: JointPosterior,
     ) -> FittedKinematics:
-        """From the joint posterior, by the names of the errors."""
+        """Build the kinematics from the joint posterior, by the names of the errors."""
         m = len(chain.errors)
         e, covariance = np.zeros(m), np.zeros((m, m))
         place = {error.name: k for k, error in enumerate(chain.errors)}

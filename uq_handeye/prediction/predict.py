@@ -43,7 +43,7 @@ from .fitted_kinematics import FittedKinematics
 
 
 class Predicting(Protocol):
-    """What a prediction needs of a calibration."""
+    """Interface of a calibration, as far as a prediction needs it."""
 
     @property
     def X(self) -> Array: ...
@@ -65,7 +65,7 @@ class Predicting(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CameraPrediction(ReadOnlyArrays):
-    """What the camera should see: ``camera_T_target`` at m robot poses."""
+    """Prediction of what the camera should see: ``camera_T_target`` at m robot poses."""
 
     poses: Array  # (..., 4, 4)
     covariance: Array  # (..., 6, 6) of (theta, tau): left rotation (rad), additive translation (m), camera frame

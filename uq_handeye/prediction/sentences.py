@@ -1,4 +1,4 @@
-"""What is found about predictions, in words. Values are in m and shares."""
+"""Sentences of the findings about predictions. Values are in m and shares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-r"""How far the tool misses a point that the camera sees, over the workspace of the arm and near the calibrated poses.
+r"""Distance by which the tool misses a point that the camera sees, over the workspace of the arm and near the
+calibrated poses.
 
 Postures q are drawn over the joint limits (an infinite limit of a revolute joint is half a turn to each side, one of a
 prismatic joint the end of its calibrated range, widened by half), and those of the calibration are taken as they are.

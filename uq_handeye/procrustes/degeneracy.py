@@ -1,4 +1,5 @@
-"""When motions do not determine X: the limits, the directions that stay open, and the reason, told once.
+"""Degeneracy of motions that do not determine X: the limits, the directions that stay open, and the reason, reported
+once.
 
 Model: the rotation is that of ``H = sum u v^T = U S V^T`` (or of rotation vectors in place of u, v), S with the sign of
 ``det(U V^T)`` in its last value; ``M = tr(H R^T) I - H R^T`` has the eigenvalues ``(s2 + s3, s1 + s3, s1 + s2)``,
@@ -23,7 +24,7 @@ NO_ROTATION = 1e-14
 
 
 def are_determined(smallest: Array, largest: Array, N: int) -> NDArray[np.bool_]:
-    """Whether M of N pairs is regular, from its smallest and largest eigenvalue (...)."""
+    """Return whether M of N pairs is regular, from its smallest and largest eigenvalue (...)."""
     return np.asarray((largest > NO_ROTATION * N) & (smallest > DEGENERATE * largest))
 
 

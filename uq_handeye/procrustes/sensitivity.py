@@ -148,7 +148,7 @@ def trials_first(rows: Array) -> Array:
 
 
 class Linearised(NamedTuple):
-    """What the derivatives at finite d need, for trials T."""
+    """Quantities that the derivatives at finite d need, for trials T."""
 
     sigma: Array  # (T, 8)
     pinv: Array  # (T, 2, 4, 4): (F11 - lambda_min I)^+ and that of F22
@@ -157,7 +157,7 @@ class Linearised(NamedTuple):
 
 
 def linearised(solution: Scaled, X: Array | None, scale: float) -> Linearised:
-    """At the solution, or at X (T, 4, 4) where it is given."""
+    """Linearise at the solution, or at X (T, 4, 4) where it is given."""
     sigma = solution.sigma.reshape(-1, 8) if X is None else octonion(X, scale)
     pinv = np.stack([solution.pinv_L.reshape(-1, 4, 4), solution.pinv_R.reshape(-1, 4, 4)], axis=1)
     return Linearised(sigma, pinv, pose_from_octonion_jacobian(sigma, scale), scale)

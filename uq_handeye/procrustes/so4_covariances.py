@@ -108,7 +108,7 @@ def literal_sum(derivatives: ScaledDerivatives, A: Array, B: Array, noise: PairN
 
 
 class PaperCovariances(NamedTuple):
-    """What (53)-(59) read off Sigma_sigma."""
+    """Covariances that (53)-(59) read off Sigma_sigma."""
 
     R4: Array  # (..., 4, 4): <dR4 dR4^T> on SO(4) (56)
     R: Array  # (..., 3, 3): Sigma_R = <dR dR^T> (58) = tr(Sigma_theta) I - Sigma_theta

@@ -1,1 +1,1 @@
-"""From the noise of the data to the covariance of a published X."""
+"""Propagation of the noise of the data to the covariance of a published X."""

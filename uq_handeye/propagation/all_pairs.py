@@ -68,7 +68,7 @@ class AllPairs:
 
     @property
     def precise(self) -> bool:
-        """Whether the moments keep 12 digits: they are differences of terms of order 1, and of order sin^2(angle)."""
+        """True if the moments keep 12 digits: they are differences of terms of order 1, and of order sin^2(angle)."""
         return bool(np.linalg.norm(self.moments[:3, :3]) > 1e-3 * self.n_pairs)
 
     def solve(self) -> Array:

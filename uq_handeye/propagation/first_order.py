@@ -1,4 +1,4 @@
-r"""When a propagated covariance is no use: findings from quantities that are at hand.
+r"""Conditions under which a propagated covariance is not valid: findings from quantities that are at hand.
 
 Two kinds of methods have a covariance that may be off by factors though that of every other is exact to first order:
 
@@ -30,7 +30,7 @@ ROUNDING = 1e-12
 
 
 def find_few(method: Method, count: int, item: str) -> list[Finding]:
-    """Whether the pairs or poses are too few for a covariance in the limit of many data."""
+    """Report pairs or poses that are too few for a covariance in the limit of many data."""
     if count >= FEW:
         return []
     return [
@@ -39,14 +39,14 @@ def find_few(method: Method, count: int, item: str) -> list[Finding]:
 
 
 def find_precise_residuals(method: Method, share: float) -> list[Finding]:
-    """Whether residuals known better than X hold too large a share of the information about it."""
+    """Report residuals known better than X that hold too large a share of the information about it."""
     if share <= SHARE:
         return []
     return [Finding("propagation.precise_residuals", "caution", {"method": method.name, "share": share})]
 
 
 def find_curved(method: Method, A: Array, B: Array, X: Array, covariance: Array) -> list[Finding]:
-    """Whether a method that weights by the noise bends too much; arrays as for `bend`."""
+    """Report a method that weights by the noise and bends too much; arrays as for `bend`."""
     if not method.weighted:
         return []
     largest = float(bend(A, B, X, covariance).max())

@@ -40,7 +40,7 @@ Start = Callable[[slice], DataSide]
 
 
 def data_side(noise: Noise, kind: str | None, motions: Motions | None, N: int) -> Start:
-    """What starts a sum for some trials; raises `InputError` where noise, kind and motions do not fit."""
+    """Return the start of a sum for some trials; raises `InputError` where noise, kind and motions do not fit."""
     default, others = ("poses", "pairs") if isinstance(noise, PoseNoise) else ("pairs", "literal")
     if kind not in (None, default, others):
         raise InputError(f"Expected `kind` with {type(noise).__name__} to be {default!r} or {others!r}, got {kind!r}.")
@@ -174,12 +174,12 @@ class Shared(FromPoses):
 
     @property
     def joint(self) -> bool:
-        """Whether the errors of different poses are correlated."""
+        """True if the errors of different poses are correlated."""
         return any(covariance is not None and is_joint(covariance) for covariance in self.noise)
 
     @property
     def twice(self) -> bool:
-        """Whether two pairs have both poses in common."""
+        """True if two pairs have both poses in common."""
         return len(np.unique(np.sort(self.pairs, axis=1), axis=0)) < len(self.pairs)
 
     def pose_factors(self, pairs: slice) -> Array:

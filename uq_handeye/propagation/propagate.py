@@ -160,7 +160,9 @@ def pose_sensitivities(
 
 
 class _Problem(NamedTuple):
-    """What a covariance is asked of, checked: motions (T, N, 4, 4), and the start of a sum for some of the trials."""
+    """Checked problem whose covariance is asked for: motions (T, N, 4, 4), and the start of a sum for some of the
+    trials.
+    """
 
     batch: tuple[int, ...]
     A: Array

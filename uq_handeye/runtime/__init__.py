@@ -1,1 +1,1 @@
-"""What a long computation needs: work arrays, progress, versions of what ran, executors."""
+"""Support of long computations: work arrays, progress, versions of what ran, executors."""

@@ -57,7 +57,7 @@ class LocalProcesses(ProcessPoolExecutor):
         self.shutdown(cancel_futures=True)
 
     def describe_loss(self) -> str:
-        """How the first of them ended that was not ended by `end`; to be asked for after that."""
+        """Describe how the first process ended that was not ended by `end`; to be called after that."""
         codes = [process.exitcode for process in self._context.processes]
         code = next((code for code in codes if code not in (None, 0, -signal.SIGTERM)), -signal.SIGTERM)
         assert code is not None

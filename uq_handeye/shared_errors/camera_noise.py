@@ -155,7 +155,7 @@ def _derivatives(lens: Lens, C: Array, P: Array) -> tuple[Array, Array]:
 
 
 def _inverse(information: Array, what: str) -> Array:
-    """Of (..., k, k); raises `InputError` that begins with ``what`` where it is singular."""
+    """Invert (..., k, k); raises `InputError` that begins with ``what`` where it is singular."""
     unit = 1.0 / np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), np.finfo(float).tiny))
     scaled = information * unit[..., :, None] * unit[..., None, :]
     if not (np.linalg.eigvalsh(scaled)[..., 0] > SINGULAR).all():

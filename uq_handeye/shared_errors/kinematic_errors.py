@@ -37,7 +37,9 @@ def _constant(F: Array) -> Callable[[PosePairs], Array]:
 
 
 def kinematic_covariance(columns: KinematicColumns, deviations: Mapping[str, float]) -> JointCovariance:
-    """What joint noise and the errors of all groups do to the robot poses, with these deviations by name."""
+    """Return the covariance of the robot poses by joint noise and the errors of all groups, with these standard
+    deviations by name.
+    """
     noise = deviations.get(JOINT_NOISE, 0.0) ** 2 * columns.J @ columns.J.mT
     sd = np.array([deviations[group] for group in columns.groups])
     return JointCovariance(noise, columns.F * sd, columns.names)

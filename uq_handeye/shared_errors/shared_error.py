@@ -102,7 +102,7 @@ class SharedError(ReadOnlyArrays):
 
     @property
     def is_exact(self) -> bool:
-        """Whether it is switched off: standard deviations of 0."""
+        """True if it is switched off: standard deviations of 0."""
         return not self.widest.any()
 
     @property
@@ -229,11 +229,11 @@ class SharedError(ReadOnlyArrays):
 
     @property
     def needs_poses(self) -> bool:
-        """Whether its numbers belong to poses, and it is not `bound` to some yet."""
+        """True if its numbers belong to poses, and it is not `bound` to some yet."""
         return self.bind is not None and self.parts == (self.name,)
 
     def bound(self, poses: PosePairs) -> SharedError:
-        """With the numbers that these poses need, where they belong to poses; columns at other poses are of the same.
+        """Bind the error to the poses where its numbers belong to poses; columns at other poses are of the same.
 
         `calibrate` binds an error to its poses where that has not been done.
         """
@@ -255,7 +255,8 @@ class SharedError(ReadOnlyArrays):
 
 
 def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
-    """What camera poses are taken to share: the size of the target, and finished ones what the intrinsics do to them.
+    """Return the errors that camera poses share by default: the size of the target, and for finished poses the effect
+    of the intrinsics.
 
     ``intrinsics_known``: the covariance of the camera poses holds that already, as from corners.
     """
@@ -303,7 +304,7 @@ def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
 
 
 def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str, JointCovariance]:
-    """By side what the errors make of its poses: a covariance without noise of its own.
+    """Return the effect of the errors on the poses by side: a covariance without noise of its own.
 
     Those that are not `learned` are no unknowns of a fit, and not in it.
     """

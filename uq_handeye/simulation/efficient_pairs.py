@@ -192,7 +192,7 @@ class _Model(NamedTuple):
 
 
 class _Coefficients(NamedTuple):
-    """Of the factor of S, in the notation of the module: (3, 3, p, m) with p = 1 for common noise."""
+    """Coefficients of the factor of S, in the notation of the module: (3, 3, p, m) with p = 1 for common noise."""
 
     U: Triangle
     Gamma: Array
@@ -203,7 +203,7 @@ class _Coefficients(NamedTuple):
 
     @classmethod
     def of(cls, model: _Model, R: Array, pairs: slice) -> _Coefficients:
-        """With B turned by R (3, 3, m)."""
+        """Return the coefficients with B rotated by R (3, 3, m)."""
         m = R.shape[-1]
         A, B = (S[:, pairs] if S.shape[1] > 1 else S for S in model.blocks)
         twice = np.einsum("iam,jbm->abijm", R, R).reshape(9, 9 * m)

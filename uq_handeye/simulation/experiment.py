@@ -1,4 +1,5 @@
-r"""What a simulated trial is of: exact data, the noise that is drawn on them, and the method that is run on each draw.
+r"""Definition of a simulated trial: exact data, the noise that is drawn on them, and the method that is run on each
+draw.
 
 Model: true poses with ``G_i X C_i = W``, or true motions with ``A_i X = X B_i``; the measured ones are
 ``R = exp([theta]x) R_true``, ``t = t_true + tau`` with ``xi = (theta, tau)`` drawn from the noise (rad, m). The true
@@ -68,14 +69,14 @@ class Experiment:
 
     @property
     def number_of_pairs(self) -> int:
-        """Of the motions, without forming them."""
+        """Number of the motions, without forming them."""
         if isinstance(self.truth, Motions):
             return self.truth.N
         return self.truth.n * (self.truth.n - 1) // 2 if self.pairs is None else len(self.pairs)
 
     @property
     def forms_pairs(self) -> bool:
-        """Whether every trial works on the pairs, rather than on the poses themselves."""
+        """True if every trial works on the pairs, rather than on the poses themselves."""
         return self.method in METHODS and self.everything is None
 
     @property
@@ -117,7 +118,7 @@ class Experiment:
 
 
 class Fitted(Protocol):
-    """What is read of a `Calibration`, which stands above this package."""
+    """Interface of a `Calibration`, which stands above this package, as far as it is read."""
 
     noise_estimate: Any
 
@@ -148,7 +149,7 @@ def experiment(
     pairs: str | ArrayLike = "all",
     scale: float | None = None,
 ) -> Experiment:
-    """What is redrawn, around the truth of simulated poses or around real data as they were fitted.
+    """Return the experiment to repeat, around the truth of simulated poses or around real data as they were fitted.
 
     Parameters
     ----------

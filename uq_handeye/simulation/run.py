@@ -51,7 +51,7 @@ class Estimates(NamedTuple):
 
 
 def run(experiment: Experiment, rng: np.random.Generator, trials: int, each: bool = False) -> Trials:
-    """So many draws of the noise and what the method makes of each.
+    """Draw the noise ``trials`` times and run the method on each draw.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def estimates(experiment: Experiment, first: Array, second: Array, each: bool) -
 
 
 def _of_trials(experiment: Experiment, part: slice) -> Experiment:
-    """With the means of the prior as they were drawn in some of the trials."""
+    """Return the experiment with the means of the prior as they were drawn in some of the trials."""
     prior = experiment.noise.prior
     return experiment if prior is None else replace(experiment, noise=with_prior(experiment.noise, prior.rows(part)))
 

@@ -156,7 +156,7 @@ def sigma_points_of(problem: Experiment, *, rounds: int | None = None, seed: int
 
 
 class Moments(NamedTuple):
-    """Of f(z) under standard normal z."""
+    """Moments of f(z) under standard normal z."""
 
     mean: Array  # (k,)
     mean_square: Array  # (k, k)

@@ -1,4 +1,4 @@
-r"""Where to start the search for a time offset: the correlation of two angular speeds.
+r"""Start of the search for a time offset: the correlation of two angular speeds.
 
 Model: the gripper and the camera (or the target) are one rigid body, so that both sensors turn with the same angular
 speed at the same moment, whatever X: ``|omega_robot(t + offset)| = |omega_camera(t)|``. No X, no W, no axes are needed.
@@ -71,7 +71,7 @@ class Correlation:
 
     @property
     def found(self) -> bool:
-        """Whether the highest peak stands out."""
+        """True if the highest peak stands out."""
         return bool(self.heights) and self.heights[0] >= min(max(self.needed, LEAST), SURE)
 
 
@@ -154,7 +154,9 @@ def _coefficients(a: Array, b: Array, known_a: Array, known_b: Array) -> tuple[A
 
 
 def _autocorrelation(x: Array, known: NDArray[np.bool_]) -> Array:
-    """Of lag 1, 2, ... up to where it first is below 0; zeros behind, up to a common length."""
+    """Return the autocorrelation at lag 1, 2, ... up to where it first is below 0; zeros behind, up to a common
+    length.
+    """
     n = 2048
     size = 1 << (2 * len(x) - 1).bit_length()
     both = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: min(n, len(x))]

@@ -24,7 +24,7 @@ from .correlation import Correlation
 
 
 class Drawn(Protocol):
-    """What the figure needs of synchronised streams."""
+    """Interface of synchronised streams, as far as the figure needs it."""
 
     @property
     def offset(self) -> float: ...
@@ -66,7 +66,7 @@ def sync_figure(sync: Drawn) -> Figure:
 
 
 def alt_text(sync: Drawn) -> str:
-    """What the figure shows, in words."""
+    """Describe the figure in words."""
     high = "" if sync.correlation is None or not sync.correlation.heights else f" of {sync.correlation.heights[0]:.2f}"
     return (
         "Angular speeds of robot and camera against time, the robot's moved by the offset of "

@@ -151,7 +151,7 @@ class Interpolated(NamedTuple):
         return np.asarray(self.problem == FINE)
 
     def rows(self, index: NDArray[np.intp]) -> Interpolated:
-        """At some of the times."""
+        """Return the poses at some of the times."""
         return Interpolated(
             self.poses[index], self.rate[index], self.weight[index], self.left[index], self.problem[index]
         )
@@ -213,7 +213,7 @@ def _rate(times: Array, poses: Array, left: NDArray[np.intp], right: NDArray[np.
 
 
 def misses(times: Array, poses: Array, kind: str = "so4", max_gap: float = np.inf) -> Array:
-    """By what the pose interpolated from the two samples beside it misses each sample: xi (n, 6), rad and m.
+    """Return the error of interpolating each sample from the two beside it: xi (n, 6), rad and m.
 
     0 at both ends, beside gaps and half turns. For smooth motion and even times interpolation between neighbouring
     samples misses by ``w (1 - w)`` times that (second order), a quarter at most; the noise of three samples is in it.

@@ -87,7 +87,7 @@ class Pairing:
         return found._replace(rate=-found.rate)
 
     def rows_at(self, offset: float) -> NDArray[np.intp]:
-        """Those for which nothing is extrapolated and no gap is bridged."""
+        """Return the rows for which nothing is extrapolated and no gap is bridged."""
         return np.flatnonzero(self.interpolated(offset).fine)
 
     def poses(self, found: Interpolated, rows: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -123,7 +123,7 @@ class _Round(NamedTuple):
 
 
 def thinned(rows: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """At most so many of the rows, evenly spread."""
+    """Return at most ``most`` of the rows, evenly spread."""
     if len(rows) <= most:
         return rows
     return rows[np.linspace(0, len(rows) - 1, most).round().astype(np.intp)]
@@ -298,7 +298,7 @@ def with_noise(pairing: Pairing, begun: Refined, rows: NDArray[np.intp]) -> Pose
 
 
 def bias_of_interpolation(pairing: Pairing, best: Refined, missed: Array) -> float:
-    """By how many standard deviations of X (the longest of all directions) what interpolation misses moves it.
+    """Return how far the error of interpolation moves X, in standard deviations of X (the longest of all directions).
 
     ``missed`` (n, 6) are the `interpolation.misses` of the interpolated stream. They are no noise: what neighbouring
     rows miss is alike. To first order X moves by ``b = -C J^T S^-1 D e``, e_i the miss of row i; this is

@@ -1,4 +1,4 @@
-"""What the synchronisation of two streams finds, in words. Values are in s, rad and m."""
+"""Sentences of the findings of the synchronisation of two streams. Values are in s, rad and m."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be said of two time-stamped streams before anything is computed: units, common time, coarse clocks, gaps."""
+"""Checks of two time-stamped streams before anything is computed: units, common time, coarse clocks, gaps."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class LeftOut:
 
     @property
     def reason(self) -> str:
-        """Why, in words."""
+        """Reason in words."""
         return str(self.why)
 
     def __str__(self) -> str:
@@ -63,7 +63,9 @@ def check_units(robot: float, camera: float) -> None:
 
 
 def common_time(robot: Array, camera: Array, reach: float, shift: float) -> float:
-    """How long (s) the streams share at most with offsets of ``shift`` +- ``reach``; raises if they do not."""
+    """Return the longest time (s) that the streams share with offsets of ``shift`` +- ``reach``; raises if they do
+    not.
+    """
     begin = max(float(robot[0]), float(camera[0]) + shift)
     end = min(float(robot[-1]), float(camera[-1]) + shift)
     ranges = (
@@ -93,7 +95,7 @@ def coarse_clock(times: Array) -> float | None:
 def left_out(
     found: Interpolated, base: str, base_times: Array, side: str, side_times: Array, max_gap: float
 ) -> tuple[LeftOut, ...]:
-    """What became of the poses of the ``base`` stream at whose times the other ``side`` has no pose."""
+    """Report the poses of the ``base`` stream at whose times the other ``side`` has no pose."""
     parts: list[LeftOut] = []
     for code, what in ((BEFORE, "before_other"), (AFTER, "after_other")):
         rows = np.flatnonzero(found.problem == code)

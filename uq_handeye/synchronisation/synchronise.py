@@ -193,7 +193,7 @@ def synchronise(
 
 
 class _Estimate(NamedTuple):
-    """What the streams say of the offset."""
+    """Estimate of the offset from the streams."""
 
     refined: Refined
     correlation: Correlation
@@ -424,7 +424,7 @@ def _against_streams(
 
 
 def _coarse(error: tuple[float, float], bias: float, side: str) -> list[Finding]:
-    """Whether what interpolation misses shows in X."""
+    """Report an error of interpolation that shows in X."""
     if bias < COARSE:
         return []
     values = {"side": side, "rotation": error[0], "translation": error[1], "bias": bias}

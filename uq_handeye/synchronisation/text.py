@@ -39,7 +39,7 @@ def headline(sync: Synchronised) -> str:
 
 
 def offset_sentences(sync: Synchronised) -> list[str]:
-    """How the offset was found, and how its deviation."""
+    """Describe how the offset and its standard deviation were found."""
     found = []
     if sync.correlation is not None and sync.correlation.found:
         found.append(

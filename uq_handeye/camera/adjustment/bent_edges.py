@@ -1,4 +1,4 @@
-r"""How far a corner is moved where a lens bends the edges that meet in it.
+r"""Shift of a corner where a lens bends the edges that meet in it.
 
 ``cornerSubPix`` gives the p at which ``sum_q w(q) (g(q) . (q - p))^2`` is smallest: g is the gradient of the picture at
 the pixel q, ``w(q) = exp(-|q - p|^2 / a^2)`` over the square of half width a around p. Along an edge through the corner

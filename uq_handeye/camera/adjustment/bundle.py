@@ -47,7 +47,7 @@ LOST = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Prior(ReadOnlyArrays):
-    """What is known of the parameters beforehand: mean (p,) and covariance (p, p); variance 0 is exact."""
+    """Prior of the parameters: mean (p,) and covariance (p, p); variance 0 is exact."""
 
     mean: Array
     covariance: Array
@@ -78,7 +78,7 @@ class Bundle(ReadOnlyArrays):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return (*self.model.names, *self.shape.names)
 
     @property
@@ -116,7 +116,7 @@ class Bundle(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What the pictures show, padded to the same number of corners: see `Corners.by_picture`.
+    """Content of the pictures, padded to the same number of corners: see `Corners.by_picture`.
 
     In memory the corners of a picture lie together, component by component.
     """
@@ -135,7 +135,7 @@ class Sight:
         return cls(model, shape, row, pixels, corners.by_picture(used))
 
     def pictures(self, part: slice) -> Sight:
-        """Of some pictures."""
+        """Return a subset of the pictures."""
         return Sight(self.model, self.shape, self.row[part], self.pixels[part], self.weights[part])
 
     @property

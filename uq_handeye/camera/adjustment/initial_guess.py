@@ -134,7 +134,7 @@ def _flat(corners: Corners) -> Array:
 
 
 def _fisheye(model: CameraModel, corners: Corners, flat: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
-    """Of equidistant lenses of many focal lengths, and of a pinhole, that which predicts the corners best."""
+    """Choose, of equidistant lenses of many focal lengths and a pinhole, the one that predicts the corners best."""
     width, height = image_size
     starts = [np.array([f, f, 0.5 * (width - 1), 0.5 * (height - 1), 0, 0, 0, 0]) for f in FISHEYE_FOCAL * 0.5 * width]
     with suppress(InputError):  # of a wide lens, where it may fail

@@ -1,4 +1,5 @@
-r"""Which camera model, and which shape of the board: by the Bayesian information criterion, never radial terms alone.
+r"""Choice of the camera model and the shape of the board by the Bayesian information criterion, never radial terms
+only.
 
 Of candidates with p free parameters in common, that leave the sum of squares Q of the N coordinates that count in n
 pictures (G. Schwarz, Annals of Statistics 6 (1978)):

@@ -1,4 +1,4 @@
-r"""How much the corners of each picture count: pictures differ in noise, by blur, distance and light.
+r"""Weights of the corners by picture: pictures differ in noise, by blur, distance and light.
 
 Of picture i the residuals r_i give the variance ``s_i^2 = |r_i|^2 / m_i`` per coordinate, with the degrees of freedom
 ``m_i = 2 n_i - 6``, less its part of the intrinsics'. What the pictures have in common says what to make of it

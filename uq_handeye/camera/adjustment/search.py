@@ -38,7 +38,7 @@ Lens = tuple[str, tuple[str, ...]]  # a model and the coefficients that are free
 
 
 class Found(NamedTuple):
-    """What was chosen."""
+    """Result of the search for a model."""
 
     setting: Setting
     bundle: Bundle
@@ -84,7 +84,7 @@ def search(
 
 
 def _first_fit(corners: Corners, size: tuple[int, int], lens: Lens, shape: BoardShape, known: Known) -> Found:
-    """From the corners alone, without outlying ones."""
+    """Fit the corners only, without outliers."""
     setting = Setting.of(MODELS[lens[0]], lens[1], known, shape)
     bundle, _ = without_outliers(corners, partial(setting.fit, corners, setting.start(corners, size)))
     return Found(setting, bundle, ())
@@ -98,7 +98,7 @@ def _best_of(
     known: Known,
     other: Found | None,
 ) -> Found:
-    """Of nested lenses; ``other`` is the best of lenses that these are not nested with."""
+    """Return the best of nested lenses; ``other`` is the best of the lenses that these are not nested with."""
     few = [lens for lens in lenses if len(lens[1]) <= FIRST] or lenses
     lens = max(few, key=lambda lens: len(lens[1]))
     if other is None:
@@ -150,7 +150,7 @@ def _best_of(
 
 
 def _as_fisheye(found: Bundle, corners: Corners) -> tuple[Array, Array]:
-    """Where a fisheye starts that sees what a lens with a plane picture was found to see.
+    """Return the start of a fisheye that sees what a lens with a plane picture was found to see.
 
     With the angle phi of a corner from the axis and its distance r from the centre in focal lengths the coefficients
     are the least squares solution of ``phi + k1 phi^3 + ... + k4 phi^9 = r``.

@@ -1,4 +1,4 @@
-"""What is estimated of a camera and its board, what is known beforehand, and where a fit of it starts."""
+"""Estimated parameters of a camera and its board, their prior, and the start of a fit."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Known = Mapping[str, float | tuple[float, float]]
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Which of the p parameters are estimated, from where, and what is known of them."""
+    """Choice of the estimated ones of p parameters, with their start and prior."""
 
     model: CameraModel
     shape: BoardShape

@@ -40,7 +40,7 @@ Rows = tuple[Array, Array, Array]  # r (n, m), A (n, m, f), B (n, m, 6)
 
 
 class Problem(Protocol):
-    """What is minimised."""
+    """Minimisation problem."""
 
     @property
     def m(self) -> int:
@@ -54,7 +54,7 @@ class Problem(Protocol):
 
 
 class Minimum(NamedTuple):
-    """Where everything is at its minimum, and the derivatives where the last step came from."""
+    """Minimum: values, and the derivatives at the start of the last step."""
 
     values: Array  # (f,)
     blocks: Array  # (n, ...)
@@ -103,7 +103,7 @@ class Normal(NamedTuple):
         return cls(squares, S, V, G, e, c, to_values, to_blocks)
 
     def step(self, damping: float) -> tuple[Array, Array, float]:
-        """Of the values and of the blocks, and by how much the sum of squares is predicted to fall."""
+        """Return the steps of the values and of the blocks, and the predicted decrease of the sum of squares."""
         y = -self.c / (self.e + damping)
         f = len(self.to_values)
         values = self.to_values @ y[:f]

@@ -35,7 +35,7 @@ MOVED = 0.1
 
 
 class BoardTable(NamedTuple):
-    """What a file of points says."""
+    """Content of a file of points."""
 
     name: str
     points: Array  # (u, 3) m
@@ -130,7 +130,7 @@ def read_board_table(path: StrPath) -> BoardTable:
 
 
 def _factors(titles: list[str], where: str) -> list[float]:
-    """What the numbers of each column are multiplied by to be metres."""
+    """Return the factor that converts the numbers of each column to metres."""
     found = [meaning_and_unit(title) for title in titles[:3]]
     if [column for column, _ in found] == [*AXES]:
         if len(titles) == 3:
@@ -146,7 +146,9 @@ def _factors(titles: list[str], where: str) -> list[float]:
 
 
 def board_text(board: MeasuredBoard, printed: str) -> str:
-    """What `read_board_table` reads back, points bit by bit; ``printed`` is `Board.text`, empty where not known."""
+    """Format a board as `read_board_table` reads it, points bit by bit; ``printed`` is `Board.text`, empty where not
+    known.
+    """
     u, _, q = board.factor.shape
     header = ",".join((*AXES, *NOMINAL, *(f"d{axis}_{k + 1}" for k in range(q) for axis in AXES)))
     exact = np.concatenate([board.points, board.nominal], axis=1).tolist()

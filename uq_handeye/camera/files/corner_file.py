@@ -49,7 +49,9 @@ def read_corners(path: StrPath, units: str = "m") -> Corners:
 
 
 def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[np.bool_]]:
-    """And which of them, sorted by row, the column ``used`` says were; all where there is no such column."""
+    """Read corners, and which of them, sorted by row, the column ``used`` marks as used; all where there is no such
+    column.
+    """
     factor = require_units(units)
     location = as_path(path)
     name = shown(location)
@@ -151,14 +153,14 @@ class _Reader:
         raise AssertionError(where)  # the caller has found something wrong
 
     def pictures(self, row: Any) -> tuple[str, ...]:
-        """Of every picture, in ascending order of the rows."""
+        """Return the names of the pictures, in ascending order of the rows."""
         if self.name_at is None:
             return ()
         return tuple(self.named[number][0] or f"row {number:g}" for number in np.unique(row).tolist())
 
 
 def corners_text(corners: Corners, used: NDArray[np.bool_]) -> str:
-    """What `corners_and_used` reads back, bit by bit."""
+    """Format corners as `corners_and_used` reads them, bit by bit."""
     quoted = [_quoted(name) for name in corners.names]
     table = np.column_stack([corners.points, corners.pixels]).tolist()
     lines: Iterable[str] = (

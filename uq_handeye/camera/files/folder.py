@@ -105,7 +105,7 @@ def _numbers(arrays: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
 
 
 def _prior(value: Any, free: NDArray[np.bool_], where: str) -> Prior | None:
-    """What the parameters were fitted with; that of those not estimated is not used, and may be singular."""
+    """Return the prior of the fit; that of parameters that are not estimated is not used, and may be singular."""
     if value is None:
         return None
     k = len(free)
@@ -117,7 +117,7 @@ def _prior(value: Any, free: NDArray[np.bool_], where: str) -> Prior | None:
 
 
 def _shape(tree: Any, arrays: dict[str, Any], corners: Corners) -> BoardShape:
-    """Of the board; flat where the folder is of a version that knew no other."""
+    """Return the shape of the board; flat where the folder is of a version that knew no other."""
     if "board" not in tree:
         return flat_shape(corners.points)
     names = tuple(map(str, tree["board"]["names"]))

@@ -36,7 +36,7 @@ _NAMES = sorted({name for model in MODELS.values() for name in model.names})
 
 
 class KnownIntrinsics(NamedTuple):
-    """What a file says of a camera; ``values`` is what `calibrate_camera` takes as ``intrinsics``."""
+    """Intrinsics as a file states them; ``values`` is what `calibrate_camera` takes as ``intrinsics``."""
 
     values: Mapping[str, float | tuple[float, float]]
     model: str | None  # where the file says it
@@ -158,7 +158,7 @@ def _of_opencv(
 
 
 def opencv_text(cam: Calibrated) -> str:
-    """What OpenCV reads; its models and the order of its coefficients are ours."""
+    """Format intrinsics as OpenCV reads them; its models and the order of its coefficients are ours."""
     value = cam.intrinsics
     K = np.array([[value["fx"], 0, value["cx"]], [0, value["fy"], value["cy"]], [0, 0, 1]])
     return "\n".join(

@@ -39,7 +39,7 @@ def camera_snippets(cam: Calibrated) -> list[Snippet]:
 
 
 def ros_model(cam: Calibrated) -> str:
-    """What ROS calls the model."""
+    """Return the name of the model in ROS."""
     if cam.model == "fisheye":
         return "equidistant"
     return "rational_polynomial" if len(coefficients_of(cam)) == 8 else "plumb_bob"

@@ -106,7 +106,8 @@ def _label_contours(figure: Figure, labels: Sequence[Text], named: Sequence[Text
 
 
 def point_figure(cam: Calibrated) -> tuple[Figure, float, BoardPattern | None]:
-    """What the residuals say of each point, by what arrows are enlarged, and the pattern of a flat board beside it.
+    """Return the figure of the residuals by point, the enlargement of its arrows, and the pattern of a flat board
+    beside it.
 
     None where the board was taken as flat, and one panel then.
     """

@@ -41,7 +41,7 @@ def camera_document(cam: Calibrated) -> Document:
 
 
 def scope_words(cam: Calibrated) -> str:
-    """What the deviations are made of, and what they do not cover."""
+    """Describe what the standard deviations include, and what they do not cover."""
     taken = cam.bundle.shape.q == 0 and not _shapes_compared(cam)
     board = "A board that is not flat or has" if taken else "A board that has"
     covered = "" if cam.bundle.shape.q == 0 else " and the shape of the board that was estimated with them"
@@ -52,7 +52,7 @@ def scope_words(cam: Calibrated) -> str:
 
 
 def board_words(cam: Calibrated) -> str:
-    """How the board differs from what was meant, in one sentence."""
+    """Describe in one sentence how the board differs from its nominal shape."""
     board, visible = cam.board, cam.board_pattern.visible
     if board.flat:
         if _shapes_compared(cam) and np.isfinite(visible):
@@ -74,7 +74,7 @@ def board_words(cam: Calibrated) -> str:
 
 
 def board_pattern_words(cam: Calibrated) -> str:
-    """Whether the residuals follow the points of the board."""
+    """Describe whether the residuals follow the points of the board."""
     found = cam.board_pattern
     share, p = f"{fixed(found.share, 2)} times the pixel noise", probability(found.p_value, 2)
     if found.found and cam.pattern.found:
@@ -90,7 +90,7 @@ def board_pattern_words(cam: Calibrated) -> str:
 
 
 def _shapes_compared(cam: Calibrated) -> bool:
-    """Whether the pictures had a say in the shape of the board."""
+    """Return whether several shapes of the board were compared."""
     return len({one.shape for one in cam.candidates}) > 1
 
 
@@ -100,7 +100,7 @@ def _length(value: float) -> str:
 
 
 def title(cam: Calibrated) -> str:
-    """What it is and what it was made of."""
+    """Return the title: what it is and what it was made of."""
     used = int(cam.bundle.used.sum())
     width, height = cam.image_size
     return (
@@ -115,7 +115,7 @@ def model_name(cam: Calibrated) -> str:
 
 
 def answer(cam: Calibrated) -> str:
-    """In a few sentences: how well the camera is known."""
+    """State in a few sentences how well the camera is known."""
     fx, sd = cam.intrinsics["fx"], cam.std["fx"]
     if "fx" not in cam.estimated:
         first = "The focal length was given, and taken as exact."
@@ -177,7 +177,7 @@ def _outlier_lines(cam: Calibrated) -> list[Block]:
 
 
 def pattern_words(cam: Calibrated, short: bool = False) -> str:
-    """Whether the residuals have a pattern over the picture; ``short``: one line."""
+    """Describe whether the residuals have a pattern over the picture; ``short``: one line."""
     found = cam.pattern
     share = f"{fixed(found.share, 2)} times the pixel noise"
     if found.found:
@@ -199,7 +199,7 @@ def pattern_words(cam: Calibrated, short: bool = False) -> str:
 
 
 def coverage_words(cam: Calibrated) -> str:
-    """Which part of the picture the corners were in."""
+    """Describe which part of the picture the corners covered."""
     share = covered(cam)
     text = f"Corners were in {share:.0%} of the picture ({int((cam.pattern.count > 0).sum())} of {CELLS**2} cells)."
     if share < LITTLE:
@@ -208,7 +208,7 @@ def coverage_words(cam: Calibrated) -> str:
 
 
 def boards_words(cam: Calibrated) -> str:
-    """Where the board was."""
+    """Describe where the board was."""
     z, tilt = distances(cam), tilts(cam)
     return (
         f"The board was {fixed(z.min(), 2)} to {fixed(z.max(), 2)} m away, tilted by {tilt.min():.0f} to "
@@ -217,7 +217,7 @@ def boards_words(cam: Calibrated) -> str:
 
 
 def choice_words(cam: Calibrated) -> str:
-    """Why this model."""
+    """Describe why this model was chosen."""
     return (
         f"Model and shape of the board chosen of {len(cam.candidates)} by the smallest Bayesian information criterion "
         f"(BIC), of a lens that distorts with p1 and p2 at least: {model_name(cam)}, board {cam.bundle.shape.name}."

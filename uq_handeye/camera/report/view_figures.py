@@ -1,4 +1,4 @@
-r"""What the camera saw, as figures: how well the intrinsics say where a point is seen, and where the board was.
+r"""Figures of the camera's view: how well the intrinsics say where a point is seen, and where the board was.
 
 Model of the first: a point known in the camera frame is seen where the intrinsics say; their covariance makes the
 standard deviation shown (`camera.rays`). The second stands in the camera frame: z ahead along the optical axis, x to

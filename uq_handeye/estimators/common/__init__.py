@@ -1,1 +1,1 @@
-"""What several published estimators share."""
+"""Parts that several published estimators share."""

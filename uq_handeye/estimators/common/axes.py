@@ -28,7 +28,7 @@ NO_AXIS = 1e-9
 
 
 class Signs(NamedTuple):
-    """What tells the signs of axes near half turns."""
+    """Data that decide the signs of axes near half turns."""
 
     R: Array  # (T, 3, 3): the rotation that they must fit
     like: tuple[Array, Array] | None = None  # quaternions of A and B to be continuous with, when differentiating

@@ -1,4 +1,4 @@
-"""What every estimator of X has in common: what it is, how it is called, what it returns.
+"""Common interface of all estimators of X: description, call and result.
 
 Model: ``A_i X = X B_i`` with ``X = gripper_T_camera`` for eye-in-hand (``base_T_camera`` for eye-to-hand), A the
 motions of the robot, B of the camera (`motions`). Angles in rad, lengths in the unit of the input.

@@ -31,7 +31,9 @@ from .stages import (
 def covariances_at(
     A: Array, B: Array, X: Array, noise: PairNoise | None, cross_term: CrossTerm = "derived"
 ) -> NguyenResult:
-    """What `NguyenDerivatives` needs where X (T, 4, 4) of checked motions (T, N, 4, 4) is known: no iteration."""
+    """Return the covariances that `NguyenDerivatives` needs at a known X (T, 4, 4) of checked motions (T, N, 4, 4): no
+    iteration.
+    """
     parts = []
     for trials in trial_blocks(len(A), A.shape[1], BLOCK):
         length = np.ones(len(X[trials])) if noise is not None else typical_length(A[trials], B[trials])

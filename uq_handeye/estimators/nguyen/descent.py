@@ -34,7 +34,7 @@ SWING = 0.3
 
 
 class Rule(NamedTuple):
-    """When an iteration ends."""
+    """Rule that ends an iteration."""
 
     stop: Stop
     most: int

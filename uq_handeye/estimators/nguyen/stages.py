@@ -217,7 +217,7 @@ def rotation_stage(data: Measured, R: Array, rule: Rule) -> Turn:
 
 
 class Moved(NamedTuple):
-    """What the translation stage takes from the first: measured q and R_A, and the covariance of (phi, q)."""
+    """Input of the translation stage from the first: measured q and R_A, and the covariance of (phi, q)."""
 
     q: Array  # (T, 3, m)
     R_A: Array  # (T, 3, 3, m)

@@ -33,7 +33,7 @@ from .rows import Row
 
 
 class Drawn(Protocol):
-    """What the figure needs of a cross-check."""
+    """Interface of a cross-check, as far as the figure needs it."""
 
     @property
     def rows(self) -> tuple[Row, ...]: ...

@@ -53,7 +53,7 @@ class Ratios(NamedTuple):
 
     @property
     def shapeless(self) -> bool:
-        """Whether tails are so heavy that being inside of what chance explains tells nothing."""
+        """True if tails are so heavy that being inside of what chance explains tells nothing."""
         return self.kurtosis is not None and (self.high > WIDE or self.low < 1 / WIDE)
 
     @property
@@ -80,7 +80,7 @@ class Ratios(NamedTuple):
 
     @property
     def margin(self) -> str:
-        """What counts as equal."""
+        """Description of what counts as equal."""
         if self.shapeless:
             assert self.kurtosis is not None
             told = "cannot be told: " if self.equal is None else ""

@@ -1,4 +1,4 @@
-r"""What the covariances of one problem must have to do with each other (T8), and what is only claimed.
+r"""Relations between the covariances of one problem: those that must hold (T8), and those that are only claimed.
 
 Model: sampled covariances S of T trials of an estimator, covariances P from formulas, and the Cramer-Rao bound C, all
 of ``xi = (theta, tau)`` (rad and m) in one convention. Two of them are compared by the ratios of standard deviations
@@ -51,7 +51,7 @@ class Relation:
 
 
 class Evidence(NamedTuple):
-    """What relations are judged by; covariances by the keys of the rows, runs by method."""
+    """Evidence by which relations are judged; covariances by the keys of the rows, runs by method."""
 
     covariances: Mapping[str, Array]
     missing: Mapping[str, str]  # what rows there are not, and why

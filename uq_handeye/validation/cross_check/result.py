@@ -1,4 +1,4 @@
-"""What `cross_check` found."""
+"""Result of `cross_check`."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ class CrossCheck:
 
     @property
     def complete(self) -> bool:
-        """Whether all trials that were wanted, and the posterior, were done."""
+        """True if all trials that were wanted, and the posterior, were done."""
         return self.ended is None
 
     @property
     def reason(self) -> str:
-        """Why not, in words; empty if they were."""
+        """Reason in words why it is not complete; empty if it is."""
         return "" if self.ended is None else str(self.ended)
 
     @property
@@ -64,14 +64,14 @@ class CrossCheck:
         return tuple(relation.name for relation in self.relations if relation.law and relation.holds is False)
 
     def row(self, key: str) -> Row:
-        """By its key. Raises `InputError` with the keys there are."""
+        """Return a row by its key. Raises `InputError` with the keys there are."""
         for row in self.rows:
             if row.key == key:
                 return row
         raise InputError(f"Expected the key of a row, one of {', '.join(row.key for row in self.rows)}, got {key!r}.")
 
     def relation(self, name: str) -> Relation:
-        """By its name. Raises `InputError` with the names there are."""
+        """Return a relation by its name. Raises `InputError` with the names there are."""
         for relation in self.relations:
             if relation.name == name:
                 return relation
@@ -88,7 +88,7 @@ class CrossCheck:
         return to_html("Cross-check", document_of(self))
 
     def to_text(self) -> str:
-        """Which relations hold, the table, and what is behind it."""
+        """Return the text: which relations hold, the table, and the background."""
         return to_text(document_of(self))
 
     summary = to_text

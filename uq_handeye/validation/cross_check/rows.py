@@ -89,7 +89,7 @@ class Row(ReadOnlyArrays):
 
     @property
     def singular(self) -> bool:
-        """Whether it leaves no error in some direction of X, up to rounding."""
+        """True if it leaves no error in some direction of X, up to rounding."""
         if self.covariance is None or self.std is None:
             return False
         if not (self.std > 0).all():
@@ -99,7 +99,7 @@ class Row(ReadOnlyArrays):
 
     @property
     def consistent(self) -> bool | None:
-        """Whether the mean NEES is where that of a true covariance lies."""
+        """True if the mean NEES lies where that of a consistent covariance does."""
         if self.nees is None or self.nees_interval is None:
             return None
         low, high = self.nees_interval
@@ -129,7 +129,7 @@ class Row(ReadOnlyArrays):
 
 
 def formulas(data: PosePairs | Motions, problem: Experiment) -> list[Row]:
-    """Those at the truth, and of `efficient` and `ml` at the data."""
+    """Return the formulas at the truth, and of `efficient` and `ml` at the data."""
     noise, on_poses = problem.noise, isinstance(problem.noise, PoseNoise)
     theirs = replace(problem, method="nguyen")
     N = problem.number_of_pairs
@@ -156,7 +156,7 @@ def formulas(data: PosePairs | Motions, problem: Experiment) -> list[Row]:
 
 
 def _row(key: str, label: str, method: str, work: Callable[[], Array], too_many: str = "", note: str = "") -> Row:
-    """What the work gives, or why it gives nothing."""
+    """Return the row of the work's result, or of the reason why there is none."""
     started = time.perf_counter()
     covariance: Array | None = None
     if too_many:
@@ -278,7 +278,9 @@ def sampled(
 def of_posterior(
     data: PosePairs | Motions, noise: Noise, seed: int, progress: bool, ended: Finding | None
 ) -> tuple[Row, Posterior | None, Finding | None]:
-    """Of the measured data, the chain, and how the whole ended if that was early; ``ended``: before this."""
+    """Sample the posterior of the measured data; return also how the whole ended if that was early; ``ended``: before
+    this.
+    """
     if ended is not None:
         return Row("posterior", _POSTERIOR, "posterior", "ml", None, 0.0, note=_not_run(ended)), None, ended
     from ..posterior.sample import sample_posterior

@@ -64,7 +64,7 @@ def cross_check_document(check: CrossCheck) -> Document:
 
 
 def _cut_short(check: CrossCheck) -> str:
-    """That it ended early, and how many trials each method has."""
+    """Say that it ended early, and how many trials each method has."""
     done = [f"{row.method} {row.trials or 0:,}" for row in check.rows if row.kind == "sampled"]
     text = f"NOT COMPLETE ({check.reason}). Trials, of {check.trials:,} asked: {', '.join(done)}."
     if any(row.kind == "posterior" and row.covariance is None for row in check.rows):
@@ -73,7 +73,7 @@ def _cut_short(check: CrossCheck) -> str:
 
 
 def _trials(check: CrossCheck) -> str:
-    """How many there were, of each method where they differ."""
+    """Say how many trials there were, of each method where they differ."""
     done = {row.method: row.trials for row in check.rows if row.kind == "sampled" and row.trials}
     if len(set(done.values())) == 1 and (check.complete or len(done) == len(METHODS)):
         return f"{next(iter(done.values())):,} trials"
@@ -81,7 +81,7 @@ def _trials(check: CrossCheck) -> str:
 
 
 def verdict(check: CrossCheck) -> str:
-    """Whether all relations hold, or how many do not; claims, and what cannot be judged, behind it."""
+    """Say whether all relations hold, or how many do not; claims, and what cannot be judged, behind it."""
     laws = [relation for relation in check.relations if relation.law]
     told = [relation for relation in laws if relation.holds is not None]
     if not told:
@@ -151,7 +151,7 @@ def _legend(rows: tuple[Row, ...]) -> str:
 
 
 def state(relation: Relation) -> str:
-    """Whether a relation holds, in a word or two."""
+    """Say whether a relation holds, in a word or two."""
     if relation.holds is None:
         return "not judged"
     if relation.law:
@@ -160,7 +160,7 @@ def state(relation: Relation) -> str:
 
 
 def _sentence(text: str) -> str:
-    """With a capital and a full stop; names of methods stay as they are."""
+    """Add a capital and a full stop; names of methods stay as they are."""
     named = any(text.startswith((f"{name} ", f"{name},")) for name in METHODS)
     start = text[:1] if named else text[:1].upper()
     return f"{start}{text[1:]}{'' if text.endswith('.') else '.'}"

@@ -1,3 +1,3 @@
-"""Is the covariance consistent: by simulation."""
+"""Check of a covariance by simulation."""
 
 from . import sentences as sentences

@@ -34,7 +34,7 @@ SIZES, MOST = (1000, 100, 10), 1_000_000
 
 
 def versions() -> dict[str, str]:
-    """What the last bits of a result depend on."""
+    """Return the versions on which the last bits of a result depend."""
     return {
         "uq_handeye": __version__,
         "numpy": np.__version__,
@@ -89,7 +89,7 @@ class Work:
 
 
 def to_bytes(work: Work) -> bytes:
-    """What `from_bytes` reads: every process, also the one that asks, works on the result of that."""
+    """Serialise work for `from_bytes`: every process, also the one that asks, works on the result of that."""
     return pickle.dumps(work, protocol=5)
 
 

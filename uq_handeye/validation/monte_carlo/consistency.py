@@ -1,4 +1,4 @@
-r"""Whether a covariance is true: statistics of the errors of simulated trials, and a verdict.
+r"""Consistency of a covariance: statistics of the errors of simulated trials, and a verdict.
 
 Model: the errors ``xi = (theta, tau)`` of T trials (rotation first, left rotation, additive translation, rad and m, in
 the frame of X) are independent, Gaussian, with mean ``b`` and covariance ``S``. The hypothesis is ``b = 0, S = P`` with
@@ -99,7 +99,7 @@ class Consistency(ReadOnlyArrays):
 
     @property
     def consistent(self) -> bool | None:
-        """Whether no test rejects; None where none does and more than `MOST_FAILED` of the trials gave no estimate.
+        """True if no test rejects; None where none does and more than `MOST_FAILED` of the trials gave no estimate.
 
         A covariance that is true of the errors of those that did says nothing about the others.
         """
@@ -109,7 +109,7 @@ class Consistency(ReadOnlyArrays):
 
     @property
     def many_failed(self) -> bool:
-        """Whether more than `MOST_FAILED` of the trials gave no estimate."""
+        """True if more than `MOST_FAILED` of the trials gave no estimate."""
         return self.failures > MOST_FAILED * self.trials
 
     @property
@@ -144,12 +144,12 @@ class Consistency(ReadOnlyArrays):
 
     @property
     def overall(self) -> float | None:
-        """How much larger standard deviations are than predicted, over all directions: sqrt(mean eigenvalue) - 1."""
+        """Excess of the standard deviations over the predicted ones, over all directions: sqrt(mean eigenvalue) - 1."""
         return None if self.eigenvalues is None else float(np.sqrt(self.eigenvalues.mean()) - 1)
 
     @property
     def worst(self) -> int | None:
-        """Which of the eigenvalues is farthest from 1, as a ratio."""
+        """Index of the eigenvalue that is farthest from 1, as a ratio."""
         return None if self.eigenvalues is None else int(np.abs(np.log(self.eigenvalues)).argmax())
 
     @property
@@ -168,13 +168,15 @@ class Consistency(ReadOnlyArrays):
 
     @property
     def size_by_chance(self) -> float | None:
-        """What `size` stays below with probability `confidence` if the covariance is true: the largest of six."""
+        """Bound that `size` stays below with probability `confidence` if the covariance is consistent: the largest of
+        six.
+        """
         interval = self.eigenvalue_interval
         return None if interval is None else float(np.abs(np.sqrt(interval) - 1).max())
 
     @cached_property
     def same_spread(self) -> bool | None:
-        """Whether chance explains all eigenvalues, their interval widened for the tails that the errors have."""
+        """True if chance explains all eigenvalues, their interval widened for the tails that the errors have."""
         if self.eigenvalues is None or self.eigenvalue_interval is None or self.kurtosis is None:
             return None
         reach = np.log(self.eigenvalue_interval) * np.sqrt(1 + 1.5 * max(self.kurtosis, 0.0))
@@ -307,7 +309,7 @@ def extreme_eigenvalues(n: int, confidence: float) -> tuple[float, float]:
 
 
 def _kurtosis(sums: Sums, predicted: Array | None, found: dict[str, Any]) -> dict[str, Any]:
-    """Whether the tails are those of Gaussian errors with the sampled bias b and covariance S.
+    """Test whether the tails are those of Gaussian errors with the sampled bias b and covariance S.
 
     Then ``E d^4 = (tr A + b^T P^-1 b)^2 + 2 tr A^2 + 4 b^T P^-1 S P^-1 b`` with ``A = P^-1 S``; the mean over trials
     has the variance ``8 k (k + 2) / T`` about ``k (k + 2)`` if ``S = P`` (Mardia, Biometrika 57, 1970).

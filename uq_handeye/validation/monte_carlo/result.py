@@ -1,4 +1,4 @@
-"""What a Monte Carlo run found: its errors, the covariance that was tested, and the words, figure and file of both."""
+"""Result of a Monte Carlo run: its errors, the covariance that was tested, and the words, figure and file of both."""
 
 from __future__ import annotations
 
@@ -54,29 +54,29 @@ class MonteCarlo(ReadOnlyArrays):
 
     @property
     def method(self) -> str:
-        """What was run on every trial."""
+        """Method that was run on every trial."""
         return self.experiment.method
 
     @property
     def noise(self) -> Noise:
-        """What was drawn."""
+        """Noise that was drawn."""
         return self.experiment.noise
 
     @property
     def complete(self) -> bool:
-        """Whether it is all that was asked for: all trials, or as stable as wanted."""
+        """True if it is all that was asked for: all trials, or as stable as wanted."""
         return self.ended.code == ALL if self.stability is None else self.stability.stable
 
     @property
     def reason(self) -> str:
-        """Why it ended, in words."""
+        """Reason in words why it ended."""
         if self.ended.code == ALL and not self.complete and self.stability is not None:
             return f"{self.ended}, but not stable: {self.stability.reason}"
         return str(self.ended)
 
     @property
     def ended_early(self) -> bool:
-        """Whether workers were lost, or the user ended it, before as many trials were done as were asked for."""
+        """True if workers were lost, or the user ended it, before as many trials were done as were asked for."""
         return not self.complete and self.trials < self.asked
 
     @property
@@ -131,7 +131,9 @@ class MonteCarlo(ReadOnlyArrays):
 
     @property
     def nees(self) -> dict[str, tuple[float, float, float]]:
-        """By part (joint, rotation, translation): mean NEES, and the interval in which a true covariance has it."""
+        """Mean NEES by part (joint, rotation, translation), and the interval in which a consistent covariance
+        has it.
+        """
         mean, interval = self.consistency.mean_nees, self.consistency.nees_interval
         if mean is None or interval is None:
             return {}
@@ -142,7 +144,7 @@ class MonteCarlo(ReadOnlyArrays):
 
     @property
     def coverage(self) -> dict[float, float]:
-        """By level: the share of trials whose error lies in the ellipsoid of that level, all six components."""
+        """Share of trials, by level, whose error lies in the ellipsoid of that level, all six components."""
         shares = self.consistency.coverage
         return {} if shares is None else dict(zip(LEVELS, map(float, shares[0]), strict=True))
 
@@ -153,12 +155,12 @@ class MonteCarlo(ReadOnlyArrays):
 
     @property
     def consistent(self) -> bool | None:
-        """Whether the covariance passes all tests; None if no trial gave an estimate."""
+        """True if the covariance passes all tests; None if no trial gave an estimate."""
         return self.consistency.consistent
 
     @property
     def verdict(self) -> str:
-        """In words: whether the covariance is true, and if not, by how much it is wrong."""
+        """Verdict in words: whether the covariance is consistent, and if not, by how much it is wrong."""
         with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
             return verdict(self.consistency)
 

@@ -200,7 +200,7 @@ def _result(
 
 
 class Tally:
-    """What is known of the chunks so far, taken in their order."""
+    """Tally of the chunks so far, taken in their order."""
 
     def __init__(self, work: Work, stability: Stability | None) -> None:
         self.work, self.stability = work, stability
@@ -220,7 +220,7 @@ class Tally:
 
     @property
     def errors(self) -> Array:
-        """Of the first `KEPT` trials, those that gave an estimate."""
+        """Errors of those of the first `KEPT` trials that gave an estimate."""
         return self._errors[: self._state[2]].copy()
 
     def add(self, chunk: Chunk) -> None:

@@ -1,4 +1,4 @@
-"""How a Monte Carlo run ended, and why its result is not stable, in words."""
+"""Sentences about how a Monte Carlo run ended, and why its result is not stable."""
 
 from __future__ import annotations
 

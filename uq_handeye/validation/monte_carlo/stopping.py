@@ -1,4 +1,4 @@
-r"""When a Monte Carlo run has enough trials: the adaptive procedure of JCGM 102:2011, 7.8 (JCGM 101:2008, 7.9).
+r"""Stopping rule of a Monte Carlo run: the adaptive procedure of JCGM 102:2011, 7.8 (JCGM 101:2008, 7.9).
 
 Trials come in blocks of M. Of each block r = 1 .. h: the mean error ``y_r`` (6,), its standard deviations ``u_r`` (6,),
 the largest eigenvalue ``lambda_r`` of its correlation matrix, and the coverage factor ``k_r`` of the 95 % ellipsoid,
@@ -49,7 +49,7 @@ NAMES = (
 
 
 class Summary(NamedTuple):
-    """How stable the numbers of `NAMES` are, each (14,); None before two blocks with estimates."""
+    """Stability of the numbers of `NAMES`, each (14,); None before two blocks with estimates."""
 
     blocks: int
     digits: int
@@ -63,7 +63,7 @@ class Summary(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """That in words, empty if it is stable."""
+        """Reason in words why it is not stable; empty if it is."""
         return "" if self.missing is None else str(self.missing)
 
 
@@ -112,7 +112,7 @@ class Stability:
 
     @property
     def stable(self) -> bool:
-        """Whether the blocks so far are enough."""
+        """True if the blocks so far are enough."""
         return self.summary().stable
 
     def summary(self) -> Summary:

@@ -44,7 +44,7 @@ MOST_TRIALS = 10**15  # that a manifest may name
 
 
 def identity(work: Work) -> dict[str, Any]:
-    """What the numbers of a run depend on, but for how many trials there are."""
+    """Return what the numbers of a run depend on, except for the number of trials."""
     e = work.experiment
     truth: dict[str, Any] = {"X": e.X, "W": e.W, "pairs": e.pairs}
     if isinstance(e.truth, PosePairs):
@@ -68,7 +68,7 @@ def identity(work: Work) -> dict[str, Any]:
 
 
 def sha256(arrays: Mapping[str, Any]) -> str:
-    """Of the names, types, shapes and bytes of arrays; None is different from anything."""
+    """Hash the names, types, shapes and bytes of arrays; None is different from anything."""
     digest = hashlib.sha256()
     for name, value in arrays.items():
         array = None if value is None else np.ascontiguousarray(value)
@@ -80,7 +80,7 @@ def sha256(arrays: Mapping[str, Any]) -> str:
 
 
 def sha256_of_noise(noise: Noise) -> str:
-    """Of its covariances; of those that poses share, and of a prior, by the numbers that they are made of."""
+    """Hash the covariances of a noise; those that poses share, and a prior, by the numbers that they are made of."""
     sides = ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
     covariances = {name: getattr(noise, name) for name in sides}
     if noise.prior is None and not any(isinstance(S, JointCovariance) for S in covariances.values()):

@@ -122,7 +122,7 @@ class Sums(ReadOnlyArrays):
 
     @property
     def trials(self) -> int:
-        """With and without an estimate."""
+        """Number of trials with and without an estimate."""
         return self.count + self.failures
 
     @property

@@ -23,7 +23,7 @@ _CLEAR, _SHIFTED = 4.0, 3.0
 
 
 class Run(Protocol):
-    """What the text needs of a Monte Carlo run."""
+    """Interface of a Monte Carlo run, as far as the text needs it."""
 
     @property
     def experiment(self) -> Any: ...  # with `method`
@@ -65,14 +65,14 @@ def monte_carlo_document(result: Run) -> Document:
 
 
 def heading(result: Run) -> str:
-    """What was run."""
+    """Describe what was run."""
     count = result.consistency.trials
     trials = f"{count:,} {'trial' if count == 1 else 'trials'}"
     return f"Monte Carlo of {result.frame} by {result.experiment.method}: {trials}, seed {result.seed}"
 
 
 def verdict(c: Consistency) -> str:
-    """Whether the covariance is true, too small or too large, by how much, and which tests say so."""
+    """Say whether the covariance is consistent, too small or too large, by how much, and which tests say so."""
     T = c.sums.count
     if T == 0:
         none = f"none of {c.trials:,} trials gave an estimate" if c.trials else "there was no trial"
@@ -95,7 +95,7 @@ def verdict(c: Consistency) -> str:
 
 
 def failures(c: Consistency) -> str:
-    """How many trials gave no estimate."""
+    """Say how many trials gave no estimate."""
     if c.failures == 0:
         return "All trials gave an estimate."
     share = c.failures / c.trials
@@ -106,7 +106,7 @@ def failures(c: Consistency) -> str:
 
 
 def _few(c: Consistency) -> str:
-    """What so few trials cannot tell."""
+    """Say what so few trials cannot tell."""
     T = c.sums.count
     start = f"Only {T} {'estimate' if T == 1 else 'estimates'}:"
     if c.size_by_chance is None:
@@ -212,7 +212,9 @@ def _expected(c: Consistency) -> str:
 
 
 def _holds(c: Consistency) -> str:
-    """What an ellipsoid holds, if coverage is rejected: the highest level that is clearly missed, as people use it."""
+    """Say what an ellipsoid holds, if coverage is rejected: the highest level that is clearly missed, as people use
+    it.
+    """
     parts = [k for k, part in enumerate(PARTS) if f"coverage, {part}" in c.rejected]
     if not parts or c.coverage is None or c.coverage_p_values is None or c.coverage_interval is None:
         return ""

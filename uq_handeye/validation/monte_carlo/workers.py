@@ -165,7 +165,7 @@ class Crew:
 
 
 def _failures(*others: type[BaseException]) -> tuple[type[BaseException], ...]:
-    """What an executor raises that can do no more work. A chunk raises none of these."""
+    """Return the exceptions of an executor that can do no more work. A chunk raises none of these."""
     dask = sys.modules.get("distributed")  # its failures are of no common type
     of_dask = () if dask is None else (dask.KilledWorker, getattr(dask.client, "ClosedClientError", OSError))
     return *others, BrokenExecutor, CancelledError, OSError, *of_dask

@@ -1,4 +1,4 @@
-"""Is the covariance consistent: by the posterior."""
+"""Check of a covariance by the posterior."""
 
 from . import sentences as sentences
 from . import text as text  # registers the words of a posterior

@@ -1,4 +1,4 @@
-r"""When a chain may be believed: autocorrelation time, split R-hat and effective sample size, all of them.
+r"""Convergence of a chain: autocorrelation time, split R-hat and effective sample size, all of them.
 
 For each coordinate, over the walkers and the steps kept:
 
@@ -31,7 +31,7 @@ LENGTHS = 50  # of the autocorrelation time
 
 @dataclass(frozen=True, eq=False)
 class PosteriorDiagnostics(ReadOnlyArrays):
-    """How well a chain stands for its posterior; arrays (d,) follow ``names``. NaN is "not known"."""
+    """Diagnostics of how well a chain represents its posterior; arrays (d,) follow ``names``. NaN is "not known"."""
 
     names: tuple[str, ...]
     autocorrelation_time: Array  # steps
@@ -46,7 +46,7 @@ class PosteriorDiagnostics(ReadOnlyArrays):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is not fulfilled; empty if the chain has converged."""
+        """Criteria that are not fulfilled; empty if the chain has converged."""
         found = []
         values: dict[str, Any]
         longest = float(self.autocorrelation_time.max())  # NaN if any is

@@ -60,7 +60,7 @@ FARTHEST = np.log(1e6)
 
 @dataclass(frozen=True)
 class ScalePrior:
-    """How well the noise given is known: one unknown factor on the standard deviations of each side.
+    """Uncertainty of the noise given: one unknown factor on the standard deviations of each side.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Scales(NamedTuple):
     deviations: Array  # of log s, by the prior
 
     def names(self, pairs: bool) -> tuple[str, ...]:
-        """What they are called in results."""
+        """Return the names of the factors in results."""
         both = ("A", "B") if pairs else ("robot", "camera")
         return tuple(f"log_scale_{both[side]}" for side in self.sides)
 

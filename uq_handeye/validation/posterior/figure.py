@@ -28,7 +28,7 @@ from .convergence import PosteriorDiagnostics
 
 
 class Drawn(Protocol):
-    """What the figure needs of a posterior."""
+    """Interface of a posterior, as far as the figure needs it."""
 
     @property
     def frame(self) -> str | None: ...

@@ -89,7 +89,7 @@ class HeldBackend(HDFBackend):  # type: ignore[misc]
 
 
 class ChainFile:
-    """Where a chain is kept, held against other processes until `close`, or until nothing refers to it.
+    """File of a chain, locked against other processes until `close`, or until nothing refers to it.
 
     In the same process a new one takes the file over from the old one, which can then write no more: after an
     exception its traceback may keep the old one alive.
@@ -233,7 +233,7 @@ def _require_plain(group: Any, size: int) -> None:
 
 
 def _digest(group: Any) -> str:
-    """Of all arrays and attributes but itself."""
+    """Hash all arrays and attributes but the digest itself."""
     digest = hashlib.sha256()
     values = {name: group[name][...] for name in ARRAYS} | {k: v for k, v in group.attrs.items() if k != "sha256"}
     for name, value in sorted(values.items()):

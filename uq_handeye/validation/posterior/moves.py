@@ -1,4 +1,4 @@
-r"""How `sample_posterior` proposes: an independence sampler beside ensemble moves, and where to start.
+r"""Proposals of `sample_posterior`: an independence sampler beside ensemble moves, and the starts.
 
 The posterior is nearly Gaussian with a covariance that is known before the first step. A proposal that forgets where
 the walker is, drawn from a multivariate Student-t near that Gaussian, is then accepted most of the time, and the chain

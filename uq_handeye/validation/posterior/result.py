@@ -43,7 +43,7 @@ class HighestDensity(NamedTuple):
 
     @property
     def gaussian(self) -> bool:
-        """Whether the content is that of a Gaussian, within 3.3 standard deviations (99.9 %) of its error."""
+        """True if the content is that of a Gaussian, within 3.3 standard deviations (99.9 %) of its error."""
         return abs(self.content - self.level) <= 3.3 * self.content_error
 
 
@@ -78,12 +78,12 @@ class Posterior(ReadOnlyArrays):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the d coordinates: theta_x to tau_z, W_theta_x ..., log_scale_..."""
+        """Names of the d coordinates: theta_x to tau_z, W_theta_x ..., log_scale_..."""
         return self.diagnostics.names
 
     @property
     def converged(self) -> bool:
-        """Whether there are as many effective samples as asked, of every coordinate, by all criteria."""
+        """True if there are as many effective samples as asked, of every coordinate, by all criteria."""
         return self.diagnostics.converged
 
     def require_converged(self) -> None:

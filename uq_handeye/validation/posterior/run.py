@@ -88,7 +88,7 @@ def sample(
 
 
 def _time_to_look(steps: int) -> bool:
-    """At so many steps, a number of rounds that is the first beyond a power of `GROWTH`."""
+    """Return whether the number of steps, in rounds, is the first beyond a power of `GROWTH`."""
     rounds, rest = divmod(steps, ROUND)
     if rest or rounds < 3:
         return False
@@ -103,7 +103,9 @@ def sampler_of(density: Density, proposal: Proposal, walkers: int, backend: Back
 
 
 def sample_steps(sampler: emcee.EnsembleSampler, state: emcee.State | None, steps: int) -> emcee.State:
-    """So many steps from a state, None where the sampler stands, and the state after them; Ctrl-C waits for them."""
+    """Sample ``steps`` steps from a state, None where the sampler stands, and return the state after them; Ctrl-C
+    waits for them.
+    """
     with _interrupt_afterwards():  # emcee prints its arrays where the density is interrupted
         return sampler.run_mcmc(state, steps, skip_initial_state_check=True)
 
@@ -148,7 +150,7 @@ def burn_in(density: Density, starts: Array, walkers: int, seed: int) -> tuple[e
 
 
 def _agree(one: Proposal, other: Proposal) -> bool:
-    """Whether two proposals are about the same."""
+    """Return whether two proposals are about the same."""
     shift = np.linalg.solve(one.factor, (other.location - one.location)[..., None])
     ratio = np.linalg.svd(np.linalg.solve(one.factor, other.factor), compute_uv=False)
     return bool(np.abs(shift).max() < AGREEMENT and np.abs(np.log(ratio)).max() < AGREEMENT)

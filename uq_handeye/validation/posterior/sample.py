@@ -167,7 +167,7 @@ def _identity(
     seed: int,
     walkers: int,
 ) -> dict[str, Any]:
-    """What the chain depends on, but for its length."""
+    """Return what the chain depends on, except for its length."""
     import emcee
 
     poses = data if isinstance(data, PosePairs) else data.poses

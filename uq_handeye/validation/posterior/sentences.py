@@ -1,4 +1,4 @@
-"""Why a chain has not converged, in words; None is "unknown"."""
+"""Sentences about why a chain has not converged; None is "unknown"."""
 
 from __future__ import annotations
 

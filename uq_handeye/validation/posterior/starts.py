@@ -1,4 +1,4 @@
-"""Where to look for maxima of a posterior: at the estimate, and where parts of the data would have it.
+"""Starts of the search for maxima of a posterior: at the estimate, and at the estimates from parts of the data.
 
 A Gaussian likelihood has one maximum near the estimate of `ml`. With heavy tails data that contradict each other leave
 several, each near what those data say that agree.

@@ -33,7 +33,7 @@ def posterior_document(posterior: Posterior) -> Document:
 
 
 def _maxima(posterior: Posterior) -> str:
-    """That no ellipsoid tells what the posterior is."""
+    """Say that no ellipsoid describes the posterior."""
     which = "neither" if posterior.maxima == 2 else "none of them"
     return (
         f"The posterior has {posterior.maxima} separate maxima: the data contradict each other. Mean and covariance "

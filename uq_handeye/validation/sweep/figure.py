@@ -32,7 +32,7 @@ from .limits import Limit, MethodSweep
 
 
 class Drawn(Protocol):
-    """What the figure needs of a sweep."""
+    """Interface of a sweep, as far as the figure needs it."""
 
     @property
     def methods(self) -> tuple[MethodSweep, ...]: ...
@@ -130,7 +130,7 @@ def sweep_figure(result: Drawn) -> Figure:
 
 
 def _footer(result: Drawn) -> str:
-    """What the marks mean that there are."""
+    """Explain the marks in the figure."""
     limits = [found.limit(kind) for found in result.methods for kind in KINDS]
     text = f"{result.trials:,} trials per level; all levels share their draws."
     failing = (not level.of(kind).holds for found in result.methods for level in found.levels for kind in KINDS)
@@ -215,7 +215,7 @@ def _tick(value: float, _: Any) -> str:
 
 
 def _mark(axis: Axes, limit: Limit, colour: str, height: float) -> None:
-    """Where a covariance begins to fail."""
+    """Mark where a covariance begins to fail."""
     if limit.fails is None:
         return
     x = math.sqrt(limit.fails if limit.holds is None else math.sqrt(limit.holds * limit.fails))

@@ -47,7 +47,7 @@ class Verdict(ReadOnlyArrays):
 
     @property
     def reason(self) -> str | None:
-        """Why it fails, in words."""
+        """Reason in words why it fails."""
         return None if self.failure is None else str(self.failure)
 
     @property
@@ -94,7 +94,7 @@ class Level:
 
     @property
     def heavy(self) -> bool:
-        """Whether rare large errors make up the spread, so that no covariance tells how often they come."""
+        """True if rare large errors make up the spread, so that no covariance tells how often they come."""
         # in first-order deviations a single direction may outgrow the others
         c = self.sigma_points.consistency or self.first_order.consistency
         if c is None or c.kurtosis is None or c.kurtosis_error is None:
@@ -154,7 +154,7 @@ def judged(kind: str, errors: Array, ok: Any, covariance: Array, tolerance: floa
 
 
 def find_failure(c: Consistency, tolerance: float) -> Finding | None:
-    """Why a covariance fails; None: it does not."""
+    """Return why a covariance fails; None: it does not."""
     if c.many_failed:
         return Finding("sweep.no_estimate", "failure", {"failures": c.failures, "trials": c.trials})
     assert c.mean_nees is not None and c.nees_interval is not None

@@ -27,7 +27,7 @@ class MethodSweep:
     levels: tuple[Level, ...]
 
     def limit(self, kind: str) -> Limit:
-        """Where one of `KINDS` ends."""
+        """Return the limit of one of `KINDS`."""
         return limit_of(self.levels, kind)
 
     def __repr__(self) -> str:
@@ -36,11 +36,11 @@ class MethodSweep:
 
     @property
     def own(self) -> Level:
-        """At the noise as it is."""
+        """Level at the noise as it is."""
         return next(level for level in self.levels if level.factor == 1)
 
     def at(self, factor: float) -> Level:
-        """At a factor that was asked for."""
+        """Return the level at a factor that was asked for."""
         for level in self.levels:
             if math.isclose(level.factor, factor, rel_tol=1e-12):
                 return level
@@ -49,7 +49,7 @@ class MethodSweep:
 
 
 def limit_of(levels: Sequence[Level], kind: str) -> Limit:
-    """Of levels by ascending factor: before the first that fails, however it is above."""
+    """Return the limit of levels by ascending factor: before the first that fails, however it is above."""
     before: Level | None = None
     for level in levels:
         if not level.of(kind).holds:

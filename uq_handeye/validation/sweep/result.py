@@ -1,4 +1,4 @@
-"""What `sweep` found."""
+"""Result of `sweep`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FORMAT = "uq-handeye sweep 1"
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Where first order and sigma points end, for some methods; see `sweep`."""
+    """Limits of first order and sigma points for some methods; see `sweep`."""
 
     methods: tuple[MethodSweep, ...]
     factors: tuple[float, ...]  # as asked for, and 1
@@ -57,7 +57,7 @@ class Sweep:
         return to_html("Sweep of the noise", document_of(self), seen=1 + len(self.methods))
 
     def summary(self) -> str:
-        """What holds up to which noise, in words and as a table."""
+        """Return up to which noise each covariance is valid, in words and as a table."""
         return to_text(document_of(self))
 
     def figure(self, path: str | Path) -> Path:

@@ -66,7 +66,7 @@ def sweep(
     pairs: str | ArrayLike = "all",
     progress: bool = False,
 ) -> Sweep:
-    """At which noise each covariance of each method fails its test, and whether the noise given is inside.
+    """Find the noise at which each covariance of each method fails its test, and whether the noise given is inside.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _ordered(levels: dict[float, Level]) -> tuple[Level, ...]:
 
 
 def _next(levels: dict[float, Level]) -> list[float]:
-    """Where bisection looks next, for either kind."""
+    """Return the factors at which bisection looks next, for either kind."""
     found = set()
     for kind in KINDS:
         limit = limit_of(_ordered(levels), kind)

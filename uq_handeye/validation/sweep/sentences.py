@@ -1,4 +1,4 @@
-"""Why a covariance fails at a level of noise, in words."""
+"""Sentences about why a covariance fails at a level of noise."""
 
 from __future__ import annotations
 

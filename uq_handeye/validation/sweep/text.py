@@ -42,7 +42,7 @@ def sweep_document(result: Sweep) -> Document:
 
 
 def verdict(found: MethodSweep) -> str:
-    """Whether the noise is inside, what to do if not, and what goes wrong where, in words."""
+    """Say whether the noise is inside, what to do if not, and what goes wrong where."""
     first, second = (found.limit(kind) for kind in KINDS)
     own = found.own
     if own.first_order.holds:
@@ -108,7 +108,7 @@ def _margin(limit: Limit) -> str:
 
 
 def _why(level: Level) -> str:
-    """What kind of errors these are."""
+    """Say what kind of errors these are."""
     if level.heavy:
         return (
             "The errors have heavy tails: rare large ones make up much of their spread, so that no covariance says how "
