@@ -3,6 +3,7 @@
 import io
 import re
 from dataclasses import replace
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -307,6 +308,16 @@ def test_inline_svg_is_the_same_again_and_shares_no_id(drawn, both):
     for text in first.values():
         assert set(re.findall(r'(?:href="#|url\(#)([^")]*)', text)) <= set(ids)
         assert text.startswith("<svg ") and "<metadata>" not in text and "<?xml" not in text
+
+
+def test_every_colour_follows_the_page(drawn):
+    """Each has a rule for dark pages, but those of the map of the task space."""
+    rules = (resources.files("uq_handeye.presentation") / "figures.css").read_text(encoding="utf-8")
+    known = set(re.findall(r'"((?:fill|stroke): #[0-9a-f]{6})"', rules))
+    for stem, picture in drawn.items():
+        used = set(re.findall(r"(?:fill|stroke): #[0-9a-f]+", inline_svg(picture.figure, stem)))
+        of_map = {colour for colour in used if stem == "task_space" and "fill" in colour}
+        assert len(used) > 2 and used - of_map <= known, stem
 
 
 def test_nothing_is_cut_at_the_rim():

@@ -13,6 +13,9 @@ from .._version import __version__
 from .document import Drawing, Section
 from .figure_parts import Picture, inline_svg
 
+# Later rules go before earlier ones.
+STYLES = ("report.css", "figures.css")
+
 
 def pretty(text: str) -> str:
     """Signs of print for those of a terminal: d², ±, a true minus before a number."""
@@ -28,16 +31,15 @@ def rendered(heading: str, subject: str, facts: list[str], sections: list[Sectio
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["pretty"] = pretty
     template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
-    script = _SCRIPT.strip()
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    scripts = [_SCRIPT.strip()]
     return template.render(
         heading=heading,
         subject=subject,
         facts=facts,
         sections=sections,
-        style=Markup((files / "report.css").read_text(encoding="utf-8")),
-        script=Markup(script),
-        script_hash=digest,
+        style=Markup("".join((files / name).read_text(encoding="utf-8") for name in STYLES)),
+        scripts=[Markup(script) for script in scripts],
+        script_hashes=[base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts],
         version=__version__,
     )
 
