@@ -206,7 +206,7 @@ def test_bad_files(session, tmp_path, name):
         (["robot.csv", "camera.csv", "--method", "efficent"], ["got 'efficent'", "Did you mean efficient?"]),
         (["robot.csv", "camera.csv", "--robot-nois", "1deg,1mm"], ["--robot-nois", "--robot-noise"]),
         (["robot.csv", "camera.csv", "--pair", "timed"], ["--pair", "rows, time, async", "Did you mean time?"]),
-        (["robot.csv", "camera.csv", "--tolerance", "1"], ["--tolerance goes with --pair time"]),
+        (["robot.csv", "camera.csv", "--time-tolerance", "1"], ["--time-tolerance goes with --pair time"]),
         (["robot.csv", "camera.csv", "--offset", "1"], ["--offset goes with --pair async"]),
         (["robot.csv", "camera.csv", "--pair", "async", "--offset", "1s"], ["--offset", "-0.015", "'1s'"]),
         (["robot.csv", "--pair", "async"], ["Two streams", "file of the camera"]),

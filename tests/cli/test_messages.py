@@ -15,7 +15,8 @@ from cli_cases import NOISE, run, run_on_terminal, run_process, write_session
 
 import uq_handeye as uq
 from uq_handeye import InputWarning
-from uq_handeye.cli.messages import messages
+from uq_handeye.cli.app import renamed
+from uq_handeye.cli.messages import Messages, messages, styled, terminal_width, withheld
 
 YELLOW, RED = "\x1b[33m", "\x1b[31m"
 LOG = logging.getLogger("uq_handeye")
@@ -249,6 +250,57 @@ def test_the_same_warning_is_given_once(capsys):
         for _ in range(2):
             warnings.warn("Something looks wrong.", InputWarning, stacklevel=1)
     assert capsys.readouterr().err.count("Something looks wrong.") == 1
+
+
+def test_a_warning_that_the_result_shows_is_not_given_beside_it(capsys, tmp_path):
+    log = tmp_path / "log"
+    with messages("uq-handeye", no_color=True):
+        Messages(log_file=log).apply()
+        with withheld() as shown:
+            for text in ("Shown.", "Not shown.", "Not shown."):
+                warnings.warn(text, InputWarning, stacklevel=1)
+            shown.append("Shown.")
+        with pytest.raises(ZeroDivisionError), withheld():
+            _warn_and_fail()
+    assert capsys.readouterr().err == "uq-handeye: warning: Not shown.\nuq-handeye: warning: The reason.\n"
+    assert [line.split("WARNING ")[1] for line in log.read_text().splitlines() if "WARNING" in line] == [
+        "Shown.",
+        "Not shown.",
+        "The reason.",
+    ]
+
+
+def _warn_and_fail():
+    warnings.warn("The reason.", InputWarning, stacklevel=1)
+    raise ZeroDivisionError
+
+
+def test_text_is_wrapped_to_the_terminal_or_to_80_columns(monkeypatch, capsys):
+    for given, width in (("100", 100), ("300", 118), ("10", 40), ("wide", 80), (None, 80)):
+        monkeypatch.delenv("COLUMNS", raising=False)
+        if given is not None:
+            monkeypatch.setenv("COLUMNS", given)
+        assert terminal_width() == width, given
+
+
+def test_roles_are_styled_only_where_there_are_colours(monkeypatch, capsys):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    assert styled("ok", "ok") == "ok"
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert styled("ok", "ok") == "\x1b[32mok\x1b[0m" and styled("X", "answer") == "\x1b[1mX\x1b[0m"
+    assert styled("ok", "heading") == "ok"
+    with messages("uq-handeye", no_color=True):
+        assert styled("ok", "ok") == "ok"
+
+
+def test_a_tolerance_in_seconds_goes_under_its_new_name(session):
+    assert renamed(["calibrate", "--tolerance", "0.02"]) == ["calibrate", "--time-tolerance", "0.02"]
+    assert renamed(["compare", "--tolerance=.5"]) == ["compare", "--time-tolerance=.5"]
+    for other in (["--tolerance", "1mm,0.1deg"], ["--tolerance"], ["--time-tolerance", "2"]):
+        assert renamed(other) == other
+    done = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--pair", "time", "--tolerance", "0.02", cwd=session)
+    assert done.returncode == 0 and "warning: --tolerance in seconds is now --time-tolerance" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,7 @@ def test_every_command_that_takes_poses_has_the_same_options():
     for option in (
         *("--setup", "--format", "--robot-format", "--camera-format", "--units", "--robot-units", "--camera-units"),
         *("--quaternion", "--robot-quaternion", "--camera-quaternion", "--robot-frame", "--camera-frame", "--pair"),
-        *("--tolerance", "--offset", "--robot-noise", "--camera-noise", "--noise", "--quiet", "--log-file"),
+        *("--time-tolerance", "--offset", "--robot-noise", "--camera-noise", "--noise", "--quiet", "--log-file"),
     ):
         for name, text in helps.items():
             assert f"{option} " in text, (name, option)
@@ -174,7 +174,7 @@ def test_pairing_by_time(session, tmp_path):
     write_pose_file(tmp_path / "camera.csv", poses.camera[1:], timestamps=times[1:] + 0.1)
     refused = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--pair", "time", cwd=tmp_path)
     assert refused.returncode == 2
-    done = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--pair", "time", "--tolerance", 0.2, cwd=tmp_path)
+    done = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--pair", "time", "--time-tolerance", 0.2, cwd=tmp_path)
     assert done.returncode == 0 and "from 11 poses" in done.stdout
 
 

@@ -1,10 +1,11 @@
 """The command ``uq-handeye``: parses, calls, prints.
 
-Exit status: 0 success; 2 bad usage or bad input, with one line on stderr; 1 an internal error, or a run that lost its
-workers; 130 Ctrl-C, with one line on stderr.
+Exit status: 0 success; 1 an internal error, or a run that lost its workers; 2 bad usage or bad input, with one line on
+stderr; 3 a result that is not usable; 5 a tolerance that is not shown to be met; 130 Ctrl-C, with one line on stderr.
 """
 
 import _thread
+import re
 import shlex
 import signal
 import sys
@@ -30,8 +31,11 @@ from .commands.predict import predict_command
 from .commands.simulate import simulate_command
 from .commands.sync import sync_command
 from .commands.validate import INTERRUPTED, validate_command
-from .messages import coloured, fail, fail_internally, messages
+from .messages import LOG, coloured, fail, fail_internally, messages
 from .options import with_messages
+
+# Seconds without a unit.
+_NUMBER = re.compile(r"\d+\.?\d*(e[+-]?\d+)?|\.\d+")
 
 # Typer carries its own copy of Click or uses the installed one, depending on its version.
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
@@ -158,7 +162,7 @@ def _interrupts() -> Iterator[list[int]]:
 
 def _status_of(arguments: list[str], interrupted: list[int]) -> int:
     try:
-        status = app(arguments, prog_name="uq-handeye", standalone_mode=False)
+        status = app(renamed(arguments), prog_name="uq-handeye", standalone_mode=False)
         if sys.stdout is not None:  # it may be closed
             sys.stdout.flush()
     except ClickException as error:
@@ -170,6 +174,21 @@ def _status_of(arguments: list[str], interrupted: list[int]) -> int:
     except Exception as error:
         return INTERRUPTED if interrupted else _failed(error)
     return status if isinstance(status, int) else 0
+
+
+def renamed(arguments: list[str]) -> list[str]:
+    """Return the arguments with ``--tolerance SECONDS``, which became --time-tolerance, under its new name.
+
+    A tolerance of X has units: ``--tolerance 1mm,0.1deg``.
+    """
+    found = list(arguments)
+    for k, argument in enumerate(found):
+        name, given, value = argument.partition("=")
+        if name != "--tolerance" or not _NUMBER.fullmatch(value if given else "".join(found[k + 1 : k + 2])):
+            continue
+        found[k] = f"--time-tolerance{given}{value}"
+        LOG.warning("--tolerance in seconds is now --time-tolerance; --tolerance is that of X, e.g. 1mm,0.1deg.")
+    return found
 
 
 def _failed(error: Exception) -> int:

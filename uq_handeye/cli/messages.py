@@ -1,11 +1,12 @@
-"""What the command says beside its result: notes, warnings and errors on stderr, colours, the log file.
+"""Messages of the command in addition to its result: notes, warnings and errors on stderr, colours, the log file.
 
-Everything goes through the logger ``uq_handeye``: DEBUG is what is done and how long it took (-v), INFO what was found
-out on the way (a note), WARNING input that looks wrong, ERROR the one line that ends the run. Stdout is for results.
+Everything goes through the logger ``uq_handeye``: DEBUG is each step and its duration (-v), INFO a finding on the way
+(a note), WARNING input that looks wrong, ERROR the one line that ends the run. Stdout is for results.
 """
 
 import logging
 import os
+import shutil
 import sys
 import time
 import traceback
@@ -24,6 +25,11 @@ LOG = logging.getLogger("uq_handeye")
 
 _WORDS = {logging.INFO: "note: ", logging.WARNING: "warning: ", logging.ERROR: "error: "}
 _COLOURS = {logging.WARNING: "yellow", logging.ERROR: "red"}
+# Columns of text where stdout is no terminal, and the fewest and most that text is wrapped to.
+COLUMNS = 80
+_NARROWEST, _WIDEST = 40, 118
+# Colour of a status on stdout.
+_STATUS_COLOURS = {"ok": "green", "caution": "yellow", "failed": "red", "not run": "bright_black"}
 
 
 @dataclass
@@ -35,6 +41,7 @@ class _Run:
     verbose: bool = False
     no_color: bool = False
     said: set[str] = field(default_factory=set)  # warnings: several steps of a command may give the same
+    held: list[tuple[str, type[Warning]]] | None = None  # warnings that may be part of the result
 
 
 _run = _Run()
@@ -48,8 +55,12 @@ def _option(*names: str, help: str, metavar: str = "") -> Any:
 class Messages:
     """The options of this module; they stand before or after the name of a command."""
 
-    quiet: Annotated[bool, _option("-q", "--quiet", help="Errors only: no notes, no warnings, no progress.")] = False
-    verbose: Annotated[bool, _option("-v", "--verbose", help="Say what is done and how long it takes.")] = False
+    quiet: Annotated[bool, _option("-q", "--quiet", help="Print the answer only: no notes, warnings or progress.")] = (
+        False
+    )
+    verbose: Annotated[
+        bool, _option("-v", "--verbose", help="Print everything that is known, and each step with its duration.")
+    ] = False
     log_file: Annotated[
         Path | None,
         _option("--log-file", metavar="FILE", help="Append all messages here, with times and the command line."),
@@ -72,6 +83,16 @@ def command_line() -> str:
     return _run.command
 
 
+def quiet() -> bool:
+    """Return whether --quiet was given."""
+    return _run.quiet
+
+
+def verbose() -> bool:
+    """Return whether --verbose was given."""
+    return _run.verbose
+
+
 def progress_wanted() -> bool:
     """Whether long work may show a bar; where there is no terminal it shows none anyway."""
     return not _run.quiet
@@ -84,6 +105,42 @@ def coloured(stream: TextIO | None) -> bool:
     if os.environ.get("FORCE_COLOR", "0") not in ("", "0"):
         return True
     return stream is not None and stream.isatty() and os.environ.get("TERM") != "dumb"
+
+
+def terminal_width() -> int:
+    """Return the columns that text on stdout is wrapped to: those of the terminal, else $COLUMNS, else 80."""
+    if sys.stdout is not None and sys.stdout.isatty():
+        columns = shutil.get_terminal_size((COLUMNS, 24)).columns
+    else:
+        given = os.environ.get("COLUMNS", "")
+        columns = int(given) if given.isdecimal() else COLUMNS
+    return min(max(columns, _NARROWEST), _WIDEST)
+
+
+def styled(text: str, role: str) -> str:
+    """Return text as its role (`presentation.document.Style`) looks on stdout: the answer bold, statuses coloured."""
+    if role not in (*_STATUS_COLOURS, "answer") or not coloured(sys.stdout):
+        return text
+    return typer.style(text, fg=_STATUS_COLOURS.get(role), bold=True if role == "answer" else None)
+
+
+@contextmanager
+def withheld() -> Iterator[list[str]]:
+    """Hold back warnings of input until the end, and then give those that are not in the list yielded.
+
+    The list is for the sentences that the result itself shows. After an error it is empty, and all are given.
+    """
+    shown: list[str] = []
+    before, _run.held = _run.held, []
+    try:
+        yield shown
+    finally:
+        held, _run.held = _run.held, before
+        for text, category in held:
+            if text in shown:
+                LOG.warning("%s", text, extra={"shown": True})
+            else:
+                _warn(text, category)
 
 
 @contextmanager
@@ -145,7 +202,11 @@ class _ToStderr(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         least = logging.ERROR if _run.quiet else logging.DEBUG if _run.verbose else logging.INFO
         text = f"uq-handeye: {getattr(record, 'label', _WORDS.get(record.levelno, ''))}{record.getMessage()}"
-        if record.levelno < least or (text in self.said and record.levelno > logging.DEBUG):
+        if (
+            record.levelno < least
+            or getattr(record, "shown", False)
+            or (text in self.said and record.levelno > logging.DEBUG)
+        ):
             return
         self.said.add(text)
         colour = _COLOURS.get(record.levelno)
@@ -190,8 +251,15 @@ def _open_log(path: Path) -> None:
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    if str(message) in _run.said:
+    if _run.held is not None and issubclass(category, InputWarning):
+        _run.held.append((str(message), category))
+    else:
+        _warn(str(message), category)
+
+
+def _warn(text: str, category: type[Warning]) -> None:
+    if text in _run.said:
         return
-    _run.said.add(str(message))
+    _run.said.add(text)
     expected = issubclass(category, InputWarning)
-    LOG.warning("%s", message, extra={} if expected else {"label": f"{category.__name__}: "})
+    LOG.warning("%s", text, extra={} if expected else {"label": f"{category.__name__}: "})

@@ -11,12 +11,15 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..errors import InputError
-from .messages import Messages
+from .messages import Messages, styled, terminal_width
+
+if TYPE_CHECKING:
+    from ..presentation.document import Document
 
 # The names of likelihood.ESTIMATORS, METHODS, ROBOT_WORLD_METHODS, SETUPS, request.COVARIANCES and io.FORMATS.
 AT_THE_BOUND = ("efficient", "ml")
@@ -184,6 +187,13 @@ WorkersOption = Annotated[int | None, option("--workers", help="Processes. Left 
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def emit_document(document: "Document") -> None:
+    """Print a document, wrapped to the terminal and with its colours."""
+    from ..presentation.document import to_text
+
+    emit(to_text(document, terminal_width(), styled))
 
 
 def emit(output: str) -> None:

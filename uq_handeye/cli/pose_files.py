@@ -190,9 +190,14 @@ class PoseFiles(StreamFiles):
             "synchronised as by uq-handeye sync.",
         ),
     ] = "rows"
-    tolerance: Annotated[
+    time_tolerance: Annotated[
         float | None,
-        option("--tolerance", metavar="SECONDS", panel=INPUT, help="Of --pair time: farthest partner. Left out: 0.02."),
+        option(
+            "--time-tolerance",
+            metavar="SECONDS",
+            panel=INPUT,
+            help="Largest time difference of a pair, for --pair time (default: 0.02 s).",
+        ),
     ] = None
 
     def read(
@@ -262,7 +267,10 @@ class PoseFiles(StreamFiles):
                 f"Give either a file of camera poses, {self.camera}, or --images; a pattern goes in quotes, "
                 "--images 'img/*.png', or the shell makes many files of it."
             )
-        for name, value, needed in (("--tolerance", self.tolerance, "time"), ("--offset", self.offset, "async")):
+        for name, value, needed in (
+            ("--time-tolerance", self.time_tolerance, "time"),
+            ("--offset", self.offset, "async"),
+        ):
             if value is not None and how != needed:
                 raise InputError(f"{name} goes with --pair {needed}, got --pair {how}.")
         with timed(f"reading {self._shown(arm)}"):
@@ -303,8 +311,8 @@ class PoseFiles(StreamFiles):
         from ..io import read_poses
 
         of_arm: dict[str, Any] = {} if arm is None else arm.of_files
-        if self.tolerance is not None:
-            of_arm |= {"tolerance": self.tolerance}
+        if self.time_tolerance is not None:
+            of_arm |= {"tolerance": self.time_tolerance}
         if pictures is not None:
             return pictures.poses(
                 self.robot,

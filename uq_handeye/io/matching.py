@@ -63,9 +63,9 @@ def match_times(robot: Side, camera: Side, tolerance: float) -> Match:
 def check_tolerance(tolerance: float) -> None:
     """Raise `InputError` unless it is a number of seconds."""
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.number):
-        raise InputError(f"Expected `tolerance` (--tolerance) to be a number of seconds, got {tolerance!r}.")
+        raise InputError(f"Expected `tolerance` (--time-tolerance) to be a number of seconds, got {tolerance!r}.")
     if not 0 <= tolerance < np.inf:
-        raise InputError(f"Expected `tolerance` (--tolerance) to be at least 0 s and finite, got {tolerance!r}.")
+        raise InputError(f"Expected `tolerance` (--time-tolerance) to be at least 0 s and finite, got {tolerance!r}.")
 
 
 def nearest(times: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -99,13 +99,13 @@ def _too_few(
         )
     if n:
         return (
-            f"{start}no others are within {tolerance:g} s of each other. Raise --tolerance if the rig stood still; if "
-            "it moved, use --pair async, which interpolates."
+            f"{start}no others are within {tolerance:g} s of each other. Raise --time-tolerance if the rig stood "
+            "still; if it moved, use --pair async, which interpolates."
         )
     closest = float(np.min(np.abs(r - c[nearest(r, c)])))
     return (
-        f"{start}the closest two are {closest:.3g} s apart, and the tolerance is {tolerance:g} s. Raise --tolerance if "
-        "the rig stood still; if it moved, use --pair async, which interpolates."
+        f"{start}the closest two are {closest:.3g} s apart, and the tolerance is {tolerance:g} s. Raise "
+        "--time-tolerance if the rig stood still; if it moved, use --pair async, which interpolates."
     )
 
 

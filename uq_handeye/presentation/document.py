@@ -1,21 +1,27 @@
 """The one document model: what a result or a page says, as blocks. Text is made here, HTML by `notebook` and `page`.
 
-A document is a sequence of blocks, or of lists of blocks that stand together. Everything is plain text; who renders it
+A document is a sequence of blocks, or of lists of blocks that stand together. Everything is plain text; the renderer
 escapes it and decides how it looks.
 """
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any, ClassVar
 
 from ..findings import Finding
 
-# Characters on a line of text.
+# Longest line of text, in characters, unless the caller says otherwise.
 WIDTH = 118
+
+# Make a piece of text look like its role: "answer", "heading", or the status of a check.
+Style = Callable[[str, str], str]
+
+# Longest of the words for the status of a check.
+STATUS_WIDTH = len("caution")
 
 # A cell that holds the text of several.
 Cell = str | tuple[str, int]
@@ -44,6 +50,23 @@ class Paragraph(Block):
     indent: str = ""  # of the first line of text
     hang: str | None = None  # of the others; None: as the first
     kind: ClassVar[str] = "paragraph"
+
+
+@dataclass(frozen=True)
+class Answer(Block):
+    """The sentence that a result is asked for, with the status of the result."""
+
+    text: str
+    status: str = "ok"  # "ok", "caution" or "failed"
+    kind: ClassVar[str] = "answer"
+
+
+@dataclass(frozen=True)
+class Checks(Block):
+    """Checks, one line each: status ("ok", "caution", "failed" or "not run"), name, and what was found."""
+
+    rows: Sequence[tuple[str, str, str]]
+    kind: ClassVar[str] = "checks"
 
 
 @dataclass(frozen=True)
@@ -141,36 +164,59 @@ def document_of(result: Any, **options: Any) -> Document:
     raise TypeError(f"Expected a result with a document, got {type(result).__name__}.")
 
 
-def to_text(document: Document) -> str:
-    """The document as plain text, with an empty line between groups."""
-    texts = ["\n".join(line.rstrip() for block in group for line in _lines(block)) for group in groups_of(document)]
+def plain_style(text: str, role: str) -> str:
+    """Return the text as it is."""
+    return text
+
+
+def to_text(document: Document, width: int = WIDTH, style: Style = plain_style) -> str:
+    """Return the document as text, with an empty line between groups; paragraphs and lists are wrapped to ``width``."""
+    groups = groups_of(document)
+    texts = ["\n".join(line.rstrip() for block in group for line in _lines(block, width, style)) for group in groups]
     return "\n\n".join(text for text in texts if text) + "\n"
 
 
-def _lines(block: Block) -> list[str]:
+def _lines(block: Block, width: int, style: Style) -> list[str]:
     match block:
         case Heading():
-            return [block.text]
+            return [style(block.text, "heading")]
         case Paragraph():
-            return [] if block.empty else _wrapped(block.text, block.indent, block.hang)
+            return [] if block.empty else _wrapped(block.text, width, block.indent, block.hang)
+        case Answer():
+            lines = _wrapped(block.text, width)
+            return [style(style(line, "failed") if block.status == "failed" else line, "answer") for line in lines]
+        case Checks():
+            return _check_lines(block, width, style)
         case Caution():
-            return _wrapped(f"CAUTION: {block.text}", "", "  ")
+            first, *rest = _wrapped(f"CAUTION: {block.text}", width, "", "  ")
+            return [first.replace("CAUTION:", style("CAUTION:", "caution"), 1), *rest]
         case Points():
-            return [line for item in block.items for line in _wrapped(f"- {item}", "", "  ")]
+            return [line for item in block.items for line in _wrapped(f"- {item}", width, "", "  ")]
         case Table():
-            return _table_lines(block)
+            return _table_lines(block, width)
         case Code():
             return block.text.splitlines()
         case _:  # a drawing
             return []
 
 
-def _wrapped(text: str, indent: str = "", hang: str | None = None) -> list[str]:
+def _wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -> list[str]:
     hang = indent if hang is None else hang
-    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=hang, break_on_hyphens=False)
+    return textwrap.wrap(text, width, initial_indent=indent, subsequent_indent=hang, break_on_hyphens=False)
 
 
-def _table_lines(table: Table) -> list[str]:
+def _check_lines(checks: Checks, width: int, style: Style) -> list[str]:
+    """Status and name in columns of their own, the text beside them."""
+    names = max((len(name) for _, name, _ in checks.rows), default=0)
+    lines = []
+    for status, name, text in checks.rows:
+        start = f"{status:<{STATUS_WIDTH}}  {name:<{names}}  "
+        first, *rest = _wrapped(start + text, width, "", " " * len(start))
+        lines += [style(status, status) + first[len(status) :], *rest]
+    return lines
+
+
+def _table_lines(table: Table, width: int) -> list[str]:
     """Columns as wide as their widest cell, two spaces apart, one where the line would be too long.
 
     Those below a caption are indented. The last cell of a row goes over several columns as a wrapped paragraph.
@@ -180,7 +226,7 @@ def _table_lines(table: Table) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*plain, strict=True)]
     widths = widths or [max((len(row[0]) for row in table.rows), default=0)]
     indent = "  " if table.caption else ""
-    gap = "  " if len(indent) + sum(widths) + 2 * (len(widths) - 1) <= WIDTH else " "
+    gap = "  " if len(indent) + sum(widths) + 2 * (len(widths) - 1) <= width else " "
     left = table.text_columns | ({0} if table.named else set())
 
     def joined(cells: Sequence[Cell]) -> str:
@@ -190,7 +236,7 @@ def _table_lines(table: Table) -> list[str]:
         )
         return gap.join(placed)
 
-    lines = _wrapped(table.caption)
+    lines = _wrapped(table.caption, width)
     if table.groups:
         line, at = "", 0
         for title, count in table.groups:
@@ -202,7 +248,7 @@ def _table_lines(table: Table) -> list[str]:
             lines.append(indent + "-" * len(joined([""] * len(widths))))
         elif isinstance(row[-1], tuple):
             start = f"{indent}{joined(row[:-1])}{gap}"
-            lines += _wrapped(start + row[-1][0], "", " " * len(start))
+            lines += _wrapped(start + row[-1][0], width, "", " " * len(start))
         else:
             lines.append(indent + joined(row))
     return lines
