@@ -10,7 +10,9 @@ from pathlib import Path
 
 
 def described() -> dict[str, str]:
-    """What runs: the studies and the scripts of `performance`, by name, with their first lines. Nothing is imported."""
+    """List what can be run: the studies and the scripts of `performance`, by name, with their first lines. Nothing
+    is imported.
+    """
     here = Path(__file__).parent
     scripts = [path.with_name("__init__.py") for path in here.glob("*/__main__.py")]
     scripts += [path for path in (here / "performance").glob("*.py") if path.name != "__init__.py"]

@@ -1,4 +1,4 @@
-"""What the tests of comparisons share."""
+"""Data and helpers of the tests of comparisons."""
 
 import uq_handeye as uq
 

@@ -30,7 +30,9 @@ def pytest_cmdline_main(config):
 
 @pytest.fixture(autouse=True)
 def every_finding_has_its_words(request, monkeypatch):
-    """What this version finds it can word; only what is read from a file of another one it may not (`stored`)."""
+    """Refuse findings of this version that have no words; only what is read from a file of another one may have
+    none (`stored`).
+    """
     if request.node.get_closest_marker("stored") is None:
         monkeypatch.setattr(findings, "_unworded", _refuse)
 

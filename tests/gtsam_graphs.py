@@ -107,7 +107,9 @@ def by_gtsam(poses, noise, X, W, graph_of=native):
 
 
 class Difference:
-    """Of `ml` and GTSAM: X and W in deviations, and the largest of |eigenvalue - 1| of the whitened covariances."""
+    """Difference between `ml` and GTSAM: X and W in standard deviations, and the largest of |eigenvalue - 1| of the
+    whitened covariances.
+    """
 
     def __init__(self, poses, noise, graph_of=native):
         ours = maximum_likelihood(poses, noise)

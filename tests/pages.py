@@ -41,7 +41,7 @@ def blocks(page):
 
 
 def run_command(line):
-    """What a command prints, both streams; it must end well, or with one line that says what to do."""
+    """Return what a command prints, both streams; it must end well, or with one line that says what to do."""
     out, err = io.StringIO(), io.StringIO()
     program, *arguments = shlex.split(line)
     assert program == "uq-handeye"

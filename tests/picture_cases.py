@@ -30,7 +30,7 @@ def pinhole(focal, centre, size):
 
 
 def picture(board, camera_T_board, rng, K=CAMERA, size=SIZE, noise=2.0):
-    """What a camera without distortion sees, with noise and a rim of neither white nor black."""
+    """Return the picture of a camera without distortion, with noise and a rim of neither white nor black."""
     pytest.importorskip("cv2")
     camera = pinhole((K[0, 0], K[1, 1]), (K[0, 2], K[1, 2]), size)
     return taken(camera, board, camera_T_board, rng, noise=noise)

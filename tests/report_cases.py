@@ -1,4 +1,4 @@
-"""How the tests of reports read figures and pages."""
+"""Readers of figures and pages for the tests of reports."""
 
 from html.parser import HTMLParser
 

@@ -31,7 +31,7 @@ class Rig(NamedTuple):
         return inverse(self.X) @ inverse(G) @ self.W
 
     def base_points(self, joints, points):
-        """Where points that the camera sees at these joints lie in the base."""
+        """Return the places in the base of points that the camera sees at these joints."""
         p = points @ self.X[:3, :3].T + self.X[:3, 3]
         if self.poses.setup == "eye-to-hand":
             return p

@@ -1,4 +1,4 @@
-"""What the numerical tests share: seeds, geometries, independent references, and judges of covariances.
+"""Helpers of the numerical tests: seeds, geometries, independent references, and judges of covariances.
 
 Nothing here calls the package. ``UQ_HANDEYE_SEED`` in the environment changes every random number of the tests.
 """
@@ -188,14 +188,14 @@ def nees(errors, covariances):
 
 
 def mean_interval(trials, freedom=6):
-    """Where the mean of that many chi-square variables lies with probability CONFIDENCE."""
+    """Return the interval of the mean of that many chi-square variables with probability CONFIDENCE."""
     tail = (1 - CONFIDENCE) / 2
     low, high = stats.chi2.ppf([tail, 1 - tail], trials * freedom) / trials
     return float(low), float(high)
 
 
 def is_consistent(errors, covariances):
-    """Whether the mean NEES is that of a true covariance."""
+    """Return whether the mean NEES is that of a consistent covariance."""
     low, high = mean_interval(*errors.shape)
     return low < nees(errors, covariances).mean() < high
 

@@ -177,7 +177,7 @@ def test_every_field_of_a_result_is_on_its_page():
 
 
 def test_every_field_of_a_result_is_in_the_reference(monkeypatch):
-    """Those whose docstring does not list them come from the comments beside them, by an extension of the build."""
+    """Fields that the docstring does not list come from the comments beside them, by an extension of the build."""
     monkeypatch.syspath_prepend(DOCS / "_ext")
     source = (
         (DOCS / "_ext" / "fields.py").read_text(encoding="utf-8").replace("from sphinx.application import Sphinx", "")

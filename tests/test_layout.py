@@ -18,7 +18,7 @@ FLOORS = [*ORDER[: ORDER.index("cli")], "__init__", "cli", "__main__"]
 
 
 def package(module):
-    """By name; a module at the top of the whole stands for itself."""
+    """Return the package by name; a module at the top of the whole stands for itself."""
     return module.removeprefix("uq_handeye").lstrip(".").partition(".")[0] or "__init__"
 
 
@@ -29,7 +29,7 @@ def test_every_package_is_on_the_page_in_its_place():
 
 @pytest.mark.parametrize("name", FLOORS)
 def test_imports_go_down(name):
-    """Those at the top of a module, in functions and for type checkers, but for the door to the report."""
+    """Imports at the top of a module, in functions and for type checkers, but for the door to the report."""
     upward = [
         f"{SOURCES[module].relative_to(ROOT)}:{line} imports {other}"
         for module in SOURCES

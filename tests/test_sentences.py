@@ -99,7 +99,7 @@ def emitted(node):
 
 
 def test_only_sentences_have_words_and_only_of_codes_that_are_found():
-    """In calls of Finding no text but codes, names and states: at most three words, without a full stop."""
+    """Calls of Finding hold no text but codes, names and states: at most three words, without a full stop."""
     plain, found = [], set()
     for file in ROOT.rglob("*.py"):
         tree = ast.parse(file.read_text(encoding="utf-8"))

@@ -117,7 +117,7 @@ def chains(arrows: dict[str, set[str]], floor: dict[str, int]) -> list[list[Plac
 
 
 def placed(arrows: dict[str, set[str]]) -> tuple[dict[Place, float], list[list[Place]]]:
-    """Where the middle of each place is, in px from the left, so that arrows cross seldom; and the chains of places.
+    """Return the middle of each place, in px from the left, so that arrows cross seldom; and the chains of places.
 
     Floors are put in the order of the mean of their neighbours above and below, in turn; the order with the fewest
     crossings is kept.

@@ -92,7 +92,7 @@ def board(axes: Axes, at: np.ndarray, angle: float) -> None:
 
 
 def eye_in_hand() -> Figure:
-    """What the files hold, X, and the pose that stays the same, with the camera on the gripper."""
+    """Draw the content of the files, X, and the pose that stays the same, with the camera on the gripper."""
     figure = Figure(figsize=(5.6, 4.1), layout="constrained", facecolor="white")
     hand = figure.subplots()
     base, gripper, camera, target = (np.array(p) for p in ((0.0, 0.0), (2.2, 3.0), (3.6, 2.75), (4.6, -0.1)))

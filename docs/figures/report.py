@@ -33,7 +33,7 @@ WIDTH, HEIGHT, PAGES, COLUMNS, GAP = 1180, 1130, 8, 4, 10
 
 
 def png(image: Image.Image) -> bytes:
-    """In 128 colours, which a page of text does not miss."""
+    """Encode in 128 colours, which a page of text does not miss."""
     buffer = io.BytesIO()
     image.convert("RGB").quantize(128).save(buffer, format="PNG", optimize=True)
     return buffer.getvalue()

@@ -1,4 +1,4 @@
-"""How far do `ml` and GTSAM agree on the same poses and noise, and how long do `efficient` and GTSAM take?
+"""Agreement of `ml` and GTSAM on the same poses and noise, and the time of `efficient` and GTSAM.
 
 Model: ``G X C = W`` with a Gaussian error on every robot and camera pose. GTSAM has the same poses and noise in a
 factor graph with latent robot poses, `LevenbergMarquardt` and `Marginals`; the graphs are those of the tests
@@ -60,7 +60,7 @@ def cases(graphs: Any, full: bool) -> Iterator[tuple[str, uq.PosePairs, uq.PoseN
 
 
 def agreement(graphs: Any, full: bool) -> Iterator[dict[str, Any]]:
-    """Of each label the largest differences."""
+    """Yield the largest differences for each label."""
     rows: dict[str, tuple[int, list[list[float]]]] = {}
     with progress_bar("poses", None, "sets") as advance:
         for label, poses, noise in cases(graphs, full):

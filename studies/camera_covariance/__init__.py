@@ -1,4 +1,4 @@
-"""What the joint covariance of camera poses is worth: errors of X against what each noise model says of them.
+"""Value of the joint covariance of camera poses: errors of X against what each noise model says of them.
 
     python -m studies.camera_covariance [--full] [-o results]
 

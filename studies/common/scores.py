@@ -1,4 +1,4 @@
-"""How far an estimate is from the truth, and whether its covariance says so."""
+"""Error of an estimate, and whether its covariance is consistent with it."""
 
 from __future__ import annotations
 

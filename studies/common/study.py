@@ -1,4 +1,4 @@
-"""What the studies share: a command line, and a folder of tables, figures and findings that can be read again.
+"""Common parts of the studies: a command line, and a folder of tables, figures and findings that can be read again.
 
 A study measures tables; everything that it says or draws comes from the tables as they stand in its CSV files. So a
 sentence of the documentation that quotes a study can be held against the files beside it, and a figure can be drawn
@@ -109,7 +109,7 @@ class Study:
         return text, [*(f"{name}.csv" for name in tables), *drawn, FINDINGS, RUN]
 
     def text(self, folder: Path) -> str:
-        """What `write` says: the findings, and what run they are of."""
+        """Return the text that `write` writes: the findings, and the run that they belong to."""
         about = about_run(folder)
         versions = ", ".join(f"{name} {version}" for name, version in about["versions"].items())
         command = f"python -m studies.{self.name}" + (" --full" if about["full"] else "")
@@ -118,7 +118,7 @@ class Study:
 
 
 def version_of(package: str) -> str:
-    """As installed, e.g. ``2.4.1``; "not installed" otherwise."""
+    """Return the installed version, e.g. ``2.4.1``; "not installed" otherwise."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:

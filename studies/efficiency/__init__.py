@@ -1,4 +1,5 @@
-"""Which method is nearest to the Cramer-Rao bound, and where does each break (Table II and section IV-A of the paper)?
+"""Distance of each method from the Cramer-Rao bound, and the noise at which it breaks (Table II and section IV-A of
+the paper).
 
 The paper finds 4DPA almost always the most accurate, and "more efficient" than dual quaternions (Daniilidis) and
 Kronecker products (Andreff). Here the deviation of every method of X is put beside the least possible one, over the

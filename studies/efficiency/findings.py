@@ -1,4 +1,4 @@
-"""What the tables of the study of efficiency say: every number and verdict from them."""
+"""Findings of the study of efficiency: every number and verdict from its tables."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ def _root(trials: ArrayLike, level: float) -> Array:
 
 
 def first_order(cells: pd.DataFrame) -> pd.Series:
-    """Whether deviations and NEES that were drawn are those predicted, within Monte Carlo error; False if none were."""
+    """Return whether standard deviations and NEES that were drawn are those predicted, within Monte Carlo error;
+    False if none were.
+    """
     drawn = cells.trials > 0
     T, count = cells.trials.clip(lower=1), max(1, int(drawn.sum()))
     low, high = deviations_between(T, count)
@@ -121,7 +123,7 @@ def _range(values: pd.Series) -> str:
 
 
 def _near(answered: pd.DataFrame) -> dict[str, int]:
-    """In how many cells each published method is about the best of them."""
+    """Count the cells in which each published method is about the best of them."""
     published = answered[answered.method.isin(PUBLISHED)]
     best = published.groupby(["sweep", "value"]).predicted_over_bound_high.transform("min")
     count = published[published.predicted_over_bound_high <= NEAR * best].method.value_counts()

@@ -156,7 +156,7 @@ SWEEPS = (
 
 @dataclass(frozen=True)
 class Size:
-    """How much is drawn: trials by pairs per cell aimed at, and the most that a cell may cost."""
+    """Size of a run: trials by pairs per cell aimed at, and the most that a cell may cost."""
 
     budget: int
     most: int

@@ -118,7 +118,7 @@ def points(method: str, drawn: Sample) -> pd.DataFrame:
 
 
 def same_error(found: dict[str, Array], trials: int, rng: np.random.Generator) -> pd.DataFrame:
-    """What (45) says against the errors of 4DPA where all pairs of a trial carry one error."""
+    """Compare (45) with the errors of 4DPA where all pairs of a trial carry one error."""
     lines = []
     at = problem()
     for name, draw in (("E and Z", same_image_error), ("A and B", same_motion_error)):

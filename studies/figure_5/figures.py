@@ -34,7 +34,7 @@ SYMBOLS = {f"{name}_{axis}": rf"$\{name}_{axis}$" for name in ("theta", "tau") f
 
 
 class Curve(NamedTuple):
-    """How the ellipse of a row is drawn; broad and pale below what must lie on it."""
+    """Style of the ellipse of a row; broad and pale below what must lie on it."""
 
     label: str
     colour: str
@@ -117,7 +117,7 @@ def ellipse(xx: float, xy: float, yy: float) -> Array:
 
 
 def _legend(figure: Figure) -> None:
-    """In three columns: 4DPA, Nguyen and Pham, and what lies within."""
+    """Draw the legend in three columns: 4DPA, Nguyen and Pham, and what lies within."""
     lines = {
         key: Line2D([], [], color=curve.colour, linestyle=curve.line, linewidth=curve.width, label=curve.label)
         for key, curve in CURVES.items()

@@ -1,4 +1,4 @@
-"""What the tables of `figure_5` say, in words."""
+"""Findings of `figure_5` in words, from its tables."""
 
 from __future__ import annotations
 
@@ -78,7 +78,9 @@ def by_row(some: pd.DataFrame) -> dict[str, Line]:
 
 
 def is_true(line: Line) -> bool:
-    """Whether the mean NEES is where that of a true covariance lies; a singular covariance is not true."""
+    """Return whether the mean NEES lies where that of a consistent covariance does; a singular covariance is not
+    consistent.
+    """
     return bool(line["NEES from"] <= line["NEES"] <= line["NEES to"])
 
 
@@ -154,7 +156,7 @@ def _extremes(values: pd.Series) -> tuple[float, float]:
 
 
 def _times(low: float, high: float) -> str:
-    """By how many times ratios between low and high are too small."""
+    """Say how many times too small ratios between low and high are."""
     return f"{number(1 / high)} to {number(1 / low)}"
 
 

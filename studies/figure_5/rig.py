@@ -88,7 +88,7 @@ def rows(at: Experiment, samples: dict[str, Sample]) -> dict[str, Array]:
 
 
 def judged(key: str, S: Array, drawn: Sample, each: Array | None = None) -> dict[str, float | str]:
-    """How the covariance S, or that of ``each`` trial, relates to the errors of trials.
+    """Relate the covariance S, or that of ``each`` trial, to the errors of trials.
 
     Ratios are standard deviations of S over those sampled, of the six axes and over all directions (roots of the
     eigenvalues of S against the sampled covariance). NEES and coverage are left out where S leaves no error at all in

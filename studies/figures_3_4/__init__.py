@@ -1,4 +1,4 @@
-"""Does the error (62) tell hand-eye methods and scaling factors d apart, as noise grows? (Figs. 3 and 4)
+"""Test whether the error (62) separates hand-eye methods and scaling factors d, as noise grows (Figs. 3 and 4).
 
 The noise is that of the paper: (63), ``R + s G`` with nine independent standard normal entries of G, then
 orthonormalised, and (64), ``t + s g``, on every A and B. Fig. 3 has noise of rotation alone, Fig. 4 of translation

@@ -54,7 +54,7 @@ def disturbed(data: Data, kind: str, level: float, rng: np.random.Generator) -> 
 
 
 def assumed(kind: str, level: float) -> uq.PairNoise:
-    """What methods that weigh by noise are told of (63) or (64)."""
+    """Return the noise of (63) or (64) as it is given to methods that weight by noise."""
     deviation = level / np.sqrt(2.0) if kind == "rotation" else level
     both = (deviation, TOLD * deviation) if kind == "rotation" else (TOLD * deviation, deviation)
     S = np.diag(np.repeat(both, 3) ** 2)

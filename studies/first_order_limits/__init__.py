@@ -1,4 +1,4 @@
-"""At which noise does first order end, by geometry and method, and how far do sigma points reach?
+"""Noise at which first order ends, by geometry and method, and the reach of sigma points.
 
 Model: ``G X C = W`` or ``A X = X B`` with Gaussian errors, left rotation, additive translation. Each row is one
 geometry (`uq.simulate`, or 60 random pairs, "star": nearly a common translation) at a noise of 1 mrad of rotation and
@@ -97,12 +97,12 @@ def measure(full: bool) -> Tables:
 
 
 def middle(row: Any) -> float:
-    """Where a covariance begins to fail, mrad; NaN if it holds everywhere, or nowhere."""
+    """Return the noise at which a covariance begins to fail, mrad; NaN if it holds everywhere, or nowhere."""
     return float(np.sqrt(row.holds_mrad * row.fails_mrad))
 
 
 def at_mrad(row: Any, beyond: float) -> float:
-    """Where to draw it: ``beyond`` if it holds at all levels."""
+    """Return the place to draw it: ``beyond`` if it holds at all levels."""
     if np.isnan(row.fails_mrad):
         return beyond
     return float(row.fails_mrad) if np.isnan(row.holds_mrad) else middle(row)

@@ -68,7 +68,7 @@ class Unmodelled:
 
     @classmethod
     def drawn(cls, joints: int, sd: float, rng: np.random.Generator, terms: int = 4) -> Unmodelled:
-        """Of so many joints, with the standard deviation ``sd`` (rad) of each over all poses."""
+        """Draw the errors of so many joints, with the standard deviation ``sd`` (rad) of each over all poses."""
         waves = np.zeros((joints, terms, joints))
         for wave in waves.reshape(-1, joints):
             wave[rng.choice(joints, 2, replace=False)] = rng.choice([-1.0, 1.0], 2)
@@ -105,12 +105,12 @@ class Rig:
         return np.asarray(inverse(self.X) @ (inverse(G) if self.setup == "eye-in-hand" else G) @ self.W)
 
     def seen(self, q: Array, rng: np.random.Generator) -> Array:
-        """What the camera measures at joints reported as q: with the noise of the joints and of the camera."""
+        """Return what the camera measures at joints reported as q: with the noise of the joints and of the camera."""
         C = self.true_camera(self.true_robot(q + self.joint_sd * rng.standard_normal(q.shape)))
         return perturb(C, self.camera_sd * rng.standard_normal((*q.shape[:-1], 6)))
 
     def poses(self, q: Array, rng: np.random.Generator) -> uq.PosePairs:
-        """As recorded: poses of the robot by the URDF, camera poses, joints."""
+        """Return the recorded data: poses of the robot by the URDF, camera poses, joints."""
         return uq.PosePairs(self.kinematics.poses(q), self.seen(q, rng), self.setup, joints=q)
 
     @property

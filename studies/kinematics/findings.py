@@ -1,4 +1,4 @@
-"""What the tables of `kinematics` say in words."""
+"""Findings of `kinematics` in words, from its tables."""
 
 from __future__ import annotations
 

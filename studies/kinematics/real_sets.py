@@ -27,7 +27,7 @@ class Recorded(NamedTuple):
     setup: str
 
     def poses(self, index: NDArray[np.intp]) -> uq.PosePairs:
-        """By the URDF."""
+        """Return the poses by the URDF."""
         q = self.q[index]
         return uq.PosePairs(self.kinematics.poses(q), self.camera[index], self.setup, joints=q)
 

@@ -19,7 +19,7 @@ HELD_OUT = 20  # joints of each set that are predicted, near and far
 
 
 class Case(NamedTuple):
-    """What a set of poses is made of: rad, m."""
+    """Definition of a set of poses: rad, m."""
 
     arm: str
     setup: str
@@ -72,7 +72,8 @@ def calibrated(poses: uq.PosePairs, **options: Any) -> uq.Calibration | None:
 
 
 def scored(of: Drawn, options: dict[str, Any], flanges: Mapping[str, Array] | None = None) -> dict[str, float]:
-    """Of one set: d^2 of X, share of predictions inside, d^2 over its freedom, RMS (mm) against the true camera poses.
+    """Score one set: d^2 of X, share of predictions inside, d^2 over its freedom, RMS (mm) against the true camera
+    poses.
 
     Without ``kinematics`` among the options the robot's poses are by the URDF, and count as they stand.
     """
@@ -111,5 +112,5 @@ def predicted(
 
 
 def rms(vectors: Array) -> float:
-    """Of their lengths (n, 3)."""
+    """Return the RMS of the lengths of vectors (n, 3)."""
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))

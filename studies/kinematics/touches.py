@@ -40,7 +40,7 @@ MOST_OF_GROUP = 10.0
 
 
 class Touches(NamedTuple):
-    """Of one arm: joints (n, L), and the names of tool position and socket of each."""
+    """Touches of one arm: joints (n, L), and the names of tool position and socket of each."""
 
     q: Array
     positions: NDArray[np.str_]
@@ -59,7 +59,7 @@ def read_touches(folder: Path) -> Touches:
 
 
 class Places(NamedTuple):
-    """Of the ball in the base, with what changes them."""
+    """Places of the ball in the base, with what changes them."""
 
     p: Array  # (n, 3)
     by_ball: Array  # (n, 3, 3)

@@ -1,4 +1,5 @@
-"""Are a laser scanner and a camera calibrated from two odometries as well as they say (IV-D, Table IV, Fig. 9)?
+"""Calibration of a laser scanner and a camera from two odometries: errors against their covariance (IV-D, Table IV,
+Fig. 9).
 
 Model: `studies.laser_camera.rig`. Scanner poses once per second and camera poses 200 times per second, each relative to
 its own start and on its own clock, are brought together by ``uq.synchronise`` (Sub-problem 2). X = scanner_T_camera
@@ -91,7 +92,7 @@ def measure(full: bool) -> dict[str, pd.DataFrame]:
 
 
 def verdict(nees: float, trials: int, freedom: int) -> str:
-    """Whether a mean NEES lies where 99.9 % of those of a true covariance do."""
+    """Say whether a mean NEES lies where 99.9 % of those of a consistent covariance do."""
     low, high = true_means(trials, freedom)
     return "too small" if nees > high else "too large" if nees < low else "consistent"
 

@@ -52,7 +52,7 @@ class Estimate(NamedTuple):
 
 
 def estimates(recorded: rig.Recording, sync: uq.Synchronised, sensors: rig.Sensors) -> Iterator[tuple[str, Estimate]]:
-    """Of one recording by all methods; the last one is told the drift, if there is any."""
+    """Yield the estimates of one recording by all methods; the last one is given the drift, if there is any."""
     poses, noise, timing = sync.poses, sync.noise, sync.poses.timing
     assert noise is not None and timing is not None and timing.side == "camera"
     motions = uq.relative_motions(poses)
@@ -249,7 +249,9 @@ def point_rows(experiment: int, of: Ends) -> Iterator[dict[str, Any]]:
 
 
 def scale_rows(rng: np.random.Generator, trials: int) -> Iterator[dict[str, Any]]:
-    """What d does to the place at the end of experiment 3: exact offset and walk, so that nothing else does."""
+    """Yield the effect of d on the place at the end of experiment 3: exact offset and walk, so that nothing else
+    matters.
+    """
     walk = rig.walk(3)
     motions, _, _ = drawn(rng, SENSORS[WHITE], trials)
     X = uq.solve(motions.A, motions.B)

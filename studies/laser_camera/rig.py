@@ -58,12 +58,12 @@ class Sensors:
     drift: tuple[float, float] = (0.0, 0.0)
 
     def drifting(self, times: float = 1.0) -> Sensors:
-        """With so many times a drift of 0.5 mrad and 2 mm after a second."""
+        """Return sensors with ``times`` times a drift of 0.5 mrad and 2 mm after a second."""
         return replace(self, drift=(5e-4 * times, 2e-3 * times))
 
     @property
     def white(self) -> uq.PoseNoise:
-        """Of the samples of the streams."""
+        """Noise of the samples of the streams."""
         return uq.PoseNoise(*(np.diag(np.repeat(deviations, 3) ** 2.0) for deviations in (self.scanner, self.camera)))
 
 
@@ -116,7 +116,7 @@ LOOPS = {  # each goes up and down by a storey
 
 
 def drifted(T: Array, times: Array, drift: tuple[float, float], rng: np.random.Generator, trials: int) -> Array:
-    """What dead reckoning makes of ``start_T_camera`` (m, 4, 4) at increasing times: (trials, m, 4, 4)."""
+    """Return ``start_T_camera`` (m, 4, 4) by dead reckoning at increasing times: (trials, m, 4, 4)."""
     length = np.sqrt(np.diff(times, prepend=times[0]))[:, None]
     theta, tau = (d * np.cumsum(length * rng.standard_normal((trials, len(times), 3)), axis=1) for d in drift)
     result = np.empty((trials, *T.shape))
@@ -130,7 +130,9 @@ def drifted(T: Array, times: Array, drift: tuple[float, float], rng: np.random.G
 
 
 def drift_covariance(path: Path, start: float, times: Array, drift: tuple[float, float]) -> Array:
-    """Of ``camera_T_start`` at m times since ``start`` (s): joint (6m, 6m), to first order; pose by pose."""
+    """Return the covariance of ``camera_T_start`` at m times since ``start`` (s): joint (6m, 6m), to first order;
+    pose by pose.
+    """
     dt = 1.0 / DRIFT_STEPS
     s = np.arange(start, times[-1], dt) + 0.5 * dt
     length = np.clip(times[:, None] - (s - 0.5 * dt), 0.0, dt)  # (m, k): what of each step lies before each time
@@ -217,7 +219,7 @@ def walk(experiment: int) -> Walk:
 def walked(
     of: Walk, sensors: Sensors, rng: np.random.Generator, trials: int, late: Array | None = None
 ) -> tuple[Array, Array]:
-    """What the sensors say of a walk: V, G (trials, m, 4, 4), with noise and drift; ``late`` as in `Walk.late`."""
+    """Return the measurements of a walk: V, G (trials, m, 4, 4), with noise and drift; ``late`` as in `Walk.late`."""
     fine = np.linspace(0.0, of.loop.duration, (len(of.times) - 1) * DRIFT_STEPS + 1)
     V = drifted(inverse(of.loop(fine[:1])) @ of.loop(fine), fine, sensors.drift, rng, trials)[:, ::DRIFT_STEPS]
     if late is not None:

@@ -1,4 +1,4 @@
-"""How near the Cramer-Rao bound: 4DPA, one closed-form step, two (`efficient`), and maximum likelihood (`ml`)?
+"""Distance from the Cramer-Rao bound of 4DPA, one closed-form step, two (`efficient`), and maximum likelihood (`ml`).
 
 Model: ``G X C = W`` on 31 poses or ``A X = X B`` on 60 pairs; every pose is its true value with a Gaussian error
 ``xi = (theta, tau)``, left rotation, additive translation, of known 6x6 covariance. Geometry: rotations of 0.4 to 2.6
@@ -120,13 +120,13 @@ class Score(NamedTuple):
 
 
 def score(e: Array, distances: Array, limit: Array) -> Score:
-    """Of errors (T, 6), their NEES (T,), and the deviations (6,) of the bound."""
+    """Score errors (T, 6) by their NEES (T,) and the standard deviations (6,) of the bound."""
     ratio = np.sqrt(np.mean(e**2, axis=0)) / limit
     return Score(float(ratio.min()), float(ratio.max()), float(distances.mean()))
 
 
 def scores(row: int, geometry: str, noise: Noise, trials: int) -> dict[str, Score]:
-    """By estimator; ``trials`` in whole blocks."""
+    """Return scores by estimator; ``trials`` in whole blocks."""
     drawn = draws(row, geometry, noise, trials)
     limit = np.sqrt(np.diag(bound(drawn.exact, noise, drawn.X)))
     exact = drawn.exact if isinstance(drawn.exact, uq.Motions) else uq.relative_motions(drawn.exact, "all")
@@ -146,7 +146,7 @@ def scores(row: int, geometry: str, noise: Noise, trials: int) -> dict[str, Scor
 
 
 def joint(poses: int, trials: int) -> dict[str, Score]:
-    """Of `efficient` where all camera poses share 3 mm in depth: so told, and told independent errors."""
+    """Score `efficient` where all camera poses share 3 mm in depth: with that model, and with independent errors."""
     rng = np.random.default_rng([SEED, 1000])
     X, W, robot = random_transforms(rng, ()), random_transforms(rng, ()), random_transforms(rng, (poses,))
     camera = inverse(X) @ inverse(robot) @ W
@@ -206,7 +206,7 @@ def at_bound(table: pd.DataFrame) -> pd.Series[bool]:
 
 
 def honest(table: pd.DataFrame) -> pd.Series[bool]:
-    """Whether the mean NEES is that of a true covariance."""
+    """Return whether the mean NEES is that of a consistent covariance."""
     low, high = np.array([true_means(int(count)) for count in table["draws"]]).T
     return table["mean_nees"].between(low, high)
 
@@ -304,7 +304,7 @@ def figures(tables: Tables) -> dict[str, Figure]:
 
 
 def _short(noise: str) -> str:
-    """What fits beside an axis."""
+    """Return a label that fits beside an axis."""
     return noise.replace(": 3, 3, 0.5 mrad, 0.3, 0.3, 3 mm; robot: 0.1 mrad, 0.1 mm", "").replace(
         ": 1 mrad, 1 mm; camera: 0.2 mrad, 0.2 mm", ""
     )

@@ -1,4 +1,4 @@
-"""Which cross-covariance is right in Nguyen and Pham's translation stage: derived, or as published?
+"""Cross-covariance in Nguyen and Pham's translation stage: as derived, and as published.
 
 Model: ``A X = X B``, each motion its true value with a Gaussian error ``xi = (theta, tau)``, left rotation, additive
 translation, of equal covariance on A and B. The translation stage needs ``Cov(q_k, phi_k)`` of the residual and the
@@ -63,7 +63,7 @@ def label(rotation: float, translation: float) -> str:
 
 
 def deviations(rotation: float, translation: float) -> Array:
-    """Of xi = (theta, tau), rad and m."""
+    """Return the standard deviations of xi = (theta, tau), rad and m."""
     return np.repeat([rotation, translation], 3)
 
 
@@ -76,7 +76,9 @@ def nees_of_t(result: NguyenResult, X: Array) -> float | None:
 
 
 def nees_of_X(result: NguyenResult, X: Array, A: Array, B: Array, noise: uq.PairNoise) -> float:
-    """Of the whole X with its 6x6 covariance from `NguyenDerivatives`, over all data sets; should be 6."""
+    """Return the NEES of the whole X with its 6x6 covariance from `NguyenDerivatives`, over all data sets; should
+    be 6.
+    """
     derivatives = NguyenDerivatives(result, noise)
     F = derivatives.block(A, B)
     Q = derivatives.weight(A.shape[1])
@@ -184,7 +186,7 @@ def measure(full: bool) -> Tables:
 
 
 def true(table: pd.DataFrame, column: str, freedom: int) -> pd.Series[bool]:
-    """Whether the mean NEES is that of a true covariance; not where nothing converged."""
+    """Return whether the mean NEES is that of a consistent covariance; not where nothing converged."""
     count = table["converged"] if freedom == 3 else table["data_sets"]
     low, high = np.array([true_means(max(int(n), 1), freedom) for n in count]).T
     return table[column].between(low, high)

@@ -1,4 +1,4 @@
-"""How do OpenCV, GTSAM, SymForce and scikit-surgerycalibration compare in error, covariance and time, in one run?
+"""Comparison with OpenCV, GTSAM, SymForce and scikit-surgerycalibration in error, covariance and time, in one run.
 
 The paper compares methods in code of its own (Tables II and III); here the programs that people install from PyPI are
 run beside the toolkit, on the same simulated poses of an eye-in-hand camera. Two noises at 30 poses, drawn anew in each
@@ -106,7 +106,7 @@ def _version(programs: list[Program], name: str) -> str:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """In linear algebra and in OpenCV."""
+    """Use one thread in linear algebra and in OpenCV."""
     with one_thread():
         if find_spec("cv2") is None:
             yield

@@ -1,4 +1,4 @@
-"""What the tables of the study of peers say: every number and verdict from them."""
+"""Findings of the study of peers: every number and verdict from its tables."""
 
 from __future__ import annotations
 

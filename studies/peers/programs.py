@@ -161,7 +161,9 @@ def _gtsam() -> Iterator[Program]:
 
 @cache
 def _symforce_optimizer(n: int) -> Any:
-    """Of n poses; what it generates the first time in a process takes seconds and serves every n."""
+    """Return the optimiser of n poses; what it generates the first time in a process takes seconds and serves every
+    n.
+    """
     # of the code that it generates; before all else of it is imported
     importlib.import_module("symforce").set_epsilon_to_number()
     sf: Any = importlib.import_module("symforce.symbolic")

@@ -1,4 +1,4 @@
-"""How good plans are: against all subsets, against random poses, from degenerate starts, on real poses.
+"""Quality of plans: against all subsets, against random poses, from degenerate starts, on real poses.
 
 Model: ``G X C = W``; every robot and camera pose is its true value with a Gaussian error, left rotation, additive
 translation: robot 0.02 deg, 0.05 mm; camera 0.1 deg, 0.5 mm per axis. Poses and noise of each session are drawn anew,
@@ -59,7 +59,7 @@ def measure(full: bool) -> Tables:
 
 
 def gap(row: Any) -> str:
-    """Of a mean squared error in %, of a logarithm in its own units."""
+    """Format the gap of a mean squared error in %, of a logarithm in its own units."""
     if row.criterion == "logdet":
         return f"{row.at_the_optimum:,} of {row.sessions:,}, {row.mean_gap:.4f}, {row.worst_gap:.2f}"
     return f"{row.at_the_optimum:,} of {row.sessions:,}, {100 * row.mean_gap:.2f} %, {100 * row.worst_gap:.1f} %"

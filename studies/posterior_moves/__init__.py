@@ -1,4 +1,4 @@
-"""Which moves of an ensemble sampler give most effective samples per second: the mix of `validation.posterior.moves`?
+"""Moves of an ensemble sampler by effective samples per second: basis of the mix of `validation.posterior.moves`.
 
 Posteriors: 60 pairs with the noise (70) of the paper's section IV-C in the geometry of `studies.likelihood`, and 20
 simulated poses whose noise is estimated, so that the data do not tell robot from camera: the hardest of the usual ones.

@@ -1,4 +1,4 @@
-"""Are estimated noise, robust estimation and the tests of a result true? Simulated sets whose truth is known.
+"""Test of estimated noise, robust estimation and the tests of a result on simulated sets whose truth is known.
 
 Model: ``G X C = W``; every robot and camera pose has a Gaussian error, left rotation, additive translation, of one
 standard deviation for rotations and one for translations on each side, which are not told: everything goes through
@@ -200,13 +200,13 @@ def measure(full: bool) -> Tables:
 
 
 def band(sets: int) -> tuple[float, float]:
-    """What holds 99.9 % of the shares if 95 % is true."""
+    """Return the band that holds 99.9 % of the shares if 95 % is true."""
     low, high = (float(binom.ppf(share, sets, 0.95)) / sets for share in ((1 - CERTAIN) / 2, (1 + CERTAIN) / 2))
     return low, high
 
 
 def judged(table: pd.DataFrame) -> str:
-    """How many shares are within `band`, and which are below (too sure) or above (too cautious)."""
+    """Count the shares that are within `band`, and those below (too sure) or above (too cautious)."""
     low, high = band(int(table["sets"].iloc[0]))
     named = [
         (float(row["share"]), f"{row[what]}, {row['poses']} poses, {row['setup']} ({row['share']:.3f})")

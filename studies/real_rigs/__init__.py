@@ -52,7 +52,7 @@ COEFFICIENTS: tuple[list[str], ...] = ([], ["k1", "k2"], ["k1", "k2", "p1", "p2"
 
 
 def shared(error: SharedError, size: float | None = None) -> Callable[..., dict[str, Array]]:
-    """What the error makes of all poses of its side: drawn from its prior, or of the size given."""
+    """Return the effect of the error on all poses of its side: drawn from its prior, or of the size given."""
 
     def made(true: uq.PosePairs, rng: np.random.Generator) -> dict[str, Array]:
         e = error.sd * rng.standard_normal(len(error.sd)) if size is None else np.full(1, size)
@@ -115,7 +115,7 @@ def correlated(side: str, n: int, setup: str, seed: int) -> tuple[uq.PosePairs, 
 
 
 def noisy(true: uq.PosePairs, wrong: dict[str, Array], rng: np.random.Generator) -> uq.PosePairs:
-    """With errors of the poses, and then noise."""
+    """Add errors of the poses, and then noise."""
     moved = []
     for side, sd in DEVIATIONS.items():
         T = perturb(getattr(true, side), np.broadcast_to(wrong.get(side, 0.0), (true.n, 6)))

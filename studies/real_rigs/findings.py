@@ -1,4 +1,4 @@
-"""What the tables of `real_rigs` say in words."""
+"""Findings of `real_rigs` in words, from its tables."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _of_poses(table: pd.DataFrame) -> str:
 
 
 def _price(table: pd.DataFrame) -> str:
-    """What the defaults cost where they are not needed."""
+    """State the cost of the defaults where they are not needed."""
     clean = table[table["error"] == "nothing"]
     ratio = clean["median mm, default"] / clean["median mm, alone"]
     least, most = (f"{100 * (one - 1):+.0f}" for one in (ratio.min(), ratio.max()))

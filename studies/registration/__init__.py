@@ -1,4 +1,4 @@
-"""Is the eigen form of 4-D registration (Problem 1, (13)-(26)) as good as SVD, and is its covariance true?
+"""Comparison of the eigen form of 4-D registration (Problem 1, (13)-(26)) with SVD, and a check of its covariance.
 
 Model (13): v_i = R u_i + t + noise, R in SO(4) or SO(3), N = 20 points, normal with 1 m per axis. Registration by
 singular value decomposition is ``uq.register`` (14)-(15). The eigen forms take the generated matrices K (19) and W
@@ -136,7 +136,7 @@ def times(tables: Tables) -> str:
 
 
 def judged(row: pd.Series) -> bool:
-    """Whether NEES and all whitened eigenvalues are what chance allows a true covariance."""
+    """Return whether NEES and all whitened eigenvalues are what chance allows a consistent covariance."""
     k, trials = int(row["components"]), int(row["trials"])
     low, high = (bound / k for bound in true_means(trials, k))
     least, largest = eigenvalue_interval(k, trials)

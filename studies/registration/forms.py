@@ -226,7 +226,7 @@ def one_by_one(U: Array, V: Array) -> list[Any]:
 
 
 def time_rows(rng: np.random.Generator, batches: tuple[int, ...], repeats: int) -> Iterator[dict[str, Any]]:
-    """From the points to R and t; the one-by-one loop of SciPy over 100 problems at most."""
+    """Yield the times from the points to R and t; the one-by-one loop of SciPy over 100 problems at most."""
     for n, batch in product(FORMS, batches):
         U, V = point_sets(rng, n, "generic", batch)
         works: dict[str, Callable[[], object]] = {

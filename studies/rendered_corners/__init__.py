@@ -1,4 +1,4 @@
-"""From rendered pictures to X: corners that bent edges move, and what is left of it once they are moved back.
+"""Errors of X from rendered pictures: corners that bent edges move, and the rest after they are moved back.
 
     python -m studies.rendered_corners [--full] [-o results]
 

@@ -21,7 +21,7 @@ ALIGNED_ON = 400
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What is calibrated, and what there is to know of it."""
+    """Session to calibrate, and what is known about it."""
 
     poses: uq.PosePairs
     X: Array  # to the flange (base) of the aligned nominal arm

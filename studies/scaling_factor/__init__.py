@@ -1,4 +1,4 @@
-"""How should the scaling factor d of 4DPA be chosen? (section III-D and Table V)
+"""Choice of the scaling factor d of 4DPA (section III-D and Table V).
 
 Rigs are drawn at random: 60 pairs, angles from 0.4 to 2.6 rad about axes of any direction, normal translations that
 are scaled to a root mean square of 1 mm, 1 m, 10 m and 100 m over all A and B of a rig, the same rigs for each length.
@@ -96,8 +96,9 @@ def scores(
     A: Array,
     B: Array,
 ) -> dict[str, float]:
-    """Of X (T, 4, 4) and its covariance (T, 6, 6) in two orders of work: distance from the limit (medians), error,
-    (62), and how many keep the claim."""
+    """Score X (T, 4, 4) and its covariance (T, 6, 6) in two orders of work: distance from the limit (medians),
+    error, (62), and how many keep the claim.
+    """
     X = X.astype(np.float64)
     apart = [
         float(np.median(np.abs(np.linalg.eigvalsh(whitener @ S.astype(np.float64) @ whitener.mT) - 1).max(axis=1)))

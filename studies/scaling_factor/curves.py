@@ -1,4 +1,4 @@
-"""What `scaling_factor` measures where, and its curves over d / length: slopes, best d, the limit beside them."""
+"""Measurements of `scaling_factor`, and its curves over d / length: slopes, best d, the limit beside them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Curve(NamedTuple):
 
     @property
     def balanced(self) -> float:
-        """Where ``a (length / d)^2 + b d / length`` is least: ``(2 a / b)^(1/3)``."""
+        """Value of d at which ``a (length / d)^2 + b d / length`` is least: ``(2 a / b)^(1/3)``."""
         a, b = self.factors
         return float((2 * a / b) ** (1 / 3))
 

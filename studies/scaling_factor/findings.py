@@ -1,4 +1,4 @@
-"""What `scaling_factor` finds, from its table alone: law, single precision (III-D), Table V, noise, answer."""
+"""Findings of `scaling_factor` from its table only: law, single precision (III-D), Table V, noise, answer."""
 
 from __future__ import annotations
 
@@ -202,6 +202,6 @@ def _noise(table: pd.DataFrame) -> list[str]:
 
 
 def _limit_wins(table: pd.DataFrame) -> bool:
-    """Whether the limit rounds less than the least distance at any d, in each quantity and precision."""
+    """Return whether the limit rounds less than the least distance at any d, in each quantity and precision."""
     curves = [curve(table, precision, quantity) for quantity in QUANTITIES for precision in PRECISIONS]
     return all(c.limit < 1.5 * c.least for c in curves)

@@ -1,4 +1,4 @@
-"""What the tables of `shared_poses` say in words."""
+"""Findings of `shared_poses` in words, from its tables."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def findings(tables: Tables) -> str:
 
 
 def inside(lines: pd.DataFrame, column: str) -> int:
-    """In how many lines the mean NEES is where that of a true covariance lies."""
+    """Count the lines in which the mean NEES lies where that of a consistent covariance does."""
     return int(((lines["NEES from"] <= lines[column]) & (lines[column] <= lines["NEES to"])).sum())
 
 
@@ -135,7 +135,7 @@ def _kinds(predicted: pd.DataFrame, noise: str) -> list[pd.DataFrame]:
 
 
 def _exponents(some: pd.DataFrame, last: int = 0) -> list[float]:
-    """Of each geometry, from all or the last numbers of poses."""
+    """Return the exponent of each geometry, from all or the last numbers of poses."""
     found = []
     for _, of in some.sort_values("poses").groupby("geometry"):
         chosen = of.iloc[-last:]

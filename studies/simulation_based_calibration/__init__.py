@@ -98,7 +98,7 @@ def told(case: Case) -> uq.PairNoise | uq.PoseNoise:
 
 
 def ranked(case: Case, seed: int, number: int) -> tuple[list[str], Array]:
-    """Of one problem: names, and how many of the samples lie below the true value."""
+    """Return the names of one problem, and how many of the samples lie below the true value."""
     rng = np.random.default_rng([seed, number])
     X, data, log_scales = problem(case, rng)
     heavy = case.heavy if case.told_heavy is None else case.told_heavy
@@ -122,7 +122,7 @@ def ranked(case: Case, seed: int, number: int) -> tuple[list[str], Array]:
 
 
 def ranks(case: Case, problems: int, seed: int, advance: Callable[[int], None] = lambda more: None) -> pd.DataFrame:
-    """How many ranks of each quantity fall into each of `BINS` bins."""
+    """Count how many ranks of each quantity fall into each of `BINS` bins."""
     found = []
     for number in range(problems):
         names, below = ranked(case, seed, number)
@@ -252,7 +252,7 @@ def kind_of(quantity: str) -> str:
 
 
 def wrapped(case: str) -> str:
-    """In two lines, at the last comma."""
+    """Wrap the text into two lines, at the last comma."""
     first, _, second = case.rpartition(", ")
     return f"{first},\n{second}" if first else case
 

@@ -1,4 +1,4 @@
-r"""How fast, how accurate and how sure of itself is every method? (Table I of the paper, measured)
+r"""Time, accuracy and consistency of every method (Table I of the paper, measured).
 
 Table I gives each of 14 methods a type, its basic tools, a class of speed, a class of accuracy, and says whether it has
 an uncertainty; it gives no rule. Here all of `METHODS` are measured, and beneath them `efficient`, `ml` and the two
@@ -98,7 +98,7 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
 
 
 def about() -> pd.DataFrame:
-    """What every method is: here, and in Table I."""
+    """Describe every method: here, and in Table I."""
     rows: list[dict[str, object]] = []
     published: list[uq.Method | RobotWorldMethod] = [*uq.METHODS.values(), *uq.ROBOT_WORLD_METHODS.values()]
     for method in published:
@@ -179,7 +179,7 @@ def limits_of(S: Array) -> Array:
 
 
 def problems(case: Case) -> Iterator[Experiment]:
-    """Of every method that the case has data for."""
+    """Yield the problem of every method that the case has data for."""
     on_poses = isinstance(case.data, uq.PosePairs)
     W = case.data.truth.W if isinstance(case.data, uq.PosePairs) and case.data.truth is not None else None
     for name in METHODS:
@@ -256,7 +256,7 @@ def accuracy(full: bool) -> pd.DataFrame:
 
 
 def calls(robot: Array, camera: Array, exact_motions: uq.Motions) -> dict[str, Callable[[], object]]:
-    """From motions (poses, for those that take them) to X; leading axes are problems."""
+    """Return the calls from motions (poses, for those that take them) to X; leading axes are problems."""
     poses = uq.PosePairs(robot, camera)
     motions = uq.relative_motions(poses)
     weights = noise_of_pairs(exact_motions, RIG)

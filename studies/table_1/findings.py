@@ -1,4 +1,4 @@
-"""What the tables of `table_1` say in words."""
+"""Findings of `table_1` in words, from its tables."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def _classes(table: pd.DataFrame, geometries: pd.DataFrame, paper_times: pd.Data
 
 
 def _of_one_geometry(table: pd.DataFrame, geometries: pd.DataFrame) -> str:
-    """What the geometry decides of the class, and what is drawn of it against what is predicted."""
+    """Say what the geometry decides of the class, and what is drawn of it against what is predicted."""
     single = ratios(geometries[geometries["geometry"] > 0])
     own = table["accuracy"]
     varied = [
@@ -182,7 +182,9 @@ def _comparable(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _order(printed: pd.DataFrame) -> str:
-    """What does not depend on where our classes end: pairs of methods that Table I and the measurement rank alike."""
+    """Compare, independently of where our classes end, the pairs of methods that Table I and the measurement rank
+    alike.
+    """
     said = []
     for what, column, rule in (("speed", "one_over_fastest", SPEED), ("accuracy", "ratio", ACCURACY)):
         order = [name for name, _ in rule]
@@ -283,7 +285,7 @@ def _agreement(accuracy: pd.DataFrame, geometries: pd.DataFrame) -> str:
 
 
 def _further(geometries: pd.DataFrame, case: str, structure: pd.Series) -> str:
-    """In how many further geometries the best separated method has the larger translation error."""
+    """Count the further geometries in which the best separated method has the larger translation error."""
     chosen = geometries[(geometries["case"] == case) & (geometries["geometry"] > 0)]
     chosen = chosen[~chosen["method"].isin(["efficient", "ml"])]
     kind = chosen["method"].map(structure)

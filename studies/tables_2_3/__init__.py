@@ -1,4 +1,4 @@
-r"""Is 4DPA almost always the most accurate, within the least time, as data grow? (Tables II and III of the paper)
+r"""Accuracy and time of 4DPA against other methods, as data grow (Tables II and III of the paper).
 
 Section IV-A runs nine methods on 224 to 500 consecutive motions (6) of a UR10 with a camera, and judges them by
 
@@ -58,7 +58,7 @@ def error62(A: Array, B: Array, X: Array) -> Array:
 
 
 class Draws(NamedTuple):
-    """What a method made of some draws."""
+    """Result of a method on some draws."""
 
     error62: Array  # (m,)
     xi: Array  # (m, 6), errors (theta, tau) of X
@@ -150,7 +150,7 @@ def accuracy(full: bool) -> pd.DataFrame:
 
 
 def calls(poses: uq.PosePairs, noise: uq.PoseNoise) -> dict[str, Callable[[], object]]:
-    """What is timed: from motions to X; `efficient` from poses, with its covariance."""
+    """Return the calls to time: from motions to X; `efficient` from poses, with its covariance."""
     motions = uq.relative_motions(poses)
     weights = noise_of_pairs(motions, noise)
     A, B = motions.A, motions.B
@@ -247,7 +247,7 @@ def real(root: Path, full: bool) -> pd.DataFrame:
 
 
 def verdict(root: Path) -> pd.DataFrame:
-    """What the toolkit says of the recording as published."""
+    """Tabulate what the toolkit says of the recording as published."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -259,7 +259,7 @@ def verdict(root: Path) -> pd.DataFrame:
 
 
 def recordings(full: bool) -> Tables:
-    """Of the folder that UQ_HANDEYE_DATA names; no tables without one."""
+    """Return the tables of the folder that UQ_HANDEYE_DATA names; no tables without one."""
     folder = os.environ.get("UQ_HANDEYE_DATA")
     if not folder:
         return {}

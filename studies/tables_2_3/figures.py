@@ -1,4 +1,4 @@
-"""What `studies.tables_2_3` draws, from its tables alone."""
+"""Figures of `studies.tables_2_3`, from its tables only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `studies.tables_2_3` says, from its tables alone."""
+"""Findings of `studies.tables_2_3`, from its tables only."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ def span(values: Any, digits: int = 2) -> str:
 
 
 def holds(share: float, printed: float) -> str:
-    """Whether 4DPA has the smallest value as often as in the tables as printed, from which the paper claims it."""
+    """Say whether 4DPA has the smallest value as often as in the tables as printed, from which the paper claims it."""
     return "holds" if share >= printed else "does not hold"
 
 
 def printed_share(paper: pd.DataFrame, column: str) -> float:
-    """In which share of the printed cases 4DPA has the smallest value."""
+    """Return the share of the printed cases in which 4DPA has the smallest value."""
     table = of(paper, column)
     return smallest(table) / len(table)
 
 
 def smallest(table: pd.DataFrame, methods: Sequence[str] = PAPER) -> int:
-    """At how many N 4DPA has the smallest value of these methods."""
+    """Count the values of N at which 4DPA has the smallest value of these methods."""
     known = table[[name for name in methods if name in table]]
     return int((known.idxmin(axis=1) == "4dpa").sum())
 
@@ -211,7 +211,7 @@ def _truth(accuracy: pd.DataFrame, printed: float) -> str:
 
 
 def _growing(accuracy: pd.DataFrame) -> str:
-    """Does more data mean a better X, and does (62) show it?"""
+    """Say whether more data mean a better X, and whether (62) shows it."""
     rows, worse = [], []
     for name in (*PAPER, *OTHERS):
         cells = [name]

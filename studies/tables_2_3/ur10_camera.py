@@ -61,7 +61,7 @@ def robot_path(s: Array) -> Array:
 
 
 def times(N: int, sampling: str) -> Array:
-    """Of N + 1 poses, which make N consecutive motions (6).
+    """Return the times of N + 1 poses, which make N consecutive motions (6).
 
     "longer": the recording goes on, at the same steps; "denser": the recording of the first case in shorter steps.
     """
@@ -100,5 +100,5 @@ def pnp_covariance(camera: Array) -> Array:
 
 
 def noise_of(poses: uq.PosePairs) -> uq.PoseNoise:
-    """Of the arm and of PnP at every pose."""
+    """Return the noise of the arm and of PnP at every pose."""
     return uq.PoseNoise(ARM, pnp_covariance(poses.camera))

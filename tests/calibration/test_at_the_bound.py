@@ -129,7 +129,7 @@ def test_a_prior_passes_through(poses):
 
 
 def test_noise_that_is_known_in_full_has_its_own_reference(poses):
-    """With every component fixed nothing is estimated: as with that noise given."""
+    """Result with every component fixed: nothing is estimated, as with that noise given."""
     prior = uq.NoisePrior(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"), factor=1)
     for method in ("efficient", "4dpa"):
         result = quietly(poses, prior=prior, method=method, robust=False, shared=[])

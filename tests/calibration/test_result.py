@@ -1,4 +1,4 @@
-"""What a calibration says and keeps: files and back, points, budget, text."""
+"""Content of a calibration: files and back, points, budget, text."""
 
 import json
 
@@ -112,7 +112,7 @@ def test_uncertainty_of_points(way, setup, rng):
     found = result.uncertainty_at(p, **options)
 
     def carried(x):
-        """Of errors (m, 15): of X or W, of the pose, of the point."""
+        """Carry errors (m, 15): of X or W, of the pose, of the point."""
         points = (p + x[:, 12:])[..., None]
         pose = moved(np.tile(T, (len(x), 1, 1)), x[:, 6:12])
         if way == "target":

@@ -1,4 +1,4 @@
-"""What calibrate() makes of wrong detections, shifted rows, copies, garbage and options that fit nothing."""
+"""Robustness of calibrate() to wrong detections, shifted rows, copies, garbage and options that do not fit."""
 
 import json
 import re
@@ -304,7 +304,7 @@ def test_outliers_are_down_weighted_with_noise_given():
 
 
 def test_clean_data_with_noise_given_stay_consistent():
-    """Where no pose is flagged X is the plain one; over many sets its covariance is that of its errors."""
+    """X is the plain one if no pose is flagged; over many sets its covariance is that of its errors."""
     d2, flagged = [], 0
     for seed in range(60):
         poses = uq.simulate(12, noise=NOISE, setup=SETUPS[seed % 2], seed=np.random.default_rng([SEED, 12, seed]))

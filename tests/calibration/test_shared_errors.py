@@ -98,7 +98,7 @@ def test_numbers_of_one_error_are_one_row_and_one_source(poses):
 
 @pytest.mark.parametrize(("times", "expected"), [(1.0, False), (6.0, True)])
 def test_numbers_of_one_error_are_tested_together(poses, times, expected):
-    """Of errors as large as declared nothing is said, of six times as large ones that they are about that."""
+    """Errors as large as declared are not reported; of errors six times as large the report says about that."""
     error = waves(poses)
     e = times * error.sd * np.random.default_rng(4).normal(size=len(error.sd))
     robot = poses.robot.copy()

@@ -169,7 +169,7 @@ def test_analysis_works_with_it(result):
 
 
 def test_parts_of_the_fit_are_1_where_the_noise_is_right(rng):
-    """Of residuals that the shared error makes all alike, too: mean and spread over many sets."""
+    """Mean and spread over many sets, also of residuals that the shared error makes all alike."""
     exact = uq.simulate(20, seed=4)
     own = np.diag([1e-4] * 3 + [1e-4] * 3) ** 2
     S = JointCovariance(np.tile(own, (20, 1, 1)), 5e-3 * rng.normal(size=(20, 6, 3)))

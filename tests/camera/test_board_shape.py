@@ -132,7 +132,7 @@ def test_every_nested_candidate_is_predicted_by_one_linearised_fit(rng):
 
 @pytest.mark.parametrize("kind", ["flat", "wide"])
 def test_x_is_as_good_as_stated_where_the_shape_is_estimated(kind):
-    """And far from it where a board that bows is taken as flat."""
+    """X is far from it where a board that bows is taken as flat."""
     n = 10
     sets = [study.one_set(kind, seed) for seed in range(n)]
     low, high = stats.chi2.ppf([0.0005, 0.9995], 6 * n) / n

@@ -113,7 +113,7 @@ def test_a_folder_keeps_the_weights(rng, tmp_path):
 
 
 def shifted(corners, rng, pixels):
-    """With errors that all corners of a picture share."""
+    """Add errors that all corners of a picture share."""
     shift = pixels * rng.normal(size=(corners.picture.max() + 1, 2))
     return replace(corners, pixels=corners.pixels + shift[corners.picture])
 

@@ -1,4 +1,4 @@
-"""What a user sees of a camera calibration: figures, text and page say what the calibration found."""
+"""Report of a camera calibration as a user sees it: figures, text and page say what the calibration found."""
 
 import re
 from dataclasses import replace

@@ -120,7 +120,7 @@ def test_values_that_nothing_determines_stay(rng):
 
 
 def test_a_step_that_is_never_better_ends(rng):
-    """As where the derivatives are wrong; it stays where it was."""
+    """Wrong derivatives, for example, end the search; it stays where it was."""
     problem, (values, blocks) = Problem.random(rng, 0.05)
     problem.rows = lambda *at, true=problem.rows: (lambda r, A, B: (r, -A, -B))(*true(*at))
     found = minimised(problem, values + 0.1, blocks)

@@ -147,7 +147,7 @@ def test_corners_of_another_program(table):
 
 
 def test_the_board_as_measured_is_that_of_the_next_pictures(rig, table):
-    """From pictures board.csv says which board it is; from a table it does not, and serves tables."""
+    """The board.csv from pictures says which board it is; from a table it does not, and serves tables."""
     folder, _ = rig
     assert run("camera", "img/*.png", *BOARD, "-o", "first", cwd=folder).returncode == 0
     done = run("camera", "img/*.png", "--board", "first/board.csv", "--json", cwd=folder)

@@ -26,7 +26,7 @@ def session(tmp_path_factory):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What a report is asked for, instead of the report, which takes seconds."""
+    """Record what a report is asked for, instead of the report, which takes seconds."""
     found = []
 
     def report(self, path, *, comparison=True, cross_check=None, **_):
@@ -135,7 +135,7 @@ def test_export_writes_what_the_function_writes(session, tmp_path, name, options
 
 
 def test_known_figures_and_exports(session):
-    """What an earlier run may have left in -o DIR is known by name."""
+    """Files that an earlier run may have left in -o DIR are known by name."""
     result = uq.calibrate(uq.read_poses(session / "robot.csv", session / "camera.csv"), noise=MODEL)
     assert set(figures(result)) <= set(FIGURES)
     assert set(EXPORTS) == {"ros", "urdf", "opencv", "npz"}

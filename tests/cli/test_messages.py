@@ -1,4 +1,4 @@
-"""What the command says beside its result: notes, warnings, errors, colours, progress, the log file, exit statuses."""
+"""Messages of a command beside its result: notes, warnings, errors, colours, progress, the log file, exit statuses."""
 
 import json
 import logging

@@ -1,4 +1,6 @@
-"""What the commands have in common: groups of options, names that are completed, pairing, the warnings of calibrate."""
+"""Options that the commands have in common: groups of options, names that are completed, pairing, the warnings of
+calibrate.
+"""
 
 import inspect
 import json
@@ -84,7 +86,7 @@ def test_a_shell_completes(words, expected):
 
 
 def test_help_and_completion_load_nothing_that_takes_long():
-    """What `import uq_handeye` itself loads aside."""
+    """Modules that `import uq_handeye` itself loads are not counted."""
     program = (
         "import sys, uq_handeye; before = set(sys.modules)\n"
         "from uq_handeye.cli.app import main\n"

@@ -1,4 +1,4 @@
-"""Where a command is told to write is looked at before it reads or computes anything."""
+"""Checks of the output places of a command, before it reads or computes anything."""
 
 import errno
 

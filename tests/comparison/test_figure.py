@@ -256,7 +256,7 @@ def test_names_cover_no_point_and_their_leaders_do_not_cross(seed):
 
 
 def crossing(a, b):
-    """Whether two segments cross."""
+    """Return whether two segments cross."""
     sides = [np.linalg.det([line[1] - line[0], end - line[0]]) for line, other in ((a, b), (b, a)) for end in other]
     return sides[0] * sides[1] < 0 and sides[2] * sides[3] < 0
 

@@ -242,7 +242,7 @@ def test_the_regression_is_that_of_the_larger_model(rng):
 
 
 def p_values(true, used, n, trials, seed, camera_error=None):
-    """Of autocorrelation, normality and regression on simulated sets."""
+    """Return the p-values of autocorrelation, normality and regression on simulated sets."""
     found = []
     for k in range(4):  # geometries
         poses = uq.simulate(n, noise=true, trials=trials // 4, seed=[SEED, seed, k])
@@ -261,7 +261,7 @@ def p_values(true, used, n, trials, seed, camera_error=None):
     ("n", "used"), [(12, NOISE), (30, uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("2mrad", "0.7mm")))]
 )
 def test_false_alarms_are_rare(n, used):
-    """At nominally 1 %, over 800 sets; measured over 5000: 0.5 to 2 %, and 0.04 to 0.5 % at nominally 0.1 %."""
+    """Rates at nominally 1 %, over 800 sets; measured over 5000: 0.5 to 2 %, and 0.04 to 0.5 % at nominally 0.1 %."""
     rates = (p_values(NOISE, used, n, 800, 1) < 0.01).mean(axis=1)
     assert (rates <= stats.binom.ppf(0.9999, 800, 0.02) / 800).all(), rates
 
@@ -612,7 +612,7 @@ def test_focal_length_hides_from_independent_camera_noise(name):
 
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_a_correlation_is_not_tested_on_the_residuals_that_it_was_estimated_from():
-    """And so not told twice, by two cautions."""
+    """The same correlation is not reported twice, by two cautions."""
     rng = np.random.default_rng([SEED, 11])
     true = uq.simulate(n_poses=40, seed=11)
     walk = np.cumsum(rng.normal(size=(40, 6)), axis=0) * np.array([*[6e-4] * 3, *[2e-4] * 3])

@@ -87,7 +87,7 @@ def test_points_through_the_target(rng, setup):
 
 
 def test_points_by_monte_carlo(rng, setup):
-    """Where X and a new robot pose carry noise, the point's ellipsoid covers; without the noise of X it does not."""
+    """The point's ellipsoid covers where X and a new robot pose carry noise; without the noise of X it does not."""
     trials = 4000
     X, G = random_transforms(rng), random_transforms(rng)
     S, S_G = random_covariance(rng), random_covariance(rng)
@@ -165,7 +165,7 @@ def test_the_budget_of_a_fit_is_that_of_numerical_derivatives(rng, setup, kind):
 
 
 def test_sources_by_monte_carlo(rng):
-    """With one source at work X scatters by that source's part of the budget."""
+    """X scatters, with one source at work, by that source's part of the budget."""
     true = uq.simulate(10, seed=5)
     fit = efficient(true, NOISE)
     found = budget(fit, NOISE)

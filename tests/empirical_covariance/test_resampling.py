@@ -72,7 +72,7 @@ def freedom_of_simulated():
 
 
 def edge(freedom, p):
-    """How far the eigenvalues of a Wishart mean of p components stray from 1, and half as much again."""
+    """Return how far the eigenvalues of a Wishart mean of p components stray from 1, and half as much again."""
     return 1.5 * (2 * np.sqrt(p / freedom) + p / freedom)
 
 

@@ -422,7 +422,7 @@ UNIT_FREE = {"tsai", "shiu", "chou", "park", "horaud", "condurache", "nguyen", "
 
 
 def test_which_methods_depend_on_the_unit_of_length(method, rng):
-    """As docs/explanation/methods.md says: those that weigh translation against rotation equations as they come."""
+    """Methods of docs/explanation/methods.md that weight translation against rotation equations as they come."""
     _, A, B = noisy_motions(rng, 10, 0.02)
     in_mm = [T.copy() for T in (A, B)]
     for T in in_mm:

@@ -477,7 +477,7 @@ def test_derivatives(rng, model, cross_term):
 
 
 def test_covariances_at_a_known_X(rng):
-    """At the estimate they are the estimate's, but for the latents of the second stage: second order."""
+    """They are the estimate's at the estimate, but for the latents of the second stage: second order."""
     _, A, B = noisy_motions(rng, 9, sd=1e-4, shape=(300,))
     noise = isotropic(1e-4, 1e-4)
     for model in (noise, None):

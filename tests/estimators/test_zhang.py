@@ -77,7 +77,7 @@ def test_agrees_with_heller(rng, unit):
 
 
 def test_few_iterations(rng):
-    """At 1 mrad and 1 mm the alternation takes a handful of steps, at any length."""
+    """The alternation takes a handful of steps at 1 mrad and 1 mm, at any length."""
     for unit in (1.0, 1000.0):
         _, A, B = noisy_motions(rng, 20, sd=1e-3, shape=(50,))
         for T in (A, B):

@@ -190,7 +190,7 @@ def test_covariance_of_pair_noise_is_true(rng, unit):
 
 
 def test_covariance_of_pose_noise_is_true(rng):
-    """What pairs share, all pairs of 20 poses."""
+    """Noise that pairs share, all pairs of 20 poses."""
     n, trials, sd = 20, 120, 1e-3
     X, G, C = exact_poses(rng, n)
     i, j = np.array(list(combinations(range(n), 2))).T

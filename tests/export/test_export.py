@@ -1,4 +1,4 @@
-"""What is exported is read back by others: OpenCV, PyYAML, ElementTree with SciPy, NumPy, GTSAM."""
+"""Exports, read back by other programs: OpenCV, PyYAML, ElementTree with SciPy, NumPy, GTSAM."""
 
 import dataclasses
 import shlex
@@ -49,7 +49,7 @@ def matrix(position, quaternion):
 
 
 def from_origin(element):
-    """As a URDF reader does: roll, pitch, yaw about fixed axes."""
+    """Read the origin as a URDF reader does: roll, pitch, yaw about fixed axes."""
     T = np.eye(4)
     roll, pitch, yaw = map(float, element.get("rpy").split())
     turns = [Rotation.from_euler(axis, angle).as_matrix() for axis, angle in (("z", yaw), ("y", pitch), ("x", roll))]

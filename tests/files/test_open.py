@@ -1,4 +1,4 @@
-"""What is no ordinary file: pipes are read as long as something comes, devices and folders are refused."""
+"""Files that are not ordinary: pipes are read as long as something comes, devices and folders are refused."""
 
 import os
 import threading

@@ -267,7 +267,7 @@ def test_round_trip(tmp_path_factory, data, n):
 
 
 def test_half_turns_round_trip(tmp_path):
-    """Where the scalar part vanishes, and next to it."""
+    """Poses where the scalar part vanishes, and next to it."""
     axes = np.random.default_rng(0).normal(size=(200, 3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     angles = np.pi - np.repeat([0, 1e-12, 1e-8, 1e-4], 50)

@@ -151,7 +151,7 @@ def test_accepts_arrays_lists_and_rigid_transforms(rng):
 
 
 def test_accepts_four_decimals_as_they_are(rng):
-    """As printed by robot controllers: accepted matrices are used without repair."""
+    """Accepted matrices, as printed by robot controllers, are used without repair."""
     printed = random_transforms(rng, (500,), 0, np.pi).round(4)
     worst = np.abs(np.swapaxes(printed[:, :3, :3], 1, 2) @ printed[:, :3, :3] - np.eye(3)).max()
     assert worst > 5e-5  # far beyond rounding

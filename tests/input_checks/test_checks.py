@@ -172,7 +172,7 @@ def test_rotation_angles(angle):
 
 
 def quaternion_order(T):
-    """What a reader makes of a file that has w, x, y, z under the header x, y, z, w."""
+    """Return what a reader makes of a file that has w, x, y, z under the header x, y, z, w."""
     wrong = T.copy()
     wrong[:, :3, :3] = Rotation.from_quat(np.roll(Rotation.from_matrix(T[:, :3, :3]).as_quat(), 1, axis=1)).as_matrix()
     return wrong

@@ -130,7 +130,9 @@ def test_both_files_inverse_and_swapped_files(good, distance):
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("distance", [("0.4m", "0.8m"), ("1m", "2m"), ("2m", "4m")])
 def test_a_rig_with_a_long_bracket_is_left_alone(setup, distance):
-    """What is on the gripper sits far from it, the rest near the base: as long as the camera looks at the target."""
+    """A sensor on the gripper may sit far from it, the rest near the base, as long as the camera looks at the
+    target.
+    """
     on_gripper, fixed = np.eye(4), np.eye(4)
     on_gripper[:3, 3], fixed[:3, 3] = (0.0, 0.0, 0.6), (0.2, 0.05, 0.1)
     X, W = (on_gripper, fixed) if setup == "eye-in-hand" else (fixed, on_gripper)

@@ -143,7 +143,7 @@ def test_leading_axes_and_blocks(rng, monkeypatch):
 
 @pytest.mark.parametrize(("kinds", "told"), [("R" * 6, 18), ("R" * 7, 22), ("RR", 2)])
 def test_what_no_data_can_tell(rng, kinds, told):
-    """Of 6L geometric errors 4L - 6 are told beside X and W; the gauge columns are exactly X or W."""
+    """Only 4L - 6 of 6L geometric errors are identifiable beside X and W; the gauge columns are exactly X or W."""
     chain = random_chain(rng, kinds)
     q = postures(rng, chain, 60)
     F, T = chain.columns(q), chain.poses(q)

@@ -91,7 +91,7 @@ def test_names_of_other_tools(read, header):
 
 
 def test_rows_with_names_of_their_own(read):
-    """As ``rostopic echo -p`` writes a JointState, whose order may change."""
+    """Rows as ``rostopic echo -p`` writes a JointState, whose order may change."""
     header = "%time,field.header.seq,field.name0,field.name1,field.name2,field.name3," + ",".join(
         f"field.position{k}" for k in range(4)
     )

@@ -264,7 +264,7 @@ def test_residual_covariance_over_leading_axes(joint, rng):
 
 
 def test_residual_covariance_is_that_of_sampled_residuals(rng):
-    """What S is for: the scatter of r at true unknowns."""
+    """S is the scatter of r at true unknowns."""
     n, trials = 3, 20_000
     constraint, at, residual = problem("eye-to-hand", rng, n)
     noise = uq.PoseNoise(random_covariance(rng, sd=1e-4), random_covariance(rng, 6 * n, sd=1e-4))

@@ -37,7 +37,7 @@ def test_ml_is_the_constrained_maximum(kind, joint, sd, rng):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_efficient_is_nearer_to_the_maximum_than_one_step(kind, rng):
-    """At 3 mrad and 3 mm, over 200 data sets: rms distances in deviations."""
+    """RMS distances in standard deviations at 3 mrad and 3 mm, over 200 data sets."""
     given = problem(kind, rng, 9, 3e-3, shape=(200,))
     most = maximum_likelihood(given.data, given.noise)
     two = efficient(given.data, given.noise)

@@ -1,4 +1,4 @@
-"""Where `efficient` and `ml` end: tiny and large noise, exact and degenerate data, very few and very many poses."""
+"""Limits of `efficient` and `ml`: tiny and large noise, exact and degenerate data, very few and very many poses."""
 
 import tracemalloc
 

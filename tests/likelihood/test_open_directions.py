@@ -1,4 +1,6 @@
-"""What motions about one axis, or about none, leave open: named, and the rest with a covariance that is right."""
+"""Directions that motions about one axis, or about none, leave open: named, and the rest with a covariance that is
+right.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ SETUPS = ("eye-in-hand", "eye-to-hand")
 
 
 def mean_is(squares, dof, factor=1.0):
-    """Whether the mean of so many chi-square variables, times a factor, can be that of ``dof`` (99.9 %)."""
+    """Return whether the mean of chi-square variables, times a factor, can be that of ``dof`` (99.9 %)."""
     m = len(squares)
     low, high = stats.chi2.ppf([0.0005, 0.9995], m * dof) / m
     return low < factor * np.mean(squares) < high

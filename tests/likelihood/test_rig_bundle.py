@@ -127,7 +127,7 @@ def test_it_is_the_minimum_over_everything_at_once(rng):
 
 
 def test_a_wrong_robot_pose_is_left_out(rng):
-    """As without that pose, but its corners still tell the intrinsics."""
+    """The result is as without that pose, but its corners still inform the intrinsics."""
     corners, robot, X = recorded(rng, 15)
     robot = robot.copy()
     robot[4] = moved(robot[4], np.array([0.1, 0, 0, 0.05, 0, 0]))

@@ -121,7 +121,7 @@ def blocks(drawn):
 
 
 def mean_nees(drawn, part, scale=1.0):
-    """Of `efficient` and of `ml`; of X and W together, twelve numbers, as if of six."""
+    """Return the mean NEES of `efficient` and of `ml`; of X and W together, twelve numbers, as if of six."""
     distances = nees(drawn.errors[:, part], scale * drawn.covariances[:, part, part])
     better = nees(drawn.ml_errors[:, part], scale * drawn.ml_covariances[:, part, part]) - distances[:OF_ML]
     return 6 / (part.stop - part.start) * np.array([distances.mean(), distances.mean() + better.mean()])
@@ -144,7 +144,9 @@ def test_deviations_are_those_of_the_bound(drawn):
 
 
 def test_sampling_covariance_is_the_bound(drawn):
-    """In every direction, not only along the axes: whitened eigenvalues within what 4,000 trials spread (Wishart)."""
+    """Whitened eigenvalues in every direction, not only along the axes, are within what 4,000 trials spread
+    (Wishart).
+    """
     eigenvalues = support.whitened_eigenvalues(np.cov(drawn.errors[:, :6].T), drawn.bound)
     spread, margin = np.sqrt(6 / TRIALS), 5 * TRIALS ** (-2 / 3) + 0.02  # and 1 % of deviation for second order
     assert (1 - spread) ** 2 - margin < eigenvalues[0]
@@ -167,7 +169,7 @@ def test_unbiased(drawn):
 
 @pytest.mark.parametrize("factor", [0.95, 1.05])
 def test_five_percent_off_is_rejected(drawn, factor):
-    """By the interval that the estimate passes; 10 % off also by every ellipsoid."""
+    """The interval that the estimate passes rejects it; 10 % off is also rejected by every ellipsoid."""
     for part in blocks(drawn).values():
         found = mean_nees(drawn, part, factor**2)
         assert not (found > NEES[0]).any() or not (found < NEES[1]).any()

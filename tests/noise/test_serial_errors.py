@@ -23,7 +23,7 @@ def errors(rng, n, length=4.0, lead=()):
 
 
 def covariance_of(serial):
-    """By the definition, block by block."""
+    """Return the covariance by its definition, block by block."""
     correlation = np.exp(-np.abs(serial.time[:, None] - serial.time) / serial.length)
     H, P = serial.by_state, serial.state
     whole = np.einsum("...iab,ij,bc,...jdc->...iajd", H, correlation, P, H)
@@ -55,7 +55,7 @@ def test_square_root_and_products_are_those_of_the_array(rng, lead, length):
 
 
 def test_a_row_is_whitened_by_those_before_it_alone(rng):
-    """So that whitened rows are in the order of time: what comes later cannot change what came before."""
+    """Whitened rows are in the order of time: what comes later cannot change what came before."""
     n = 6
     serial = errors(rng, n)
     L = cholesky_of(JointCovariance(np.tile(EYE, (n, 1, 1)), np.zeros((n, 6, 0)), serial=serial))

@@ -136,7 +136,7 @@ def test_few_and_many_poses(rng, n):
 
 
 def test_the_camera_covariance_is_tested(rng):
-    """Of true covariances p is uniform; twice too small or too large ones are found."""
+    """The p-value of consistent covariances is uniform; twice too small or too large ones are found."""
     n, sets, robot = 20, 60, isotropic(1e-4, 1e-4)
     camera = joint(rng, n, own=1e-3)
     p = [estimate_robot_noise(poses_with(rng, n, robot, camera), camera).camera_factor.p_value for _ in range(sets)]
@@ -203,7 +203,7 @@ def test_estimate_noise_takes_the_covariance_of_the_corners(rng):
 
 @pytest.mark.parametrize("by_views", [False, True])
 def test_degrees_of_freedom_of_a_joint_noise(rng, by_views):
-    """How uncertain the covariance is follows from its differences; nu follows the robot's share."""
+    """The uncertainty of the covariance follows from its differences; nu follows the robot's share."""
     n = 15
     camera = joint(rng, n)
     poses = poses_with(rng, n, isotropic(2e-4, 3e-4), camera)

@@ -61,7 +61,9 @@ def autoregressive(n, setup, side, seed, coefficient=0.9):
 
 
 def both_fits(poses):
-    """With noise of independent poses, and with what neighbours have in common (None where nothing was found)."""
+    """Return the fits with noise of independent poses, and with what neighbours have in common (None where nothing
+    was found).
+    """
     constraint = constraint_of(poses, None)
     at = start_of(poses, constraint, None)
     noise = choose_source(poses, constraint, None).find(at).noise

@@ -21,7 +21,7 @@ def poses(request):
 
 
 def test_errors_ahead_are_those_of_the_calibration(poses):
-    """At the poses so far, where all corners count, they are what the bundle says."""
+    """The errors at the poses so far, where all corners count, are those of the bundle."""
     seen = poses.camera_calibration
     shared = seen.covariance.shared
     full = np.bincount(seen.corners.picture) == 54

@@ -488,7 +488,7 @@ def test_output(tmp_path):
 @pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 @pytest.mark.parametrize(("name", "tolerance", "is_open"), [("kuka_1", 0.3, True), ("nguyen_pham", 0.05, False)])
 def test_real_poses_bring_what_was_predicted(name, tolerance, is_open):
-    """From the first 8 poses, 5 of the others: predicted without their camera poses, then calibrated with them."""
+    """Plan 5 poses after the first 8: predicted without their camera poses, then calibrated with them."""
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / name
     data = read_poses(folder / "robot.csv", folder / "camera.csv")
     noise = PoseNoise.isotropic(robot=("0.05deg", "0.2mm"), camera=("0.2deg", "1mm"))

@@ -21,7 +21,7 @@ Q = spread_postures(ARM.limits, np.ones(6, dtype=bool), 80)
 
 @pytest.fixture(scope="module")
 def result():
-    """Of poses all over the workspace, which tell much of the arm."""
+    """Return the result for poses all over the workspace, which tell much of the arm."""
     rng = np.random.default_rng(4)
     e, q = drawn_errors(ARM, rng), spread_postures(ARM.limits, np.ones(6, dtype=bool), 60)
     return calibrated(Session(ARM, e, measured(ARM, e, q, rng), q))

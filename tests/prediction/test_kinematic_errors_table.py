@@ -1,4 +1,4 @@
-"""What the data say of each error of an arm."""
+"""Estimates of each error of an arm from the data."""
 
 import numpy as np
 import pytest

@@ -29,7 +29,7 @@ def calibrated(rng, setup, n=20):
 
 
 def point_of(e, X, setup, q):
-    """Where the point in view lies in the base."""
+    """Return the point in view in the base."""
     p = X[:3, :3] @ IN_VIEW + X[:3, 3]
     G = ARM.poses(q, e)
     return p if setup == "eye-to-hand" else (G[..., :3, :3] @ p) + G[..., :3, 3]

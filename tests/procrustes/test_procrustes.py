@@ -383,7 +383,7 @@ def test_octonion_is_the_paper(rng, scale):
 
 
 def test_pseudo_inverses(rng):
-    """What the covariance needs: (F - lambda I)^+ annihilates q and inverts beside it."""
+    """Pseudo-inverses that the covariance needs: (F - lambda I)^+ annihilates q and inverts beside it."""
     _, A, B = noisy_motions(rng, 20, 0.05, (3,))
     solution = finite_scale.solve_scaled(A, B, 10.0)
     for k in range(3):
@@ -447,7 +447,7 @@ def test_F1_loses_the_translation(rng):
 
 
 def test_rounding_grows_with_d(rng):
-    """What makes d a compromise: at 1e8 the digits of the translation are lost to eps d."""
+    """Rounding makes d a compromise: at 1e8 the digits of the translation are lost to eps d."""
     _, A, B = noisy_motions(rng, 20, 0.02, (20,))
     limit = uq.solve(A, B)
     errors = [error(uq.solve(A, B, scale=d), limit) for d in (1e4, 1e5, 1e8)]
@@ -885,7 +885,7 @@ def test_mirrored_axes_with_a_preferred_one_are_not_called_parallel():
 
 
 def test_degenerate_is_an_input_error():
-    """So that one handler catches both."""
+    """One handler catches both."""
     assert issubclass(uq.DegenerateMotionError, uq.InputError)
     assert issubclass(uq.InputError, ValueError)
 

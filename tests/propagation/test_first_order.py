@@ -1,4 +1,6 @@
-"""Where a propagated covariance is no use: said on nasty problems, not on ordinary ones, and measured on both."""
+"""Findings that a propagated covariance is not valid: reported on nasty problems, not on ordinary ones, and
+measured on both.
+"""
 
 import warnings
 

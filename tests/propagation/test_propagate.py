@@ -137,7 +137,7 @@ def loop_T3(A, B, X, S_A, S_B):
 
 @holds_for(seed=st.integers(0, 2**32 - 1), N=st.integers(3, 12), log_sd=st.floats(-4, -1.5), away=st.floats(0, 0.02))
 def test_pairs_against_T3_pair_by_pair(seed, N, log_sd, away):
-    """At the solution, and at another X given by the user."""
+    """Equality at the solution, and at another X given by the user."""
     rng = np.random.default_rng(seed)
     X, A, B = noisy_motions(rng, N, 10**log_sd)
     noise = uq.PairNoise(random_covariance(rng, 6, (N,)), random_covariance(rng, 6, (N,)))

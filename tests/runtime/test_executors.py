@@ -17,7 +17,7 @@ from uq_handeye.runtime.executors import LocalProcesses, connect_to_dask
 
 
 def test_leaving_ends_worker_processes_at_once():
-    """And what was handed to them is broken or cancelled, not waited for."""
+    """Work that was handed to them is broken or cancelled, not waited for."""
     started = time.monotonic()
     with LocalProcesses(2) as pool:
         assert pool.submit(max, 1, 2).result(60) == 2
@@ -28,7 +28,7 @@ def test_leaving_ends_worker_processes_at_once():
 
 
 def _half_a_result() -> None:
-    """What a process leaves that is ended while it writes: a length, and nothing of what is announced."""
+    """Write what a process leaves that is ended while it writes: a length, and nothing of what is announced."""
     os.write(sys._getframe(1).f_locals["result_queue"]._writer.fileno(), struct.pack("!i", 1000))
     time.sleep(600)
 

@@ -179,7 +179,7 @@ def session(rng, n=20):
 
 
 def test_it_covers_an_arm_whose_kinematics_are_wrong():
-    """Of local poses X lies outside its 95 % ellipsoid more often than not; with the accuracy declared inside."""
+    """X from local poses lies outside its 95 % ellipsoid more often than not; with the accuracy declared inside."""
     inside, error = {"today": [], "declared": []}, {"today": [], "declared": []}
     for seed in range(100, 124):
         poses, X, accuracy = session(np.random.default_rng(seed))
@@ -197,7 +197,7 @@ def test_it_covers_an_arm_whose_kinematics_are_wrong():
 
 
 def one_region(n, noise, seed):
-    """Of many simulated poses those next to the first."""
+    """Return those of many simulated poses that are next to the first."""
     poses = uq.simulate(12 * n, noise=noise, seed=seed)
     away = np.linalg.norm(poses.robot[:, :3, 3] - poses.robot[0, :3, 3], axis=1)
     return poses.rows(np.sort(np.argsort(away)[:n]))

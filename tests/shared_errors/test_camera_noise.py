@@ -75,7 +75,9 @@ def test_the_derivatives_are_those_of_symbols_and_of_differences(views):
 
 
 def test_it_is_the_covariance_of_the_corners_without_the_corners(rng):
-    """Of a bundle adjustment with all pictures alike: only camera matrix, board and poses are known here."""
+    """The reference is a bundle adjustment with all pictures alike: only camera matrix, board and poses are known
+    here.
+    """
     poses, rounded, _, seen = finished(rng, 12)
     k = [seen.intrinsics[name] for name in ("fx", "fy", "cx", "cy")]
     found = uq.camera_noise(poses, POINTS, k, pixel_sd=seen.pixel_noise).covariance()

@@ -74,7 +74,7 @@ def noise_of(rng, kinds, N, sd=1e-3, **kwargs):
     ids="-".join,
 )
 def test_same_as_efficient_on_the_same_motions(kinds, N, rng):
-    """With more trials than a block and more pairs than a part holds, where N is large."""
+    """More trials than a block and more pairs than a part holds, where N is large."""
     X, A, B = exact_motions(rng, N)
     noise = noise_of(rng, kinds, N)
     assert_as_efficient(

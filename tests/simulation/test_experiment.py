@@ -1,4 +1,4 @@
-"""What is redrawn: exact data around the truth or around real data, and the covariance predicted there."""
+"""Experiments to repeat: exact data around the truth or around real data, and the covariance predicted there."""
 
 import numpy as np
 import pytest

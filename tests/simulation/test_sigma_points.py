@@ -152,7 +152,9 @@ def test_many_poses_use_some_directions_only(monkeypatch):
 
 
 def has_mean_square(trials, covariance, points):
-    """Whether each whitened component of the errors has the mean square 1, by the scatter of both, tails or not."""
+    """Return whether each whitened component of the errors has the mean square 1, by the scatter of both, tails or
+    not.
+    """
     z = np.linalg.solve(np.linalg.cholesky(covariance), trials.errors[trials.ok].T)
     error = (z**2).std(axis=1) * np.sqrt(1 / z.shape[1] + (1 / points if points else 0))
     return bool((np.abs((z**2).mean(axis=1) - 1) < 4.5 * error).all())
@@ -175,7 +177,7 @@ def test_large_noise_gives_the_moments_of_monte_carlo(method, sd, monkeypatch):
 
 
 def test_they_hold_where_first_order_fails():
-    """By the NEES of new trials, at noise where the error still is nearly Gaussian."""
+    """The NEES of new trials holds at noise where the error still is nearly Gaussian."""
     problem = pair_problem("4dpa", 0.3, seed=5, star=True)
     trials = run(problem, np.random.default_rng([SEED, 6]), 1000)
     assert not is_consistent(trials.errors, problem.predicted())

@@ -103,7 +103,7 @@ def test_problem_2_is_4dpa_at_finite_d(at):
 
 
 def test_the_same_error_for_all_pairs_is_the_model_of_45(at, samples):
-    """With F11 a mean too, (45) is the covariance there; one error of the motions themselves is another matter."""
+    """(45) is the covariance with F11 a mean too; one error of the motions themselves is another matter."""
     mean = rows(at, samples)["4dpa-mean"]
     rng = np.random.default_rng(3)
     images = np.cov(rig.same_image_error(at, 2000, rng).T)
@@ -123,7 +123,7 @@ def test_one_error_of_all_motions_is_common(at):
 @pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 @pytest.mark.parametrize("first", [0, 200, 439])
 def test_4dpa_has_the_larger_deviations_on_the_motions_of_nguyen_and_phams_recording(first):
-    """Which the paper may have used: 60 motions made exact, with the noise (70)."""
+    """Motions which the paper may have used: 60 motions made exact, with the noise (70)."""
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "nguyen_pham"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)

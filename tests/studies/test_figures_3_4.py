@@ -30,7 +30,7 @@ def turned(kind, level, repeats=1, pairs=20_000, seed=7):
 
 
 def whole(samples, variance):
-    """Whether the covariance of samples (n, 6) is ``variance I``: every entry within 4.5 standard errors."""
+    """Return whether the covariance of samples (n, 6) is ``variance I``: every entry within 4.5 standard errors."""
     n = len(samples)
     S = samples.T @ samples / n / variance
     error = (S - np.eye(6)) / np.sqrt((1 + np.eye(6)) / n)

@@ -50,7 +50,7 @@ def test_what_longer_denser_and_late_mean():
 
 
 def test_the_covariance_of_pnp_is_that_of_least_squares_on_noisy_corners():
-    """And one 30 % larger in deviation would not pass."""
+    """A covariance with a 30 % larger standard deviation would not pass."""
     rng = np.random.default_rng([SEED, 1])
     true = ur10_camera.recording(224, "longer").camera[[37]]
     found = []

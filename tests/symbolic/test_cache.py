@@ -49,7 +49,7 @@ def test_second_call_reads(entry, build):
 
 @pytest.mark.parametrize("name", ["J_34", "F2", "dF11q_db", "u"])
 def test_round_trip(name, tmp_path, monkeypatch, build):
-    """What is read is what was derived, with the same symbols and the same order of terms."""
+    """The cache returns what was derived, with the same symbols and the same order of terms."""
     monkeypatch.setenv("UQ_HANDEYE_CACHE", str(tmp_path))
     fresh = cache.derived(FORMS[name])
     read = cache.derived(FORMS[name], build)
@@ -124,7 +124,7 @@ def test_unusable_folder(tmp_path, monkeypatch, build):
 
 
 def test_read_only_folder(entry, build, monkeypatch):
-    """As a disk that refuses: root, under which tests may run, ignores permissions."""
+    """Refusal as by a disk: root, under which tests may run, ignores permissions."""
     entry.write_text("damaged")
 
     def refuse(*_args, **_kwargs):

@@ -77,7 +77,7 @@ def test_J_is_the_residual(j, k):
 
 @pytest.mark.parametrize(("side", "number"), [("L", 0), ("R", 1)])
 def test_collapsed_form_is_the_sum_over_J(side, number):
-    """What is printed, F11 and F22 in collapsed form, equals (35) for all E, Z."""
+    """The printed collapsed form of F11 and F22 equals (35) for all E, Z."""
     assert over_ring(F(side, E, Z), RING) == definition()[number]
 
 

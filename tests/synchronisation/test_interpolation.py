@@ -153,7 +153,7 @@ def test_one_interval_only():
 
 
 def test_rate_is_the_derivative_of_the_pose():
-    """In the toolkit's convention: T(t + d) = (exp([omega d]x) R, t + d tdot)."""
+    """Derivative in the toolkit's convention: T(t + d) = (exp([omega d]x) R, t + d tdot)."""
     pose = motion(np.random.default_rng(SEED), 4.0)
     times = np.arange(0, 4, 0.002)
     at = np.array([1.001, 2.223])  # the middle of an interval

@@ -1,4 +1,6 @@
-"""Are the deviation of the offset and the covariance of X that takes it in true? Simulated streams with known truth."""
+"""Consistency of the standard deviation of the offset and of the covariance of X that includes it, on simulated
+streams with known truth.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,9 @@ FEWER = 30
 
 @pytest.fixture(scope="module")
 def sets():
-    """Of SETS short recordings with fast turns, where the offset matters: z of the offset, xi of X, covariances."""
+    """Return z of the offset, xi of X and covariances of SETS short recordings with fast rotations, where the
+    offset matters.
+    """
     rng = np.random.default_rng(SEED)
     z, xi, known, whole = [], [], [], []
     for k in range(SETS):

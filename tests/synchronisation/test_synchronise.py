@@ -132,7 +132,7 @@ def test_noise_of_the_samples_becomes_that_of_the_poses():
 
 
 def test_samples_that_neighbours_share_count_in_the_noise():
-    """At equal rates every sample is in two rows: together they tell no more than one, whatever the weights."""
+    """Every sample is in two rows at equal rates: together they tell no more than one, whatever the weights."""
     _, _, robot, camera = case(rates=(21.0, 20.0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)

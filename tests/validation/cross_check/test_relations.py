@@ -46,7 +46,9 @@ def test_chance(samples):
 
 
 def evidence(rng, wrong=None, scale=1.0, samples=T, on_poses=False):
-    """What a healthy problem shows, with the covariance sampled of ``wrong`` from another than the predicted one."""
+    """Return the evidence of a healthy problem, with the covariance sampled of ``wrong`` from another than the
+    predicted one.
+    """
     bound = random_covariance(rng)
     worse = bound + random_covariance(rng, sd=2e-3)
     true = {"4dpa": worse, "nguyen": bound + random_covariance(rng, sd=5e-4), "efficient": bound, "ml": bound}

@@ -193,7 +193,9 @@ def test_no_estimate_and_all_inside_have_one_sided_intervals(P):
 
 @pytest.mark.parametrize(("trials", "replications"), [(30, 1500), (200, 1500), (10_000, 150)])
 def test_a_true_covariance_is_accepted(rng, P, trials, replications):
-    """At most 1 % rejected over all tests; each exact test alone, the likelihood ratio and the eigenvalues in 1 %."""
+    """All tests together reject at most 1 %; each exact test by itself, the likelihood ratio and the eigenvalues in
+    1 %.
+    """
     names = [*(f"mean NEES, {part}" for part in PARTS), LR]
     alone, rejected, outside, tails = np.zeros(4), 0, 0, []
     for _ in range(replications):

@@ -130,7 +130,7 @@ def test_every_run_has_a_figure_with_nothing_cut_off_or_overlapping(rng):
 
 
 def _outside_band(result):
-    """By part, whether the drawn curve leaves the band that is drawn."""
+    """Return, by part, whether the drawn curve leaves the band that is drawn."""
     c = result.consistency
     low, high = band(c.sums.count, c.confidence)
     below = np.cumsum(c.sums.histogram, axis=1)[:, :-1]

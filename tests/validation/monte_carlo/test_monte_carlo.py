@@ -111,7 +111,7 @@ def test_every_kind_of_method_on_poses(poses, method):
 
 
 def test_pairs_taken_as_independent_are_rejected(poses):
-    """What calibrations do that take all pairs of the same poses as independent (T4)."""
+    """Some calibrations take all pairs of the same poses as independent (T4)."""
     motions = uq.relative_motions(poses, "all")
     wrong = uq.propagate(motions, NOISE, X=poses.truth.X, kind="pairs")
     result = monte_carlo(poses, noise=NOISE, covariance=wrong, trials=1_000, seed=SEED)

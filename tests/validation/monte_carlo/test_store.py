@@ -240,7 +240,7 @@ def test_a_damaged_chunk_is_worked_out_again_and_said(problem, folder, whole, da
 
 @pytest.mark.parametrize("other", ["seed", "noise", "method"])
 def test_a_chunk_of_another_run_is_not_mixed_in(problem, folder, whole, tmp_path, other):
-    """Of the same number, and whole, but of another seed, noise or method."""
+    """A chunk of the same number, and whole, but of another seed, noise or method."""
     noise = PairNoise(problem[1].A, problem[1].B * 1.0001)
     options = {"seed": {"seed": SEED + 1}, "noise": {}, "method": {"method": "efficient"}}[other]
     run((problem[0], noise) if other == "noise" else problem, tmp_path / "other", **options)

@@ -77,7 +77,7 @@ def test_a_worker_with_other_versions_is_refused(problem):
 
 
 def test_our_errors_survive_pickling():
-    """As they are where a worker raises them."""
+    """Errors arrive as they are where a worker raises them."""
     directions = np.eye(6)[:2]
     for error in (
         InputError("a"),
@@ -109,7 +109,9 @@ def test_linear_algebra_keeps_to_one_thread():
 
 
 class Scrambled(Executor):
-    """Does what it has at hand in any order, in bytes as between processes, when there is somebody waiting for it."""
+    """Executor that runs what it has at hand in any order, in bytes as between processes, when there is somebody
+    waiting for it.
+    """
 
     def __init__(self):
         self.tasks, self.most, self.changed = [], 0, threading.Condition()
@@ -231,7 +233,7 @@ def test_an_executor_that_is_shut_down(problem, alone):
 
 
 def test_what_is_left_is_cancelled(problem, scrambled, monkeypatch):
-    """And the executor stays usable."""
+    """The executor stays usable."""
     monkeypatch.setattr(workers, "LEAST_AHEAD", 4)
     after(monkeypatch, 2, interrupt)
     result = monte_carlo(problem[0], noise=problem[1], trials=10**6, seed=SEED, executor=scrambled)

@@ -23,7 +23,9 @@ def wide():
 
 
 def deviations(moves, steps=1000, walkers=64):
-    """How far mean and variance of the samples are from those of the target, in standard deviations of their errors."""
+    """Return how far mean and variance of the samples are from those of the target, in standard deviations of their
+    errors.
+    """
     random = np.random.RandomState(SEED % 2**32)
     sampler = emcee.EnsembleSampler(walkers, 2, log_target, moves=moves, vectorize=True)
     state = emcee.State(random.normal(size=(walkers, 2)), random_state=random.get_state())

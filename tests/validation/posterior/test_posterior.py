@@ -44,7 +44,7 @@ def test_nothing_of_it_can_be_written_to(posterior):
 
 
 def agree(covariance, reference, effective):
-    """Whether the whitened eigenvalues are those of a Wishart matrix of so many samples, to 99.9 % or so."""
+    """Return whether the whitened eigenvalues are those of a Wishart matrix of so many samples, to 99.9 % or so."""
     edge = np.sqrt(6 / effective) + 3.5 / np.sqrt(effective)  # of the largest singular value of Gaussian matrices
     return bool((np.abs(np.sqrt(whitened_eigenvalues(covariance, reference)) - 1) < edge).all())
 

@@ -1,4 +1,4 @@
-"""Where first order ends: limits against independent trials, sigma points beyond them, the words, and the figure."""
+"""Limits of first order: against independent trials, sigma points beyond them, the words, and the figure."""
 
 import inspect
 import json
@@ -41,7 +41,7 @@ def found():
 
 
 def mean_nees(motions, noise, factor, seed):
-    """Of trials of its own, in the first-order covariance."""
+    """Return the mean NEES of fresh trials in the first-order covariance."""
     scaled = uq.PairNoise(factor * noise.A, factor * noise.B)
     problem = experiment(motions, scaled, "4dpa")
     errors = run(problem, np.random.default_rng([SEED, seed]), 4000).errors
