@@ -42,12 +42,26 @@ def run(session, capsys, monkeypatch):
 
 
 def test_text_and_file(run, session, tmp_path):
-    status, out, err = run(*NOISE, "-k", 3, "-o", tmp_path / "next.csv")
+    status, out, err = run(*NOISE, "-k", 3, "-o", tmp_path / "plan")
     assert (status, err) == (0, "")
     found = plan(read_poses(session / "robot.csv", session / "camera.csv"), k=3, noise=MODEL)
-    assert out == found.to_text()
     assert out.startswith("3 more poses would bring the translation of gripper_T_camera from ")
-    np.testing.assert_allclose(read_pose_file(tmp_path / "next.csv")[1], found.robot, atol=1e-14)
+    text, _, said = out.partition("\nWrote ")
+    assert text == found.to_text() and said.split() == ["next.csv", "and", "plan.json", "to", str(tmp_path / "plan")]
+    np.testing.assert_allclose(read_pose_file(tmp_path / "plan" / "next.csv")[1], found.robot, atol=1e-14)
+    assert json.loads((tmp_path / "plan" / "plan.json").read_text()) == found.to_dict()
+    status, out, err = run(*NOISE, "-k", 3, "--json", "-o", tmp_path / "plan")  # again, into the same folder
+    assert (status, json.loads(out), err) == (0, found.to_dict(), "")
+
+
+def test_a_csv_file_in_place_of_the_folder_is_deprecated(run, tmp_path):
+    status, out, err = run(*NOISE, "-k", 3, "-o", tmp_path / "next.csv")
+    assert status == 0 and out.endswith(f"\nWrote {tmp_path / 'next.csv'}\n")
+    assert (
+        err
+        == "uq-handeye: note: -o FILE.csv is deprecated: -o names a folder, as for all other commands, e.g. -o next/.\n"
+    )
+    assert len(read_pose_file(tmp_path / "next.csv")[1]) == 3
 
 
 def test_in_a_process_of_its_own(session):

@@ -35,10 +35,10 @@ def command(cell, *options):
 
 
 def test_a_plan_of_joints(cell):
-    found = command(cell, *NOISES, "-k", 3, "--task", "task.csv", "-o", "next.csv", "--json")
+    found = command(cell, *NOISES, "-k", 3, "--task", "task.csv", "-o", "plan", "--json")
     data = json.loads(found.stdout)
     assert (data["criterion"], data["joint_names"], len(data["task"])) == ("prediction", list(ARM.names), 10)
-    q = read_joints(cell / "next.csv", ARM).q
+    q = read_joints(cell / "plan" / "next.csv", ARM).q
     np.testing.assert_allclose(q, [step["joints"] for step in data["steps"]], atol=1e-8)
     assert ((q >= ARM.limits[:, 0]) & (q <= ARM.limits[:, 1])).all()
     np.testing.assert_allclose(ARM.poses(q), [step["robot"] for step in data["steps"]], atol=5e-3)  # but for its errors

@@ -58,12 +58,12 @@ def table(file):
 def test_points_at_joints(stored):
     folder, result, _, ahead, _ = stored
     points = ("--point", "0mm,10mm,300mm", "--point", "0,0,0.5")
-    found = json.loads(predicted(folder, "arm.json", "--joints", "next.csv", *points, "--json", "-o", "points.csv"))
+    found = json.loads(predicted(folder, "arm.json", "--joints", "next.csv", *points, "--json", "-o", "points"))
     same = result.predict([[0, 0.01, 0.3], [0, 0, 0.5]], joints=ahead[:, None])
     np.testing.assert_allclose(found["points"], same.points, rtol=1e-12)
     np.testing.assert_allclose(found["covariance"], same.covariance, rtol=1e-9)
     assert found["frame"] == "base" and found["timestamps"] == [0.0, 1.0, 2.0]
-    head, rows = table(folder / "points.csv")
+    head, rows = table(folder / "points" / "predictions.csv")
     assert head[:9] == ["timestamp", "point", "x", "y", "z", "sd_x", "sd_y", "sd_z", "radius_95"]
     assert rows[:, :2].tolist() == [[0, 0], [0, 1], [1, 0], [1, 1], [2, 0], [2, 1]]
     np.testing.assert_allclose(rows[:, 2:5], same.points.reshape(6, 3), rtol=1e-12)
@@ -129,9 +129,11 @@ def test_how_far_the_tool_misses(stored):
 def test_long_tables_are_cut_in_text_alone(stored):
     folder, _, _, ahead, _ = stored
     write_joints(folder / "many.csv", np.tile(ahead, (20, 1)))
-    text = predicted(folder, "arm.json", "--joints", "many.csv", "--camera", "-o", "many_seen.csv")
-    assert "20 more rows: -o FILE.csv or --json has all." in text
-    assert len(table(folder / "many_seen.csv")[1]) == 60
+    text = predicted(folder, "arm.json", "--joints", "many.csv", "--camera", "-o", "many_seen")
+    assert "20 more rows: -o DIR or --json has all." in text
+    assert text.endswith("\n\nWrote predictions.csv and predictions.json to many_seen\n")
+    assert len(table(folder / "many_seen" / "predictions.csv")[1]) == 60
+    assert len(json.loads((folder / "many_seen" / "predictions.json").read_text())["poses"]) == 60
 
 
 @pytest.mark.parametrize(
@@ -160,7 +162,6 @@ def test_long_tables_are_cut_in_text_alone(stored):
         (("arm.json", "--joints", "degrees.csv", "--camera"), "Give --joint-units deg"),
         (("arm.json", "--joints", "missing.csv", "--camera"), "missing.csv"),
         (("missing.json", "--joints", "next.csv", "--camera"), "missing.json"),
-        (("arm.json", "--joints", "next.csv", "--camera", "-o", "table.txt"), "-o to be named .csv"),
     ],
 )
 def test_refusals_in_one_line(stored, arguments, words):

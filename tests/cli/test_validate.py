@@ -77,6 +77,17 @@ def test_json_figure_and_folder(run, session, tmp_path):
     assert (status, again["resumed"], again["covariance"]) == (0, 1500, data["covariance"])
 
 
+def test_a_sweep_into_a_folder(run, tmp_path):
+    arguments = (*OPTIONS, "--method", "4dpa", "--trials", 100, "--sweep-noise", "1,3", "-o", tmp_path / "sweep")
+    status, out, err = run(*arguments)
+    assert (status, err) == (0, "")
+    kinds = ("json", "csv", "png", "svg")
+    said = " ".join(out.partition("Wrote ")[2].split())
+    assert said == f"sweep.json, sweep.csv, sweep.png and sweep.svg to {tmp_path / 'sweep'}"
+    assert sorted(os.listdir(tmp_path / "sweep")) == sorted(f"sweep.{kind}" for kind in kinds)
+    assert run(*arguments, "--json")[1] == (tmp_path / "sweep" / "sweep.json").read_text()
+
+
 def test_several_methods(run, tmp_path):
     options = ("--trials", 300, "--method", "4dpa,park", "--method", "Efficient", "--workers", 1)
     status, out, err = run(*OPTIONS, *options, "-o", tmp_path / "run", "--figure", tmp_path / "f.png")
@@ -223,7 +234,8 @@ def test_several_methods_do_not_go_into_the_run_of_one(run, tmp_path, more):
     assert run(*options, "--method", "park")[0] == 0
     status, out, err = run(*options, "--method", "park,4dpa", *more)
     assert (status, out) == (2, "") and "holds the run of one method" in err
-    assert sorted(os.listdir(tmp_path / "run")) == ["chunks", "manifest.json", "result.json"]
+    written = ["chunks", "manifest.json", "result.json"] + [f"validation.{kind}" for kind in ("csv", "png", "svg")]
+    assert sorted(os.listdir(tmp_path / "run")) == written
 
 
 def test_no_bar_in_a_pipe_and_no_noise(session):

@@ -2,10 +2,11 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from ...errors import InputError
 from ..arm_options import Arm, arm_of
+from ..delivery import deliver
 from ..messages import fail, progress_wanted, timed
 from ..noise_options import Given, given_of
 from ..options import (
@@ -87,18 +88,19 @@ def compare_command(
     else:  # on a terminal the warnings stand above already
         emit(to_text(comparison_document(result, warnings=not sys.stdout.isatty())))
     if output is not None:  # after the table, which is not to be lost if this fails
-        _write_comparison(result, output)
+        said = _write_comparison(result, output)
+        if not (as_json or as_csv):
+            emit(said)
     if result.reference is None:
         some = any(row.X is not None for row in result.rows)
         return fail(f"{'No method gave a result to rely on' if some else 'Every method failed'}; the table says why.")
     return 0
 
 
-def _write_comparison(result: "Comparison", directory: Path) -> None:
+def _write_comparison(result: "Comparison", directory: Path) -> str:
     from ...comparison.figure import comparison_figure, png  # Matplotlib is slow to import
-    from ...io import write_files
     from ...presentation.ellipses import render
 
     figure = comparison_figure(result)
-    files: dict[str, Any] = {"comparison.json": result.to_json(), "comparison.csv": result.to_csv()}
-    write_files(directory, files | {"comparison.png": png(figure), "comparison.svg": render(figure, "svg")})
+    files: dict[str, str | bytes] = {"comparison.json": result.to_json(), "comparison.csv": result.to_csv()}
+    return deliver(directory, files | {"comparison.png": png(figure), "comparison.svg": render(figure, "svg")})

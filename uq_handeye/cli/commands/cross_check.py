@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..arm_options import Arm, arm_of
+from ..delivery import deliver
 from ..messages import progress_wanted, timed
 from ..noise_options import Given, given_of
 from ..options import (
@@ -56,7 +57,6 @@ def cross_check_command(
     """
     require_writable(report, "--report", REPORTS)
     poses, noise, shared = files.read(given, views, arm)
-    from ...io import write_files
     from ...validation.cross_check.run import cross_check
     from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
@@ -71,17 +71,16 @@ def cross_check_command(
             posterior=posterior,
             progress=progress_wanted(),
         )
+    said = ""
     if output is not None:
-        from ...presentation.ellipses import render
         from ...validation.cross_check.figure import cross_check_figure  # Matplotlib is slow to import
 
-        figure = cross_check_figure(check)
         table = check.to_dataframe().to_csv(index=False, lineterminator="\n")
         written = {"cross_check.json": check.to_json(), "cross_check.csv": table}
-        write_files(output, written | {f"cross_check.{kind}": render(figure, kind) for kind in ("png", "svg")})
+        said = deliver(output, written, {"cross_check": cross_check_figure(check)})
     if report is not None and result is not None and check.complete:
         write_report(result, report, True, check)
-    emit(check.to_json() if as_json else check.to_text())
+    emit(check.to_json() if as_json else check.to_text() + said)
     if check.ended is None:
         return 0
     return INTERRUPTED if check.ended.code == ENDED_BY_HAND else NOT_COMPLETE

@@ -6,11 +6,14 @@ from typing import Annotated, Any
 
 from ...errors import InputError
 from ..arm_options import KINEMATICS, Arm, arm_of
+from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..messages import timed
 from ..noise_options import Given, given_of
-from ..options import OUTPUT, JsonOption, emit, flag, made_of, option, require_writable
+from ..options import JsonOption, emit, flag, made_of, option
 from ..pose_files import PoseFiles
 
+# The poses to take, in the folder of -o.
+NEXT = "next.csv"
 CRITERIA = ("trace", "logdet", "point", "prediction")
 
 
@@ -70,18 +73,14 @@ def plan_command(
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
-        option(
-            "-o",
-            "--output",
-            metavar="FILE.csv",
-            panel=OUTPUT,
-            help="Write the robot poses, in order, in metres; with --joints the joints, in rad.",
+        folder_or_csv_option(
+            f"Write {NEXT} (the robot poses in order, in metres; with --joints the joints, in rad) and plan.json here."
         ),
     ] = None,
 ) -> None:
     """Which poses to take next, and the standard deviations of X predicted after each.
 
-    Example: uq-handeye plan robot.csv camera.csv -k 5 -o next.csv
+    Example: uq-handeye plan robot.csv camera.csv -k 5 -o plan/
 
     With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
     0.1deg,0.5mm. Without, it is estimated from the data.
@@ -106,7 +105,6 @@ def plan_command(
         raise InputError(f"Expected --point to be X,Y,Z with units such as 0mm,0mm,300mm, got {point!r}.")
     if point is not None and criterion != "point":
         raise InputError(f"--point goes with --criterion point, got --criterion {criterion or 'trace'}.")
-    require_writable(output, "-o")
     of_arm: dict[str, Any] = {}
     if arm is None:
         if task is not None or criterion == "prediction":
@@ -140,6 +138,9 @@ def plan_command(
             shared=shared,
             **of_arm,
         )
-    if output is not None:
-        found.to_csv(output)
-    emit(found.to_json() if as_json else found.to_text())
+    said = ""
+    if output is not None and is_csv(output):
+        said = deliver_csv(output, found.to_csv())
+    elif output is not None:
+        said = deliver(output, {NEXT: found.to_csv(), "plan.json": found.to_json()})
+    emit(found.to_json() if as_json else found.to_text() + said)

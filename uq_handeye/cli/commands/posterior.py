@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
 from ..arm_options import Arm, arm_of
+from ..delivery import deliver, wrote
 from ..messages import progress_wanted, timed
 from ..noise_options import Given, given_of, pose_prior_of
 from ..options import JsonOption, emit, flag, folder_option, made_of, option
@@ -93,9 +94,8 @@ def posterior_command(
         )
     emit(result.to_json() if as_json else result.summary())
     if output is not None:
-        from ...presentation.ellipses import render  # Matplotlib is slow to import
-        from ...validation.posterior.figure import corner
+        from ...validation.posterior.figure import corner  # Matplotlib is slow to import
 
-        figure = corner(result)
-        written: dict[str, Any] = {"posterior.json": result.to_json()}
-        write_files(output, written | {f"corner.{kind}": render(figure, kind) for kind in ("png", "svg")})
+        deliver(output, {"posterior.json": result.to_json()}, {"corner": corner(result)})
+        if not as_json:
+            emit(wrote(output, ["posterior.json", "corner.png", "corner.svg", CHAIN]))

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
 from ..arm_options import KINEMATICS, JointUnits
-from ..options import OUTPUT, UNITS, JsonOption, emit, flag, option, require_writable
+from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
+from ..options import UNITS, JsonOption, emit, flag, option
 from .files import ResultFile
 
 if TYPE_CHECKING:
@@ -77,8 +78,7 @@ def predict_command(
     ] = False,
     as_json: JsonOption = False,
     output: Annotated[
-        Path | None,
-        option("-o", "--output", metavar="FILE.csv", panel=OUTPUT, help="Write the predictions, in metres and rad."),
+        Path | None, folder_or_csv_option("Write predictions.csv (in metres and rad) and predictions.json here.")
     ] = None,
 ) -> None:
     """Predict at other robot poses, with the uncertainty of X, the target and the arm together.
@@ -94,7 +94,7 @@ def predict_command(
     import numpy as np
 
     from ...calibration.result import Calibration
-    from ...io import json_text, write_files
+    from ...io import json_text
 
     if bool(point) == camera:
         raise InputError("Say what to predict: --point X,Y,Z in camera coordinates, or --camera for what it sees.")
@@ -110,7 +110,6 @@ def predict_command(
         raise InputError("--joint-units is of --joints; leave it out.")
     if robot_units != "m" and robot is None:
         raise InputError("--robot-units is of --robot; leave it out.")
-    require_writable(output, "-o", (".csv",))
     points = None if not point else np.array([_coordinates(text, "--point") for text in point])
     tip = None if tool is None else np.array(_coordinates(tool, "--tool"))
     stored = Calibration.from_json(result)
@@ -124,9 +123,14 @@ def predict_command(
     else:
         seen = stored.predict_camera(**at, new_measurement=not no_noise)
         rows, data, text = _pose_rows(seen, times), seen.to_dict(), _text_of_poses(seen)
-    if output is not None:
-        write_files(output.parent, {output.name: "\n".join(",".join(map(str, row)) for row in rows) + "\n"})
-    emit(json_text(data | {"timestamps": times.tolist()}) if as_json else text)
+    csv = "\n".join(",".join(map(str, row)) for row in rows) + "\n"
+    plain = json_text(data | {"timestamps": times.tolist()})
+    said = ""
+    if output is not None and is_csv(output):
+        said = deliver_csv(output, csv)
+    elif output is not None:
+        said = deliver(output, {"predictions.csv": csv, "predictions.json": plain})
+    emit(plain if as_json else text + said)
 
 
 def _coordinates(text: str, name: str) -> list[float]:
@@ -279,7 +283,7 @@ def _text_of_poses(seen: "CameraPrediction") -> str:
 def _more(n: int) -> list[Any]:
     from ...presentation.document import Paragraph
 
-    return [Paragraph(f"{n - PRINTED} more rows: -o FILE.csv or --json has all.")] if n > PRINTED else []
+    return [Paragraph(f"{n - PRINTED} more rows: -o DIR or --json has all.")] if n > PRINTED else []
 
 
 def _mm(values: "Array") -> list[str]:

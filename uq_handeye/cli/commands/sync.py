@@ -1,8 +1,9 @@
 """The command ``uq-handeye sync``: two streams with clocks of their own, put on one clock."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
+from ..delivery import deliver
 from ..messages import LOG, timed
 from ..options import JsonOption, emit, flag, folder_option, made_of, one_of, option
 from ..pose_files import StreamFiles
@@ -55,17 +56,16 @@ def sync_command(
     kind = one_of(interpolation, "--interpolation", INTERPOLATIONS)
     with timed("synchronising"):
         found = files.synchronised(max_offset=max_offset, still=still, max_gap=max_gap, interpolation=kind, seed=seed)
+    said = ""
     if output is not None:
-        from ...io import pose_text, write_files
-        from ...presentation.ellipses import render  # Matplotlib is slow to import
+        from ...io import pose_text
 
-        poses, figure = found.poses, found.figure()
-        written: dict[str, Any] = {
-            "robot.csv": pose_text(poses.robot, poses.timestamps),
-            "camera.csv": pose_text(poses.camera, poses.timestamps),
+        written = {
+            "robot.csv": pose_text(found.poses.robot, found.poses.timestamps),
+            "camera.csv": pose_text(found.poses.camera, found.poses.timestamps),
             "sync.json": found.to_json(),
         }
-        write_files(output, written | {f"sync.{kind}": render(figure, kind) for kind in ("png", "svg")})
+        said = deliver(output, written, {"sync": found.figure()})
         if found.offset_std > 0:
             LOG.info("The files hold no uncertainty of the offset; uq-handeye calibrate --pair async takes it in.")
-    emit(found.to_json() if as_json else found.summary())
+    emit(found.to_json() if as_json else found.summary() + said)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
 from ..arm_options import Arm, arm_of
+from ..delivery import deliver, wrote
 from ..messages import LOG, progress_wanted
 from ..noise_options import Given, given_of, pose_prior_of
 from ..options import (
@@ -91,7 +92,11 @@ def validate_command(
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
-        folder_option("Keep the trials here, from which --resume goes on; of several methods in a folder each."),
+        folder_option(
+            "Write result.json, validation.csv, validation.png, validation.svg and the trials (chunks/), from which "
+            "--resume continues, here; several methods in a folder each. With --sweep-noise: sweep.json, sweep.csv, "
+            "sweep.png, sweep.svg."
+        ),
     ] = None,
     resume: Annotated[
         bool, flag("--resume", panel=OUTPUT, help="Go on with the run in DIR, or add trials to it.")
@@ -122,12 +127,12 @@ def validate_command(
     if workers is None:
         workers = cores()
     if sweep_noise is not None:
-        others = {"--digits": digits, "--scheduler": scheduler, "-o": output, "--scale": scale}
+        others = {"--digits": digits, "--scheduler": scheduler, "--scale": scale, "--resume": resume or None}
         for option, value in (*others.items(), ("--covariance each", covariance == "each" or None)):
             if value is not None:
                 raise InputError(f"--sweep-noise goes without {option}.")
         options = {"seed": seed, "pairs": pairs, **({} if trials is None else {"trials": trials})}
-        return _sweep(problem, names, _factors(sweep_noise), options, figure, as_json)
+        return _sweep(problem, names, _factors(sweep_noise), options, figure, as_json, output)
 
     from ...io import json_text
     from ...runtime.executors import connect_to_dask
@@ -140,6 +145,7 @@ def validate_command(
         if scheduler is not None:
             executor, workers = stack.enter_context(connect_to_dask(scheduler))
         for name in names:
+            folder = output if output is None or len(names) == 1 else output / name
             result = monte_carlo(
                 **problem,
                 method=name,
@@ -150,7 +156,7 @@ def validate_command(
                 scale=scale,
                 covariance="each" if covariance == "each" else None,
                 digits=digits,
-                directory=output if output is None or len(names) == 1 else output / name,
+                directory=folder,
                 resume=resume,
                 executor=executor,
                 progress=progress_wanted(),
@@ -158,6 +164,8 @@ def validate_command(
             results[name] = result
             if not as_json:
                 emit(("\n" if len(results) > 1 else "") + result.summary())
+            if folder is not None and (said := _deliver(result, folder)) and not as_json:
+                emit(said)
             if figure is not None:
                 result.figure(_of_method(figure, name, names))
             if result.ended_early:
@@ -182,14 +190,35 @@ def _sweep(
     options: dict[str, Any],
     figure: Path | None,
     as_json: bool,
+    output: Path | None,
 ) -> int:
     from ...validation.sweep.run import sweep
 
     result = sweep(**problem, methods=methods, factors=factors, progress=progress_wanted(), **options)
     emit(result.to_json() if as_json else result.summary())
+    if output is not None:
+        from ...validation.sweep.figure import sweep_figure  # Matplotlib is slow to import
+
+        table = result.to_dataframe().to_csv(index=False, lineterminator="\n")
+        files = {"sweep.json": result.to_json(), "sweep.csv": table}
+        said = deliver(output, files, {"sweep": sweep_figure(result)})
+        if not as_json:
+            emit(said)
     if figure is not None:
         result.figure(figure)
     return 0
+
+
+def _deliver(result: "MonteCarlo", folder: Path) -> str:
+    """Write table and figure into the folder that holds ``result.json`` and the trials already."""
+    import numpy as np
+
+    from ...validation.monte_carlo.figure import validation_figure  # Matplotlib is slow to import
+
+    table = result.to_dataframe().to_csv(index=False, lineterminator="\n")
+    with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
+        deliver(folder, {"validation.csv": table}, {"validation": validation_figure(result)})
+    return wrote(folder, ["result.json", "validation.csv", "validation.png", "validation.svg", "chunks/"])
 
 
 def _factors(text: str) -> list[float]:

@@ -1,0 +1,66 @@
+"""Results into the folder of ``-o DIR``: all files or none, and the line that names them."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from .messages import LOG
+from .options import OUTPUT, named_folder, require_writable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def deliver(directory: Path, files: Mapping[str, str | bytes], figures: "Mapping[str, Figure] | None" = None) -> str:
+    """Write files, and each figure by its stem as PNG and SVG, into a folder; return the line that says so."""
+    from ..io import write_files
+
+    written = dict(files)
+    for stem, figure in (figures or {}).items():
+        from ..presentation.ellipses import render  # Matplotlib is slow to import
+
+        written |= {f"{stem}.{kind}": render(figure, kind) for kind in ("png", "svg")}
+    write_files(directory, written)
+    return wrote(directory, written)
+
+
+def wrote(directory: Path, names: Iterable[str]) -> str:
+    """Return ``Wrote a.json, a.png and a.svg to DIR``, wrapped, below an empty line."""
+    from ..presentation.document import Paragraph, to_text
+
+    *most, last = names
+    listed = f"{', '.join(most)} and {last}" if most else last
+    return "\n" + to_text([Paragraph(f"Wrote {listed} to {directory}", hang="  ")])
+
+
+# ------------------------------------------------------------------------------- a folder that was a CSV file once
+
+
+def folder_or_csv_option(help: str) -> Any:
+    """Return the option ``-o DIR`` of a command that took ``-o FILE.csv`` before, and still does."""
+    return typer.Option(
+        "-o", "--output", metavar="DIR", callback=_folder_or_csv, help=help, rich_help_panel=OUTPUT, show_default=False
+    )
+
+
+def _folder_or_csv(path: Path | None) -> Path | None:
+    if not is_csv(path):
+        return named_folder(path)
+    require_writable(path, "-o")
+    return path
+
+
+def is_csv(path: Path | None) -> bool:
+    """Return whether ``-o`` names a CSV file, as it did before it named a folder."""
+    return path is not None and path.suffix.lower() == ".csv" and not path.is_dir()
+
+
+def deliver_csv(path: Path, table: str) -> str:
+    """Write the table alone to ``-o FILE.csv``, with a note that this form is going to end."""
+    from ..io import write_atomically
+
+    write_atomically(path, table)
+    LOG.info("-o FILE.csv is deprecated: -o names a folder, as for all other commands, e.g. -o %s/.", path.stem)
+    return f"\nWrote {path}\n"
