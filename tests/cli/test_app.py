@@ -423,7 +423,7 @@ def test_help_has_examples():
 
 def test_the_commands_of_the_readme_run(session, tmp_path, no_figures, monkeypatch):
     """Figures, reports and many trials aside, which have tests of their own."""
-    monkeypatch.setattr("uq_handeye.cli.commands.calibrate.write_report", lambda *_: None)
+    monkeypatch.setattr("uq_handeye.cli.commands.calibrate.write_report", lambda *_, **__: None)
     for file in files_of(session):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     lines = re.findall(r"^uq-handeye (.*)$", (ROOT / "README.md").read_text(), re.MULTILINE)
