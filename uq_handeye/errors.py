@@ -11,7 +11,15 @@ if TYPE_CHECKING:
 
 
 class InputError(ValueError):
-    """Input that cannot be used. The message names what is wrong, what was expected and what came."""
+    """Input that cannot be used. The message names what is wrong, what was expected and what came.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        What looked wrong with the data of a calibration that gave no result; it may well be the reason.
+    """
+
+    findings: tuple[Any, ...] = ()
 
 
 class DegenerateMotionError(InputError):
@@ -36,7 +44,9 @@ class DegenerateMotionError(InputError):
 
 
 class NotConvergedError(RuntimeError):
-    """An iteration did not come to an end; ``partial`` holds what it reached, with a flag."""
+    """An iteration did not converge; ``partial`` holds what it reached, with a flag, ``findings`` as `InputError`."""
+
+    findings: tuple[Any, ...] = ()
 
     def __init__(self, message: str, partial: Any = None) -> None:
         super().__init__(message)

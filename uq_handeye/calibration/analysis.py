@@ -29,9 +29,6 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays, read_only
 
-# Where nothing is known of the distance to the target (m).
-USUAL_DISTANCE = 0.5
-
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
@@ -159,15 +156,6 @@ class StoredAnalysis(ReadOnlyArrays):
     def to_dict(self) -> dict[str, Any]:
         """Return the same dictionary as `Analysis.to_dict`."""
         return _to_dict(self)
-
-
-def distance_of(analysis: Analysis | StoredAnalysis | None) -> tuple[float, bool]:
-    """RMS distance from camera to target (m); False: it is not known, and a usual one is taken."""
-    if analysis is not None:
-        spectrum = analysis.diagnostics.spectrum
-        if spectrum.length_of == "target":
-            return float(spectrum.length_m), True
-    return USUAL_DISTANCE, False
 
 
 def _to_dict(of: Analysis | StoredAnalysis) -> dict[str, Any]:

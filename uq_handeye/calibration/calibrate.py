@@ -179,8 +179,9 @@ def calibrate(
                 raise
             job = replace(job, robust=False)
             result, more = _run_undetermined(job, error) if undetermined else _run_given(job, error)
-    except (InputError, NotConvergedError):
-        warn(findings + reasons(job))  # what looks wrong may well be the reason
+    except (InputError, NotConvergedError) as error:
+        error.findings = (*findings, *reasons(job))  # what looks wrong may well be the reason
+        warn(error.findings)
         raise
     findings += more
     if result.opened is not None:  # says what parallel axes leave open, and that nothing of it is stated

@@ -44,7 +44,12 @@ from ..prediction.workspace import WorkspacePrediction, over_workspace
 from ..presentation.document import document_of, to_text
 from ..presentation.notebook import html_of
 from ..runtime.read_only import ReadOnlyArrays
-from .analysis import Analysis, StoredAnalysis, distance_of
+from ..statement.accuracy import Accuracy, accuracy_of
+from ..statement.checks import Check, cautions_of, checks_of, reasons_of
+from ..statement.headline import headline_of
+from ..statement.stated import distance_of
+from ..statement.tolerance import Tolerance, Verdict, verdict_of
+from .analysis import Analysis, StoredAnalysis
 from .estimated_poses import EstimatedPoses
 from .provenance import Provenance
 from .result_file import FORMAT, FourDPA, finite, from_dict, plain
@@ -209,6 +214,56 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
     def budget(self) -> Budget:
         """Shares of the variance by noise source."""
         return self._analysed().budget
+
+    @cached_property
+    def accuracy(self) -> Accuracy | None:
+        """The total standard uncertainty of X in the worst direction, and what it includes; None: not determined."""
+        return accuracy_of(self)
+
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """The checks of data and fit, one line each: ok, caution, failed or not run."""
+        return checks_of(self)
+
+    @property
+    def cautions(self) -> tuple[Finding, ...]:
+        """The findings that are more than a note, those of the diagnostics too, in the order of their effect on X."""
+        return cautions_of(self)
+
+    @property
+    def usable(self) -> bool:
+        """Whether X explains the poses and is determined by them; `reasons` says why not."""
+        return not self.reasons
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why X cannot be used, the decisive reason first; empty where it can."""
+        return reasons_of(self)
+
+    @property
+    def headline(self) -> str:
+        """How accurate X is, in one sentence; or ``NOT USABLE:`` and the decisive reason."""
+        return headline_of(self)
+
+    def verdict(
+        self, tolerance: str | tuple[float | None, float | None] | Tolerance, at: str | float | None = None
+    ) -> Verdict:
+        """Return whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability (`statement.tolerance`).
+
+        Parameters
+        ----------
+        tolerance : str, (m, rad) or Tolerance
+            Such as ``"1mm,0.1deg"``, ``"1mm"`` or ``"0.1deg"``: the largest errors that are accepted.
+        at : str, float or None
+            Distance (m, or text with its unit) of a point ahead of the camera, whose error the length is then of; None:
+            the length is of the translation of X.
+
+        Raises
+        ------
+        InputError
+            A tolerance that cannot be read.
+        """
+        return verdict_of(self, tolerance, at)
 
     def _analysed(self) -> Analysis | StoredAnalysis:
         if self.analysis is None:
@@ -446,6 +501,10 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
             **({} if self.kinematics is None else {"kinematics": self.kinematics.to_dict()}),
             **({} if self.joint_posterior is None else {"joint_posterior": self.joint_posterior.to_dict()}),
             "residuals": self.residuals._asdict(),
+            "headline": self.headline,
+            "usable": self.usable,
+            "accuracy": None if self.accuracy is None else self.accuracy.to_dict(),
+            "checks": [check.to_dict() for check in self.checks],
             "findings": [finding.to_dict() for finding in self.findings],
             "warnings": list(self.warnings),
         }

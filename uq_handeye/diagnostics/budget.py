@@ -105,6 +105,10 @@ class Budget(ReadOnlyArrays):
             found[name] = Expanded(u, dof, k, k * u)
         return found
 
+    def standard_in_worst_direction(self) -> dict[str, Array]:
+        """Return for each group the standard uncertainties (sources,) along the direction of its largest variance."""
+        return {name: np.sqrt(np.maximum(self._variances(part, True), 0.0)) for name, part in self.groups.items()}
+
     @property
     def _relative(self) -> Array:
         assert self.relative is not None  # since it was made

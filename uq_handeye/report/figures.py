@@ -17,7 +17,6 @@ from ..calibration.report.arm import prediction_words, workspace_caption
 from ..calibration.report.budget_figure import budget_figure
 from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure
-from ..calibration.report.shared_errors import shared_groups
 from ..calibration.report.shared_figure import shared_figure
 from ..calibration.report.task_space_figure import task_space_figure
 from ..calibration.report.text import directions, parent_frame
@@ -31,6 +30,7 @@ from ..poses.pose_pairs import PosePairs
 from ..presentation.ellipses import LEVELS, covariance_ellipses
 from ..presentation.figure_parts import Picture
 from ..propagation.target_pose import mean_target
+from ..statement.included import shared_groups
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration

@@ -11,16 +11,18 @@ from ..calibration.points_ahead import ahead
 from ..calibration.report.analysis import tests_not_run
 from ..calibration.report.arm import arm_sentences
 from ..calibration.report.shared_errors import included_words
-from ..calibration.report.text import answer, directions, ellipsoid_words, not_covered, parent_frame, source_words
+from ..calibration.report.text import answer, directions, ellipsoid_words, parent_frame, source_words
 from ..formatting.numbers import concise, fixed
 from ..geometry.pose_numbers import pose_numbers
 from ..geometry.se3 import Array
 from ..presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
+from ..statement.included import not_included
 from ..validation.cross_check.text import state, verdict
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..validation.cross_check.result import CrossCheck
+    from ..statement.included import not_included
+from ..validation.cross_check.result import CrossCheck
 
 NO_COVARIANCE = (
     "Not determined: there is no covariance, because no noise was given and the residuals show none. Give the noise of "
@@ -195,7 +197,7 @@ def scope_section(result: Calibration, convention: str) -> Section:
         )
         blocks.append(Paragraph(ellipsoid_words(result)))
     missing: Sequence[str] = (
-        f"Systematic errors: {', '.join(not_covered(result))}. All poses share them, they do not average out, and "
+        f"Systematic errors: {', '.join(not_included(result))}. All poses share them, they do not average out, and "
         "residuals hardly show them.",
         "Errors that are common to many poses but not to all, such as those of one part of the workspace.",
         "What changed during or after the recording: a camera or target that was moved, temperature, a wrong time.",

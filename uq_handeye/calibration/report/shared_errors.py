@@ -9,15 +9,11 @@ import numpy as np
 from ...diagnostics.scale_errors import ScaleError
 from ...diagnostics.sentences import relative
 from ...formatting.numbers import concise, digits
-from ...kinematics.kinematic_errors import DECLARED_AS
 from ...likelihood.shared_estimates import SharedEstimate
-from ...likelihood.shared_groups import SharedGroup, grouped
-from ...noise.camera_noise import INTRINSICS
-from ...noise.joint_covariance import JointCovariance, group_of
-from ...noise.models import PoseNoise, is_joint
+from ...likelihood.shared_groups import SharedGroup
 from ...presentation.document import Block, Cell, Points, Table
-from ...shared_errors.accuracy_field import ROBOT_ACCURACY
 from ...shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
+from ...statement.included import included, shared_groups, sizes_of
 from ..result import Calibration
 from .time_offset import offset_sentence
 
@@ -57,12 +53,6 @@ def _of_population(result: Calibration) -> set[str]:
     return {part.name for part in parts if part.status == "population"}
 
 
-def shared_groups(result: Calibration) -> list[SharedGroup]:
-    """The shared errors of a result, those of many numbers as one."""
-    carried = any(group_of(error.name) == ROBOT_ACCURACY for error in result.shared)  # no part of the bound
-    return grouped(result.shared, result.covariance if carried or result.bound is None else result.bound)
-
-
 def shared_blocks(result: Calibration) -> list[Block]:
     """The table, and what is to be known beside it."""
     table = shared_table(result)
@@ -96,18 +86,6 @@ def _declared(group: SharedGroup, estimated: bool) -> list[Cell]:
     return [error.name, f"{amount(error)} ({how})", found, share]
 
 
-def sizes_of(group: SharedGroup) -> str:
-    """The standard deviations assumed of the numbers of a group: one, or from the smallest to the largest."""
-    if group.parts[0].stated:
-        return group.parts[0].stated
-    found = []
-    for unit in group.units:
-        prior = group.of_unit(unit)[0]
-        ends = list(dict.fromkeys(digits(end, 2) for end in (prior.min(), prior.max())))
-        found.append(f"{' to '.join(ends)} {unit}".rstrip())
-    return ", ".join(found)
-
-
 def found_of(group: SharedGroup) -> str:
     """RMS of the estimates of a group, and how much the data told of it."""
     sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
@@ -139,53 +117,10 @@ def amount(error: SharedEstimate) -> str:
 
 def included_words(result: Calibration) -> str:
     """Which shared errors the covariance of X includes, as a sentence."""
-    parts, defaults = _included(result)
+    parts = included(result)
+    defaults = sum(default for _, default in parts)
     if not parts:
         return "Errors that all poses share are not included."
     said = {0: "", len(parts): " (defaults)" if len(parts) > 1 else " (default)"}.get(defaults)
     named = [part if said is not None or not default else f"{part} (default)" for part, default in parts]
     return f"This total includes what all poses share: {', '.join(named)}{said or ''}."
-
-
-def _included(result: Calibration) -> tuple[list[tuple[str, bool]], int]:
-    """What is included, whether by default; and how many are by default."""
-    parts: list[tuple[str, bool]] = []
-    if of_camera(result):
-        parts.append(("errors of the intrinsics", False))
-    elif isinstance(result.noise, PoseNoise) and _unnamed(result.noise):
-        parts.append(("the joint covariance of the noise", False))
-    groups: dict[str, list[SharedGroup]] = {}  # by error: such as both coordinates of the principal point
-    for group in shared_groups(result):
-        groups.setdefault(group.parts[0].error, []).append(group)
-    of_arm = [name for name in groups if name in DECLARED_AS]
-    if of_arm:
-        parts.append((f"errors of the arm ({', '.join(of_arm)})", False))
-    for name, of_error in groups.items():
-        if name in of_arm:
-            continue
-        sizes = list(dict.fromkeys(map(sizes_of, of_error)))
-        parts.append((f"{name} {' and '.join(sizes)}", of_error[0].default))
-    parts += [(name, False) for name in dict.fromkeys(map(group_of, column_names(result))) if not groups]
-    if result.time_offset is not None and result.time_offset.std > 0:
-        parts.append((f"{CLOCK_OFFSET} {digits(1e3 * result.time_offset.std, 2)} ms", False))
-    return parts, sum(default for _, default in parts)
-
-
-def column_names(result: Calibration) -> tuple[str, ...]:
-    """The names of the shared errors that the noise holds, without those of the intrinsics."""
-    if not isinstance(result.noise, PoseNoise):
-        return ()
-    joint = [S for S in (result.noise.robot, result.noise.camera) if isinstance(S, JointCovariance)]
-    return tuple(name for S in joint for name in S.names if name not in ("", INTRINSICS))
-
-
-def of_camera(result: Calibration) -> bool:
-    """Whether the noise of the camera poses holds the errors of the intrinsics, from corners or by geometry."""
-    S = result.noise.camera if isinstance(result.noise, PoseNoise) else None
-    return isinstance(S, JointCovariance) and bool({INTRINSICS, ""} & set(S.names))
-
-
-def _unnamed(noise: PoseNoise) -> bool:
-    """Whether a side has a joint covariance that was given as such."""
-    joint = [S for S in (noise.robot, noise.camera) if S is not None and is_joint(S)]
-    return any(not isinstance(S, JointCovariance) or "" in S.names for S in joint)

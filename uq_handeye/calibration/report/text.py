@@ -14,11 +14,8 @@ from ...geometry.conventions import COMPONENTS
 from ...geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...geometry.principal_axes import principal_axes
 from ...geometry.se3 import Array
-from ...kinematics.kinematic_errors import DECLARED_AS
-from ...noise.joint_covariance import group_of
 from ...presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
-from ...shared_errors.accuracy_field import ROBOT_ACCURACY
-from ...shared_errors.shared_error import FOCAL_LENGTH, TARGET_SCALE
+from ...statement.included import not_included
 from ..result import Calibration
 from .analysis import (
     beside_blocks,
@@ -31,7 +28,7 @@ from .analysis import (
     worst_words,
 )
 from .arm import arm_blocks
-from .shared_errors import column_names, included_words, of_camera, shared_blocks
+from .shared_errors import included_words, shared_blocks
 
 _SOURCES = {
     "model": "the noise given",
@@ -154,19 +151,7 @@ def _scope(result: Calibration) -> list[Block]:
         within += " Moves of X above are such a d, in standard deviations."
     shared = " and of the shared errors in the table" if result.shared else ""
     scope = f"The standard deviations are 1 sigma, to first order, of {source_words(result)}{shared}."
-    return [Paragraph(within), Paragraph(f"{scope} Not covered: {', '.join(not_covered(result))}.")]
-
-
-def not_covered(result: Calibration) -> list[str]:
-    """Systematic errors that the covariance does not include."""
-    names = column_names(result)
-    camera = "a wrong model of the camera" if of_camera(result) or FOCAL_LENGTH in names else "wrong intrinsics"
-    target = "a target of another shape" if TARGET_SCALE in names else "a wrong size of the target"
-    known = any(error.error == ROBOT_ACCURACY for error in result.shared)
-    robot = "a robot that is less accurate than declared" if known else "wrong robot kinematics"
-    if set(DECLARED_AS) & set(map(group_of, names)):
-        robot = "what the model of the arm leaves out"
-    return [camera, robot, target]
+    return [Paragraph(within), Paragraph(f"{scope} Not covered: {', '.join(not_included(result))}.")]
 
 
 def _other_forms(result: Calibration) -> list[Block | list[Block]]:

@@ -1,0 +1,149 @@
+r"""The accuracy of X: total standard uncertainty in the worst direction, for X and at the distance of the target.
+
+Model: ``xi = (theta, tau)`` of X has the covariance S of the calibration (noise, shared errors, correlation). The
+standard uncertainty of a part in its worst direction is the root of the largest eigenvalue of its block of S; that of a
+point p straight ahead of the camera is ``sqrt(max eig J S J^T)``, ``J = [-[R p]x, I]`` (`diagnostics.task_space`). The
+coverage factor for 95 % is Student's t with the effective degrees of freedom in that direction (JCGM 100, G.4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from ..diagnostics.budget import EACH, IN_TIME, SHARED, Budget, Expanded
+from ..files.validate import plain
+from ..formatting.numbers import digits
+from ..geometry.principal_axes import principal_axes
+from ..geometry.se3 import Array
+from ..noise.joint_covariance import group_of
+from ..shared_errors.shared_error import PRINCIPAL_POINT
+from .checks import lower_limit_of
+from .included import included, not_included
+from .stated import Stated, distance_of
+
+_KINDS = ("rotation", "translation", "coupling")
+
+
+@dataclass(frozen=True)
+class Part:
+    """The standard uncertainty that one kind of error gives X, in the directions in which X is least certain."""
+
+    name: str
+    translation: float  # m
+    rotation: float  # rad
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Standard uncertainties (1 sigma) of X in the worst direction, in m and rad; ``_95``: expanded, for 95 %.
+
+    ``point`` is that of a point straight ahead of the camera, ``distance`` (m) away: the distance of the target where
+    it is known. Directions that the poses leave open are not part of the numbers.
+    """
+
+    translation: float
+    rotation: float
+    point: float
+    translation_95: float
+    rotation_95: float
+    point_95: float
+    distance: float
+    distance_known: bool
+    parts: tuple[Part, ...]
+    included: tuple[str, ...]
+    not_included: tuple[str, ...]
+    lower_limit: bool  # the errors that are not included are known to matter
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers and text, in m and rad; None for an infinite number."""
+        return dict(
+            plain(
+                vars(self)
+                | {
+                    "parts": [vars(part) for part in self.parts],
+                    "included": list(self.included),
+                    "not_included": list(self.not_included),
+                }
+            )
+        )
+
+
+def accuracy_of(result: Stated) -> Accuracy | None:
+    """Return the accuracy of X; None where the covariance is not determined."""
+    if result.covariance is None:
+        return None
+    S = result.covariance
+    distance, known = distance_of(result.analysis)
+    ahead = result.uncertainty_at([0.0, 0.0, distance]).covariance
+    point = float("inf") if not np.isfinite(ahead).all() else _worst(ahead)
+    sizes = {"X rotation": _worst(S[:3, :3]), "X translation": _worst(S[3:, 3:]), "point": point}
+    budget = None
+    if result.analysis is not None and result.covariance_kind in ("model", "sigma-points"):
+        budget = result.analysis.budget
+    factors = _factors(budget, result, distance)
+    words = [f"{text} (assumed)" if default else text for text, default in included(result)]
+    return Accuracy(
+        translation=sizes["X translation"],
+        rotation=sizes["X rotation"],
+        point=point,
+        translation_95=factors["X translation"] * sizes["X translation"],
+        rotation_95=factors["X rotation"] * sizes["X rotation"],
+        point_95=factors["point"] * point,
+        distance=distance,
+        distance_known=known,
+        parts=() if budget is None else parts_of(budget),
+        included=("noise of the poses", *words),
+        not_included=tuple(not_included(result)),
+        lower_limit=lower_limit_of(result),
+    )
+
+
+def parts_of(budget: Budget) -> tuple[Part, ...]:
+    """Return the sources of a budget as few parts, largest first: noise, shared errors by name, correlated errors."""
+    together = any(" + " in source for source in budget.sources)  # robot and camera are not identifiable
+    along = budget.standard_in_worst_direction()
+    squares: dict[str, Array] = {}
+    for source, move, turn in zip(budget.sources, along["X translation"], along["X rotation"], strict=True):
+        name = _part_name(source, together)
+        squares[name] = squares.get(name, np.zeros(2)) + np.square([move, turn])
+    scale = np.maximum(np.sum(list(squares.values()), axis=0), 1e-300)
+    order = sorted(squares, key=lambda name: -float((squares[name] / scale).max()))
+    return tuple(Part(name, *np.sqrt(squares[name]).tolist()) for name in order)
+
+
+def _part_name(source: str, together: bool) -> str:
+    """Return the part that a source of the budget belongs to."""
+    if source.startswith("correlated ") or source.endswith(IN_TIME):
+        return "correlated errors"
+    side, _, rest = source.partition(" ")
+    if " + " in source or (side in ("robot", "camera", "A", "B") and rest.startswith((*_KINDS, EACH, "("))):
+        if rest == SHARED:
+            return f"errors shared by all {side} poses"
+        return "noise of the poses" if together else f"noise of the {side} {'poses' if len(side) > 1 else 'motions'}"
+    name = group_of(source)
+    return PRINCIPAL_POINT if name.startswith(PRINCIPAL_POINT) else name
+
+
+def _factors(budget: Budget | None, result: Stated, distance: float) -> dict[str, float]:
+    """Return coverage factors for 95 % in the worst direction."""
+    if budget is None:
+        dof = result.reference.dof
+        k = float(ndtri(0.975)) if dof is None else float(stdtrit(dof, 0.975))
+        return dict.fromkeys(("X rotation", "X translation", "point"), k)
+    found: dict[str, Expanded] = budget.expanded(worst=True)
+    found |= budget.budget_at(np.array([0.0, 0.0, distance])).expanded(worst=True)
+    return {name: of.k for name, of in found.items()}
+
+
+def _worst(S: Array) -> float:
+    """Return the standard deviation along the axis of the largest variance."""
+    return float(principal_axes(S)[0][0])
+
+
+def amounts(translation: float, rotation: float) -> str:
+    """Return both sizes (m, rad) in mm and deg, with two digits."""
+    return f"{digits(1e3 * translation, 2)} mm and {digits(float(np.degrees(rotation)), 2)} deg"

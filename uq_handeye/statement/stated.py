@@ -1,0 +1,89 @@
+"""Attributes of a calibration that its statement is made of."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from ..diagnostics.budget import Budget
+from ..diagnostics.pose_table import PoseTable
+from ..diagnostics.result import Diagnostics
+from ..diagnostics.split_half import SplitHalf
+from ..diagnostics.task_space import PointUncertainty
+from ..findings import Finding
+from ..geometry.se3 import Array
+from ..likelihood.d2_distribution import Reference
+from ..likelihood.goodness_of_fit import GoodnessOfFit
+from ..likelihood.open_directions import OpenDirections
+from ..likelihood.shared_estimates import SharedEstimate
+from ..noise.estimate import NoiseEstimate
+from ..noise.models import Noise
+from ..poses.timing import TimeOffset
+
+# Distance taken where that of the target is not known (m).
+USUAL_DISTANCE = 0.5
+
+
+class Analysed(Protocol):
+    """Diagnostics, split halves and budget of a fit."""
+
+    @property
+    def diagnostics(self) -> Diagnostics: ...
+    @property
+    def split_half(self) -> SplitHalf: ...
+    @property
+    def split_in_time(self) -> SplitHalf: ...
+    @property
+    def budget(self) -> Budget: ...
+
+
+class Stated(Protocol):
+    """A calibration, as far as its statement needs it."""
+
+    @property
+    def X(self) -> Array: ...
+    @property
+    def covariance(self) -> Array | None: ...
+    @property
+    def covariance_kind(self) -> str: ...
+    @property
+    def bound(self) -> Array | None: ...
+    @property
+    def frame(self) -> str: ...
+    @property
+    def method(self) -> str: ...
+    @property
+    def n_poses(self) -> int | None: ...
+    @property
+    def n_pairs(self) -> int: ...
+    @property
+    def noise(self) -> Noise | None: ...
+    @property
+    def noise_estimate(self) -> NoiseEstimate | None: ...
+    @property
+    def findings(self) -> tuple[Finding, ...]: ...
+    @property
+    def fit(self) -> GoodnessOfFit | None: ...
+    @property
+    def table(self) -> PoseTable | None: ...
+    @property
+    def time_offset(self) -> TimeOffset | None: ...
+    @property
+    def shared(self) -> tuple[SharedEstimate, ...]: ...
+    @property
+    def reference(self) -> Reference: ...
+    @property
+    def opened(self) -> OpenDirections | None: ...
+    @property
+    def open_words(self) -> tuple[str, ...]: ...
+    @property
+    def analysis(self) -> Analysed | None: ...
+    def uncertainty_at(self, points: Any) -> PointUncertainty: ...
+
+
+def distance_of(analysis: Analysed | None) -> tuple[float, bool]:
+    """Return the RMS distance from camera to target (m); False: it is not known, and a usual one is taken."""
+    if analysis is not None:
+        spectrum = analysis.diagnostics.spectrum
+        if spectrum.length_of == "target":
+            return float(spectrum.length_m), True
+    return USUAL_DISTANCE, False
