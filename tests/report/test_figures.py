@@ -1,14 +1,17 @@
 """The figures of the report: what they show, in numbers; that nothing overlaps; ids that do not collide."""
 
 import io
+import json
 import re
 from dataclasses import replace
 from importlib import resources
 
 import numpy as np
 import pytest
+from picture_cases import simulated_rig
 from PIL import Image
 from report_cases import overlapping
+from scipy.stats import chi2
 from support import SEED, moved
 
 import uq_handeye as uq
@@ -17,6 +20,7 @@ from uq_handeye.calibration.points_ahead import ahead
 from uq_handeye.calibration.report.budget_figure import budget_figure
 from uq_handeye.calibration.report.residual_figure import residual_figure
 from uq_handeye.calibration.report.rig_figure import rig, rig_figure
+from uq_handeye.calibration.report.rig_scene import rig_scene
 from uq_handeye.calibration.report.shared_figure import shared_figure
 from uq_handeye.calibration.report.task_space_figure import task_space_figure
 from uq_handeye.comparison.methods_figure import methods_figure
@@ -120,11 +124,49 @@ def test_the_ellipsoid_is_that_of_the_translation_in_the_base_frame(both, drawn)
     else:
         R = np.eye(3)
     np.testing.assert_allclose(
-        scene.half_axes @ scene.half_axes.T, R @ result.covariance[3:, 3:] @ R.T, rtol=1e-9, atol=1e-16
+        scene.half_axes @ scene.half_axes.T,
+        chi2.ppf(0.95, 3) * R @ result.covariance[3:, 3:] @ R.T,
+        rtol=1e-9,
+        atol=1e-16,
     )
     largest = np.linalg.norm(scene.half_axes, axis=0).max()
     assert 0.02 * scene.size < scene.factor * largest <= 0.1 * scene.size
     assert f"{scene.factor:,.0f} times enlarged" in drawn["rig"].caption
+
+
+def test_the_scene_that_can_be_turned_is_the_rig(both, drawn):
+    poses, result = both
+    scene = json.loads(drawn["rig"].scene)
+    assert len(drawn["rig"].scene) < 12_000 and "<" not in drawn["rig"].scene
+    G = np.array(scene["poses"]).reshape(-1, 3, 4)
+    np.testing.assert_allclose(G, poses.robot[:, :3], atol=1e-5)
+    X, W = (np.array(scene[name]).reshape(3, 4) for name in "XW")
+    np.testing.assert_allclose(X, result.X[:3], atol=1e-5)
+    np.testing.assert_allclose(W, result.W[:3], atol=1e-5)
+    assert scene["hand"] is (poses.setup == "eye-in-hand")
+    half = np.array(scene["half"]).reshape(3, 3)
+    factor = rig(poses, result.X, result.W, result.covariance, None).factor
+    wanted = factor**2 * chi2.ppf(0.95, 3) * result.covariance[3:, 3:]
+    np.testing.assert_allclose(half @ half.T, wanted, atol=2e-3 * np.trace(wanted))
+    assert len(scene["names"]) == poses.n and scene["names"][3].startswith("pose 3: ")
+
+
+def test_a_long_recording_is_a_small_scene_with_its_rejected_poses():
+    poses = uq.simulate(n_poses=700, noise=NOISE, seed=SEED)
+    weight = np.ones(700)
+    weight[0] = 0.0
+    found = json.loads(rig_scene(rig(poses, poses.truth.X, poses.truth.W, None, weight), None, "seen"))
+    assert len(found["poses"]) <= 61 and 300 < len(found["dots"]) <= 400 and found["half"] is None
+    assert found["rejected"] == [0] and found["names"][0] == "pose 0"
+
+
+def test_the_target_has_the_outline_of_its_corners():
+    board = uq.Board(9, 6, "20mm")
+    poses, corners = simulated_rig(board, np.random.default_rng(SEED), n=8)
+    camera = uq.calibrate_camera(corners, (640, 480))
+    seen = uq.PosePairs(poses.robot, camera.poses, camera_calibration=camera)
+    outline = rig(seen, poses.truth.X, poses.truth.W, None, None).board
+    np.testing.assert_allclose(np.ptp(outline, axis=0), np.ptp(board.points, axis=0))
 
 
 def test_a_large_ellipsoid_is_not_enlarged(both):

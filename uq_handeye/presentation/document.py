@@ -128,6 +128,7 @@ class Drawing(Block):
     svg: str
     alt: str
     caption: str
+    scene: str = ""  # JSON, trusted, that `turn.js` draws in its place
     kind: ClassVar[str] = "drawing"
 
 

@@ -34,6 +34,7 @@ class Picture(NamedTuple):
     figure: Figure
     alt: str  # what is seen, for those who do not see it
     caption: str  # how to read it
+    scene: str = ""  # JSON that `turn.js` draws in its place, where it can be turned
 
 
 def canvas(height: float) -> Figure:

@@ -32,6 +32,8 @@ def rendered(heading: str, subject: str, facts: list[str], sections: list[Sectio
     environment.filters["pretty"] = pretty
     template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
     scripts = [_SCRIPT.strip()]
+    if any(isinstance(block, Drawing) and block.scene for section in sections for block in section.blocks):
+        scripts.append((files / "turn.js").read_text(encoding="utf-8").strip())
     return template.render(
         heading=heading,
         subject=subject,
@@ -46,7 +48,7 @@ def rendered(heading: str, subject: str, facts: list[str], sections: list[Sectio
 
 def drawing(stem: str, picture: Picture) -> Drawing:
     """The picture as a block of a page."""
-    return Drawing(stem, Markup(inline_svg(picture.figure, stem)), picture.alt, picture.caption)
+    return Drawing(stem, Markup(inline_svg(picture.figure, stem)), picture.alt, picture.caption, Markup(picture.scene))
 
 
 # Shows the buttons, which do nothing without it, and copies; the old way where a browser has no clipboard for files.

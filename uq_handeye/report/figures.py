@@ -17,6 +17,7 @@ from ..calibration.report.arm import prediction_words, workspace_caption
 from ..calibration.report.budget_figure import budget_figure
 from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure
+from ..calibration.report.rig_scene import rig_scene
 from ..calibration.report.shared_figure import shared_figure
 from ..calibration.report.task_space_figure import task_space_figure
 from ..calibration.report.text import directions, parent_frame
@@ -153,9 +154,9 @@ def _rig(result: Calibration) -> Picture | None:
     if poses.n > MOST_FRAMES:
         caption += f" {MOST_FRAMES} of the {poses.n:,} poses are drawn in full, the others as dots."
     if scene.half_axes.any():
-        caption += f" The black ellipsoid is 1 sigma of X's translation, {scene.enlarged}."
-        alt += f" An ellipsoid about one camera shows 1 sigma of X's translation, {scene.enlarged}."
-    return Picture(rig_figure(scene), alt, caption)
+        caption += f" The ellipsoid holds 95 % of the errors of X's translation; it is drawn {scene.enlarged}."
+        alt += f" An ellipsoid about one camera holds 95 % of the errors of X's translation, {scene.enlarged}."
+    return Picture(rig_figure(scene), alt, caption, rig_scene(scene, table, alt))
 
 
 def _residuals(result: Calibration) -> Picture | None:

@@ -5,9 +5,8 @@ Model: everything stands in the base frame, by ``base_T_gripper`` of the poses a
     eye-in-hand    cameras G X, one target W
     eye-to-hand    one camera X, targets G W
 
-The ellipsoid is that of one standard deviation of X's translation, its axes turned into the base frame, about one of
-the cameras; it is enlarged by a round factor, or nobody would see it. This module imports Matplotlib; import it where
-it is used.
+The ellipsoid holds 95 % of the errors of X's translation. It stands about one of the cameras, its axes turned into the
+base frame, enlarged by a round factor. This module imports Matplotlib; import it where it is used.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from ...geometry.se3 import Array
 from ...poses.pose_pairs import PosePairs
@@ -28,6 +28,8 @@ from ...presentation.figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL,
 # So many poses are drawn in full, evenly spread over the recording, and so many as dots.
 MOST_FRAMES, MOST_DOTS = 30, 400
 _AXES = (("#D55E00", "x"), ("#009E73", "y"), ("#0072B2", "z"))
+# Half axes of the ellipsoid that holds 95 % of a Gaussian in three dimensions, in standard deviations.
+LEVEL = float(np.sqrt(chdtri(3, 0.05)))
 # Length of the largest half axis of the ellipsoid, by the size of the scene.
 _VISIBLE = 0.09
 # Size of a camera on its gripper, likewise.
@@ -42,10 +44,23 @@ class Rig(NamedTuple):
     cameras: Array  # (n, 4, 4), or (1, 4, 4) for eye-to-hand
     targets: Array  # (1, 4, 4), or (n, 4, 4) for eye-to-hand
     rejected: NDArray[np.bool_]  # (n,)
-    centre: Array  # (3,) of the ellipsoid
-    half_axes: Array  # (3, 3): one column per axis, m, one standard deviation; 0 where not determined
+    X: Array  # (4, 4)
+    W: Array  # (4, 4)
+    board: Array  # (4, 3) corners of the target in its own frame, m: of its points, or a symbol
+    chosen: int  # the pose whose camera has the ellipsoid
+    half_of_X: Array  # (3, 3): half axes of the ellipsoid as columns, m, in the parent frame of X; 0: not determined
     factor: float  # by which it is enlarged
     size: float  # of the scene, m
+
+    @property
+    def centre(self) -> Array:
+        """The middle (3,) of the ellipsoid: where the camera is."""
+        return np.asarray(self.cameras[self.chosen if len(self.cameras) > 1 else 0][:3, 3])
+
+    @property
+    def half_axes(self) -> Array:
+        """The half axes (3, 3) of the ellipsoid as columns, m, in the base frame."""
+        return self.grippers[self.chosen, :3, :3] @ self.half_of_X if self.setup == "eye-in-hand" else self.half_of_X
 
     @property
     def enlarged(self) -> str:
@@ -53,7 +68,9 @@ class Rig(NamedTuple):
         return f"{self.factor:,.0f} times enlarged" if self.factor > 1 else "in true size"
 
 
-def rig(poses: PosePairs, X: Array, W: Array, covariance: Array | None, weight: Array | None) -> Rig:
+def rig(
+    poses: PosePairs, X: Array, W: Array, covariance: Array | None, weight: Array | None, level: float = LEVEL
+) -> Rig:
     """The scene of one calibration.
 
     Parameters
@@ -64,6 +81,8 @@ def rig(poses: PosePairs, X: Array, W: Array, covariance: Array | None, weight: 
         Of X, rad and m, in its parent frame.
     weight : (n,) or None
         Of the poses; 0 is a rejected one.
+    level : float
+        Half axes of the ellipsoid, in standard deviations.
     """
     in_hand = poses.setup == "eye-in-hand"
     cameras = poses.robot @ X if in_hand else X[None]
@@ -73,17 +92,26 @@ def rig(poses: PosePairs, X: Array, W: Array, covariance: Array | None, weight: 
     points = np.concatenate([np.zeros((1, 3)), *(T[:, :3, 3] for T in kept)])
     size = float(np.ptp(points, axis=0).max()) or 1.0
     # About the camera that is farthest from the others' crowd, where there is room.
-    positions = cameras[:, :3, 3]
-    usable = np.flatnonzero(~rejected) if in_hand else np.array([0])
+    positions = cameras[:, :3, 3] if in_hand else targets[:, :3, 3]
+    usable = np.flatnonzero(~rejected)
     chosen = int(usable[np.argmax(np.linalg.norm(positions[usable] - positions[usable].mean(axis=0), axis=1))])
     half, factor = np.zeros((3, 3)), 1.0
     if covariance is not None:
         values, vectors = np.linalg.eigh(covariance[3:, 3:])
-        turn = poses.robot[chosen, :3, :3] if in_hand else np.eye(3)
-        half = turn @ vectors * np.sqrt(np.maximum(values, 0.0))
+        half = vectors * level * np.sqrt(np.maximum(values, 0.0))
         largest = float(np.linalg.norm(half, axis=0).max())
         factor = max(1.0, round_number(_VISIBLE * size / largest)) if largest > 0 else 1.0
-    return Rig(poses.setup, poses.robot, cameras, targets, rejected, positions[chosen], half, factor, size)
+    board = _board(poses, (2.2 if in_hand else 1.0) * _SMALL * size)
+    return Rig(poses.setup, poses.robot, cameras, targets, rejected, X, W, board, chosen, half, factor, size)
+
+
+def _board(poses: PosePairs, size: float) -> Array:
+    """Corners (4, 3) about the points that were seen, or those of a square about the origin."""
+    seen = poses.camera_calibration
+    low, high = np.full(2, -size), np.full(2, size)
+    if seen is not None and len(seen.corners.points):
+        low, high = seen.corners.points[:, :2].min(axis=0), seen.corners.points[:, :2].max(axis=0)
+    return np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
 
 
 def rig_figure(scene: Rig) -> Figure:
@@ -108,7 +136,7 @@ def rig_figure(scene: Rig) -> Figure:
         side.text(*tip, name, zorder=8, **words)
         if k < 2:
             above.text(tip[0], tip[1], name, zorder=8, **words)
-    low, high = _limits(scene)
+    low, high = limits(scene)
     side.view_init(22.0, -58.0)
     side.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     side.set_box_aspect(high - low, zoom=0.93)
@@ -135,12 +163,15 @@ def rig_figure(scene: Rig) -> Figure:
     return figure
 
 
+def evenly(n: int, most: int) -> NDArray[np.intp]:
+    """Return the numbers of at most ``most`` of n poses, evenly spread over the recording."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
+
+
 def _strokes(scene: Rig) -> list[tuple[Array, dict[str, Any]]]:
     """Points (m, 3) and the style of each thing drawn, from back to front."""
     n = len(scene.grippers)
-    full, dots = (
-        np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) for most in (MOST_FRAMES, MOST_DOTS)
-    )
+    full, dots = evenly(n, MOST_FRAMES), evenly(n, MOST_DOTS)
     full, dots = full[~scene.rejected[full]], dots[~scene.rejected[dots]]
     hand, small = scene.grippers[:, :3, 3], _SMALL * scene.size
     one_camera, one_target = len(scene.cameras) == 1, len(scene.targets) == 1
@@ -150,9 +181,9 @@ def _strokes(scene: Rig) -> list[tuple[Array, dict[str, Any]]]:
     ]
     cameras, size = (scene.cameras, 2.0 * small) if one_camera else (scene.cameras[full], small)
     strokes += [(_camera(T, size), {"color": BLUE, "linewidth": 0.8, "zorder": 3}) for T in cameras]
-    targets, size = (scene.targets, 2.2 * small) if one_target else (scene.targets[full], small)
+    targets = scene.targets if one_target else scene.targets[full]
     style = {"color": GREEN, "linewidth": 1.5 if one_target else 0.8, "linestyle": (0, (4, 1)), "zorder": 3}
-    strokes += [(_target(T, size), style) for T in targets]
+    strokes += [(_target(T, scene.board), style) for T in targets]
     marks = {"linestyle": "", "zorder": 4}
     strokes.append((hand[dots], {"marker": "o", "color": QUIET, "markersize": 2.6, "markeredgewidth": 0, **marks}))
     bad = np.flatnonzero(scene.rejected)
@@ -177,9 +208,9 @@ def _camera(T: Array, size: float) -> Array:
     return np.stack([p[0], p[1], p[2], p[3], p[0], T[:3, 3], p[1], p[2], T[:3, 3], p[3]])
 
 
-def _target(T: Array, size: float) -> Array:
-    """A square in the plane of the target, and the half of a diagonal."""
-    corners = size * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 0]])
+def _target(T: Array, board: Array) -> Array:
+    """The outline of the target, and the half of a diagonal."""
+    corners = np.concatenate([board, board[:1], board.mean(axis=0, keepdims=True)])
     return np.asarray(corners @ T[:3, :3].T + T[:3, 3])
 
 
@@ -193,14 +224,14 @@ def _ellipsoid(scene: Rig) -> list[Array]:
     ]
 
 
-def _limits(scene: Rig) -> tuple[Array, Array]:
+def limits(scene: Rig) -> tuple[Array, Array]:
     """Corners of the box that is shown: all but the rejected poses."""
     kept = ~scene.rejected
     several = [T if len(T) == 1 else T[kept] for T in (scene.grippers, scene.cameras, scene.targets)]
     points = np.concatenate([np.zeros((1, 3)), *(T[:, :3, 3] for T in several)])
     ring = scene.factor * np.linalg.norm(scene.half_axes, axis=1)
     if len(scene.targets) == 1:
-        points = np.concatenate([points, _target(scene.targets[0], 2.2 * _SMALL * scene.size)])
+        points = np.concatenate([points, _target(scene.targets[0], scene.board)])
     if len(scene.cameras) == 1:
         points = np.concatenate([points, _camera(scene.cameras[0], 2.0 * _SMALL * scene.size)])
     room = 0.11 * scene.size
@@ -220,7 +251,7 @@ def _legend(figure: Figure, scene: Rig) -> None:
     if scene.rejected.any():
         handles.append(Line2D([], [], marker="X", linestyle="", color=ORANGE, markersize=6, label="rejected"))
     if scene.half_axes.any():
-        label = f"1 sigma of X's translation, {scene.enlarged}"
+        label = f"95 % of X's translation, {scene.enlarged}"
         handles.append(Line2D([], [], color="black", linewidth=1.3, label=label))
     figure.legend(
         handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=SMALL, handlelength=1.8,
