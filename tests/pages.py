@@ -2,7 +2,7 @@
 
 A block ```` ```text ```` whose first line starts with ``uq-handeye`` holds commands, one per line; any other such block
 shows what the blocks before it printed; ```` ```python ```` is executed, all blocks of a page in one namespace. Other
-blocks (``bash``, ``py``, ...) need what a test has not, and are left alone.
+blocks (``bash``, ``py``, ...) are not run. `python docs/figures/refresh_outputs.py` writes what is printed into the pages.
 """
 
 import contextlib
@@ -13,13 +13,39 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
+from picture_cases import write_pictures
+from support import SEED
 
-from uq_handeye import InputWarning
+from uq_handeye import Board, InputWarning
 from uq_handeye.cli.app import main
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
+FLAGS = re.DOTALL | re.MULTILINE
+
+# Pages whose shown output is compared, in full or by lines with "..." between them.
+SHOWN = [
+    "README.md",
+    "docs/tutorial/signed_off_report.md",
+    *(
+        f"docs/how-to/{name}.md"
+        for name in (
+            "camera",
+            "cluster",
+            "codegen",
+            "controller",
+            "eye_to_hand",
+            "kinematics",
+            "looks_wrong",
+            "opencv",
+            "ros",
+            "shared_errors",
+            "which_poses",
+        )
+    ),
+]
 
 
 @dataclass
@@ -33,7 +59,7 @@ class Block:
 
 def blocks(page):
     """The blocks of a page that are run or compared."""
-    found = re.findall(r"^```(text|python)\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    found = re.findall(r"^```(text|python)\n(.*?)^```", page.read_text(encoding="utf-8"), FLAGS)
     kinds = (
         "python" if tag == "python" else "command" if text.startswith("uq-handeye ") else "shown" for tag, text in found
     )
@@ -41,20 +67,30 @@ def blocks(page):
 
 
 def run_command(line):
-    """Return what a command prints, both streams; it must end well, or with one line that says what to do."""
+    """Return what a command prints, both streams; it must end well, or say in words why X cannot be used."""
     out, err = io.StringIO(), io.StringIO()
     program, *arguments = shlex.split(line)
     assert program == "uq-handeye"
     streams = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)
     with warnings.catch_warnings(), streams[0], streams[1], pytest.raises(SystemExit) as end:
         main(arguments)
-    code = end.value.code
-    assert code in (0, None) or (code == 2 and "uq-handeye: error:" in err.getvalue()), err.getvalue()
-    return out.getvalue() + err.getvalue()
+    code, printed = end.value.code, out.getvalue() + err.getvalue()
+    reasons = {2: "uq-handeye: error:", 3: "NOT USABLE", 5: "tolerance"}
+    assert code in (0, None) or reasons[code] in printed, printed
+    return printed
 
 
-def run_page(page):
-    """Run a page in the current folder and return its blocks with what was printed."""
+def prepare(page, folder):
+    """Write the pictures and robot poses that a page starts from."""
+    if "--images 'img/" in page.read_text(encoding="utf-8"):
+        write_pictures(folder, Board(9, 6, 0.02), np.random.default_rng([SEED, 8]), n=8)
+
+
+def run_page(page, check=True):
+    """Run a page in the current folder and return its blocks with what was printed.
+
+    With ``check`` a command may only fail where the page shows the error.
+    """
     names = {"__name__": "page"}
     found, recent = blocks(page), ""
     for k, block in enumerate(found):
@@ -72,15 +108,15 @@ def run_page(page):
                 exec(compile(block.text, str(page), "exec"), names)
             block.printed = out.getvalue()
         recent += block.printed
-    for k, block in enumerate(found):  # an error is what the page shows, or the page is wrong
-        if block.kind == "command" and "uq-handeye: error:" in block.printed:
+    for k, block in enumerate(found):
+        if check and block.kind == "command" and "uq-handeye: error:" in block.printed:
             shown = found[k + 1].text if k + 1 < len(found) else ""
             assert "uq-handeye: error:" in shown, block.printed
     return found
 
 
 def missing(block):
-    """The parts of shown output that were not printed; line breaks are the page's own, ``...`` leaves something out."""
+    """Return the parts of shown output that were not printed; line breaks do not count, ``...`` leaves lines out."""
     printed = " ".join(block.printed.split())
     parts = [" ".join(part.split()) for part in re.split(r"^\.\.\.$", block.text, flags=re.MULTILINE)]
     return [part for part in parts if part not in printed]

@@ -4,45 +4,48 @@ import dataclasses
 import inspect
 import re
 import runpy
+import subprocess
+import sys
+import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from pages import DOCS, ROOT, blocks, missing, run_command, run_page
-from picture_cases import camera_to_board, picture, write_pictures
+from pages import DOCS, FLAGS, ROOT, SHOWN, blocks, missing, prepare, run_page
+from picture_cases import camera_to_board, picture
 from stream_cases import motion, streams
 
 import uq_handeye as uq
 from uq_handeye.io import write_pose_file
 from uq_handeye.kinematics.kinematic_errors import POPULATIONS
 
-FLAGS = re.DOTALL | re.MULTILINE
-
-# Pages that show what is printed, in full or by lines with "..." between them.
-SHOWN = [
-    "tutorial/signed_off_report",
-    "how-to/looks_wrong",
-    "how-to/shared_errors",
-    "how-to/kinematics",
-    "how-to/ros",
-    "how-to/opencv",
-    "how-to/controller",
-    "how-to/eye_to_hand",
-    "how-to/which_poses",
-    "how-to/cluster",
-    "how-to/codegen",
-]
+# Files that the commands of a page write, beside what they print.
+WRITTEN = {
+    "README.md": {"report.html", "handeye.yaml", "result/result.json", "result/poses.csv"},
+    "docs/how-to/camera.md": {
+        "result/result.json",
+        "camera/camera.csv",
+        "camera/camera_covariance.npz",
+        "camera/intrinsics.json",
+        "camera/intrinsics.yaml",
+        "camera/corners.csv",
+        "camera/board.csv",
+        "camera/report.html",
+    },
+}
 
 
 @pytest.mark.parametrize("page", SHOWN)
 def test_a_page_prints_what_it_shows(page, tmp_path, monkeypatch):
+    """If this fails, run `python docs/figures/refresh_outputs.py`."""
     monkeypatch.chdir(tmp_path)
-    found = run_page(DOCS / f"{page}.md")
-    assert any(block.kind == "shown" for block in found)
-    for block in found:
+    prepare(ROOT / page, tmp_path)
+    for block in run_page(ROOT / page):
         assert block.kind != "shown" or missing(block) == [], block.printed
+    written = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    assert WRITTEN.get(page, set()) <= written
 
 
 def test_poses_from_pictures_of_a_board(tmp_path, monkeypatch, capsys, rng):
@@ -69,24 +72,19 @@ def test_poses_from_pictures_of_a_board(tmp_path, monkeypatch, capsys, rng):
     assert np.abs(X[:3, :3] - poses.truth.X[:3, :3]).max() < 1e-3
 
 
-def test_the_guide_from_pictures_runs(tmp_path, monkeypatch, rng):
-    monkeypatch.chdir(tmp_path)
-    write_pictures(tmp_path, uq.Board(9, 6, 0.02), rng, n=8)
-    found = run_page(DOCS / "how-to" / "camera.md")
-    for block in found:
-        assert block.kind != "shown" or missing(block) == [], block.printed
-    assert (tmp_path / "result" / "result.json").exists()
+def test_the_guide_from_pictures_names_the_files_that_it_writes(tmp_path):
+    """Their names are those of the table; the page runs above."""
     page = (DOCS / "how-to" / "camera.md").read_text(encoding="utf-8")
     rows = "".join(re.findall(r"^\| .*", page, re.MULTILINE))
     named = set(re.findall(r"`(\w+\.(?:csv|npz|json|yaml|html))`", rows))
-    assert len(named) == 7 and named <= {path.name for path in Path("camera").iterdir()}
+    assert named == {Path(name).name for name in WRITTEN["docs/how-to/camera.md"] if name.startswith("camera/")}
 
 
 def test_every_guide_is_run():
     # plan: tests/cli/test_plan.py, few_axes: tests/cli/test_known.py
-    elsewhere = {"index", "camera", "few_axes", "plan", "real_cell", "synchronise", "validation"}
+    elsewhere = {"index", "few_axes", "plan", "real_cell", "synchronise", "validation"}
     guides = {page.stem for page in (DOCS / "how-to").glob("*.md")}
-    assert guides == elsewhere | {page.rsplit("/")[-1] for page in SHOWN if page.startswith("how-to/")}
+    assert guides == elsewhere | {Path(page).stem for page in SHOWN if "/how-to/" in page}
 
 
 def test_a_wrong_output_would_be_found(tmp_path, monkeypatch):
@@ -126,15 +124,6 @@ def test_the_page_on_streams_runs(tmp_path, monkeypatch, rng):
         write_pose_file(name, stream.poses, stream.timestamps)
     (code,) = run_page(DOCS / "how-to" / "synchronise.md")
     assert "offset" in code.printed and (tmp_path / "sync.png").exists()
-
-
-def test_the_readme_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run_command("uq-handeye simulate -o . --poses 12 --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm")
-    found = run_page(ROOT / "README.md")
-    assert [block.kind for block in found] == ["command", "command", "python"]
-    assert all((tmp_path / name).exists() for name in ("report.html", "handeye.yaml", "result/result.json"))
-    assert found[-1].printed.startswith("gripper_T_camera by efficient from 30 poses, eye-in-hand")
 
 
 def pages():
@@ -221,9 +210,21 @@ def test_the_citation_names_this_version():
     assert {"message", "title", "authors"} <= set(citation)
 
 
-def test_the_readme_has_the_two_commands_of_the_gate():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len(re.findall(r"^```sh$", text, re.MULTILINE)) == 2
+def test_the_readme_has_the_two_blocks_of_the_gate():
+    command = [sys.executable, ROOT / ".ci" / "readme_commands.py", ROOT / "README.md"]
+    install, tests, end = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split("\0")
+    assert end == "" and tests.splitlines()[-1] == "pytest"
+    assert install.startswith("python3 -m venv .venv\n") and install.endswith("\nuq-handeye demo")
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/install.md"])
+def test_every_extra_is_in_the_table_of_installs(page):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    rows = (ROOT / page).read_text(encoding="utf-8").split("| install |")[1].split("\n\n")[0]
+    extras = project["optional-dependencies"]
+    # docs and test are parts of dev; bench is one of test; posterior holds nothing
+    assert set(re.findall(r"\.\[(\w+)\]", rows)) == set(extras) - {"docs", "test", "bench", "posterior"}
+    assert set(re.findall(r"\w+", extras["all"][0].partition("[")[2])) == {"camera", "pdf", "sdp", "cluster"}
 
 
 def test_the_populations_of_arms_are_those_of_the_code():

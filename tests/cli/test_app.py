@@ -421,19 +421,6 @@ def test_help_has_examples():
         assert command in run("--help").stdout
 
 
-def test_the_commands_of_the_readme_run(session, tmp_path, no_figures, monkeypatch):
-    """Figures, reports and many trials aside, which have tests of their own."""
-    monkeypatch.setattr("uq_handeye.cli.commands.calibrate.write_report", lambda *_, **__: None)
-    for file in files_of(session):
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    lines = re.findall(r"^uq-handeye (.*)$", (ROOT / "README.md").read_text(), re.MULTILINE)
-    assert len(lines) > 4
-    for line in lines:
-        few = ["--trials", "100", "--workers", "1"] if line.startswith("validate") else []
-        done = run(*shlex.split(line), *few, cwd=tmp_path)
-        assert done.returncode == 0, (line, done.stderr)
-
-
 def test_demo_data_are_those_of_the_command_in_their_readme(tmp_path):
     data = ROOT / "uq_handeye" / "data"
     command = re.search(r"uq-handeye simulate -o \S+ (.*)", (data / "README.md").read_text())

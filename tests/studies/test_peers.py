@@ -169,9 +169,9 @@ def test_the_figure_is_drawn(tables):
     assert set(peers.figures(tables)) == {"peers"}
 
 
-def test_the_table_of_the_readme_is_that_of_the_study():
+def test_the_table_of_the_readme_is_a_part_of_that_of_the_study():
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     start = next(k for k, line in enumerate(lines) if line.startswith("| program |"))
-    table = "\n".join(lines[start : lines.index("", start)])
-    findings = (DOCS / "studies" / "peers" / "findings.md").read_text(encoding="utf-8")
-    assert table.count("\n") > 5 and findings.split("\n\n")[1] == table
+    shown = lines[start : lines.index("", start)]
+    measured = (DOCS / "studies" / "peers" / "findings.md").read_text(encoding="utf-8").split("\n\n")[1].splitlines()
+    assert len(shown) > 4 and shown == [row for row in measured if row in shown]
