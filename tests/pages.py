@@ -2,7 +2,7 @@
 
 A block ```` ```text ```` whose first line starts with ``uq-handeye`` holds commands, one per line; any other such block
 shows what the blocks before it printed; ```` ```python ```` is executed, all blocks of a page in one namespace. Other
-blocks (``bash``, ``py``, ...) are not run. `python docs/figures/refresh_outputs.py` writes what is printed into the pages.
+blocks (``bash``, ``py``, ...) are not run. `python docs/figures/refresh_outputs.py` writes what is printed into pages.
 """
 
 import contextlib
