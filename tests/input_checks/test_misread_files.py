@@ -143,6 +143,18 @@ def test_a_rig_with_a_long_bracket_is_left_alone(setup, distance):
     assert "would sit" in lengths_warned_of(uq.PosePairs(inverse(wrong.robot), inverse(wrong.camera), other))
 
 
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize(("far", "usable"), [(0.6, True), (2.5, False)])
+def test_a_camera_that_no_gripper_carries_is_not_usable(far, usable):
+    """Swapped files fit as well, with X and W exchanged."""
+    X, W = np.eye(4), np.eye(4)
+    X[:3, 3], W[:3, 3] = (0.1, 0.05, 0.1), (far, 0.0, 0.1)
+    poses = uq.simulate(15, noise=NOISE, X=X, W=W, distance=("0.5m", "1m"), seed=1)
+    assert uq.calibrate(poses, noise=NOISE).usable
+    found = uq.calibrate(uq.PosePairs(poses.camera, poses.robot, poses.setup), noise=NOISE)
+    assert found.usable is usable and "input_checks.long_bracket" in {finding.code for finding in found.findings}
+
+
 def test_every_option_named_exists():
     """Against typing errors in the texts: the arguments of read_poses."""
     import inspect

@@ -43,6 +43,8 @@ FAR = 20.0
 IN_MILLIMETRES = 250.0
 # What sits farther from the gripper than this, and than the fixed part from the base, is unusual (m).
 LONG_BRACKET = 0.4
+# ... and what no gripper carries.
+IMPOSSIBLE_BRACKET = 1.0
 # The direction in which a camera sees its target varies by less than this share of what any other list of poses shows.
 STEADY_VIEW = 0.5
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
@@ -322,7 +324,8 @@ def _check_lengths(poses: PosePairs, X: Array) -> list[Finding]:
     if _direction_spread(poses.camera) < STEADY_VIEW * min(_direction_spread(T) for T in others):
         return []
     what = "camera" if in_hand else "target"
-    return [Finding("input_checks.long_bracket", "caution", {"what": what, "length": on_gripper, "fixed": fixed})]
+    severity: Severity = "failure" if on_gripper > IMPOSSIBLE_BRACKET and on_gripper > 3.0 * fixed else "caution"
+    return [Finding("input_checks.long_bracket", severity, {"what": what, "length": on_gripper, "fixed": fixed})]
 
 
 def _direction_spread(T: Array) -> float:

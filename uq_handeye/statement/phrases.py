@@ -167,7 +167,9 @@ _PHRASES: dict[str, Phrase] = {
     ),
     "input_checks.repeated_rows": Phrase(INPUT, lambda v: f"{v['count']} repeated {v.get('file', '')} rows"),
     "input_checks.long_bracket": Phrase(
-        INPUT, lambda v: f"the {v['what']} would sit {digits(v['length'], 2)} m away: files swapped?", _constant(30)
+        INPUT,
+        lambda v: f"the {v['what']} would sit {digits(v['length'], 2)} m from the gripper: wrong files?",
+        _constant(30),
     ),
     "kinematics.another_arm": Phrase(INPUT, _text("the robot poses are not those of the URDF")),
     "kinematics.rows_apart": Phrase(
