@@ -20,11 +20,12 @@ from ..diagnostics.split_half import SplitHalf, split_fit
 from ..empirical_covariance.resampled import KINDS, resampled
 from ..errors import DegenerateMotionError, InputError
 from ..files.validate import array_of, unequal
+from ..geometry.checks import checked_covariance
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.shared_estimates import of_moves
 from ..noise.estimate import NoiseEstimate
-from ..noise.models import Noise, checked_covariance
+from ..noise.models import Noise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays, read_only

@@ -17,7 +17,7 @@ from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..files.about import as_about
 from ..files.validate import misfit, not_finite, unequal
 from ..findings import Finding
-from ..geometry.checks import as_transforms
+from ..geometry.checks import as_transforms, checked_covariance
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from ..likelihood.d2_distribution import Reference
@@ -27,7 +27,6 @@ from ..likelihood.open_directions import OpenDirections
 from ..likelihood.rig_bundle import Agreement
 from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
 from ..noise.estimate import NoiseEstimate
-from ..noise.models import checked_covariance
 from ..noise.to_dict import noise_from_dict
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset

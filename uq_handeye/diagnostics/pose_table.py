@@ -13,6 +13,8 @@ from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.robust import FULL, RobustFit, largest_by_chance, pose_distances
+from ..presentation.document import document_of, to_text
+from ..presentation.notebook import html_of
 from ..runtime.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ FLAGS = ("kept", "outlier", "downweighted", "rejected")
 MOST_NAMED = 5
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseTable(ReadOnlyArrays):
     """Arrays (n,), in the order of the data.
 
@@ -46,6 +48,24 @@ class PoseTable(ReadOnlyArrays):
 
     def __len__(self) -> int:
         return len(self.flag)
+
+    @property
+    def counts(self) -> str:
+        """How many poses have each flag: "25 poses: 24 kept, 1 rejected"."""
+        found = [(self.flag.count(flag), flag) for flag in FLAGS if flag in self.flag]
+        said = ", ".join(f"{count:,} {flag}" for count, flag in found)
+        return f"{len(self):,} {self.item}{'' if len(self) == 1 else 's'}{': ' if said else ''}{said}"
+
+    def __repr__(self) -> str:
+        return f"PoseTable({self.counts})"
+
+    def _repr_html_(self) -> str:
+        """Return the poses with the largest distances, and all of them folded, for notebooks."""
+        return html_of(self)
+
+    def to_text(self) -> str:
+        """Return the same as text."""
+        return to_text(document_of(self))
 
     @property
     def flagged(self) -> list[int]:

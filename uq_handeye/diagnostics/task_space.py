@@ -25,18 +25,20 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..errors import InputError
-from ..geometry.checks import as_numbers, as_transforms
+from ..formatting.numbers import digits
+from ..geometry.checks import as_numbers, as_transforms, checked_covariance
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array, inverse, inverse_jacobian, skew
 from ..likelihood.open_directions import NEGLIGIBLE
-from ..noise.models import checked_covariance
+from ..presentation.document import document_of, to_text
+from ..presentation.notebook import html_of
 from ..runtime.read_only import ReadOnlyArrays
 
 # Squared Mahalanobis distance that holds 95 % of a Gaussian in three dimensions.
 _WITHIN_95 = float(chdtri(3, 0.05))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PointUncertainty(ReadOnlyArrays):
     """Points and their covariances in one frame, in metres."""
 
@@ -56,6 +58,28 @@ class PointUncertainty(ReadOnlyArrays):
         some = np.asarray(np.isfinite(self.std).all(axis=-1))
         finite = np.where(some[..., None, None], self.covariance, 0.0)
         return np.asarray(np.where(some, np.sqrt(_WITHIN_95 * np.linalg.eigvalsh(finite)[..., -1]), np.inf))
+
+    @property
+    def frame_words(self) -> str:
+        """The frame in words: "base frame"."""
+        return self.frame if " " in self.frame else f"{self.frame} frame"
+
+    def __repr__(self) -> str:
+        radius = 1e3 * np.asarray(self.radius_95).ravel()
+        count = f"{len(radius):,} point{'' if len(radius) == 1 else 's'} in the {self.frame_words}"
+        ends = [digits(x, 2) if np.isfinite(x) else "open" for x in (radius.min(initial=np.inf), radius.max(initial=0))]
+        if not len(radius):
+            return f"PointUncertainty({count})"
+        sizes = " to ".join(dict.fromkeys(ends)) + ("" if ends[1] == "open" else " mm")
+        return f"PointUncertainty({count}: 95 % radius {sizes})"
+
+    def _repr_html_(self) -> str:
+        """Return the points with their standard deviations, for notebooks."""
+        return html_of(self)
+
+    def to_text(self) -> str:
+        """Return the same as text."""
+        return to_text(document_of(self))
 
     def left_open(self, moves: Array) -> PointUncertainty:
         """Return the points with infinite variance in coordinates that move along open directions, (..., k, 3) metres

@@ -143,3 +143,48 @@ def first_duplicate(times: NDArray[np.float64]) -> tuple[int, int] | None:
 def is_number(value: Any) -> bool:
     """Return whether the value is a number of Python or NumPy; truth values are not."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def checked_covariance(value: Any, name: str, joint: bool) -> Array:
+    """A covariance (6, 6), (n, 6, 6) or, if ``joint``, (6n, 6n): finite, symmetric, positive semidefinite.
+
+    Rounding is forgiven relative to the variances (asymmetry 1e-6 of ``sqrt(S_ii S_jj)``, eigenvalues of the
+    correlation matrix down to -1e-8), and removed from what is returned.
+    """
+    shapes = "(6, 6), (n, 6, 6) or (6n, 6n)" if joint else "(6, 6) or (N, 6, 6)"
+    try:
+        S = np.array(value, dtype=float, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"Expected the covariance `{name}` to be an array of numbers {shapes}.") from error
+    per_item = S.ndim in (2, 3) and S.shape[-2:] == (6, 6) and S.size > 0
+    whole = joint and S.ndim == 2 and S.shape[0] == S.shape[1] and S.shape[0] % 6 == 0 and S.shape[0] > 0
+    if not (per_item or whole):
+        raise InputError(f"Expected the covariance `{name}` to have shape {shapes}, got {S.shape}.")
+    if not np.isfinite(S).all():
+        raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
+    variances = np.diagonal(S, axis1=-2, axis2=-1)
+    if (variances < 0).any():
+        raise InputError(f"Expected the variances of `{name}` to be >= 0, got {variances.min():.3g}.")
+    deviations = np.sqrt(variances)
+    if (np.abs(S).max(axis=-1)[deviations == 0] > 0).any():
+        raise InputError(
+            f"Expected the covariance `{name}` to be positive semidefinite, got a variance of 0 beside a covariance "
+            "that is not 0."
+        )
+    unit = np.where(deviations > 0, deviations, 1.0)
+    correlation = S / (unit[..., :, None] * unit[..., None, :])
+    asymmetry = np.abs(correlation - correlation.mT).max()
+    if asymmetry > 1e-6:
+        raise InputError(
+            f"Expected the covariance `{name}` to be symmetric, got entries that differ from their mirror images "
+            f"by {asymmetry:.2g} of the standard deviations."
+        )
+    smallest = np.linalg.eigvalsh(0.5 * (correlation + correlation.mT)).min()
+    if smallest < -1e-8:
+        raise InputError(
+            f"Expected the covariance `{name}` to be positive semidefinite, got a correlation matrix with the "
+            f"eigenvalue {smallest:.3g}."
+        )
+    S = np.asarray(0.5 * (S + S.mT))
+    S.flags.writeable = False
+    return S

@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..formatting.numbers import digits
 from ..formatting.units import parse_deviations
+from ..geometry.checks import checked_covariance
 from ..geometry.se3 import Array
+from ..presentation.notebook import html_of
 from .camera_noise import CameraNoise
 from .joint_covariance import JointCovariance
 from .pose_prior import PosePrior
@@ -25,50 +28,8 @@ from .square_roots import weighted
 
 Deviations = tuple[str | float, str | float]
 
-
-def checked_covariance(value: Any, name: str, joint: bool) -> Array:
-    """A covariance (6, 6), (n, 6, 6) or, if ``joint``, (6n, 6n): finite, symmetric, positive semidefinite.
-
-    Rounding is forgiven relative to the variances (asymmetry 1e-6 of ``sqrt(S_ii S_jj)``, eigenvalues of the
-    correlation matrix down to -1e-8), and removed from what is returned.
-    """
-    shapes = "(6, 6), (n, 6, 6) or (6n, 6n)" if joint else "(6, 6) or (N, 6, 6)"
-    try:
-        S = np.array(value, dtype=float, order="C")
-    except (TypeError, ValueError) as error:
-        raise InputError(f"Expected the covariance `{name}` to be an array of numbers {shapes}.") from error
-    per_item = S.ndim in (2, 3) and S.shape[-2:] == (6, 6) and S.size > 0
-    whole = joint and S.ndim == 2 and S.shape[0] == S.shape[1] and S.shape[0] % 6 == 0 and S.shape[0] > 0
-    if not (per_item or whole):
-        raise InputError(f"Expected the covariance `{name}` to have shape {shapes}, got {S.shape}.")
-    if not np.isfinite(S).all():
-        raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
-    variances = np.diagonal(S, axis1=-2, axis2=-1)
-    if (variances < 0).any():
-        raise InputError(f"Expected the variances of `{name}` to be >= 0, got {variances.min():.3g}.")
-    deviations = np.sqrt(variances)
-    if (np.abs(S).max(axis=-1)[deviations == 0] > 0).any():
-        raise InputError(
-            f"Expected the covariance `{name}` to be positive semidefinite, got a variance of 0 beside a covariance "
-            "that is not 0."
-        )
-    unit = np.where(deviations > 0, deviations, 1.0)
-    correlation = S / (unit[..., :, None] * unit[..., None, :])
-    asymmetry = np.abs(correlation - correlation.mT).max()
-    if asymmetry > 1e-6:
-        raise InputError(
-            f"Expected the covariance `{name}` to be symmetric, got entries that differ from their mirror images "
-            f"by {asymmetry:.2g} of the standard deviations."
-        )
-    smallest = np.linalg.eigvalsh(0.5 * (correlation + correlation.mT)).min()
-    if smallest < -1e-8:
-        raise InputError(
-            f"Expected the covariance `{name}` to be positive semidefinite, got a correlation matrix with the "
-            f"eigenvalue {smallest:.3g}."
-        )
-    S = np.asarray(0.5 * (S + S.mT))
-    S.flags.writeable = False
-    return S
+# Standard deviations of three axes that differ by less than this share are one number in words.
+_ALIKE = 0.01
 
 
 def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
@@ -80,7 +41,7 @@ def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
     return replace(value, own=checked_covariance(value.own, name, joint=False))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PairNoise:
     """Independent noise on each motion: covariances of ``A`` and ``B``, 6x6 or (N, 6, 6); None is exact.
 
@@ -120,8 +81,15 @@ class PairNoise:
         """Build noise from standard deviations (rotation, translation) per axis, e.g. ``A=("0.02deg", "0.05mm")``."""
         return cls(_isotropic(A, "A"), _isotropic(B, "B"))
 
+    def __repr__(self) -> str:
+        return f"PairNoise({_sides(self, ('A', 'B'))})"
 
-@dataclass(frozen=True, eq=False)
+    def _repr_html_(self) -> str:
+        """Return the noise as a table, for notebooks."""
+        return html_of(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseNoise:
     """Noise on the absolute poses ``robot = base_T_gripper`` and ``camera = camera_T_target``.
 
@@ -177,6 +145,13 @@ class PoseNoise:
         """
         return cls(_isotropic(robot, "robot"), _isotropic(camera, "camera"))
 
+    def __repr__(self) -> str:
+        return f"PoseNoise({_sides(self, ('robot', 'camera'))})"
+
+    def _repr_html_(self) -> str:
+        """Return the noise as a table, for notebooks."""
+        return html_of(self)
+
 
 Noise = PairNoise | PoseNoise
 
@@ -219,6 +194,30 @@ def marginals(covariance: Any) -> Array:
         return np.asarray(covariance.blocks)
     n = len(covariance) // 6
     return np.asarray(covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :])
+
+
+def size_words(covariance: Any) -> tuple[str, str]:
+    """Return standard deviations per axis of rotation and translation as text, of many poses their medians."""
+    if covariance is None:
+        return "exact", "exact"
+    covariance = covariance.joint if isinstance(covariance, CameraNoise) else covariance
+    variances = np.diagonal(marginals(covariance), axis1=-2, axis2=-1)
+    std = np.median(np.sqrt(np.maximum(variances, 0.0)).reshape(-1, 6), axis=0)
+    return _axes(np.degrees(std[:3]), "deg"), _axes(1e3 * std[3:], "mm")
+
+
+def _axes(std: Array, unit: str) -> str:
+    if std.max() - std.min() <= _ALIKE * std.max():
+        return f"{digits(float(std.mean()), 2)} {unit}"
+    return f"{', '.join(f'{name} {digits(float(value), 2)}' for name, value in zip('xyz', std, strict=True))} {unit}"
+
+
+def _sides(noise: PairNoise | PoseNoise, names: tuple[str, str]) -> str:
+    """Return the sides and their sizes: "robot: 0.02 deg, 0.05 mm; camera: exact"."""
+    sizes = {name: dict.fromkeys(size_words(getattr(noise, name))) for name in names}
+    return "; ".join(f"{name}: {', '.join(size)}" for name, size in sizes.items()) + (
+        "" if noise.prior is None else "; with a prior"
+    )
 
 
 def rows_of(covariance: Any, index: NDArray[Any]) -> Any:

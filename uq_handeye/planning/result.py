@@ -80,7 +80,7 @@ class Plan(ReadOnlyArrays):
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        return to_html("Plan", document_of(self))
+        return to_html("Plan", document_of(self), seen=2)
 
     def to_text(self) -> str:
         """A sentence, a table with a row per pose, and what the numbers mean."""

@@ -32,9 +32,8 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..files.atomic import write_files
 from ..files.open import StrPath, as_path
-from ..geometry.checks import as_transforms
+from ..geometry.checks import as_transforms, checked_covariance
 from ..geometry.se3 import Array
-from ..noise.models import checked_covariance
 
 LEVELS = (1, 2, 3)
 SYMBOLS = (r"\theta_x", r"\theta_y", r"\theta_z", r"\tau_x", r"\tau_y", r"\tau_z")

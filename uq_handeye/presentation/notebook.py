@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import singledispatch
-from html import escape
+from html import escape as escaped
 from typing import TYPE_CHECKING, Any
 
 from ..geometry.conventions import COMPONENTS
 from .document import (
+    Answer,
     Block,
     Caution,
     Cell,
+    Checks,
     Code,
     Document,
     Heading,
@@ -31,6 +33,10 @@ _TABLE = "border-collapse:collapse;font-variant-numeric:tabular-nums;margin:0.4e
 _CELL = "border:1px solid rgba(128,128,128,0.4);padding:0.15em 0.7em"
 _NUMBER = f"{_CELL};text-align:right;white-space:nowrap"
 _WARNING = "border-left:4px solid #d55e00;background:rgba(213,94,0,0.12);padding:0.3em 0.7em;margin:0.4em 0"
+_ANSWER = "font-size:1.08em;margin:0.4em 0;padding:0.1em 0.7em"
+# Lines of status, visible on light and on dark pages; the word is printed, too.
+_STATUS = {"ok": "#009e73", "caution": "#e69f00", "failed": "#d55e00", "not run": "#808080"}
+_MARKED = ' style="background:rgba(213,94,0,0.12)"'
 _PRE = "font-family:ui-monospace,monospace;font-size:0.9em;line-height:1.3;overflow-x:auto;margin:0.4em 0"
 # Red and blue of equal lightness that colour-blind readers can tell apart; the sign is printed, too.
 _POSITIVE, _NEGATIVE = "213,94,0", "0,114,178"
@@ -58,12 +64,22 @@ def to_html(
     return f'<div style="{_FRAME}">{heading}{first}{"".join(folds)}</div>'
 
 
+def escape(text: str) -> str:
+    """Text as HTML, with the signs of print for those of a terminal."""
+    return escaped(text.replace("d^2", "d²").replace("+-", "±"))
+
+
 def _block(block: Block) -> str:
     match block:
         case Heading():
             return f'<p style="margin:0.3em 0"><b>{escape(block.text)}</b></p>'
         case Paragraph():
             return _paragraph(block.text)
+        case Answer():
+            style = f"{_ANSWER};border-left:4px solid {_STATUS[block.status]}"
+            return f'<p style="{style}">{escape(block.text)}</p>'
+        case Checks():
+            return _checks(block)
         case Caution():
             return f'<p style="{_WARNING}"><b>Caution:</b> {escape(block.text)}</p>'
         case Points():
@@ -87,10 +103,27 @@ def _folded(title: str, content: str) -> str:
 def _table(table: Table) -> str:
     groups = "".join(f'<th colspan="{count}" style="{_CELL}">{escape(title)}</th>' for title, count in table.groups)
     head = "".join(f'<th scope="col" style="{_CELL}">{escape(name)}</th>' for name in table.columns)
-    body = "".join(f"<tr>{_cells(row, table)}</tr>" for row in table.rows if row)
+    body = "".join(
+        f"<tr{_MARKED if k in table.marked else ''}>{_cells(row, table)}</tr>"
+        for k, row in enumerate(table.rows)
+        if row
+    )
     top = "".join(f"<tr>{line}</tr>" for line in (groups, head if any(table.columns) else "") if line)
     caption = _paragraph(table.caption) if table.caption else ""
-    return f'{caption}<table style="{_TABLE}"><thead>{top}</thead><tbody>{body}</tbody></table>'
+    whole = f'<table style="{_TABLE}"><thead>{top}</thead><tbody>{body}</tbody></table>'
+    return f'{caption}<div style="overflow-x:auto">{whole}</div>'
+
+
+def _checks(checks: Checks) -> str:
+    """A line for each check, its status with a coloured edge."""
+    rows = []
+    for status, name, text in checks.rows:
+        edge = f"border:0;border-left:4px solid {_STATUS[status]};padding:0.05em 0.7em;text-align:left"
+        rest = "border:0;padding:0.05em 0.7em;text-align:left"
+        weight = "bold" if status in ("caution", "failed") else "normal"
+        cells = f'<td style="{rest}">{escape(name)}</td><td style="{rest}">{escape(text)}</td>'
+        rows.append(f'<tr><th scope="row" style="{edge};font-weight:{weight}">{escape(status)}</th>{cells}</tr>')
+    return f'<table style="{_TABLE}"><tbody>{"".join(rows)}</tbody></table>'
 
 
 def _cells(row: Sequence[Cell], table: Table) -> str:

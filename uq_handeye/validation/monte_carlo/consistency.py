@@ -41,8 +41,8 @@ from numpy.typing import ArrayLike
 from scipy.special import betainc, betaincinv, chdtrc, fdtrc, gammainc, gammaincc, gammainccinv, gammaincinv
 
 from ...errors import InputError
+from ...geometry.checks import checked_covariance
 from ...geometry.se3 import Array
-from ...noise.models import checked_covariance
 from ...runtime.read_only import ReadOnlyArrays
 from .sums import LEVELS, PARTS, SIZES, Sums, in_words, lower_factor
 

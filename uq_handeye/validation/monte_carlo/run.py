@@ -28,9 +28,10 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, InputWarning, require_integer
 from ...findings import Finding
+from ...geometry.checks import checked_covariance
 from ...geometry.frames import SETUPS
 from ...geometry.se3 import Array
-from ...noise.models import Noise, checked_covariance
+from ...noise.models import Noise
 from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out
