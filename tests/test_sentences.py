@@ -263,7 +263,8 @@ def test_a_file_of_format_3_is_read():
     assert result.warnings == tuple(old["warnings"]) and result.shared == ()
     assert "Errors that all poses share are not included." in result.summary()
     assert result.noise_estimate.statement == tuple(old["noise_estimate"]["statement"])
-    assert result.split_half.sentence == old["analysis"]["split_half"]["sentence"]
+    assert f"{result.split_half.d2:.1f}" in old["analysis"]["split_half"]["sentence"]
+    assert result.split_half.sentence.startswith("The two halves of the data (interleaved, 4 and 4) agree")
     assert result.table.rejected == [4, 6]
     new = json.loads(result.to_json())
     assert new["format"] == "uq-handeye calibration 4"

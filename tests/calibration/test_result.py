@@ -188,7 +188,7 @@ def test_the_summary_has_every_section(given, estimated, poses):
         "gripper_T_camera is known ",
         "sigma_0: 1 before the fit (prior), ",
         "  rotation vector (deg)",
-        "The robot turns about three axes: shares ",
+        "The robot rotates about three axes, with shares ",
         "Residuals of AX = XB over the pairs",
         "camera_T_gripper (inverse of X)",
         "base_T_target (the target, as all poses see it)",

@@ -222,7 +222,7 @@ def test_turns_that_the_robot_does_not_tell_are_said(rng):
     board = uq.Board(8, 6, SQUARE)
     poses, corners = simulated_rig(board, rng)
     seen = uq.calibrate_camera(corners, model="pinhole")
-    with pytest.warns(InputWarning, match="do not tell which way up the chessboard of 8 x 6"):
+    with pytest.warns(InputWarning, match="do not show which way up the chessboard of 8 x 6"):
         uq.resolve_turns(uq.PosePairs(uq.simulate(poses.n, seed=99).robot, seen.poses, camera_calibration=seen), board)
     with pytest.raises(InputError, match="of a calibrated camera"):
         uq.resolve_turns(poses, board)

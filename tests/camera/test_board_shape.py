@@ -60,7 +60,7 @@ def test_fields_have_no_rigid_motion_and_no_scale_and_are_nested(rng, turned):
 def test_what_a_board_cannot_tell_is_refused():
     with pytest.raises(InputError, match="Expected `shape` to be auto or one of flat, bow2"):
         polynomial_shape("bow5", board())
-    with pytest.raises(InputError, match="6 points of the board do not tell a shape 'bow2'"):
+    with pytest.raises(InputError, match="6 points of the board do not determine a shape 'bow2'"):
         polynomial_shape("bow2", board(3, 2))
     assert next(shape.name for shape in possible_shapes(board(3, 2))) == "flat"
     solid = board() + 0.01 * np.arange(54)[:, None] ** 2

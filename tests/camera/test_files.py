@@ -356,7 +356,7 @@ def test_intrinsics_of_opencv_without_a_model(tmp_path):
         ("3", "expected intrinsics such as"),
         ("{}", "none of them"),
         ('{"fx": "a"}', "fx: expected a number"),
-        ('{"fx": [1, 2, 3]}', "a value, or a value and its deviation, got a list of 3"),
+        ('{"fx": [1, 2, 3]}', "a value, or a value and its standard deviation, got a list of 3"),
         ('{"fx": [1, -2]}', "standard deviation of at least 0"),
         ('{"fx": 1e999}', "finite"),
         ('{"focal": 1}', "unknown: 'focal'"),

@@ -65,7 +65,7 @@ def test_bow_and_stretch_are_those_of_the_board(bent, flat):
     assert "The board bows by 0." in bent.summary() and "% wider than high" in bent.summary()
     assert "camera.squares_stretched" in codes(bent)
     assert flat.shape == "flat" and flat.board.flat and flat.board.bow == (0.0, 0.0)
-    assert "The board is flat as far as the pictures tell: a bow of more than 0." in flat.summary()
+    assert "The board is flat as far as the pictures show: a bow of more than 0." in flat.summary()
     assert "camera.squares_stretched" not in codes(flat)
     assert "A board that is not flat" not in bent.summary() + flat.summary()
     given = calibrated(2, 0.0 * POINTS, shape="flat").summary()
@@ -137,7 +137,7 @@ def lines(change):
             lines(lambda all: [*all[:4], f"0.9{all[4][all[4].index(',') :]}", *all[5:]]),
             "expected points as measured near to those as meant",
         ),
-        (lambda text: "x,y,z\n0,0,0\n", "got points alone"),
+        (lambda text: "x,y,z\n0,0,0\n", "got only points"),
         (lines(lambda all: [*all[:4], f"nan{all[4][all[4].index(',') :]}", *all[5:]]), "expected finite numbers"),
     ],
 )
@@ -185,4 +185,4 @@ def test_figures_and_page_show_the_board(bent, flat):
             assert box.x0 > 0 and box.y0 > 0 and box.x1 < figure.get_size_inches()[0], name
     assert "fitted once more to a flat board" in drawn["bent"]["board_residuals"].caption
     page = Page(camera_report_html(flat))
-    assert "flat as far as the pictures tell" in "".join(page.texts["board"]) and page.broken == []
+    assert "flat as far as the pictures show" in "".join(page.texts["board"]) and page.broken == []

@@ -241,7 +241,7 @@ def test_reference_that_fails(poses, monkeypatch):
 def test_every_method_fails():
     X, A, _ = exact_motions(np.random.default_rng(0), 5)
     A[:, :3, :3] = np.eye(3)
-    with pytest.warns(InputWarning, match="turns by 0 degrees"):
+    with pytest.warns(InputWarning, match="rotates by at most 0 degrees"):
         result = compare(uq.Motions(A, np.linalg.inv(X) @ A @ X))
     assert result.reference is None
     assert len(result.rows) == len(uq.METHODS)

@@ -65,7 +65,7 @@ def test_a_plain_fit_names_outliers_that_are_no_chance():
     assert table.rejected == []
     (text,) = map(str, table.findings)
     assert "pose 4 (" in text and "pose 9 (" in text and "counted from 0" in text
-    assert "the estimate has them in" in text and "robust=True" in text
+    assert "are outliers and bias X" in text and "robust=True" in text
     # one pose beyond the 99.9 % quantile but within that of the largest of all is marked, and not spoken of
     rare = dataclasses.replace(by_hand(), flag=("kept", "kept", "outlier", "kept"), weight=np.ones(4))
     quiet = dataclasses.replace(rare, distance2=np.array([5.0, 6.0, FULL + 1, 6.0]))
@@ -82,8 +82,8 @@ def test_a_robust_fit_says_what_became_of_each_pose():
     assert table.rejected == wrong
     assert table.flag == found.flags
     np.testing.assert_array_equal(table.weight, found.weights)
-    (text,) = [text for text in map(str, table.findings) if "took no part" in text]
-    assert text.startswith("2 of 30 poses do not fit the others and took no part in the estimate: ")
+    (text,) = [text for text in map(str, table.findings) if "were rejected" in text]
+    assert text.startswith("2 of 30 poses were rejected as outliers: ")
     for k in wrong:
         turn, shift = np.degrees(table.rotation[k]), 1e3 * table.translation[k]
         assert f"pose {k} ({turn:.2g} degrees, {shift:.3g} mm, d^2 = {table.distance2[k]:.0f})" in text
@@ -112,7 +112,7 @@ def test_motions_are_called_motions():
     found = robust_fit(uq.Motions(A, B), uq.PairNoise(B=np.diag(sd**2)))
     table = pose_table(found.fit, found)
     assert table.item == "motion" and table.rejected == [3, 17, 30]
-    assert str(table.findings[0]).startswith("3 of 40 motions do not fit the others") and "motion 17 (" in str(
+    assert str(table.findings[0]).startswith("3 of 40 motions were rejected") and "motion 17 (" in str(
         table.findings[0]
     )
     assert table.to_dataframe().columns[0] == "motion"
@@ -146,7 +146,7 @@ def test_statements_name_the_worst_and_count_the_rest():
     assert "pose 9 (" not in text
     rejected, downweighted = map(str, by_hand().findings)
     assert "pose 1 (2 degrees, 20 mm, d^2 = 900)" in rejected
-    assert "counted less: pose 2 (0.2 degrees, 2 mm, d^2 = 30)" in downweighted
+    assert "down-weighted as an outlier: pose 2 (0.2 degrees, 2 mm, d^2 = 30)" in downweighted
     assert by_hand().flagged == [1, 2] and by_hand().rejected == [1]
 
 

@@ -158,9 +158,7 @@ def test_what_is_not_possible():
     still = np.repeat(poses.robot[:1], 6, axis=0), np.repeat(poses.camera[:1], 6, axis=0)
     halted = uq.PosePairs(np.concatenate([still[0], poses.robot[6:]]), np.concatenate([still[1], poses.camera[6:]]))
     found = split_half(halted, NOISE, split="contiguous")
-    assert (
-        not found.possible and found.X1 is None and "not run, because a half of the data alone fails" in found.sentence
-    )
+    assert not found.possible and found.X1 is None and "not run, because the fit of one half fails" in found.sentence
     data = json.loads(json.dumps(found.to_dict()))
     assert data["reason"]["code"] == "diagnostics.half_fails" and SplitHalf.from_dict(data).to_dict() == data
     with pytest.raises(uq.InputError, match="X1 to be numbers"):
@@ -172,7 +170,7 @@ def test_what_is_not_possible():
 def test_words_and_dictionary():
     poses = uq.simulate(20, noise=NOISE, seed=3)
     found = split_half(poses, NOISE)
-    assert found.sentence.startswith("X of two halves of the data (interleaved, 10 and 10) differs by")
+    assert found.sentence.startswith("The two halves of the data (interleaved, 10 and 10) agree within")
     data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     np.testing.assert_array_equal(data["X1"], found.X1)
     assert data["passed"] == bool(found.passed)

@@ -106,8 +106,8 @@ def test_deviations():
         ("ab", r"robot to be a pair"),
         (("-1mrad", "1mm"), r"robot to be >= 0, got '-1mrad'"),
         (("1mrad", "-1mm"), r"robot to be >= 0, got '-1mm'"),
-        (("1mm", "1mrad"), r"Unknown unit 'mm' in the rotation deviation of robot"),
-        (("1mrad", "1mrad"), r"Unknown unit 'mrad' in the translation deviation of robot"),
+        (("1mm", "1mrad"), r"Unknown unit 'mm' in the rotation standard deviation of robot"),
+        (("1mrad", "1mrad"), r"Unknown unit 'mrad' in the translation standard deviation of robot"),
     ],
 )
 def test_deviations_refused(value, message):

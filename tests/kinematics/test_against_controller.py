@@ -103,7 +103,7 @@ def scaled(G, factor):
         ("inverted", lambda q, G: (q, np.linalg.inv(G)), "--robot-frame gripper_T_base"),
         ("order", lambda q, G: (q[:, [2, 1, 0, 3, 4, 5]], G), "axis_3, axis_2, axis_1, axis_4"),
         ("order", lambda q, G: (q[:, [1, 2, 0, 3, 4, 5]], G), "axis_2, axis_3, axis_1, axis_4"),
-        ("sign", lambda q, G: (other_way(q, 2), G), "axis_3 turns the other way"),
+        ("sign", lambda q, G: (other_way(q, 2), G), "axis_3 rotates the other way"),
         ("zero", lambda q, G: (q - [0, 0, np.pi / 2, 0, 0, 0], G), "the zero of joint axis_3"),
         ("rows later", lambda q, G: (q[:-1], G[1:]), "joints of the next row"),
         ("rows earlier", lambda q, G: (q[1:], G[:-1]), "joints of the row before"),

@@ -316,7 +316,7 @@ def test_refuses():
         robust_fit(poses, None)
     with pytest.raises(uq.InputError, match="`noise` to be PoseNoise, PairNoise or None, got str"):
         robust_fit(poses, "1mm")
-    with pytest.raises(uq.InputError, match="more than 3 poses to tell wrong ones from good ones, got 3"):
+    with pytest.raises(uq.InputError, match="more than 3 poses to identify outliers, got 3"):
         robust_fit(uq.PosePairs(poses.robot[:3], poses.camera[:3]), NOISE)
     with pytest.raises(uq.InputError, match="one data set"):
         robust_fit(uq.simulate(12, noise=NOISE, trials=2, seed=SEED), NOISE)

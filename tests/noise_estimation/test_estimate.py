@@ -216,7 +216,7 @@ def test_statement_and_round_trip():
     for name in SIDES:
         assert estimate[f"{name} translation"].status == "not told apart"
     assert estimate[TOGETHER[1]].low < np.sqrt(truth_of(WEAK_ROBOT)[2]) < estimate[TOGETHER[1]].high
-    assert any("cannot be told apart by any data" in sentence for sentence in estimate.statement)
+    assert any("cannot be separated by data of this kind" in sentence for sentence in estimate.statement)
     again = NoiseEstimate.from_dict(json.loads(json.dumps(estimate.to_dict())))
     assert again.to_dict() == estimate.to_dict()
     np.testing.assert_allclose(again.noise.robot, estimate.noise.robot)
@@ -261,14 +261,16 @@ def test_what_the_data_sheet_decides_is_not_told_by_the_data():
     for prior in (NoisePrior(*everything, factor=1), NoisePrior(*everything, factor=1.01)):
         said = " ".join(estimate_noise(poses, prior).statement)
         assert said.startswith("From the data sheet: rotation, robot and camera together 0.1 deg")
-        assert "Told by the data" not in said and "Translation of robot and camera follows the data sheet" in said
+        assert (
+            "Estimated from the data" not in said and "Translation of robot and camera follows the data sheet" in said
+        )
     loose = " ".join(estimate_noise(poses, NoisePrior(*everything)).statement)
-    assert "From the data sheet" not in loose and "Told by the data: rotation" in loose
+    assert "From the data sheet" not in loose and "Estimated from the data: rotation" in loose
     # A fixed part that makes up all of a sum; it is no lower than that part.
     large = estimate_noise(poses, NoisePrior(robot=(None, "0.8mm"), factor=1))
     assert large[TOGETHER[1]].status == "prior" and large[TOGETHER[1]].low >= 8e-4
     assert any(text.startswith("From the data sheet: translation") for text in large.statement)
-    assert any(text.startswith("Told by the data: rotation") for text in large.statement)
+    assert any(text.startswith("Estimated from the data: rotation") for text in large.statement)
     # A side that is exact leaves all of the rotation to the other one.
     exact = estimate_noise(poses, NoisePrior(robot=("0deg", "0mm"), factor=1))
     assert exact["robot rotation"].status == "fixed" and exact["camera rotation"].status == "estimated"

@@ -54,7 +54,7 @@ def test_the_error_of_the_intrinsics_does_not_average_out(poses):
     assert estimated.noise_estimated and np.linalg.eigvalsh(estimated.covariances).min() > 0
 
 
-@pytest.mark.filterwarnings("ignore:.*do not fit the others")
+@pytest.mark.filterwarnings("ignore:.*outlier")
 def test_a_pose_that_does_not_belong_is_left_out_of_noise_and_poses(poses):
     robot = poses.robot.copy()
     robot[3, :3, 3] += 0.05

@@ -77,7 +77,7 @@ def test_small_rotations_are_left_to_the_pairs(rng):
         poses = uq.PosePairs(robot, np.linalg.inv(robot @ X) @ W)
         assert AllPairs(poses).precise == precise
         if not precise:
-            with pytest.warns(uq.InputWarning, match="degrees at most"):
+            with pytest.warns(uq.InputWarning, match="amplifies the noise"):
                 result = uq.calibrate(poses, method="4dpa")
             np.testing.assert_allclose(result.X, X, atol=1e-8)
         else:

@@ -290,5 +290,5 @@ class TestInCalibrate:
         assert "beyond first order of the noise given" in result.summary()
 
     def test_refused_with_a_kind_of_first_order(self):
-        with pytest.raises(uq.InputError, match="first order alone"):
+        with pytest.raises(uq.InputError, match="first order only"):
             uq.calibrate(self.poses(), noise=self.NOISE, kind="pairs", covariance="sigma-points")

@@ -165,7 +165,7 @@ def test_an_offset_taken_as_exact(plain):
 @pytest.mark.parametrize("offset", [-OFFSET, (-OFFSET, 1e-4)])
 def test_an_offset_of_the_wrong_sign_is_contradicted(plain, offset):
     *_, robot, camera, _ = plain
-    expect = "Is its sign right" if isinstance(offset, float) else "contradicts"
+    expect = "Check its sign" if isinstance(offset, float) else "contradicts"
     with pytest.warns(InputWarning, match=expect):
         uq.synchronise(robot, camera, offset=offset, max_offset=1.0)
 
@@ -212,7 +212,7 @@ def test_gaps_and_ends_are_left_out_and_named(plain):
 
 def test_many_gaps_are_warned_of(plain):
     *_, robot, camera, _ = plain
-    with pytest.warns(InputWarning, match="left out for gaps of more than 0.015 s"):
+    with pytest.warns(InputWarning, match="left out because of gaps of more than 0.015 s"):
         uq.synchronise(some(robot, np.arange(len(robot)) % 10 < 5), camera)
 
 
@@ -242,7 +242,7 @@ def test_a_coarse_clock_is_said(plain):
     rng = np.random.default_rng(SEED)
     times = np.unique(np.round(np.sort(robot.timestamps + 5e-3 * rng.normal(size=len(robot))), 2), return_index=True)
     sync = uq.synchronise(Stream(times[0], robot.poses[times[1]]), camera)
-    assert any("resolution of 10 ms" in note for note in sync.notes)
+    assert any("resolution of only 10 ms" in note for note in sync.notes)
 
 
 # ----------------------------------------------------------------------------------------------- what is refused

@@ -247,7 +247,8 @@ def _assembled(
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
     if fit.open is not None and job.covariance != "model":
         raise InputError(
-            f"The motions leave a part of X open, for which there is covariance='model' alone, got {job.covariance!r}."
+            f"The motions leave a part of X open, for which only covariance='model' is available, got "
+            f"{job.covariance!r}."
         )
     if job.covariance == "sigma-points":
         covariance, covariance_W = by_sigma_points(job, noise, robust), None

@@ -202,8 +202,8 @@ class EstimatedPoses:
                 raise InputError(f"Expected the pose `{name}` beside `{name}_covariance`, which is that of this pose.")
             if pose is not None and setup is None:
                 raise InputError(
-                    f"Expected no `{name}`: this calibration is of motions that came without poses, so that X is known "
-                    "in its own frame alone."
+                    f"Expected no `{name}`: this calibration is of motions that came without poses, so that X is "
+                    "known in its own frame only."
                 )
         if robot is not None and camera is not None:
             raise InputError("Give either `robot`, to go through the robot, or `camera`, to go through the target.")

@@ -56,10 +56,10 @@ def _advice(method: str, motions: Motions) -> str:
     smallest = float(np.degrees(rotation_angles(motions.A[..., :3, :3]).min()))
     if method == "shiu" and smallest < 1.0:
         return (
-            f"This method counts all motions alike, and one of them turns by {smallest:.2g} degrees only, which leaves "
-            "its axis to the noise: leave small rotations out, or use another method."
+            f"This method counts all motions alike, and one of them rotates by {smallest:.2g} degrees only, which "
+            "leaves its axis to the noise: leave small rotations out, or use another method."
         )
-    return "Add motions that turn about other axes."
+    return "Add motions that rotate about other axes."
 
 
 # Probability below which residuals contradict a data sheet.

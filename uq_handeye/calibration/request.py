@@ -136,14 +136,15 @@ def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance:
     if not isinstance(data, PosePairs) or data.camera_calibration is None:
         raise InputError(
             "Method 'bundle' adjusts everything on the corners of the board: expected poses with a "
-            "`camera_calibration` (calibrate_camera, or the folder that `uq-handeye camera` writes), got poses alone. "
-            "Use method 'efficient'."
+            "`camera_calibration` (calibrate_camera, or the folder that `uq-handeye camera` writes), got poses "
+            "without one. Use method 'efficient'."
         )
     if covariance != "model":
-        raise InputError(f"Method 'bundle' has covariance='model' alone, got {covariance!r}. Use method 'efficient'.")
+        raise InputError(f"Method 'bundle' has only covariance='model', got {covariance!r}. Use method 'efficient'.")
     if noise is not None and (isinstance(noise, PairNoise) or noise.camera is not None):
         raise InputError(
-            "Method 'bundle' takes the noise of the camera from the corners: give PoseNoise(robot=...) alone, or none."
+            "Method 'bundle' takes the noise of the camera from the corners: give only PoseNoise(robot=...), or no "
+            "noise."
         )
     if noise is not None:
         require_shared(noise.robot)
@@ -230,7 +231,7 @@ def request(
     if covariance not in COVARIANCES:
         raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {covariance!r}.")
     if covariance == "sigma-points" and kind is not None:
-        raise InputError(f"Expected no kind={kind!r} with covariance='sigma-points': it is of first order alone.")
+        raise InputError(f"Expected no kind={kind!r} with covariance='sigma-points': it is of first order only.")
     if correlation not in CORRELATIONS:
         raise InputError(f"Expected `correlation` to be one of {', '.join(CORRELATIONS)}, got {correlation!r}.")
     require_integer("seed", seed, 0)
@@ -382,7 +383,9 @@ def _shared_of(
     if not errors:
         return ()
     if poses is None or isinstance(noise, PairNoise):
-        raise InputError("Expected poses and PoseNoise beside `shared`: what errors do to motions alone is not known.")
+        raise InputError(
+            "Expected poses and PoseNoise beside `shared`: the effect of errors on motions without poses is not known."
+        )
     if method == BUNDLE:
         raise InputError("Method 'bundle' takes no `shared` errors. Use method 'efficient'.")
     return errors

@@ -14,9 +14,9 @@ from ..formatting.numbers import concise, digits, probability, signed
 @sentence("calibration.data_sheet_contradicted")
 def _(rotation: float, translation: float, p_value: float) -> str:
     return (
-        f"The rotation residuals are {_times(rotation)}, the translation residuals {_times(translation)} than the "
-        f"noise taken from the data sheet explains (chi-square test, p = {p_value:.1g}): it is not that of these data, "
-        "and the standard deviations of X are wrong by up to that."
+        f"The residuals contradict the noise of the data sheet (chi-square test, p = {p_value:.1g}): those in rotation "
+        f"are {_times(rotation)}, those in translation {_times(translation)} than it explains. The standard deviations "
+        "of X are wrong by up to this factor. Correct `prior` (--robot-prior, --camera-prior), or leave it out."
     )
 
 
@@ -27,17 +27,17 @@ def _times(ratio: float) -> str:
 @sentence("calibration.shared_contradicted")
 def _(name: str, unit: str, estimate: float, sd: float, assumed: float, p_value: float) -> str:
     return (
-        f"The residuals contradict what was assumed of the {name}: they ask for {signed(concise(estimate, sd, unit))}, "
-        f"the standard deviation assumed is {f'{digits(assumed, 2)} {unit}'.rstrip()} ({probability(p_value)}). "
-        "Correct its value, or declare it wider."
+        f"The residuals contradict the assumed {name}: they indicate {signed(concise(estimate, sd, unit))}, but the "
+        f"assumed standard deviation is {f'{digits(assumed, 2)} {unit}'.rstrip()} ({probability(p_value)}). Correct "
+        "the value, or declare a larger standard deviation."
     )
 
 
 @sentence("calibration.group_contradicted")
 def _(name: str, count: int, times: float, p_value: float) -> str:
     return (
-        f"The residuals contradict what was assumed of the {name}: its {count} numbers ask for about "
-        f"{digits(times, 2)} times as much ({probability(p_value)}). Declare it wider."
+        f"The residuals contradict the assumed {name}: its {count} numbers are about {digits(times, 2)} times as large "
+        f"as assumed ({probability(p_value)}). Declare a larger standard deviation."
     )
 
 
@@ -47,10 +47,10 @@ def _(estimate: float, sd: float, square: float | None) -> str:
     true, deviation = 1 / (1 + estimate), sd / (1 + estimate) ** 2
     if square is not None:
         found = concise(1e3 * square * true, 1e3 * square * deviation, "mm")
-        return f"The squares measure {found}, not {digits(1e3 * square, 4)}: measure them, and give their size."
+        return f"The squares measure {found}, not {digits(1e3 * square, 4)}. Measure them, and give their size."
     way = "smaller" if true < 1 else "larger"
     found = concise(100 * abs(true - 1), 100 * deviation, "%")
-    return f"The target is {found} {way} than assumed: measure it, and give its size."
+    return f"The target is {found} {way} than assumed. Measure it, and give its size."
 
 
 def _directions(directions: Sequence[Mapping[str, Any]]) -> str:
@@ -74,8 +74,8 @@ def _directions(directions: Sequence[Mapping[str, Any]]) -> str:
 def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, Any]]) -> str:
     size = f"{digits(assumed, 2)} {unit}".rstrip()
     return (
-        f"{name[0].upper()}{name[1:]}: cannot be separated from {_directions(directions)}; its assumed {size} goes "
-        "into X in full."
+        f"The {name} cannot be separated from {_directions(directions)}. Its assumed standard deviation, {size}, "
+        "enters X in full."
     )
 
 
@@ -86,8 +86,8 @@ def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, An
     open_by = f"{digits(math.degrees(most), 2)} deg" if turns else f"{digits(1e3 * most, 2)} mm"
     size = f"{digits(assumed, 2)} {unit}".rstrip()
     return (
-        f"The {name} can hardly be separated from {_directions(directions)}, and its declared {size} leaves that open "
-        f"by {open_by}: X is hardly determined there. Declare what is known of it."
+        f"The {name} can hardly be separated from {_directions(directions)}. With its declared standard deviation, "
+        f"{size}, this leaves X uncertain by {open_by}. Declare a smaller value if it is known."
     )
 
 
@@ -103,13 +103,12 @@ def _(
     accuracy_turn: float,
 ) -> str:
     return (
-        "Nothing is declared about the accuracy of the robot. Robots are wrong by 0.5 to 10 mm across their workspace; "
-        f"these poses span {round(1e3 * span)} mm and {round(math.degrees(angle))} deg, where such errors are nearly "
-        f"the same in all of them and do not show in the residuals. With {digits(1e3 * accuracy_move, 2)} mm and "
-        f"{digits(math.degrees(accuracy_turn), 2)} deg, good for an arm, X may be off by {digits(1e3 * move, 2)} mm "
-        f"and {digits(math.degrees(turn), 2)} deg (1 sigma, worst axis; stated: {digits(1e3 * sd_move, 2)} mm, "
-        f"{digits(math.degrees(sd_turn), 2)} deg). Declare it (--robot-accuracy), give joint values and the URDF, or "
-        "take poses over the whole workspace."
+        f"The robot's accuracy is not declared, and these poses span only {round(1e3 * span)} mm and "
+        f"{round(math.degrees(angle))} deg: errors of the arm do not show in the residuals. With "
+        f"{digits(1e3 * accuracy_move, 2)} mm and {digits(math.degrees(accuracy_turn), 2)} deg, good for an arm, X may "
+        f"be off by {digits(1e3 * move, 2)} mm and {digits(math.degrees(turn), 2)} deg (1 sigma, worst axis; stated: "
+        f"{digits(1e3 * sd_move, 2)} mm, {digits(math.degrees(sd_turn), 2)} deg). Declare it (--robot-accuracy), give "
+        "joint values and the URDF, or take poses over the whole workspace."
     )
 
 
@@ -118,49 +117,49 @@ def _(distance: float, largest: float, variance_low: float, variance_high: float
     return (
         f"Bundle adjustment and method 'efficient' differ by {digits(distance, 2)} standard deviations of X (at most "
         f"{digits(largest, 2)} in one component); variances are {variance_low:.3f} to {variance_high:.3f} times as "
-        "large. They should agree to first order: errors are too large for that, or wrong poses or corners spoil one "
-        "of them."
+        "large. They should agree to first order: the errors are too large for that, or outliers among poses or "
+        "corners bias one of them."
     )
 
 
 @sentence("calibration.unweighted")
 def _() -> str:
     return (
-        "The noise makes a part of the data exact, so that they cannot be weighted by its inverse: X is that of "
-        "method '4dpa', which does not weight and does not look for outliers. Give the poses of one side a rotation "
-        "and a translation deviation above 0 for the estimate of least variance."
+        "The noise makes part of the data exact, so they cannot be weighted by its inverse. X is that of method "
+        "'4dpa', which neither weights the data nor looks for outliers. For the estimate of least variance give the "
+        "poses of one side standard deviations above 0 in rotation and translation."
     )
 
 
 @sentence("calibration.robust_failed")
 def _(error: str) -> str:
-    return f"All poses count in full, and outliers bias X: robust weights were not found. {error}"
+    return f"Outlier rejection failed: all poses count in full, and an outlier would bias X. {error}"
 
 
 @sentence("calibration.robust_skipped")
 def _() -> str:
     return (
-        "Wrong poses were not looked for, and any of them spoil X: the poses that agree with each other do not "
-        "determine X by themselves, all together do. Add poses that turn about other axes."
+        "Outlier rejection was skipped: without the suspect poses X is not determined. An outlier would bias X. Add "
+        "poses that rotate about other axes."
     )
 
 
 @sentence("calibration.few_for_outliers")
 def _(item: str, count: int, needed: int) -> str:
-    return f"With {count} {item}s a wrong one cannot be told from the others: take at least {needed}."
+    return f"With {count} {item}s an outlier cannot be identified. Take at least {needed}."
 
 
 @sentence("calibration.near_half_turn")
 def _(angle: float) -> str:
     return (
-        f"X turns by {math.degrees(angle):.1f} degrees. The Rodrigues vector that Tsai's method solves for grows "
-        "without bound at 180 degrees, and so do its errors: use another method."
+        f"The rotation angle of X is {math.degrees(angle):.1f} degrees. Tsai's method solves for a Rodrigues vector, "
+        "which grows without bound at 180 degrees, as do its errors. Use another method."
     )
 
 
 @sentence("calibration.no_covariance")
 def _(covariance: str) -> str:
-    return f"There is no covariance {covariance!r}: without noise there is nothing to make it of."
+    return f"There is no covariance {covariance!r}, because there is no noise to compute it from."
 
 
 @sentence("calibration.noise_not_estimated")
@@ -185,9 +184,9 @@ def _(of: str, chi2: float, dof: int, p_value: float) -> str:
 @sentence("calibration.open")
 def _(directions: Sequence[Sequence[float]], setup: str | None) -> str:
     return (
-        f"The motions leave open: {'; '.join(open_words(one, setup) for one in directions)}. X is one of all that fit, "
-        "and standard deviations are of the rest. Close it by a prior (--known, --prior-x), or turn the robot about "
-        "another axis."
+        f"The motions leave open: {'; '.join(open_words(one, setup) for one in directions)}. X is one of many that "
+        "fit, and the standard deviations cover the rest only. Give a prior (--known, --prior-x), or rotate the robot "
+        "about another axis."
     )
 
 

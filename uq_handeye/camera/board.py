@@ -259,7 +259,7 @@ def _ambiguous(board: Board) -> str:
     return (
         f"A {board} looks the same after {turn}: its x axis is taken to point right in each picture, which is wrong "
         f"where the camera rolled by more than {90 if board.turns == 2 else 45} degrees. uq-handeye calibrate ROBOT "
-        "--images tells it by the robot poses; better, use a board with one number odd and one even, or ChArUco."
+        "--images resolves it by the robot poses; better, use a board with one number odd and one even, or ChArUco."
     )
 
 

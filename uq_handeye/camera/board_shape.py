@@ -129,7 +129,7 @@ def polynomial_shape(name: str, points: Array) -> BoardShape:
     Q, R = np.linalg.qr(M / np.maximum(np.linalg.norm(M, axis=0), np.finfo(float).tiny))
     left = np.diag(R)
     if M.shape[1] > M.shape[0] or (np.abs(left) < TOLD).any():
-        raise InputError(f"The {len(unique)} points of the board do not tell a shape {name!r}: take 'flat'.")
+        raise InputError(f"The {len(unique)} points of the board do not determine a shape {name!r}: take 'flat'.")
     B = (Q * np.sign(left))[:, len(rigid) :] * np.sqrt(len(unique))
     B[np.abs(B) < ROUNDED] = 0.0  # heights and shapes in the plane have nothing in common
     fields = axes.T @ B.reshape(len(unique), 3, -1)

@@ -12,8 +12,8 @@ from ..formatting.numbers import concise
 @sentence("camera.focal_uncertain")
 def _(share: float) -> str:
     return (
-        f"The focal length is known to {100 * share:.1f} % only, and distances with it: take pictures in which the "
-        "board is tilted by 30 degrees and more, or give `intrinsics`."
+        f"The focal length, and with it distances, are known to only {100 * share:.1f} %. Take pictures in which the "
+        "board is tilted by 30 degrees or more, or give `intrinsics` (--intrinsics)."
     )
 
 
@@ -21,15 +21,15 @@ def _(share: float) -> str:
 def _(coefficients: Sequence[Mapping[str, Any]]) -> str:
     named = "; ".join(f"{one['name']} = {one['value']:.2g} +- {one['std']:.2g}" for one in coefficients)
     return (
-        f"The pictures do not tell these coefficients from 0: {named}. Leave them out with `coefficients`, or take "
-        "corners nearer to the rim of the picture."
+        f"These coefficients are consistent with 0: {named}. Leave them out with `coefficients` (--coefficients), or "
+        "take corners nearer to the rim of the picture."
     )
 
 
 @sentence("camera.corners_left_out")
 def _(count: int, n: int) -> str:
     return (
-        f"{count} of {n} corners ({100 * count / n:.0f} %) do not fit and were left out: look at the pictures that "
+        f"{count} of {n} corners ({100 * count / n:.0f} %) were rejected as outliers. Look at the pictures that "
         "`outliers` names."
     )
 
@@ -53,7 +53,7 @@ def _(share: float, shape: str) -> str:
     return (
         f"The residuals follow the points of the board, {share:.1f} times the pixel noise: points are printed or "
         f"detected off their places in all pictures alike{more}. Such errors do not average out over pictures, and the "
-        "covariance does not contain them."
+        "covariance does not include them."
     )
 
 
@@ -61,23 +61,26 @@ def _(share: float, shape: str) -> str:
 def _(stretch: float, std: float) -> str:
     longer = "wider than high" if stretch > 0 else "higher than wide"
     return (
-        f"The squares of the board are {concise(100 * abs(stretch), 100 * std)} % {longer}: are they measured along "
-        "both directions? The scale of X is that of the mean of both sides."
+        f"The squares of the board are {concise(100 * abs(stretch), 100 * std)} % {longer}. Measure them along "
+        "both directions. The scale of X is that of the mean of both sides."
     )
 
 
 @sentence("camera.pictures_left_out")
 def _(pictures: Sequence[str]) -> str:
-    return (
-        f"Most corners of {', '.join(pictures)} do not fit any pose of the board, and the whole "
-        f"picture{'s were' if len(pictures) > 1 else ' was'} left out: look at how its corners were detected and "
-        "numbered."
-    )
+    rows = pictures[0].startswith("row ")  # corners without names of pictures
+    if len(pictures) == 1:
+        start = f"{'The image of' if rows else 'Image'} {pictures[0]} was rejected: most of its corners are"
+    else:
+        start = (
+            f"{'The images of' if rows else 'Images'} {', '.join(pictures)} were rejected: most of their corners are"
+        )
+    return f"{start} inconsistent with any board pose. Check how the corners were detected and numbered."
 
 
 @sentence("camera.bent_edges")
 def _(largest: float, rms: float) -> str:
     return (
-        f"Corners were moved by up to {largest:.3f} pixels (RMS {rms:.3f}): where the lens bends edges, they are found "
-        "beside where they are."
+        f"Corners were moved by up to {largest:.3f} pixels (RMS {rms:.3f}), because they are detected off their places "
+        "where the lens bends edges."
     )

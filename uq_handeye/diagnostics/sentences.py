@@ -38,8 +38,8 @@ def direction_words(what: str, largest: float, smallest: float, axis: Sequence[f
         return f"{what} is about equally certain in all directions ({sizes} {unit})"
     ratio = f"{digits(largest / smallest, 2)} times" if smallest > 0 else "infinitely"
     return (
-        f"{what} {way} {along(axis, frame)} is {ratio} less certain than {way} its best direction ({most} against "
-        f"{least} {unit})"
+        f"{what} is least certain {way} {along(axis, frame)}: {most} {unit}, {ratio} that {way} its best direction "
+        f"({least} {unit})"
     )
 
 
@@ -56,15 +56,16 @@ def _(length_m: float, length_of: str, largest: float, smallest: float) -> str:
     condition = digits(largest / smallest, 2) if smallest > 0 else "infinite"
     return (
         f"Over all six directions of X, with rotations times {length_m:.3g} m ({LENGTHS[length_of]}), standard "
-        f"deviations run from {digits(smallest, 2)} to {digits(largest, 2)} mm: condition {condition}."
+        f"deviations range from {digits(smallest, 2)} to {digits(largest, 2)} mm (condition number {condition})."
     )
 
 
 @sentence("diagnostics.turning")
 def _(share: Sequence[float], axis: Sequence[float], frame: str) -> str:
-    text = f"The robot turns about three axes: shares {', '.join(f'{round(x, 2):.2g}' for x in share)} of the turning"
+    shares = ", ".join(f"{round(x, 2):.2g}" for x in share)
+    text = f"The robot rotates about three axes, with shares {shares} of the rotation"
     if share[0] > _ONE_AXIS:
-        text += f", nearly all of it about {along(axis, frame)}: add motions that turn about other axes"
+        text += f", nearly all of it about {along(axis, frame)}. Add motions that rotate about other axes"
     return f"{text}."
 
 
@@ -82,8 +83,8 @@ def along(axis: Sequence[float], frame: str) -> str:
 @sentence("diagnostics.information")
 def _(item: str, n: int, effective: float, row: int, share: float) -> str:
     return (
-        f"The information about X is spread like that of {effective:.1f} equal {item}s of {n}; {item} {row} brings "
-        f"{digits(100 * share, 2)} % of it."
+        f"The information about X is that of {effective:.1f} equally informative {item}s of {n}; {item} {row} "
+        f"contributes {digits(100 * share, 2)} % of it."
     )
 
 
@@ -107,7 +108,7 @@ def _(item: str, row: int, shift_sd: float, rotation: float, translation: float,
 
 def _moves(item: str, row: int, shift_sd: float, rotation: float, translation: float) -> str:
     return (
-        f"Without {item} {row} X moves by {digits(shift_sd, 2)} of its standard deviations "
+        f"Without {item} {row} X would move by {digits(shift_sd, 2)} standard deviations "
         f"({digits(_DEG * rotation, 2)} deg, {digits(_MM * translation, 2)} mm)"
     )
 
@@ -120,8 +121,8 @@ def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
     reason = {
         "too few": f"{rows} rows are too few, {needed} are needed",
         "exact": "the residuals are zero next to the noise",
-        "unknowns": f"{rows} rows leave nothing beside the unknowns of the fit, those of the arm and others among them",
-        "coefficients": f"{rows} rows are too few for so many coefficients",
+        "unknowns": f"{rows} rows are too few for the unknowns of the fit, which include those of the arm and others",
+        "coefficients": f"{rows} rows are too few for its coefficients",
         "estimated": "the correlation in the noise was estimated from these same residuals",
         # of files written before these tests knew joint covariances
         "no order": "rows of a joint covariance have no order once they are whitened",
@@ -139,10 +140,11 @@ def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
 def _(item: str, n: int, lag_1: float, p_value: float, growth: float) -> str:
     start = f"Neighbouring residuals are correlated (lag 1: {lag_1:.2f}, {probability(p_value)})"
     if growth < 1.05:
-        return f"{start}; that hardly changes the standard deviations of X."
+        return f"{start}. This hardly changes the standard deviations of X."
     return (
-        f"{start}: for X {n} {item}s count as {n / growth**2:.0f} independent ones, and its standard deviations are "
-        f"about {growth:.2g} times too small. covariance='hac' shows a part of it; thin the {item}s for the rest."
+        f"{start}. The standard deviations of X are about {growth:.2g} times too small: {n} {item}s count as "
+        f"{n / growth**2:.0f} independent ones. Use covariance='hac' (--covariance hac), which shows part of it, or "
+        f"thin the {item}s."
     )
 
 
@@ -160,24 +162,24 @@ def _(p_value: float, excess_kurtosis: float | None, skewness: float | None) -> 
     if skewness is not None:
         says.append(f"skewed (skewness up to {skewness:.2g})")
     return (
-        f"The residuals are not Gaussian ({probability(p_value)}): {', '.join(says)}. Outliers or noise that differs "
-        "from pose to pose can be the cause."
+        f"The residuals are not Gaussian ({probability(p_value)}): {', '.join(says)}. Outliers, or noise that differs "
+        "from pose to pose, can be the cause."
     )
 
 
 @sentence("diagnostics.gaussian")
 def _(p_value: float) -> str:
-    return f"The residuals do not differ significantly from Gaussian ones (p = {p_value:.2g})."
+    return f"The residuals are consistent with a Gaussian distribution (p = {p_value:.2g})."
 
 
 @sentence("diagnostics.pattern")
 def _(item: str, r_squared: float, chance: float, p_value: float, correlated: bool) -> str:
     by_chance = f"{100 * chance:.0f}" if chance >= 0.01 else "below 1"
-    also = ", or it is made by the correlation of neighbours" if correlated else ""
+    also = " Correlated errors of neighbouring rows can be the cause, too." if correlated else ""
     return (
         f"The residuals follow the {item}s: a linear function of the camera's translation and rotation explains "
-        f"{100 * r_squared:.0f} % of them ({by_chance} % by chance, {probability(p_value)}). Noise does not do that: "
-        f"intrinsics, robot kinematics or the target are wrong{also}."
+        f"{100 * r_squared:.0f} % of them ({by_chance} % by chance, {probability(p_value)}). Noise does not do this. "
+        f"Check the intrinsics, the robot's kinematics and the target.{also}"
     )
 
 
@@ -191,7 +193,7 @@ def _(item: str) -> str:
 
 @sentence("diagnostics.scale_unknown")
 def _(name: str) -> str:
-    return f"The effect of the {name} is not known: the distances from camera to target are not known."
+    return f"The effect of the {name} is not known, because the distances from camera to target are not known."
 
 
 @sentence("diagnostics.undeclared")
@@ -199,8 +201,9 @@ def _(errors: Sequence[Mapping[str, Any]]) -> str:
     asked = [f"{error['name']} {relative(error['estimate'], error['sd'])}" for error in errors]
     one = len(asked) == 1
     return (
-        f"The residuals ask for {'a shared error that was' if one else 'shared errors that were'} not declared: "
-        f"{' or '.join(asked)}. Measure {'it' if one else 'them'}, or declare {'it' if one else 'them'} (shared=[...])."
+        f"The residuals indicate {'a shared error that was' if one else 'shared errors that were'} not declared: "
+        f"{' or '.join(asked)}. Measure {'it' if one else 'them'}, or declare {'it' if one else 'them'} "
+        "(shared=[...], --shared)."
     )
 
 
@@ -224,7 +227,7 @@ def _(split: str, dof: float) -> str:
 
 @sentence("diagnostics.half_fails")
 def _(split: str, error: str) -> str:
-    return f"{_not_run(split)} a half of the data alone fails. {error}"
+    return f"{_not_run(split)} the fit of one half fails. {error}"
 
 
 def _not_run(split: str) -> str:
@@ -236,17 +239,17 @@ def _(
     split: str, sizes: Sequence[int], rotation: float, translation: float, d2: float, p_value: float, agree: bool
 ) -> str:
     verdict = "agree" if agree else "do not agree"
-    advice = "" if agree else ": the covariance is too small, or the two halves have different systematic errors"
+    advice = "" if agree else " The covariance is too small, or the halves have different systematic errors."
     return (
-        f"X of two halves of the data ({split}, {sizes[0]} and {sizes[1]}) differs by {_DEG * rotation:.2g} deg and "
-        f"{_MM * translation:.2g} mm; they {verdict} within their covariances (d^2 = {d2:.1f} where 6 is expected, "
-        f"p = {p_value:.2g}){advice}."
+        f"The two halves of the data ({split}, {sizes[0]} and {sizes[1]}) {verdict} within their covariances: X "
+        f"differs by {_DEG * rotation:.2g} deg and {_MM * translation:.2g} mm (d^2 = {d2:.1f}, expected 6; p = "
+        f"{p_value:.2g}).{advice}"
     )
 
 
 @sentence("diagnostics.many_halves")
 def _(split: str, passed: int, tests: int) -> str:
-    return f"{passed} of {tests} split-half tests ({split}) are passed."
+    return f"{passed} of {tests} split-half tests ({split}) passed."
 
 
 # ---------------------------------------------------------------------------------------------------- pose table
@@ -254,10 +257,12 @@ def _(split: str, passed: int, tests: int) -> str:
 
 @sentence("diagnostics.flagged")
 def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Mapping[str, Any]]) -> str:
+    one = count == 1
     what = {
-        "rejected": "not fit the others and took no part in the estimate",
-        "downweighted": "not fit the others well and counted less",
-        "outlier": "not fit the others; the estimate has them in, a robust one (robust=True, --robust) would not",
+        "rejected": f"{'was' if one else 'were'} rejected as {'an outlier' if one else 'outliers'}",
+        "downweighted": f"{'was' if one else 'were'} down-weighted as {'an outlier' if one else 'outliers'}",
+        "outlier": f"{'is an outlier and biases' if one else 'are outliers and bias'} X (robust=True, --robust leaves "
+        f"{'it' if one else 'them'} out)",
     }[flag]
     named = ", ".join(
         f"{item} {row['row']} ({digits(_DEG * row['rotation'], 2)} degrees, {digits(_MM * row['translation'])} mm, "
@@ -266,14 +271,14 @@ def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Ma
     )
     more = f" and {count - len(worst)} more" if count > len(worst) else ""
     return (
-        f"{count} of {n} {item}s do {what}: {named}{more}, counted from 0. A good {item} stays below "
-        f"d^2 = {limit:.3g} in 999 of 1000 cases. Look for a wrong detection or a row that belongs to another moment."
+        f"{count} of {n} {item}s {what}: {named}{more}, counted from 0. A good {item} stays below d^2 = {limit:.3g} in "
+        "999 of 1000 cases. Look for a wrong detection or a row that belongs to another moment."
     )
 
 
 @sentence("diagnostics.noise_too_small")
 def _(scale: float) -> str:
     return (
-        f"The noise given is too small: most residuals are {scale:.2g} times as large as it allows. They were judged "
-        f"by {scale:.2g} times the noise; the standard deviations of X are too small by about that factor."
+        f"The noise given is too small: most residuals are {scale:.2g} times as large as it explains. Outliers were "
+        f"judged by {scale:.2g} times the noise. The standard deviations of X are too small by about this factor."
     )

@@ -147,7 +147,7 @@ class Influence:
         except np.linalg.LinAlgError:
             raise DegenerateMotionError(
                 "The poses hardly determine X and W by this method: the covariance of their residuals' influence is "
-                "singular to rounding. Turn the robot about different axes, by 30 degrees and more.",
+                "singular to rounding. Rotate the robot about different axes, by 30 degrees or more.",
                 np.eye(6),
             ) from None
         J = times(self.J, half)
@@ -180,8 +180,8 @@ def require_dispensable(ok: NDArray[np.bool_]) -> None:
     if not ok.all():
         k = int(np.unravel_index(int(np.argmin(ok)), ok.shape)[-1])
         raise DegenerateMotionError(
-            f"Without pose (or motion) {k} the others do not determine X and W, so that its residual tells nothing "
-            "about its error. Add poses that turn about other axes, or use the covariance of a noise model.",
+            f"Without pose (or motion) {k} the others do not determine X and W, so its residual says nothing about "
+            "its error. Add poses that rotate about other axes, or use the covariance of a noise model.",
             np.eye(6),
         )
 
@@ -235,8 +235,8 @@ def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:
     rounding = 64 * np.finfo(float).eps * max(1.0, float(np.abs(J).max()))
     if not (scale > rounding).all() or np.linalg.eigvalsh(S / np.outer(scale, scale))[0] < 1e-12:
         raise InputError(
-            "Some component of the residuals is 0 for all poses: residuals that are exact tell nothing about the "
-            "noise. Use the covariance of a noise model."
+            "Some component of the residuals is 0 for all poses: exact residuals say nothing about the noise. Use the "
+            "covariance of a noise model."
         )
     L = np.asarray(cholesky_of(S))
     white = whiten(L, np.concatenate([J, residual[..., None]], axis=-1))

@@ -73,6 +73,6 @@ METHOD = Method(
     structure="simultaneous",
     form="closed form",
     minimises="sum |R_A R R_B^T - R|^2 + |R t_B + t - R_A t - t_A|^2 over any 3x3 matrix R and t; then R is projected",
-    singular="translations that are zero, or small against the noise: they alone fix the scale of R",
+    singular="translations that are zero, or small against the noise: only they fix the scale of R",
     solver=_Refined(kronecker_factors, _solution, slopes=_slopes, axes=False),
 )

@@ -64,6 +64,6 @@ METHOD = Method(
     form="closed form",
     minimises="sum |a - R_X b|^2 over unit quaternions, a and b the vector parts of q_A and q_B, then "
     "sum |(R_A - I) t - (R_X t_B - t_A)|^2",
-    singular="motions of 180 degrees, unless others tell the sign of their axes",
+    singular="motions of 180 degrees, unless others fix the sign of their axes",
     solver=MomentSolver(_factors, _solution),
 )

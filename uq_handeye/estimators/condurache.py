@@ -49,7 +49,7 @@ METHOD = Method(
     form="closed form",
     minimises="|alpha_A - X alpha_B|^2 of dual rotation vectors (screws): the real part by R_X, which does not depend "
     "on the translations, the dual part by t_X",
-    singular="motions of 180 degrees, unless others tell the sign of their axes; where noise carries a motion across "
+    singular="motions of 180 degrees, unless others fix the sign of their axes; where noise carries a motion across "
     "180 degrees its screw passes to the complementary one, X jumps by about the noise, and the covariance is that of "
     "one side",
     solver=MomentSolver(_factors, _solution),

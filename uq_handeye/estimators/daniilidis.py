@@ -77,7 +77,7 @@ METHOD = Method(
     form="closed form",
     minimises="the algebraic error |T (q, q')|^2 of the dual-quaternion equations; the two constraints are met within "
     "its two smallest singular vectors",
-    singular="motions of 180 degrees, unless others tell the sign of their axes; noise so large that the quadratic "
+    singular="motions of 180 degrees, unless others fix the sign of their axes; noise so large that the quadratic "
     "equation has no real root",
     solver=MomentSolver(_factors, _solution),
 )

@@ -199,7 +199,7 @@ METHOD = Method(
     form="convex program",
     minimises="sum |E q|^2 + |F q + E q'|^2, the dual-quaternion equations, over unit dual quaternions; globally, with "
     "a certificate",
-    singular="motions of 180 degrees, unless others tell the sign of their axes",
+    singular="motions of 180 degrees, unless others fix the sign of their axes",
     solver=MomentSolver(dual_factors, _solution, nearby),
     extra="sdp",
 )

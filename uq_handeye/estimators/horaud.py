@@ -53,6 +53,6 @@ METHOD = Method(
     form="closed form",
     minimises="sum |v_A - R_X v_B|^2, v the eigenvectors of the motions with length sin(angle / 2), then "
     "sum |(R_A - I) t - (R_X t_B - t_A)|^2",
-    singular="motions of 180 degrees, unless others tell the sign of their axes",
+    singular="motions of 180 degrees, unless others fix the sign of their axes",
     solver=MomentSolver(_factors, _solution),
 )

@@ -83,6 +83,6 @@ METHOD = Method(
     structure="simultaneous",
     form="closed form",
     minimises="sum |E q|^2 + |F q + E q'|^2 over unit q and free q', the dual-quaternion equations",
-    singular="motions of 180 degrees, unless others tell the sign of their axes",
+    singular="motions of 180 degrees, unless others fix the sign of their axes",
     solver=MomentSolver(dual_factors, _solution),
 )

@@ -42,6 +42,6 @@ METHOD = Method(
     structure="separated",
     form="closed form",
     minimises="sum |alpha - R_X beta|^2 of rotation vectors, then sum |(R_A - I) t - (R_X t_B - t_A)|^2",
-    singular="motions of 180 degrees, unless others tell the sign of their axes",
+    singular="motions of 180 degrees, unless others fix the sign of their axes",
     solver=MomentSolver(_factors, _solution),
 )

@@ -60,6 +60,6 @@ METHOD = Method(
     form="closed form",
     minimises="sum |R - n_A n_B^T - c_i P_i - s_i Q_i|^2 over R and the turns (c_i, s_i) about each axis, then "
     "sum |(R_A - I) t - (R_X t_B - t_A)|^2",
-    singular="a motion without rotation, whose axis is open; motions of 180 degrees, unless others tell the sign",
+    singular="a motion without rotation, whose axis is open; motions of 180 degrees, unless others fix the sign",
     solver=MomentSolver(_factors, _solution),
 )

@@ -39,7 +39,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
     scale = np.trace(AA, axis1=-2, axis2=-1)
     require(
         (values[:, 0] > HALF_TURN_OF_X * scale) & (scale > NO_ROTATION * N),
-        "X turns by 180 degrees, or the rotation axes are parallel.",
+        "X rotates by 180 degrees, or the rotation axes are parallel.",
     )
     # sum [s]x^T (P_B - P_A) = -2 sum P_A x P_B, the axial vector of sum P_A P_B^T
     g = np.linalg.solve(M, -2.0 * vee(AB.mT)[..., None])[..., 0]
@@ -59,6 +59,6 @@ METHOD = Method(
     form="closed form",
     minimises="sum |[P_A + P_B]x g - (P_B - P_A)|^2 over the Rodrigues vector g of X, then "
     "sum |(R_A - I) t - (R_X t_B - t_A)|^2",
-    singular="X itself turns by nearly 180 degrees: its Rodrigues vector, tan(angle_X / 2) long, has lost its digits",
+    singular="X itself rotates by nearly 180 degrees: its Rodrigues vector, tan(angle_X / 2) long, has lost its digits",
     solver=MomentSolver(_factors, _solution),
 )

@@ -92,6 +92,6 @@ METHOD = Method(
     structure="simultaneous",
     form="iterative",
     minimises="sum |E q|^2 + |F q + E q'|^2, the dual-quaternion equations, over unit dual quaternions",
-    singular="motions of 180 degrees, unless others tell the sign of their axes",
+    singular="motions of 180 degrees, unless others fix the sign of their axes",
     solver=MomentSolver(dual_factors, _solution, nearby),
 )

@@ -371,7 +371,7 @@ METHOD = Method(
     form="iterative",
     minimises="sum |E q|_1 + |F q + E q'|_1, the absolute values of the dual-quaternion equations, over unit dual "
     "quaternions",
-    singular="motions of 180 degrees, unless others tell the sign of their axes",
+    singular="motions of 180 degrees, unless others fix the sign of their axes",
     solver=LinearPrograms(),
     smooth=False,
 )

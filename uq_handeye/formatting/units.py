@@ -86,8 +86,8 @@ def parse_deviations(value: tuple[str | float, str | float], name: str) -> tuple
     """
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise InputError(f"Expected {name} to be a pair (rotation, translation), got {value!r}.")
-    rotation = parse_angle(value[0], f"the rotation deviation of {name}")
-    translation = parse_length(value[1], f"the translation deviation of {name}")
+    rotation = parse_angle(value[0], f"the rotation standard deviation of {name}")
+    translation = parse_length(value[1], f"the translation standard deviation of {name}")
     for number, text in ((rotation, value[0]), (translation, value[1])):
         if number < 0:
             raise InputError(f"Expected the standard deviations of {name} to be >= 0, got {text!r}.")

@@ -138,9 +138,9 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
         return
     raise DegenerateMotionError(
         f"The motions do not determine X: across their main rotation axis, ({', '.join(f'{x:.3f}' for x in axis)}) in "
-        f"the frame of `A`, the mean of sin(angle)^2 is {across:.2g}, and noise alone makes {level:.2g}. The rotation "
-        "of X about this axis and its translation along it would be accidents of the noise. Turn about other axes, by "
-        "30 to 150 degrees, and check that the rows of the two files belong together.",
+        f"the frame of `A`, the mean of sin(angle)^2 is {across:.2g}, and noise by itself gives {level:.2g}. The "
+        "rotation of X about this axis and its translation along it would be accidents of the noise. Rotate about "
+        "other axes, by 30 to 150 degrees, and check that the rows of the two files belong together.",
         infinite_directions(axis[None]),
     )
 

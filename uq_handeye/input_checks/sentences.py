@@ -57,12 +57,12 @@ def _() -> str:
 @sentence("input_checks.angles_disagree")
 def _(rms: float, largest: float, where: str, few: bool) -> str:
     return (
-        f"Robot and camera disagree on how far they turned: rotation angles differ by {_DEG * rms:.1f} degrees RMS, "
+        f"Robot and camera disagree on the rotation angles: they differ by {_DEG * rms:.1f} degrees RMS, "
         f"{_DEG * largest:.1f} at most ({where}). "
         + (
-            "Few pairs differ: look for wrong detections."
+            "Only few pairs differ: look for wrong detections."
             if few
-            else "The rows of the two files do not belong together (wrong pairing, a shift, a time offset); if both "
+            else "The rows of the two files do not belong together (wrong pairing, a shift, a time offset). If both "
             'have timestamps, try pair="time" (--pair time) or --pair async.'
         )
     )
@@ -71,16 +71,16 @@ def _(rms: float, largest: float, where: str, few: bool) -> str:
 @sentence("input_checks.half_turns")
 def _(share: float) -> str:
     return (
-        f"{100 * share:.0f} % of the motions turn by more than 150 degrees. 4DPA weights a motion by sin^2(angle), so "
-        "they count almost nothing; choose pairs that turn by 30 to 150 degrees."
+        f"{100 * share:.0f} % of the motions rotate by more than 150 degrees. 4DPA weights a motion by sin^2(angle), "
+        "so these count almost nothing. Choose pairs that rotate by 30 to 150 degrees."
     )
 
 
 @sentence("input_checks.small_rotations")
 def _(largest: float) -> str:
     return (
-        f"The robot turns by {_DEG * largest:.2g} degrees at most: noise is amplified. Turn it by 30 degrees and more, "
-        "about different axes."
+        f"The robot rotates by at most {_DEG * largest:.2g} degrees, which amplifies the noise. Rotate it by 30 "
+        "degrees or more, about different axes."
     )
 
 
@@ -89,7 +89,7 @@ def _(axis: Sequence[float], within: float) -> str:
     return (
         f"The rotation axes of the robot are nearly parallel to ({', '.join(f'{x:.2f}' for x in axis)}) (within "
         f"{max(_DEG * within, 0.01):.2g} degrees): rotation about this axis and translation along it are hardly "
-        "determined. Add motions that turn about another axis."
+        "determined. Add motions that rotate about another axis."
     )
 
 
@@ -101,7 +101,7 @@ def _(what: str, part: str, rms: float, expected: float) -> str:
     ratio = f"{rms / expected:.3g} times what" if expected > 0 else "more than"
     return (
         f"The {part} residuals of the {what} ({_size(part, rms)} RMS) are {ratio} the noise given explains "
-        f"({_size(part, expected)}). Either the noise is larger than given or the data are wrong; the standard "
+        f"({_size(part, expected)}). Either the noise is larger than given or the data are wrong. The standard "
         "deviations of X are too small."
     )
 
@@ -110,8 +110,8 @@ def _(what: str, part: str, rms: float, expected: float) -> str:
 def _(what: str, part: str, rms: float, expected: float) -> str:
     return (
         f"The {part} residuals of the {what} ({_size(part, rms)} RMS) are {expected / rms:.3g} times smaller than the "
-        f"noise given explains ({_size(part, expected)}): the noise seems overstated, and with it the standard "
-        "deviations of X. Check the units."
+        f"noise given explains ({_size(part, expected)}). The noise, and with it the standard deviations of X, seem "
+        "too large. Check the units."
     )
 
 
@@ -123,9 +123,9 @@ def _(what: str, count: int, n: int, rotation: float, translation: float, worst:
     )
     more = f" and {count - len(worst)} more" if count > len(worst) else ""
     return (
-        f"{count} of {n} {what}s fit much worse than the others (median {_DEG * rotation:.2g} degrees, "
-        f"{_MM * translation:.3g} mm): {named}{more}, counted from 0. Look for a wrong detection or a row that belongs "
-        "to another moment, and leave it out of both files."
+        f"{count} of {n} {what}s {'fits' if count == 1 else 'fit'} much worse than the others (median "
+        f"{_DEG * rotation:.2g} degrees, {_MM * translation:.3g} mm): {named}{more}, counted from 0. Look for a wrong "
+        "detection or a row that belongs to another moment, and leave it out of both files."
     )
 
 
@@ -137,8 +137,8 @@ def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]
     )
     if not readings:
         return (
-            f"{start} No inversion, quaternion order or unit that was tried fits: either the rows do not belong "
-            "together, or the poses carry errors of this size."
+            f"{start} No inversion, quaternion order or unit that was tried fits. Either the rows do not belong "
+            "together, or the poses have errors of this size."
         )
     return f"{start} It would fit if {'; or if '.join(_reading(**reading) for reading in readings)}."
 
@@ -153,7 +153,7 @@ def _(rotation: float, translation: float) -> str:
 
 @sentence("input_checks.wrong_scale")
 def _(reading: Mapping[str, Any]) -> str:
-    return f"The translations of robot and camera do not go together: it would fit if {_reading(**reading)}."
+    return f"The translations of robot and camera do not match. They would fit if {_reading(**reading)}."
 
 
 @sentence("input_checks.long_bracket")
@@ -163,7 +163,7 @@ def _(what: str, length: float, fixed: float) -> str:
     first = "Give the robot's file first; or " if on_camera else "Give "
     return (
         f"The {what} would sit {length:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m from "
-        f"the base. If that is not so, {cause}: such data fit equally well, with another X. {first}"
+        f"the base. If this is wrong, {cause}: such data fit equally well, with another X. {first}"
         'robot_frame="gripper_T_base", camera_frame="target_T_camera" (--robot-frame gripper_T_base --camera-frame '
         "target_T_camera)."
     )
@@ -251,8 +251,8 @@ def _(
         f"{name} {_rows(rows)}" for name, rows in (("robot", robot_left_out), ("camera", camera_left_out)) if rows
     )
     parts.append(
-        f"To pair them, leave out {leave} (rows counted from 0). With that, the residuals of the rows that move fall "
-        f"to {100 * rotation:.2g} % (rotation) and {100 * translation:.2g} % (translation) of what they are as given."
+        f"To pair them, leave out {leave} (rows counted from 0). The residuals of the rows that move then fall to "
+        f"{100 * rotation:.2g} % (rotation) and {100 * translation:.2g} % (translation) of their size as given."
     )
     return " ".join(parts)
 

@@ -19,9 +19,10 @@ READINGS = {
     "metres": "They fit if the robot poses are in metres (--robot-units m).",
     "rows later": "They fit with the joints of the next row: a row is missing in one of the two files.",
     "rows earlier": "They fit with the joints of the row before: a row is missing in one of the two files.",
-    "sign": "They fit if joint {joints} turns the other way: correct its axis in the URDF, or the sign of its values.",
+    "sign": "They fit if joint {joints} rotates the other way: correct its axis in the URDF, or the sign of its "
+    "values.",
     "order": "They fit if the values of the joints belong, in their order, to {joints}: correct the joint names.",
-    "zero": "They fit if the zero of joint {joints} is elsewhere by a quarter or half turn: correct its origin in the "
+    "zero": "They fit if the zero of joint {joints} is shifted by 90 or 180 degrees: correct its origin in the "
     "URDF, or its values.",
 }
 
@@ -54,8 +55,8 @@ def _(rotation: float, translation: float, n: int, explained_by: str | None, joi
         else READINGS[explained_by].format(joints=", ".join(joints))
     )
     return (
-        f"The {n} robot poses are not those of the URDF: {_both(rotation, translation)} RMS are left after the best "
-        f"tool and base frames, more than any tolerance of an arm. {hint}"
+        f"The {n} robot poses do not match the URDF: {_both(rotation, translation)} RMS remain after the best tool and "
+        f"base frames, more than any tolerance of an arm. {hint}"
     )
 
 

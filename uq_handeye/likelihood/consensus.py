@@ -188,8 +188,8 @@ def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
         every = constraint.rows(np.stack([i, j], axis=1)) if isinstance(constraint, OnPoses) else constraint
         solve_limit(*(T.reshape(-1, 4, 4) for T in every.motions()))  # raises where all together do not determine X
         raise DegenerateMotionError(
-            f"No {size} {constraint.item}s determine X by themselves, so that wrong ones cannot be told from good "
-            "ones. Turn the robot about two different axes, by 30 degrees and more.",
+            f"No {size} {constraint.item}s determine X by themselves, so outliers cannot be identified. Rotate the "
+            "robot about two different axes, by 30 degrees and more.",
             np.eye(6),
         )
     if usable.all():

@@ -27,7 +27,7 @@ class Reference:
         if self.kind not in ("chi-square", "F", "Hotelling"):
             raise InputError(f"Expected the reference to be chi-square, F or Hotelling, got {self.kind!r}.")
         if (self.dof is None) != (self.kind == "chi-square") or (self.dof is not None and not self.dof > 0):
-            raise InputError(f"Expected degrees of freedom above 0 with F and Hotelling alone, got {self.dof!r}.")
+            raise InputError(f"Expected degrees of freedom above 0 only with F and Hotelling, got {self.dof!r}.")
         if self.components not in range(1, 7):
             raise InputError(f"Expected 1 to 6 components of X that are determined, got {self.components!r}.")
 

@@ -454,7 +454,7 @@ def inverse_information(information: Array) -> Array:
         silent = ~(diagonal > 0).reshape(-1, diagonal.shape[-1])[:, :6].all(axis=0)
         raise DegenerateMotionError(
             "The data do not determine X: components of its (theta, tau) leave no trace in the residuals. Add motions "
-            "that turn about different axes.",
+            "that rotate about different axes.",
             np.eye(6)[silent],
         )
     unit = 1.0 / np.sqrt(diagonal)
@@ -466,7 +466,7 @@ def inverse_information(information: Array) -> Array:
         direction = direction[:6] / max(float(np.linalg.norm(direction[:6])), 1e-300)
         raise DegenerateMotionError(
             "The data do not determine X and W: (theta, tau) of X along "
-            f"({', '.join(f'{x:.3f}' for x in direction)}) leaves no trace in the residuals. Add motions that turn "
+            f"({', '.join(f'{x:.3f}' for x in direction)}) leaves no trace in the residuals. Add motions that rotate "
             "about another axis.",
             direction[None],
         )

@@ -178,7 +178,7 @@ def solve_information(
         covariance[k] = closed @ np.linalg.solve(closed.T @ information[k] @ closed, closed.T)
         if len(open_basis(projector[k][:6, :6], rig[k][:6])) == 6:
             raise DegenerateMotionError(
-                "The data determine nothing of X: the poses (motions) are the same within their noise, or turn so "
+                "The data determine nothing of X: the poses (motions) are the same within their noise, or rotate so "
                 "little that any X fits. Move the robot.",
                 np.eye(6),
             )

@@ -175,11 +175,10 @@ def robust_fit(
 
 
 def require_enough(constraint: Constraint) -> None:
-    """Raise `InputError` where there are too few rows to tell wrong ones from good ones."""
+    """Raise `InputError` where there are too few rows to identify outliers."""
     if constraint.n <= constraint.fewest:
         raise InputError(
-            f"Expected more than {constraint.fewest} {constraint.item}s to tell wrong ones from good ones, got "
-            f"{constraint.n}."
+            f"Expected more than {constraint.fewest} {constraint.item}s to identify outliers, got {constraint.n}."
         )
 
 

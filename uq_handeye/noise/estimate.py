@@ -78,9 +78,11 @@ class NoisePrior:
             if not isinstance(value, tuple | list) or len(value) != 2:
                 raise InputError(f"Expected `{name}` to be (rotation, translation), got {value!r}.")
             for part, parse, what in zip(value, (parse_angle, parse_length), ("rotation", "translation"), strict=True):
-                number = np.nan if part is None else parse(part, f"the {what} deviation of {name}")
+                number = np.nan if part is None else parse(part, f"the {what} standard deviation of {name}")
                 if number < 0 or number > 1e9:
-                    raise InputError(f"Expected the {what} deviation of {name} to be in [0, 1e9], got {part!r}.")
+                    raise InputError(
+                        f"Expected the {what} standard deviation of {name} to be in [0, 1e9], got {part!r}."
+                    )
                 found.append(number)
         return np.array(found)
 
@@ -114,12 +116,17 @@ class Component:
         """True if it has no interval: it was not estimated."""
         return self.status in ("fixed", "exact", "given", "from corners", "by geometry")
 
+    @property
+    def shown_status(self) -> str:
+        """Status as people read it."""
+        return "not identifiable" if self.status == "not told apart" else self.status
+
     def __str__(self) -> str:
         scale, unit = SHOWN[self.unit]
         if self.is_given:
-            return f"{self.name}: {self.value * scale:.3g} {unit} ({self.status})"
+            return f"{self.name}: {self.value * scale:.3g} {unit} ({self.shown_status})"
         high = "?" if self.high is None else f"{self.high * scale:.3g}"
-        return f"{self.name}: {self.value * scale:.3g} {unit} ({self.low * scale:.3g} to {high}; {self.status})"
+        return f"{self.name}: {self.value * scale:.3g} {unit} ({self.low * scale:.3g} to {high}; {self.shown_status})"
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,10 @@ def _parse(text: str) -> tuple[str, int, float, float]:
         )
     if axis not in ("x", "y", "z"):
         raise InputError(f"Expected x, y or z in {text!r}, got {axis!r}.")
-    mean, sd = parse_length(value, f"the value in {text!r}"), parse_length(deviation, f"the deviation in {text!r}")
+    mean, sd = (
+        parse_length(value, f"the value in {text!r}"),
+        parse_length(deviation, f"the standard deviation in {text!r}"),
+    )
     if sd <= 0:
         raise InputError(f"Expected a standard deviation above 0 in {text!r}, got {deviation!r}.")
     return _POSES[name], "xyz".index(axis), mean, sd

@@ -24,7 +24,7 @@ def checked_cholesky(S: Array) -> Array:
             return np.asarray(factor)
     raise SingularNoiseError(
         "The noise given leaves a part of the residuals exact, so that they cannot be weighted by its inverse. Give "
-        "the poses of one side a rotation and a translation deviation above 0, or use method '4dpa'."
+        "the poses of one side standard deviations above 0 in rotation and translation, or use method '4dpa'."
     )
 
 

@@ -193,7 +193,7 @@ class BesideCamera:
         """The variances near the unknowns; ``weights`` (n,) of 0 leave poses out. Raises as `estimate_robot_noise`."""
         if not np.isnan(self.prior.values[2:]).all():
             how = "but for that of their pixels" if isinstance(self.camera, CameraNoise) else "from their corners"
-            raise InputError(f"Expected a `prior` for the robot alone: the noise of the camera poses is known {how}.")
+            raise InputError(f"Expected a `prior` for the robot only: the noise of the camera poses is known {how}.")
         constraint, camera, robot, columns = self.constraint, self.camera, self.robot, self.columns
         excess = self.excess if self._robot_known else None
         if isinstance(camera, CameraNoise) and camera.pixel_sd is not None:
@@ -226,7 +226,7 @@ class BesideCamera:
                 return FoundRobotNoise(self, search, best, x, zero, found)
             at = at.moved(reduced.unreduced(found.step))
         raise NotConvergedError(
-            "The noise did not stand still: the residuals are too large for a linear model. Look at the "
+            "Noise estimation did not converge: the residuals are too large for a linear model. Look at the "
             "setup, at the pairing of the poses and for outliers; or give the noise of the robot.",
             found,
         )

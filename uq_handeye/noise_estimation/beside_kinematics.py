@@ -148,8 +148,8 @@ class BesideKinematics:
                 return FoundKinematics(self, search, x, len(kept))
             at = at.moved(reduced.unreduced(-step))
         raise NotConvergedError(
-            "The noise did not stand still: the residuals are too large for a linear model. Look at the setup, at the "
-            "pairing of the poses, at the order and units of the joints and for outliers.",
+            "Noise estimation did not converge: the residuals are too large for a linear model. Look at the setup, at "
+            "the pairing of the poses, at the order and units of the joints and for outliers.",
             found,
         )
 

@@ -176,7 +176,9 @@ def estimate_noise(
             raise InputError(f"Expected `weights` to be {n} numbers in [0, 1], got shape {weights.shape}.")
     poses = data if isinstance(data, PosePairs) else data.poses
     if shared and poses is None:
-        raise InputError("Expected poses beside `shared`: what an error does to motions alone is not known.")
+        raise InputError(
+            "Expected poses beside `shared`: the effect of an error on motions without poses is not known."
+        )
     columns = {} if poses is None else shared_columns(checked_errors(shared, poses), poses)
     source = choose_source(data, constraint, prior, camera, robot, columns=columns)
     _require_freedom(constraint, weights)
@@ -249,7 +251,7 @@ class FromResiduals:
         if not found.converged.all():
             turn, shift = np.sqrt(found.rows.size)
             raise NotConvergedError(
-                f"The noise components did not stand still; the residuals are {np.rad2deg(turn):.2g} deg and "
+                f"Noise estimation did not converge; the residuals are {np.rad2deg(turn):.2g} deg and "
                 f"{shift * 1e3:.2g} mm (root mean square). If that is too much, look at the setup, at the pairing of "
                 "the poses and for outliers; or give the noise.",
                 found,

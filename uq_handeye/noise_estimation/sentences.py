@@ -21,14 +21,14 @@ Part = Mapping[str, Any]
 @sentence("noise_estimation.exact")
 def _(parts: Sequence[str]) -> str:
     return (
-        f"The residuals in {' and '.join(parts)} are at rounding level: these data are exact, or were made from each "
-        "other. No noise can be estimated from them; give the noise."
+        f"The residuals in {' and '.join(parts)} are at rounding level: the data are exact, or one file was computed "
+        "from the other. Noise cannot be estimated from them. Give the noise."
     )
 
 
 @sentence("noise_estimation.told_by_data")
 def _(components: Sequence[Part]) -> str:
-    return f"Told by the data: {_list(components)}."
+    return f"Estimated from the data: {_list(components)}."
 
 
 @sentence("noise_estimation.from_data_sheet")
@@ -40,16 +40,16 @@ def _(components: Sequence[Part]) -> str:
 def _(sides: Sequence[str], components: Sequence[Part]) -> str:
     first, second = components
     return (
-        f"Rotation of {sides[0]} and of {sides[1]} cannot be told apart: either may be 0, {first['name']} is at most "
-        f"{_amount(first['high'], 'rad')} and {second['name']} at most {_amount(second['high'], 'rad')}. The noise "
-        "holds the most likely split."
+        f"Rotation of {sides[0]} and of {sides[1]} cannot be separated: either may be 0, {first['name']} is at most "
+        f"{_amount(first['high'], 'rad')} and {second['name']} at most {_amount(second['high'], 'rad')}. The most "
+        "likely split is used."
     )
 
 
 @sentence("noise_estimation.rotation_told")
 def _(sides: Sequence[str], components: Sequence[Part], with_data_sheet: bool) -> str:
     return (
-        f"Rotation of {sides[0]} and {sides[1]} is told apart by {'the data sheet and ' if with_data_sheet else ''}the "
+        f"Rotation of {sides[0]} and {sides[1]} is separated by {'the data sheet and ' if with_data_sheet else ''}the "
         f"lever arm of {sides[0]}: {_list(components)}."
     )
 
@@ -57,8 +57,8 @@ def _(sides: Sequence[str], components: Sequence[Part], with_data_sheet: bool) -
 @sentence("noise_estimation.rotation_near_zero")
 def _(component: Part) -> str:
     return (
-        f"{component['name'].capitalize()} cannot be told from 0; its upper limit is "
-        f"{_amount(component['high'], 'rad')}, and the interval is wider than 95 % where the true value is 0."
+        f"{component['name'].capitalize()} is consistent with 0. Its upper limit is "
+        f"{_amount(component['high'], 'rad')}; where the true value is 0 the interval holds more than 95 %."
     )
 
 
@@ -71,21 +71,21 @@ def _(what: str, sides: Sequence[str], components: Sequence[Part], decided: bool
 @sentence("noise_estimation.translation_open")
 def _(sides: Sequence[str]) -> str:
     return (
-        f"Translation of {sides[0]} and of {sides[1]} cannot be told apart by any data of this kind: both enter alike, "
-        "only their sum shows. The noise holds half of the variance on each side. This has no effect on X."
+        f"Translation of {sides[0]} and of {sides[1]} cannot be separated by data of this kind, which show only their "
+        "sum. Each side is given half of the variance. This has no effect on X."
     )
 
 
 @sentence("noise_estimation.translation_by_data_sheet")
 def _(components: Sequence[Part]) -> str:
-    return f"The translation noise is split by the data sheet: {_list(components)}. The data tell only the sum."
+    return f"The data sheet splits the translation noise: {_list(components)}. The data determine only the sum."
 
 
 @sentence("noise_estimation.interval_too_wide")
 def _(names: Sequence[str]) -> str:
     return (
-        f"The search for the ends of the interval of {' and of '.join(names)} did not converge: the interval given is "
-        "wider than 95 %."
+        f"The search for the ends of the interval of {' and of '.join(names)} did not converge. The interval given "
+        "holds more than 95 %."
     )
 
 
@@ -97,16 +97,16 @@ def _(
     if not way.endswith("noise"):
         moves = f"the {way} {'drifts' if drift else 'moves'} against the {against}"
         if way == "camera mount":
-            moves += ", which turns the camera about its origin"
+            moves += ", which rotates the camera about its origin"
         what = f"{moves}, by {size} (1 sigma"
     else:
         what = f"the {way} is correlated, {size} of it (1 sigma"
     over = "slowly, as a random walk" if drift else f"over {digits(length, 2)} poses"
     sure = f"odds {digits(odds, 2)} : 1" if odds < 1e6 else "beyond doubt"
-    wider = f"{digits(growth, 2)} times as wide as" if growth >= 1.05 else "hardly wider than"
+    wider = f"{digits(growth, 2)} times" if growth >= 1.05 else "hardly larger than"
     return (
-        f"Errors of neighbouring poses are correlated: {what}, {over}; {sure}). The covariance of X contains it: its "
-        f"standard deviations are {wider} those of independent poses."
+        f"Errors of neighbouring poses are correlated: {what}, {over}; {sure}). The covariance of X includes it: its "
+        f"standard deviations are {wider} those for independent poses."
     )
 
 
@@ -116,8 +116,9 @@ def _(
 @sentence("noise_estimation.camera_from_corners")
 def _(rotation: float, translation: float) -> str:
     return (
-        "The covariance of the camera poses comes from their corners, with the errors of the intrinsics that all poses "
-        f"share; of a pose by itself: rotation {_amount(rotation, 'rad')}, translation {_amount(translation, 'm')}."
+        "The covariance of the camera poses comes from their corners and includes the errors of the intrinsics, which "
+        f"all poses share. Each pose by itself: rotation {_amount(rotation, 'rad')}, translation "
+        f"{_amount(translation, 'm')}."
     )
 
 
@@ -125,7 +126,7 @@ def _(rotation: float, translation: float) -> str:
 def _(component: Part, components: Sequence[Part]) -> str:
     how = {
         "given": "as given",
-        "not told apart": "not told apart from the robot's noise: assumed, within a factor of 3 of 0.2 px",
+        "not told apart": "not separable from the robot's noise: assumed, within a factor of 3 of 0.2 px",
     }.get(component["status"], "estimated")
     between = (
         "" if component["status"] == "given" else f", 95 %: {_digits(component['low'])} to {_digits(component['high'])}"
@@ -133,40 +134,40 @@ def _(component: Part, components: Sequence[Part]) -> str:
     rotation, translation = (_amount(part["value"], part["unit"]) for part in components)
     return (
         "The covariance of the camera poses comes from the geometry of the views, for a pixel noise of "
-        f"{_digits(component['value'])} px ({how}{between}); of a pose by itself: rotation {rotation}, translation "
+        f"{_digits(component['value'])} px ({how}{between}). Each pose by itself: rotation {rotation}, translation "
         f"{translation}."
     )
 
 
 @sentence("noise_estimation.pixels_hidden")
 def _() -> str:
-    return "Whether the pixel noise given is true the residuals cannot say: the robot's noise hides it."
+    return "The residuals cannot confirm the pixel noise given, because the robot noise dominates."
 
 
 @sentence("noise_estimation.pixels_given")
 def _(given: float, factor: float, p_value: float, dof: float) -> str:
-    start = (
-        f"Left free, the residuals would make the pixel noise {_digits(given * math.sqrt(factor))} px instead of "
-        f"{_digits(given)} px ({probability(p_value)}, {dof:.0f} degrees of freedom)"
-    )
+    found, size = _digits(given * math.sqrt(factor)), f"{_digits(given)} px"
     if p_value > CONTRADICTION:
-        return f"{start}: they do not contradict it."
-    return f"{start}: they contradict it, and the standard deviations of X are wrong by up to that. Leave it out."
+        return f"The residuals agree with the pixel noise given, {size} (estimate {found} px, {probability(p_value)})."
+    return (
+        f"The residuals contradict the pixel noise given, {size}: they indicate {found} px ({probability(p_value)}). "
+        "The standard deviations of X are wrong by up to this factor. Leave the pixel noise out to estimate it."
+    )
 
 
 @sentence("noise_estimation.unusual_pixels")
 def _(component: Part) -> str:
     return (
-        f"The residuals ask for a pixel noise of {_digits(component['value'])} px, and corners are found to 0.02 "
-        "to 0.5 px: the board, the unit of its squares, the camera matrix or the pairing of the poses is wrong."
+        f"The residuals indicate a pixel noise of {_digits(component['value'])} px, but corners are found to 0.02 to "
+        "0.5 px. Check the board, the unit of its squares, the camera matrix and the pairing of the poses."
     )
 
 
 @sentence("noise_estimation.robot_shows_none")
 def _(rotation: float | None, translation: float | None) -> str:
     return (
-        "The robot shows no noise beside it: the residuals are what the camera's errors make. At most rotation "
-        f"{_amount(rotation, 'rad')} and translation {_amount(translation, 'm')} (95 %)."
+        "The residuals show no robot noise: the errors of the camera explain them. Robot noise is at most "
+        f"{_amount(rotation, 'rad')} in rotation and {_amount(translation, 'm')} in translation (95 %)."
     )
 
 
@@ -178,48 +179,44 @@ def _(components: Sequence[Part]) -> str:
         else _words(part)
         for part in components
     ]
-    return f"Beside it the residuals show: {'; '.join(words)}."
+    return f"In addition the residuals show: {'; '.join(words)}."
 
 
 @sentence("noise_estimation.near_zero")
 def _(name: str) -> str:
-    return f"{name.capitalize()} cannot be told from 0."
+    return f"{name.capitalize()} is consistent with 0."
 
 
 @sentence("noise_estimation.camera_hidden")
 def _() -> str:
-    return "Whether that covariance is true the residuals cannot say: the robot's noise hides the camera's."
+    return "The residuals cannot confirm that covariance, because the robot noise dominates."
 
 
 @sentence("noise_estimation.camera_factor")
 def _(factor: float, p_value: float, dof: float) -> str:
-    times = math.sqrt(factor)
-    start = (
-        f"Left free, the residuals would make the camera's standard deviations {digits(times, 2)} times as large "
-        f"({probability(p_value)}, {dof:.0f} degrees of freedom)"
-    )
+    scale, chance = digits(math.sqrt(factor), 2), probability(p_value)
     if p_value > CONTRADICTION:
-        return f"{start}: they do not contradict that covariance."
-    return f"{start}: they contradict that covariance. " + (
-        "The camera model is wrong, the board is not flat or not as long as given, or corners are wrong: look at "
-        "the residuals of the camera. The standard deviations of X are too small."
-        if times > 1
-        else "The corners are better than their residuals say. The standard deviations of X are too large."
+        return f"The residuals agree with the camera's covariance (scale {scale}, {chance})."
+    return f"The residuals contradict the camera's covariance: its standard deviations need a scale of {scale} " + (
+        f"({chance}). Those of X are too small. Check the camera model, the flatness and size of the board, and the "
+        "corners."
+        if factor > 1
+        else f"({chance}). Those of X are too large: the corners are better than their residuals show."
     )
 
 
 @sentence("noise_estimation.camera_excess")
 def _(pixels: float, p_value: float, dof: float, wrong: bool) -> str:
     text = (
-        "The robot being known, the camera poses disagree by more than the residuals of their corners say "
-        f"({probability(p_value)}, {dof:.0f} degrees of freedom), as if these had {_digits(pixels)} px more of noise: "
-        "those of one picture share errors. The covariance of X contains it."
+        "The camera poses disagree by more than the residuals of their corners explain, given the robot "
+        f"({probability(p_value)}), as if the corners had {_digits(pixels)} px of additional noise: the corners of one "
+        "picture share errors. The covariance of X includes this."
     )
     if not wrong:
         return text
     return (
-        f"{text} So much has a cause: the camera model is wrong, the board is not flat or not as long as given, "
-        "corners are wrong, or the robot is not as exact as was said."
+        f"{text} Check the camera model, the flatness and size of the board, the corners, and the stated accuracy of "
+        "the robot."
     )
 
 

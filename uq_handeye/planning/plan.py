@@ -152,8 +152,8 @@ def plan(
     require_integer("k", k, 1)
     if carried := [error.name for error in listed_errors(shared or ()) if not error.learned]:
         raise InputError(
-            f"Expected `shared` without {carried[0]!r}: poses tell nothing of it, so that none is better than another. "
-            "Plan without it, or with joints and kinematics."
+            f"Expected `shared` without {carried[0]!r}: poses say nothing about it, so that none is better than "
+            "another. Plan without it, or with joints and kinematics."
         )
     if kinematics is not None:
         options = {"noise": noise, "prior": prior, "shared": shared, "joints": joints}
@@ -259,7 +259,7 @@ def _target(
             f"got criterion {criterion!r} and point {point!r}."
         )
     if length is not None and criterion != "trace":
-        raise InputError(f"A length is part of criterion 'trace' alone, got criterion {criterion!r}.")
+        raise InputError(f"A length is part of criterion 'trace' only, got criterion {criterion!r}.")
     if criterion == "point":
         if isinstance(point, str) or np.shape(point) != (3,):
             raise InputError(f"Expected `point` to be x, y, z in camera coordinates, got {point!r}.")

@@ -55,8 +55,8 @@ def resolve_turns(poses: PosePairs, board: Board) -> PosePairs:
     names = seen.corners.names
     if doubtful := [names[k] for k in np.flatnonzero(~_told(cost, labels)).tolist()]:
         warnings.warn(
-            f"The robot poses do not tell which way up the {board} is in {listed(doubtful)}: leave these out, or use "
-            "a board that tells.",
+            f"The robot poses do not show which way up the {board} is in {listed(doubtful)}: leave these out, or use "
+            "a board without this symmetry.",
             InputWarning,
             stacklevel=2,
         )

@@ -114,7 +114,7 @@ def predict_camera(
     from_corners = isinstance(result.data, PosePairs) and result.data.camera_calibration is not None
     if new_measurement and _of_intrinsics(posterior) and not from_corners:
         raise InputError(
-            "What errors of the camera's intrinsics do to a new measurement is told by its corners, which this result "
+            "The effect of the intrinsics' errors on a new measurement follows from its corners, which this result "
             "does not hold: calibrate again with the camera folder; or predict without the noise of one measurement."
         )
     ahead = camera_ahead(result, joints, robot)
@@ -248,7 +248,7 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
         )
     given = None if robot is None else as_transforms(robot, "robot", stack=False)
     if joints is None and fitted is not None and fitted.how != EXACT:
-        raise InputError("The errors of this arm are known by its joints: expected `joints`, got `robot` alone.")
+        raise InputError("The errors of this arm are known by its joints: expected `joints`, got only `robot`.")
     place: dict[str, int] = {name: k for k, name in enumerate(posterior.names)}
     if joints is not None:
         assert fitted is not None
@@ -319,7 +319,7 @@ def _posterior(result: Predicting) -> JointPosterior:
     if result.opened is not None:
         raise InputError(
             "Predictions need all of X and W, and the motions leave a part of them open (`opened`). Close it by a "
-            "prior (prior_X, prior_W), or calibrate with turns about another axis."
+            "prior (prior_X, prior_W), or calibrate with rotations about another axis."
         )
     if result.joint_posterior is None or result.W is None:
         raise InputError(

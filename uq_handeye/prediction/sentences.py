@@ -16,11 +16,11 @@ HARDLY = 0.3
 def _(span: float, used: float, told: Sequence[Mapping[str, Any]], here: float, elsewhere: float) -> str:
     shares = ", ".join(f"{digits(100 * of['share'], 2)} % of the {of['group']}" for of in told)
     mean = sum(of["share"] for of in told) / len(told) if told else 0.0
-    visible = "are hardly visible in them" if mean < HARDLY else "are visible in them in part only"
+    visible = "are hardly visible in them" if mean < HARDLY else "are only partly visible in them"
     return (
         f"The poses span {digits(100 * span, 2)} % of the reach and {digits(100 * used, 2)} % of the joint ranges "
-        f"(median): errors of the kinematics {visible}. The data tell {shares} (share of the prior "
-        f"variance), and predict the target to {digits(1e3 * here, 2)} mm near these poses, to "
-        f"{digits(1e3 * elsewhere, 2)} mm over the workspace (RMS). Add poses at other joints (uq-handeye plan with "
-        "--joints), or use the calibration near these poses only."
+        f"(median): errors of the kinematics {visible}. The data determine {shares} (share of the prior variance); the "
+        f"target is predicted to {digits(1e3 * here, 2)} mm near these poses, to {digits(1e3 * elsewhere, 2)} mm over "
+        "the workspace (RMS). Add poses at other joints (uq-handeye plan --joints), or use the calibration near these "
+        "poses only."
     )

@@ -49,8 +49,8 @@ def raise_undetermined(
     if not largest > NO_ROTATION * N:
         raise DegenerateMotionError(
             f"{start}none of them rotates{'' if half_turns_count else ' by an angle other than 0 or 180 degrees'}. "
-            "Neither the rotation nor the translation of X is observable. Move the robot so that it turns about "
-            "at least two different axes, by 30 to 150 degrees.",
+            "Neither the rotation nor the translation of X is observable. Move the robot so that it rotates about at "
+            "least two different axes, by 30 to 150 degrees.",
             np.eye(6),
         )
     lost = U.T[eigenvalues <= DEGENERATE * largest]
@@ -59,7 +59,7 @@ def raise_undetermined(
         reason = (
             f"all rotation axes are parallel to {axes} in the frame of `A`. They show neither the rotation of X about "
             "this axis nor its translation along it, and the rest of the translation follows that rotation. Add "
-            "motions that turn about another axis."
+            "motions that rotate about another axis."
         )
     else:
         half_turns = ", or the signs of the axes of half turns are lost" if half_turns_count else ""

@@ -10,7 +10,7 @@ from ..formatting.numbers import digits
 def _(method: str, count: int, item: str, enough: int) -> str:
     return (
         f"The covariance of method {method!r} is valid for many data. With {count} {item} it may be wrong by a large "
-        f"factor: take at least {enough}."
+        f"factor. Take at least {enough}."
     )
 
 
@@ -28,5 +28,5 @@ def _(method: str, bend: float) -> str:
     return (
         f"The first-order covariance of method {method!r} may be wrong by a large factor. The rotation of X is so "
         f"uncertain that the translation follows it along a curve, {digits(bend, 2)} standard deviations off a "
-        "straight line. Add motions that turn about other axes, or take sigma points."
+        "straight line. Add motions that rotate about other axes, or use sigma points."
     )

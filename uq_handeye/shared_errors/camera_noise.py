@@ -266,7 +266,7 @@ def _unknowns(lens: Lens, given: Any, points: int) -> tuple[Lens, Array, Array |
     if not np.linalg.eigvalsh(correlation)[0] > SINGULAR:
         raise InputError(
             "Expected the covariance `intrinsics` to be positive definite, got a singular or an indefinite one. Where "
-            "the focal length alone is uncertain give its variance (1, 1); intrinsics='exact' has none."
+            "only the focal length is uncertain give its variance (1, 1); intrinsics='exact' has none."
         )
     return lens, directions, 0.5 * (S + S.T)
 

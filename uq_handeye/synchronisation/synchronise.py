@@ -251,10 +251,10 @@ def _estimate(
     if given is not None:  # what the data alone want, where they want it
         refined = refined._replace(wanted=(best.offset, best.std))
     if not refined.std < UNKNOWN and given is None:
-        known = f"to {refined.std:.2g} s only" if np.isfinite(refined.std) else "in no way"
+        known = f" (standard deviation {refined.std:.2g} s)" if np.isfinite(refined.std) else ""
         raise InputError(
-            f"The time offset is not determined: the motion tells it {known}. Turn the robot about different axes, "
-            "faster and with changes of speed, or give `offset`."
+            f"The motion does not determine the time offset{known}. Rotate the robot about different axes, faster and "
+            "with changes of speed, or give `offset`."
         )
     return _Estimate(refined, correlation, tuple(sorted(alternatives)))
 
@@ -266,15 +266,15 @@ def _not_correlated(correlation: Correlation, ends: tuple[float, float]) -> str:
     ]
     if correlation.heights:
         what = (
-            f"the angular speeds of robot and camera do not correlate (at best {correlation.heights[0]:.2f} where "
+            f"the angular speeds of robot and camera do not correlate (at most {correlation.heights[0]:.2f} where "
             f"chance gives {correlation.needed:.2f})"
         )
     else:
         what = "too little of the angular speeds of robot and camera overlaps, or one of them does not change"
     return (
         f"The time offset is not determined within {ends[1] - ends[0]:.3g} s: {what}; they reach {fastest[0]:.2g} and "
-        f"{fastest[1]:.2g} deg/s. Both must be of one motion, with turns that start and stop; or give `offset`, or a "
-        "larger `max_offset`."
+        f"{fastest[1]:.2g} deg/s. Both must be of one motion, with rotations that start and stop; or give `offset`, "
+        "or a larger `max_offset`."
     )
 
 

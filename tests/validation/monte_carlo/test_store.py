@@ -230,7 +230,7 @@ DAMAGES = {
 def test_a_damaged_chunk_is_worked_out_again_and_said(problem, folder, whole, damage, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     damage(folder / "chunks" / CHUNKS[2])
-    with pytest.warns(InputWarning, match=r"damaged or of another run were worked out again: 000002.npz"):
+    with pytest.warns(InputWarning, match=r"damaged or of another run were computed again: 000002.npz"):
         again = run(problem, folder, resume=True)
     assert again.resumed == TRIALS - 1000
     assert_same(again, whole)

@@ -67,7 +67,7 @@ def _component(component: Component) -> list[str]:
     between = f"{fixed(factor * component.low)} to {high}"
     if component.is_given:
         between = ""
-    return [component.name, f"{fixed(factor * component.value)} {unit}", between, component.status]
+    return [component.name, f"{fixed(factor * component.value)} {unit}", between, component.shown_status]
 
 
 def _given(noise: Noise) -> list[list[str]]:

@@ -49,7 +49,7 @@ class Setting:
             value, sd = entry if isinstance(entry, tuple) else (entry, 0.0)
             if not (np.isfinite(value) and np.isfinite(sd) and sd >= 0):
                 raise InputError(
-                    f"Expected `intrinsics[{name!r}]` to be a number, or one and a deviation; got {entry!r}."
+                    f"Expected `intrinsics[{name!r}]` to be a number, or one and its standard deviation; got {entry!r}."
                 )
             mean[k], deviation[k], values[k] = value, sd, value
             free[k] = sd > 0

@@ -72,11 +72,11 @@ def shape_of(table: BoardTable) -> BoardShape:
     """The shape of a board that was measured; raises `InputError` where the file does not say what was meant."""
     if table.nominal is None:
         raise InputError(
-            f"{table.name}: expected the board.csv of uq-handeye camera -o, with the columns {', '.join(NOMINAL)}, got "
-            "points alone."
+            f"{table.name}: expected the board.csv of uq-handeye camera -o, with the columns {', '.join(NOMINAL)}, "
+            "got only points."
         )
     if len(np.unique(table.nominal, axis=0)) < len(table.nominal):
-        raise InputError(f"{table.name}: expected every point of the board once, got one twice; write the file anew.")
+        raise InputError(f"{table.name}: expected every point of the board once, got one twice; write the file again.")
     moved = table.points - table.nominal
     if (most := float(np.abs(moved).max())) > MOVED * float(np.ptp(table.nominal, axis=0).max()):
         raise InputError(

@@ -40,7 +40,7 @@ from .intrinsics_file import FORMAT
 
 # Poses of camera.csv, whose quaternions are rounded, are those of the archive within this.
 ROUNDED = 1e-9
-_OTHER_RUN = "not of the same run, or one was changed by hand; write the folder anew by uq-handeye camera."
+_OTHER_RUN = "not of the same run, or one was changed by hand; write the folder again with uq-handeye camera."
 # Residuals beyond so many times the pixel noise are not those of the corners that were calibrated with.
 FAR = 10.0
 
@@ -60,7 +60,7 @@ def read_camera(folder: StrPath) -> CameraCalibration:
     lacking = [file for file in (INTRINSICS, COVARIANCE, CORNERS, POSES) if not (path / file).exists()]
     if lacking:
         raise InputError(
-            f"{name} lacks {', '.join(lacking)}: expected the folder that uq-handeye camera -o wrote; write it anew."
+            f"{name} lacks {', '.join(lacking)}: expected the folder that uq-handeye camera -o wrote; write it again."
         )
     with opened(path / INTRINSICS, _trees.MAX_BYTES) as file:
         tree = parse_tree(file.read(), shown(path / INTRINSICS))
@@ -124,7 +124,9 @@ def _shape(tree: Any, arrays: dict[str, Any], corners: Corners) -> BoardShape:
     u, q = len(arrays["board_points"]), len(names)
     sd = np.asarray(arrays["board_sd"], dtype=float)
     if sd.shape != (q,) or not (sd > 0).all():
-        raise InputError(f"{COVARIANCE}, board_sd: expected {q} deviations above 0; the files are {_OTHER_RUN}")
+        raise InputError(
+            f"{COVARIANCE}, board_sd: expected {q} standard deviations above 0; the files are {_OTHER_RUN}"
+        )
     parts = {"points": (u, 3), "offset": (u, 3), "fields": (u, 3, q)}
     points, offset, fields = (_numbers(arrays, f"board_{part}", shape) for part, shape in parts.items())
     return BoardShape(str(tree["board"]["shape"]), names, points, offset, fields, sd)

@@ -86,7 +86,7 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
 def _entry(value: Any, where: str) -> float | tuple[float, float]:
     if isinstance(value, list):
         if len(value) != 2:
-            raise InputError(f"{where}: expected a value, or a value and its deviation, got {got(value)}.")
+            raise InputError(f"{where}: expected a value, or a value and its standard deviation, got {got(value)}.")
         mean, deviation = (number(part, where) for part in value)
         if deviation < 0:
             raise InputError(f"{where}: expected a standard deviation of at least 0, got {deviation:g}.")

@@ -117,8 +117,8 @@ def _certainty(cam: Calibrated) -> Picture | None:
 def _boards(cam: Calibrated) -> Picture:
     alt = f"Where the board was in the camera frame, from above and from the side. {boards_words(cam)}"
     caption = (
-        f"{boards_words(cam)} Boards at several distances and tilts tell the focal length from the distance; boards "
-        "that are all parallel to the picture do not."
+        f"{boards_words(cam)} Boards at several distances and tilts separate the focal length from the distance; "
+        "boards that are all parallel to the picture do not."
     )
     return Picture(boards_figure(cam), alt, caption)
 
@@ -154,7 +154,7 @@ def _board_residuals(cam: Calibrated) -> Picture:
         )
     chance = 1e3 * np.sqrt(np.mean(after.deviation**2, axis=0))
     caption += (
-        "Where the shape is right, arrows and colours have no order: chance alone makes "
+        "Where the shape is right, arrows and colours have no order: chance makes "
         f"{fixed(chance[0], 2)} mm in x, {fixed(chance[1], 2)} mm in y and {fixed(chance[2], 2)} mm in z (RMS)."
     )
     return Picture(figure, alt, caption)

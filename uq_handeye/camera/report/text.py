@@ -46,8 +46,9 @@ def scope_words(cam: Calibrated) -> str:
     board = "A board that is not flat or has" if taken else "A board that has"
     covered = "" if cam.bundle.shape.q == 0 else " and the shape of the board that was estimated with them"
     return (
-        f"The deviations are 1 sigma, to first order, of independent noise of the corners{covered}. {board} another "
-        "size than was said, a focus or zoom that changed, blur by motion and a rolling shutter are not covered."
+        f"The standard deviations are 1 sigma, to first order, of independent noise of the corners{covered}. {board} "
+        "another size than was said, a focus or zoom that changed, blur by motion and a rolling shutter are not "
+        "covered."
     )
 
 
@@ -57,7 +58,7 @@ def board_words(cam: Calibrated) -> str:
     if board.flat:
         if _shapes_compared(cam) and np.isfinite(visible):
             return (
-                f"The board is flat as far as the pictures tell: a bow of more than {_length(visible)} mm would show."
+                f"The board is flat as far as the pictures show: a bow of more than {_length(visible)} mm would show."
             )
         return "The board was taken as flat."
     bow, sd = board.bow
@@ -185,7 +186,7 @@ def pattern_words(cam: Calibrated, short: bool = False) -> str:
         more = (
             f" Over the picture their means are not 0 ({probability(found.p_value, 2)}): lines that are straight are "
             "predicted bent, or bent ones straight, or the board has another shape. Poses and X are off by more than "
-            "their deviations say. "
+            "their standard deviations say. "
         )
         several = len({candidate.model for candidate in cam.candidates}) > 1
         more += "No other model that was tried is better." if several else "Use another model ('auto')."

@@ -47,7 +47,7 @@ def axis_signs(A: Array, B: Array) -> Signs | None:
     s = np.linalg.svd(H, compute_uv=False)
     require(
         s[:, 1] > 1e-8 * A.shape[1],
-        "some motions turn by 180 degrees, where the sign of an axis is open, and the others do not tell it.",
+        "some motions rotate by 180 degrees, where the sign of an axis is open, and the others do not determine it.",
     )
     return Signs(orthonormalise(H))
 

@@ -179,7 +179,7 @@ METHOD = Method(
     form="iterative",
     minimises="the Mahalanobis distance of rotation vectors alpha - R_X beta, then of q - (R_A - I) t, both with "
     "errors in all variables, weighted by the noise",
-    singular="motions of 180 degrees, unless others tell the sign of their axes; a noise model without noise in some "
+    singular="motions of 180 degrees, unless others fix the sign of their axes; a noise model without noise in some "
     "direction on both sides",
     solver=_Solver(),
     weighted=True,

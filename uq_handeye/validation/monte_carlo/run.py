@@ -179,7 +179,7 @@ def _result(
     damaged = [] if folder is None else folder.damaged
     if damaged:
         names = ", ".join(damaged[:3]) + (f" and {len(damaged) - 3} more" if len(damaged) > 3 else "")
-        notes.append(f"Chunks that were damaged or of another run were worked out again: {names}.")
+        notes.append(f"Chunks that were damaged or of another run were computed again: {names}.")
     return MonteCarlo(
         experiment=work.experiment,
         frame="X" if poses is None else SETUPS[poses.setup],
