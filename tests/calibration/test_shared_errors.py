@@ -152,7 +152,7 @@ def test_what_is_not_declared_is_asked_for_once(poses):
 def test_the_squares_are_measured():
     values = {"estimate": 30 / 29.7 - 1, "sd": 0.04 / 29.7 * 30 / 29.7, "square": 0.03}
     said = str(Finding("calibration.target_size", "caution", values))
-    assert said.startswith("The squares measure 29.700(40) mm, not 30:")
+    assert said.startswith("The squares measure 29.700(40) mm, not 30.")
     assert "1.00(13) % smaller" in str(
         Finding("calibration.target_size", "caution", values | {"square": None, "sd": 1.3e-3})
     )
