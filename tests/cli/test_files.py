@@ -104,8 +104,23 @@ def test_report_of_a_stored_result(session, tmp_path, asked):
     done = run("report", "result.json", tmp_path / "again.html", cwd=session)
     assert (done.returncode, done.stdout) == (0, f"Wrote {tmp_path / 'again.html'}\n")
     ((result, path, comparison, check),) = asked
-    assert (path, comparison, check) == (tmp_path / "again.html", False, None)
+    assert (path, comparison, check) == (tmp_path / "again.html", True, None)
     assert result.to_json() == (session / "result.json").read_text()
+    run("report", "result.json", tmp_path / "again.html", "--no-compare", cwd=session)
+    assert asked[1][2] is False
+
+
+def test_report_of_a_stored_result_is_that_of_calibrate(session, tmp_path):
+    """But for date and command line, which are those of calibrate in both."""
+    files = ("robot.csv", "camera.csv", *NOISE, "--report", tmp_path / "r.html", "--no-compare")
+    (tmp_path / "result.json").write_text(run("calibrate", *files, "--json", cwd=session).stdout)
+    done = run("report", tmp_path / "result.json", tmp_path / "again.html", "--no-compare", cwd=session)
+    assert done.returncode == 0
+    one, other = (
+        re.sub(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC", "date", (tmp_path / name).read_text(encoding="utf-8"))
+        for name in ("r.html", "again.html")
+    )
+    assert one == other
 
 
 # ------------------------------------------------------------------------------------------------ export and -o

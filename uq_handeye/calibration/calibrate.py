@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
+from ..files.validate import plain
 from ..findings import Finding, warn
 from ..kinematics.chain import Kinematics
 from ..kinematics.kinematic_errors import KinematicErrors
@@ -194,7 +195,7 @@ def calibrate(
         "kind": kind,
         "covariance": covariance,
         "robust": job.robust,
-        "prior": None if prior is None else asdict(prior),
+        "prior": None if prior is None else plain(asdict(prior)),
         **({} if job.pose_prior is None else {"pose_prior": job.pose_prior.to_dict()}),
         "seed": job.seed,
         "correlation": correlation,

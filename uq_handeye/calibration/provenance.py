@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import asdict, dataclass, field
 from typing import Any
-
-import numpy as np
 
 from ..files.source import Source
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..poses.to_dict import sha256_of
 from ..runtime.versions import versions
 
 
@@ -45,7 +43,4 @@ def provenance(data: PosePairs | Motions, options: dict[str, Any]) -> Provenance
     """Record what `calibrate` was given."""
     sides = (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
     poses = data if isinstance(data, PosePairs) else data.poses
-    digest = hashlib.sha256()
-    for T in sides:
-        digest.update(np.ascontiguousarray(T, dtype="<f8").tobytes())
-    return Provenance(digest.hexdigest(), options, dict(versions()), () if poses is None else poses.sources)
+    return Provenance(sha256_of(*sides), options, dict(versions()), () if poses is None else poses.sources)

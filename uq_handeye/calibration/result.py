@@ -37,6 +37,7 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
+from ..poses.to_dict import data_to_dict
 from ..prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from ..prediction.fitted_kinematics import FittedKinematics
 from ..prediction.predict import CameraPrediction, predict_camera, predict_points
@@ -130,7 +131,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
     provenance : Provenance or None
         Files, options, versions: enough to repeat the run.
     data : PosePairs, Motions or None
-        What it was made of. Not in the JSON file: None when it was read from one.
+        What it was made of. None when it was read from a file of a version that did not store poses.
     opened : OpenDirections or None
         What of X and W the motions leave open; None: nothing. `covariance` and `covariance_W` are then those of the
         other directions, and have the variance 0 along these: use them together with `open_directions`.
@@ -173,7 +174,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
     joint_posterior: JointPosterior | None = field(default=None, repr=False)  # of X, W and what all poses share
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
     about: dict[str, str] = field(default_factory=dict)  # title block of the report, by the names of `files.about`
-    data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of; not in the JSON file
+    data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of
     analysis: Analysis | StoredAnalysis | None = field(
         default=None, repr=False
     )  # diagnostics, other covariances, split halves, budget
@@ -281,7 +282,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
         that all of them speak of this X. Raises `InputError` where there are no poses or there is no noise.
         """
         if self.data is None or self.noise is None:
-            lacks = "no poses: it was read from a file" if self.data is None else "no noise: none was found"
+            lacks = "no poses: its file holds none" if self.data is None else "no noise: none was found"
             raise InputError(f"This calibration holds {lacks}.")
         if self.table is None or (self.table.weight == 1).all():
             return self.data, self.noise
@@ -505,6 +506,7 @@ class Calibration(EstimatedPoses, ReadOnlyArrays):
             "usable": self.usable,
             "accuracy": None if self.accuracy is None else self.accuracy.to_dict(),
             "checks": [check.to_dict() for check in self.checks],
+            **({} if self.data is None else {"data": data_to_dict(self.data)}),
             "findings": [finding.to_dict() for finding in self.findings],
             "warnings": list(self.warnings),
         }

@@ -20,6 +20,7 @@ from ..findings import Finding
 from ..geometry.checks import as_transforms, checked_covariance
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
+from ..likelihood.constraint import require_noise_fits
 from ..likelihood.d2_distribution import Reference
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..likelihood.goodness_of_fit import GoodnessOfFit
@@ -27,9 +28,13 @@ from ..likelihood.open_directions import OpenDirections
 from ..likelihood.rig_bundle import Agreement
 from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
 from ..noise.estimate import NoiseEstimate
+from ..noise.models import Noise
 from ..noise.to_dict import noise_from_dict
+from ..poses.motions import Motions, relative_motions
+from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
+from ..poses.to_dict import data_from_dict
 from ..prediction.fitted_kinematics import FittedKinematics
 from .analysis import Analysis, StoredAnalysis
 from .format_3 import FORMAT_3, converted
@@ -50,6 +55,10 @@ class Stored(Protocol):
     def n_poses(self) -> int | None: ...
     @property
     def n_pairs(self) -> int: ...
+    @property
+    def noise(self) -> Noise | None: ...
+    @property
+    def data(self) -> PosePairs | Motions | None: ...
     def _derived(self) -> dict[str, Any]: ...
 
 
@@ -93,9 +102,12 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
             raise ValueError(f"{where} is not finite")
         if data["format"] == FORMAT_3:
             data = converted(data)
-        result = kind(**_parts_of(data))
+        parts = _parts_of(data)
+        poses = parts.pop("data")  # they look after themselves
+        result = kind(**parts)
         if (where := misfit(result, kind, "calibration")) is not None:
             raise TypeError(f"{where} is of the wrong type")
+        result = kind(**(parts | {"data": poses}))
         _require_whole(result)
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             if (where := unequal(result._derived(), data, "calibration")) is not None:
@@ -111,6 +123,8 @@ def _require_whole(result: Stored) -> None:
     """Raise where the parts are not of one data set and one fit."""
     if (fit := result.fit) is not None and not (fit.dof > 0 and np.isclose(fit.sigma0**2, fit.chi2 / fit.dof)):
         raise ValueError(f"sigma0 {fit.sigma0!r} is not that of {fit.chi2!r} with {fit.dof!r} degrees of freedom")
+    if (data := result.data) is not None:
+        _require_one_data_set(data, result)
     if result.table is None:
         return
     count = result.n_pairs if result.table.item == "motion" else result.n_poses
@@ -119,12 +133,27 @@ def _require_whole(result: Stored) -> None:
         raise ValueError(f"{count} {result.table.item}s, and parts that are of {sorted(sizes)}")
 
 
+def _require_one_data_set(data: PosePairs | Motions, result: Stored) -> None:
+    """Raise where the poses (or motions) are not as many as the result and its noise are of."""
+    poses = data if isinstance(data, PosePairs) else data.poses
+    if isinstance(data, Motions) and result.n_pairs != data.N:
+        raise ValueError(f"{result.n_pairs} motions, and data that hold {data.N}")
+    if (None if poses is None else poses.n) != result.n_poses:
+        raise ValueError(f"{result.n_poses} poses, and data that hold {0 if poses is None else poses.n}")
+    motions = data if isinstance(data, Motions) else relative_motions(data, [[0, 1]])
+    require_noise_fits(result.noise, motions)
+
+
 def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
     """The arguments of `Calibration`; raises whatever comes (KeyError for parts that are missing)."""
     for name, known in _KNOWN.items():
         if data[name] not in known:
             raise ValueError(f"{name} is {data[name]!r:.40}")
     X = _pose(data, "X")
+    origin = _read(data, "provenance", Provenance.from_dict)
+    poses = None
+    if data.get("data") is not None:
+        poses = data_from_dict(data["data"], data["setup"], () if origin is None else origin.sources)
     return {
         **{name: data[name] for name in _PLAIN},
         **{name: _covariance(data, name) for name in _COVARIANCES},
@@ -136,8 +165,9 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "fit": _read(data, "fit", lambda part: GoodnessOfFit(**part)),
         "table": _read(data, "poses", PoseTable.from_dict),
         "analysis": _read(data, "analysis", lambda part: StoredAnalysis.from_dict(part, X)),
-        "provenance": _read(data, "provenance", Provenance.from_dict),
+        "provenance": origin,
         "about": as_about(data.get("about", {})),
+        "data": poses,
         "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
         "shared": tuple(map(SharedEstimate.from_dict, data.get("shared", ()))),
         "opened": None if data.get("open") is None else OpenDirections.from_dict(data["open"]),

@@ -38,7 +38,7 @@ def compare_beside(result: Calibration) -> Compared:
     if data is None:
         return Compared(
             None,
-            "Not compared: this result was read from a file, which holds no poses. "
+            "Not compared: this result was read from a file that holds no poses. "
             "report(path, comparison=compare(poses, noise=noise)) shows the methods.",
             "",
         )

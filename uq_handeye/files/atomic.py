@@ -70,11 +70,25 @@ def require_writable_folder(directory: StrPath) -> None:
 
 
 def json_text(data: Any, path: StrPath | None = None) -> str:
-    """``data`` as JSON text, also written to ``path``; raises ValueError for NaN and infinity, which JSON has not."""
-    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    """Return ``data`` as JSON text, indented, a list of numbers or texts on one line; also write it to ``path``.
+
+    Raises ValueError for NaN and infinity, which JSON has not.
+    """
+    text = _indented(data, "\n") + "\n"
     if path is not None:
         write_atomically(path, text)
     return text
+
+
+def _indented(data: Any, start: str) -> str:
+    """JSON text whose lines begin with ``start``."""
+    inside = f"{start}  "
+    if isinstance(data, dict) and data:
+        parts = [f"{json.dumps({name: 0})[1:-4]}: {_indented(part, inside)}" for name, part in data.items()]
+        return f"{{{inside}{f',{inside}'.join(parts)}{start}}}"
+    if isinstance(data, list | tuple) and any(isinstance(part, dict | list | tuple) for part in data):
+        return f"[{inside}{f',{inside}'.join(_indented(part, inside) for part in data)}{start}]"
+    return json.dumps(data, allow_nan=False)
 
 
 def write_files(directory: StrPath, files: Mapping[str, Content]) -> None:

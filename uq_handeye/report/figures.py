@@ -88,7 +88,7 @@ def pictures(
 
 
 def poses_of(result: Calibration) -> PosePairs | None:
-    """The poses that a result was made of, unless it was read from a file."""
+    """Return the poses that a result was made of; None for motions alone, and where its file holds no poses."""
     return result.data.poses if isinstance(result.data, Motions) else result.data
 
 

@@ -36,7 +36,7 @@ def rig_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section
     elif result.setup is None:
         blocks = [Paragraph("Nothing to draw: the motions A and B came without poses.", empty=True)]
     else:
-        text = "Not drawn: this result was read from a file, which holds no poses; make the report from the poses."
+        text = "Not drawn: this result was read from a file that holds no poses. Calibrate again, and store the result."
         blocks = [Paragraph(text, empty=True)]
     return Section("rig", "The rig", blocks)
 

@@ -67,7 +67,8 @@ def read_camera(folder: StrPath) -> CameraCalibration:
     corners, used = corners_and_used(path / CORNERS)
     arrays = _arrays(path / COVARIANCE)
     try:
-        found = _calibration(tree, corners, used, arrays, shown(path / INTRINSICS))
+        found = calibration_from_parts(tree, corners, used, arrays, shown(path / INTRINSICS))
+        _numbers(arrays, "shared", found.covariance.shared.shape)
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -132,7 +133,16 @@ def _shape(tree: Any, arrays: dict[str, Any], corners: Corners) -> BoardShape:
     return BoardShape(str(tree["board"]["shape"]), names, points, offset, fields, sd)
 
 
-def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any], name: str) -> CameraCalibration:
+def calibration_from_parts(
+    tree: Any, corners: Corners, used: Any, arrays: dict[str, Any], name: str
+) -> CameraCalibration:
+    """The calibration of what `folder_writer.to_dict` and `bundle_arrays` wrote, its corners and which were used.
+
+    Raises
+    ------
+    InputError
+        Parts that do not belong together; KeyError, TypeError, ValueError or IndexError on anything else.
+    """
     if not isinstance(tree, dict) or tree.get("format") != FORMAT:
         came = short(str(tree.get("format"))) if isinstance(tree, dict) else got(tree)
         raise InputError(f"{name}: expected the format {FORMAT!r}, got {came}.")
@@ -227,5 +237,4 @@ def _calibration(tree: Any, corners: Corners, used: Any, arrays: dict[str, Any],
         )
     if free.any() and np.linalg.eigvalsh(covariance[np.ix_(free, free)]).min() <= 0:
         raise InputError(f"{name}, covariance: expected one that is positive definite for the estimated parameters.")
-    _numbers(arrays, "shared", found.covariance.shared.shape)
     return found

@@ -35,21 +35,28 @@ CONVENTION = (
 )
 
 
+def bundle_arrays(cam: Calibrated) -> dict[str, Any]:
+    """What the joint covariance of the poses is made of, by name."""
+    bundle = cam.bundle
+    return {
+        "own": bundle.own,
+        "by_parameters": bundle.by_parameters,
+        "parameters": bundle.parameters,
+        "covariance": bundle.covariance,
+        "weights": bundle.weights,
+        **{f"board_{name}": getattr(bundle.shape, name) for name in ("points", "offset", "fields", "sd")},
+    }
+
+
 def camera_files(cam: Calibrated) -> dict[str, str | bytes]:
     """The files of `write_camera` that are data, by name."""
     buffer = io.BytesIO()
-    S = cam.covariance
     arrays: dict[str, Any] = {
-        "own": S.own,
-        "shared": S.shared,
+        "shared": cam.covariance.shared,
         "rows": cam.rows.astype(np.int64),
         "poses": cam.poses,
-        "by_parameters": cam.bundle.by_parameters,
-        "parameters": cam.bundle.parameters,
-        "covariance": cam.bundle.covariance,
-        "weights": cam.bundle.weights,
         "convention": CONVENTION,
-        **{f"board_{name}": getattr(cam.bundle.shape, name) for name in ("points", "offset", "fields", "sd")},
+        **bundle_arrays(cam),
     }
     np.savez(buffer, **arrays)
     return {

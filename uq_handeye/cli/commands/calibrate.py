@@ -67,6 +67,9 @@ ReportFile = Annotated[
     Path | None,
     option("--report", metavar="FILE", panel=OUTPUT, help="Write a report for people: one .html or .pdf file."),
 ]
+NoCompare = Annotated[
+    bool, flag("--no-compare", panel=OUTPUT, help="Leave the comparison of methods out of the report.")
+]
 
 
 @made_of(
@@ -140,9 +143,7 @@ def calibrate_command(
     seed: Annotated[int, option("--seed", help="Seed of random subsets, bootstrap and cross-check.")] = 0,
     threshold: Annotated[float, typer.Option(min=0.0, max=1.0, help="List correlations from here up.")] = 0.5,
     report: ReportFile = None,
-    no_compare: Annotated[
-        bool, flag("--no-compare", panel=OUTPUT, help="Leave the comparison of methods out of the report.")
-    ] = False,
+    no_compare: NoCompare = False,
     with_cross_check: Annotated[
         bool,
         flag("--with-cross-check", panel=OUTPUT, help="Monte Carlo and posterior in the report, too; takes a minute."),

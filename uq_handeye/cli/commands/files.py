@@ -10,7 +10,7 @@ from ...runtime.progress import working
 from ..messages import progress_wanted, timed
 from ..options import OUTPUT, emit, made_of, one_of, option, require_writable
 from ..report_options import ReportOptions, report_options_of
-from .calibrate import REPORTS
+from .calibrate import REPORTS, NoCompare
 
 # The names of export.FORMATS, written down once more to be quick.
 EXPORT_NAMES = ("json", "ros", "urdf", "opencv", "npz")
@@ -67,18 +67,19 @@ def report_command(
     result: ResultFile,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, .html or .pdf.")],
     wishes: "ReportOptions",
+    no_compare: NoCompare = False,
 ) -> None:
     """A report for people from a stored result.
 
     Example: uq-handeye report result/result.json report.html
 
-    It is that of calibrate --report without what needs the poses again: the
-    comparison of methods and the cross-check.
+    It is that of calibrate --report: the result file holds the poses. A file of
+    an older version holds none; its report lacks the rig and the methods.
     """
     from ...calibration.result import Calibration
 
     require_writable(file, "FILE", REPORTS)
     stored = Calibration.from_json(result)
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
-        written = stored.report(file, comparison=False, about=wishes.about, **wishes.of_report)
+        written = stored.report(file, comparison=not no_compare, about=wishes.about, **wishes.of_report)
     emit(f"Wrote {written}\n")
