@@ -20,8 +20,11 @@ from pathlib import Path
 Place = tuple[str, int]  # a package, or an arrow that passes, on a floor
 
 ROOT = Path(__file__).resolve().parents[2]
-# The one lazy door upward: a result writes its own page.
-DOOR = ("uq_handeye.calibration.result", "uq_handeye.report.page")
+# The lazy doors upward: a result writes its own page and draws its own figures.
+DOORS = {
+    ("uq_handeye.calibration.result", "uq_handeye.report.page"),
+    ("uq_handeye.calibration.report.plotted", "uq_handeye.report.named"),
+}
 # Modules at the top of the package that stand together; the others there only hand names on.
 TOP = ("errors", "findings")
 INK, LINE, FILL = "#222222", "#5F5F5F", "#E8F1F8"
@@ -53,7 +56,7 @@ def imports(module: str) -> list[tuple[int, str]]:
             names = [f"{start}.{alias.name}" for alias in node.names]
             found |= {(node.lineno, name if name in sources() else start) for name in names}
     own = sorted((line, name) for line, name in found if name.partition(".")[0] == "uq_handeye")
-    return [(line, name) for line, name in own if (module, name) != DOOR]
+    return [(line, name) for line, name in own if (module, name) not in DOORS]
 
 
 def graph() -> dict[str, set[str]]:

@@ -19,8 +19,7 @@ from uq_handeye.calibration.analysis import StoredAnalysis
 from uq_handeye.calibration.points_ahead import ahead
 from uq_handeye.calibration.report.budget_figure import budget_figure
 from uq_handeye.calibration.report.residual_figure import residual_figure
-from uq_handeye.calibration.report.rig_figure import rig, rig_figure
-from uq_handeye.calibration.report.rig_scene import rig_scene
+from uq_handeye.calibration.report.rig_figure import rig, rig_figure, rig_scene
 from uq_handeye.calibration.report.shared_figure import shared_figure
 from uq_handeye.calibration.report.task_space_figure import task_space_figure
 from uq_handeye.comparison.methods_figure import methods_figure
@@ -66,6 +65,32 @@ def test_all_figures_have_the_width_of_a_page_and_words(drawn):
     for picture in drawn.values():
         assert picture.figure.get_size_inches()[0] == pytest.approx(WIDTH)
         assert len(picture.alt) > 60 and len(picture.caption) > 60
+
+
+def test_figures_by_name(both, drawn):
+    _, result = both
+    assert result.figures == (*ALL, "methods")
+    figure = result.plot("budget")
+    assert repr(figure) == "<Figure 'budget': Uncertainty budget of X>" and figure.get_label() == "budget"
+    picture, more = figure._repr_png_()
+    assert picture.startswith(b"\x89PNG") and more == {"alt": drawn["budget"].alt}
+    assert figure.title.encode() in picture and more["alt"].encode() in picture
+    assert f"<title>{figure.title}</title>" in render(figure, "svg").decode()
+    assert "<title>" not in inline_svg(figure, "budget")
+    with pytest.raises(InputError, match=r"`name` to be one of ellipses, rig,.* methods, got 'nothing'\.$"):
+        result.plot("nothing")
+    with pytest.raises(InputError, match="'workspace' needs data or a covariance that this result does not have"):
+        result.plot("workspace")
+
+
+def test_figures_by_name_are_those_that_can_be_drawn(result):
+    stored = uq.Calibration.from_dict(result.to_dict())
+    bare = replace(stored, covariance=None, data=None)
+    assert bare.figures == ("residuals", "budget")
+    assert bare.plot().name == "residuals"
+    assert replace(bare, table=None, analysis=None).figures == ()
+    with pytest.raises(InputError, match="one of no figures"):
+        replace(bare, table=None, analysis=None).plot()
 
 
 def test_what_cannot_be_drawn_is_left_out(result):

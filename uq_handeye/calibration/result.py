@@ -53,6 +53,7 @@ from ..statement.tolerance import Tolerance, Verdict, verdict_of
 from .analysis import Analysis, StoredAnalysis
 from .estimated_poses import EstimatedPoses
 from .provenance import Provenance
+from .report.plotted import Plotted
 from .result_file import FORMAT, FourDPA, finite, from_dict, plain
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ MAX_BYTES = 500_000_000  # of a result's file
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration(EstimatedPoses, ReadOnlyArrays):
+class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
     """X of AX = XB and what is known about it.
 
     Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,

@@ -14,15 +14,12 @@ This module imports Matplotlib; import it where it is used.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -34,6 +31,8 @@ from ..files.atomic import write_files
 from ..files.open import StrPath, as_path
 from ..geometry.checks import as_transforms, checked_covariance
 from ..geometry.se3 import Array
+from .named_figure import NamedFigure
+from .named_figure import render as render
 
 LEVELS = (1, 2, 3)
 SYMBOLS = (r"\theta_x", r"\theta_y", r"\theta_z", r"\tau_x", r"\tau_y", r"\tau_z")
@@ -117,8 +116,7 @@ def covariance_ellipses(
     scale = np.array([factor for factor, _ in units])
     axis_labels = [f"${symbol}$ ({unit})" for symbol, (_, unit) in zip(SYMBOLS, units, strict=True)]
 
-    figure = Figure(figsize=(6.9, 11.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = NamedFigure(figsize=(6.9, 11.6), layout="constrained")
     if title is not None:
         figure.suptitle(title, fontsize=11)
     parts: Any = figure.subfigures(3, 1, height_ratios=[1.12, 1.12, 2.76], hspace=0.02)
@@ -140,17 +138,6 @@ def covariance_ellipses(
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # every further pass of the layout would shift the panels a little
     return figure
-
-
-def render(figure: Figure, kind: str) -> bytes:
-    """The figure as a ``png`` (200 dpi) or ``svg`` file; the same figure gives the same bytes."""
-    if kind not in ("png", "svg"):
-        raise InputError(f"Expected `kind` to be png or svg, got {kind!r}.")
-    buffer = io.BytesIO()
-    metadata: dict[str, Any] = {"Date": None} if kind == "svg" else {"Software": None}
-    with matplotlib.rc_context({"svg.hashsalt": "uq-handeye", "svg.fonttype": "path"}):
-        figure.savefig(buffer, format=kind, dpi=200, metadata=metadata)
-    return buffer.getvalue()
 
 
 def save_ellipses(figure: Figure, stem: StrPath) -> tuple[Path, Path]:

@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from .ellipses import render
+from .named_figure import NamedFigure, render
 
 WIDTH = 6.9
 ROOM = 0.015  # share of the width at both sides
@@ -40,9 +39,7 @@ class Picture(NamedTuple):
 def canvas(height: float) -> Figure:
     """An empty figure of the common width, ``height`` in inches."""
     # Hinting makes text a little wider at the resolution of a picture than where the layout is settled: leave it room.
-    figure = Figure(figsize=(WIDTH, height), layout=ConstrainedLayoutEngine(rect=(ROOM, 0.0, 1.0 - 2 * ROOM, 1.0)))
-    FigureCanvasAgg(figure)
-    return figure
+    return NamedFigure(figsize=(WIDTH, height), layout=ConstrainedLayoutEngine(rect=(ROOM, 0.0, 1.0 - 2 * ROOM, 1.0)))
 
 
 def finished(figure: Figure) -> Figure:
@@ -75,7 +72,7 @@ def inline_svg(figure: Figure, name: str) -> str:
     """The figure as an ``<svg>`` element, the same bytes for the same figure; its ids begin with ``name``."""
     text = render(figure, "svg").decode()
     text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    text = re.sub(r"<(metadata|title)>.*?</\1>\s*", "", text, flags=re.DOTALL)  # the page has words of its own
     text = _ID.sub(rf"\g<1>{name}-", text)
     # As the page is HTML, the namespaces need no declaration, and the size is that of the column.
     head, body = text.split(">", 1)

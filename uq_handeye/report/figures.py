@@ -6,6 +6,7 @@ Matplotlib; import it where it is used.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,9 +16,9 @@ from ..calibration.points_ahead import ahead, typical_distance
 from ..calibration.report.analysis import budget_shares, shown_budget
 from ..calibration.report.arm import prediction_words, workspace_caption
 from ..calibration.report.budget_figure import budget_figure
+from ..calibration.report.plotted import FIGURES
 from ..calibration.report.residual_figure import residual_figure
-from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure
-from ..calibration.report.rig_scene import rig_scene
+from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure, rig_scene
 from ..calibration.report.shared_figure import shared_figure
 from ..calibration.report.task_space_figure import task_space_figure
 from ..calibration.report.text import directions, parent_frame
@@ -30,6 +31,7 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..presentation.ellipses import LEVELS, covariance_ellipses
 from ..presentation.figure_parts import Picture
+from ..presentation.named_figure import NamedFigure
 from ..propagation.target_pose import mean_target
 from ..statement.included import shared_groups
 
@@ -71,20 +73,28 @@ def figures(
 
 
 def pictures(
-    result: Calibration, cross_check: CrossCheck | None = None, comparison: Comparison | None = None
+    result: Calibration,
+    cross_check: CrossCheck | None = None,
+    comparison: Comparison | None = None,
+    only: Collection[str] | None = None,
 ) -> dict[str, Picture]:
-    """`figures` with alt text and caption."""
-    found = {
-        "ellipses": _ellipses(result, cross_check),
-        "rig": _rig(result),
-        "residuals": _residuals(result),
-        "budget": _budget(result),
-        "shared": _shared(result),
-        "task_space": _task_space(result),
-        "workspace": _workspace(result),
-        "methods": None if comparison is None else methods_picture(comparison),
+    """`figures` with alt text and caption; ``only``: draw no others."""
+    makers: dict[str, Callable[[], Picture | None]] = {
+        "ellipses": lambda: _ellipses(result, cross_check),
+        "rig": lambda: _rig(result),
+        "residuals": lambda: _residuals(result),
+        "budget": lambda: _budget(result),
+        "shared": lambda: _shared(result),
+        "task_space": lambda: _task_space(result),
+        "workspace": lambda: _workspace(result),
+        "methods": lambda: None if comparison is None else methods_picture(comparison),
     }
-    return {stem: picture for stem, picture in found.items() if picture is not None}
+    found = {stem: make() for stem, make in makers.items() if only is None or stem in only}
+    there = {stem: picture for stem, picture in found.items() if picture is not None}
+    for stem, picture in there.items():
+        if isinstance(picture.figure, NamedFigure):
+            picture.figure.named(stem, FIGURES[stem], picture.alt)
+    return there
 
 
 def poses_of(result: Calibration) -> PosePairs | None:

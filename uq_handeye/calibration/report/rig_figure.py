@@ -1,4 +1,4 @@
-r"""The rig as a figure in three dimensions: base, gripper poses, cameras, target, and how well X is known.
+r"""The rig in three dimensions, as a figure and as a scene to be turned: base, grippers, cameras, target, ellipsoid.
 
 Model: everything stands in the base frame, by ``base_T_gripper`` of the poses and the X and W of the result.
 
@@ -11,22 +11,27 @@ base frame, enlarged by a round factor. This module imports Matplotlib; import i
 
 from __future__ import annotations
 
+import json
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from ...diagnostics.pose_table import PoseTable
+from ...formatting.numbers import digits
 from ...geometry.se3 import Array
 from ...poses.pose_pairs import PosePairs
 from ...presentation.figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, WIDTH, plain, round_number
+from ...presentation.named_figure import NamedFigure
 
 # So many poses are drawn in full, evenly spread over the recording, and so many as dots.
 MOST_FRAMES, MOST_DOTS = 30, 400
+# Poses of the scene that can be turned, of which one can be selected.
+MOST_CHOICES = 60
 _AXES = (("#D55E00", "x"), ("#009E73", "y"), ("#0072B2", "z"))
 # Half axes of the ellipsoid that holds 95 % of a Gaussian in three dimensions, in standard deviations.
 LEVEL = float(np.sqrt(chdtri(3, 0.05)))
@@ -116,8 +121,7 @@ def _board(poses: PosePairs, size: float) -> Array:
 
 def rig_figure(scene: Rig) -> Figure:
     """The scene from the side, and from above."""
-    figure = Figure(figsize=(WIDTH, 4.2))
-    FigureCanvasAgg(figure)
+    figure = NamedFigure(figsize=(WIDTH, 4.2))
     strokes = _strokes(scene)
     side: Any = figure.add_axes((0.0, 0.14, 0.57, 0.82), projection="3d", proj_type="ortho", computed_zorder=False)
     above = figure.add_axes((0.69, 0.26, 0.3, 0.62))
@@ -136,7 +140,7 @@ def rig_figure(scene: Rig) -> Figure:
         side.text(*tip, name, zorder=8, **words)
         if k < 2:
             above.text(tip[0], tip[1], name, zorder=8, **words)
-    low, high = limits(scene)
+    low, high = _limits(scene)
     side.view_init(22.0, -58.0)
     side.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     side.set_box_aspect(high - low, zoom=0.93)
@@ -163,7 +167,7 @@ def rig_figure(scene: Rig) -> Figure:
     return figure
 
 
-def evenly(n: int, most: int) -> NDArray[np.intp]:
+def _evenly(n: int, most: int) -> NDArray[np.intp]:
     """Return the numbers of at most ``most`` of n poses, evenly spread over the recording."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
 
@@ -171,7 +175,7 @@ def evenly(n: int, most: int) -> NDArray[np.intp]:
 def _strokes(scene: Rig) -> list[tuple[Array, dict[str, Any]]]:
     """Points (m, 3) and the style of each thing drawn, from back to front."""
     n = len(scene.grippers)
-    full, dots = evenly(n, MOST_FRAMES), evenly(n, MOST_DOTS)
+    full, dots = _evenly(n, MOST_FRAMES), _evenly(n, MOST_DOTS)
     full, dots = full[~scene.rejected[full]], dots[~scene.rejected[dots]]
     hand, small = scene.grippers[:, :3, 3], _SMALL * scene.size
     one_camera, one_target = len(scene.cameras) == 1, len(scene.targets) == 1
@@ -224,7 +228,7 @@ def _ellipsoid(scene: Rig) -> list[Array]:
     ]
 
 
-def limits(scene: Rig) -> tuple[Array, Array]:
+def _limits(scene: Rig) -> tuple[Array, Array]:
     """Corners of the box that is shown: all but the rejected poses."""
     kept = ~scene.rejected
     several = [T if len(T) == 1 else T[kept] for T in (scene.grippers, scene.cameras, scene.targets)]
@@ -257,3 +261,55 @@ def _legend(figure: Figure, scene: Rig) -> None:
         handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=SMALL, handlelength=1.8,
         columnspacing=1.4,
     )  # fmt: skip
+
+
+# ----------------------------------------------------------------------------------------------------- turned
+
+
+def rig_scene(scene: Rig, table: PoseTable | None, alt: str) -> str:
+    """Return the scene as JSON: poses as rows of 3x4 numbers, in metres."""
+    n = len(scene.grippers)
+    full = np.unique([*_evenly(n, MOST_CHOICES), scene.chosen])
+    low, high = _limits(scene)
+    grid = round_number(0.2 * float((high - low)[:2].max()))
+    dots = np.setdiff1d(_evenly(n, MOST_DOTS), np.concatenate([full, np.flatnonzero(scene.rejected)]))
+    found: dict[str, Any] = {
+        "hand": scene.setup == "eye-in-hand",
+        "X": _rows(scene.X),
+        "W": _rows(scene.W),
+        "poses": [_rows(T) for T in scene.grippers[full]],
+        "names": [_name(int(k), table) for k in full],
+        "rejected": np.flatnonzero(scene.rejected[full]).tolist(),
+        "chosen": int(np.flatnonzero(full == scene.chosen)[0]),
+        "dots": _short(scene.grippers[dots, :3, 3]),
+        "board": _short(scene.board),
+        "middle": _short(scene.board.mean(axis=0)),
+        "size": float(_short(scene.size)),
+        "low": _short(low),
+        "high": _short(high),
+        "grid": grid,
+        "grid_text": f"grid {grid:g} m",
+        "half": _short(scene.factor * scene.half_of_X).ravel() if scene.half_of_X.any() else None,
+        "item": "Pose",
+        "label": "The rig, to be turned",
+        "alt": alt,
+        "help": "Drag, or use the arrow keys, to turn; + and \N{MINUS SIGN} to zoom. The slider selects a pose.",
+    }
+    plain = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in found.items()}
+    return json.dumps(plain, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _name(k: int, table: PoseTable | None) -> str:
+    if table is None or table.item != "pose":
+        return f"pose {k}"
+    turn, move = digits(np.degrees(table.rotation[k]), 2), digits(1e3 * table.translation[k], 2)
+    flag = "" if table.flag[k] == "kept" else f", {table.status(k)}"
+    return f"pose {k}: {move} mm, {turn} deg{flag}"
+
+
+def _rows(T: Array) -> list[float]:
+    return [float(f"{x:.5g}") for x in np.asarray(T)[:3].ravel().round(6)]
+
+
+def _short(values: Any) -> Any:
+    return np.asarray(values, dtype=float).round(5) + 0.0
