@@ -234,12 +234,18 @@ def _not_run(split: str) -> str:
     return f"The split-half test ({split}) was not run, because"
 
 
+# Probability below which two halves contradict each other, which deserves a caution.
+CONTRADICTION = 1e-3
+_CONTRADICT = " The covariance is too small, or the halves have different systematic errors."
+
+
 @sentence("diagnostics.halves")
 def _(
     split: str, sizes: Sequence[int], rotation: float, translation: float, d2: float, p_value: float, agree: bool
 ) -> str:
-    verdict = "agree" if agree else "do not agree"
-    advice = "" if agree else " The covariance is too small, or the halves have different systematic errors."
+    verdict, advice = "agree" if agree else "do not agree", ""
+    if not agree:  # of several tests one is below 5 % by chance: that is no contradiction yet
+        advice = " Chance alone can explain that." if p_value >= CONTRADICTION else _CONTRADICT
     return (
         f"The two halves of the data ({split}, {sizes[0]} and {sizes[1]}) {verdict} within their covariances: X "
         f"differs by {_DEG * rotation:.2g} deg and {_MM * translation:.2g} mm (d^2 = {d2:.1f}, expected 6; p = "

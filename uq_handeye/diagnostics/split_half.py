@@ -36,11 +36,10 @@ from ..noise.square_roots import Covariance, cholesky_of, gram, joint_residuals,
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
+from .sentences import CONTRADICTION
 
 SPLITS = ("interleaved", "contiguous", "random", "angles")
 LEVEL = 0.95
-# Probability below which two halves contradict each other, which deserves a caution.
-CONTRADICTION = 1e-3
 FEWEST = 3
 # The numbers of one test.
 _SHAPES = {"X1": (4, 4), "X2": (4, 4), "difference": (6,), "covariance": (6, 6), "d2": (), "p_value": ()}

@@ -99,7 +99,7 @@ def _correlated(v: Mapping[str, Any]) -> str:
 
 def _drift(v: Mapping[str, Any]) -> str:
     kind = "drift" if v["drift"] else "correlation"
-    return f"{kind} of the {v['way']} found, included in the accuracy"
+    return f"{kind} of the {v['way']}, included in the accuracy"
 
 
 def _shape(v: Mapping[str, Any]) -> str:
