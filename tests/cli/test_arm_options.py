@@ -187,18 +187,18 @@ def test_other_commands_have_the_errors_of_the_arm_in_their_noise(cell, command)
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--urdf", "arm.urdf"), "--urdf: about the joints of the robot; give --joints joints.csv, too"),
-        (("--kinematics", "exact", "--tip", "tool0"), "--tip, --kinematics: about the joints"),
-        (("--robot-class", "cobot"), "--robot-class: about the joints"),
-        (("--joints", "joints.csv"), "give --urdf robot.urdf (or --dh FILE), too"),
-        ((*CHAIN, "--dh", "dh.csv"), "--urdf: not beside --dh"),
-        (("--joints", "joints.csv", "--dh", "dh.csv", "--tip", "tool0"), "--tip: not beside --dh"),
+        (("--urdf", "arm.urdf"), "--urdf: these options need the joint values. Add --joints joints.csv"),
+        (("--kinematics", "exact", "--tip", "tool0"), "--tip, --kinematics: these options need the joint values"),
+        (("--robot-class", "cobot"), "--robot-class: these options need the joint values"),
+        (("--joints", "joints.csv"), "Add --urdf robot.urdf (or --dh FILE)"),
+        ((*CHAIN, "--dh", "dh.csv"), "--urdf: not used with --dh"),
+        (("--joints", "joints.csv", "--dh", "dh.csv", "--tip", "tool0"), "--tip: not used with --dh"),
         ((*CHAIN, "--kinematics", "guess"), "--kinematics to be one of estimate, declared, exact"),
         ((*CHAIN, "--robot-class", "cobots"), "Did you mean cobot?"),
         ((*CHAIN, "--flange", "real"), "--flange to be one of controller, physical"),
         ((*CHAIN, "--tilt-sd", "2mm"), "--tilt-sd"),
         ((*CHAIN, "--length-sd", "-1mm"), "--length-sd"),
-        ((*CHAIN, "--kinematics", "exact", "--sag-sd", "1mrad"), "--sag-sd: --kinematics exact has no errors"),
+        ((*CHAIN, "--kinematics", "exact", "--sag-sd", "1mrad"), "--sag-sd: not used with --kinematics exact"),
         ((*CHAIN, "--robot-units", "mm"), "--robot-units: for a file of robot poses, not for --joints"),
         ((*CHAIN, "--robot-frame", "gripper_T_base"), "--robot-frame: for a file of robot poses"),
         ((*CHAIN, "--joint-units", "parsec"), "--joint-units"),
@@ -215,7 +215,7 @@ def test_refuses_files_given_twice_or_not_at_all(cell):
     folder = cell[0]
     text = refusal(folder, "robot.csv", "camera.csv", "--robot", "robot.csv", *CHAIN)
     assert "Robot poses are given twice" in text
-    assert "Give the file of camera poses" in refusal(folder, *CHAIN)
+    assert "--joints needs camera poses. Add their file" in refusal(folder, *CHAIN)
     assert "Missing argument 'ROBOT', or --joints and --urdf" in refusal(folder)
     assert "uq-handeye compare --help" in refusal(folder, command="compare")
     assert "Missing argument 'ROBOT' (see uq-handeye sync --help)" in refusal(folder, command="sync")

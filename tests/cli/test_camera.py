@@ -158,13 +158,13 @@ def test_the_board_as_measured_is_that_of_the_next_pictures(rig, table):
     again = ("camera", "corners.csv", "--image-size", "640x480", "--board", "camera/board.csv")
     assert json.loads(run(*again, "--json", cwd=folder).stdout)["board"]["shape"] == "measured"
     for more, message in (
-        (("--square", "20mm"), "--square: --board camera/board.csv says all points"),
-        (("--board-shape", "bow2"), "--board-shape: the file of --board says the shape"),
+        (("--square", "20mm"), "--square: not used with --board camera/board.csv"),
+        (("--board-shape", "bow2"), "--board-shape: the file of --board holds the shape"),
     ):
         done = run(*again, *more, cwd=folder)
         assert done.returncode == 2 and message in done.stderr and done.stderr.count("\n") == 1
     done = run("camera", "*.png", "--board", "camera/board.csv", cwd=folder)
-    assert done.returncode == 2 and "does not say which board to look for" in done.stderr
+    assert done.returncode == 2 and "does not name the kind of board" in done.stderr
 
 
 def test_json_is_that_of_the_folder(table):
@@ -188,7 +188,7 @@ def test_known_intrinsics_of_a_file(table):
     assert uq.read_camera(folder / "exact").std["fx"] == 0.0
     (folder / "large.json").write_text('{"fx": 1500.0, "image_size": [1280, 960]}')
     done = run("camera", "corners.csv", "--image-size", "640x480", "--intrinsics", "large.json", cwd=folder)
-    assert done.returncode == 2 and "pictures of 1280 x 960 pixels, these have 640 x 480: scale fx" in done.stderr
+    assert done.returncode == 2 and "pictures of 1280 x 960 pixels, got 640 x 480. Scale fx" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -212,12 +212,12 @@ def test_other_commands_take_the_folder(table, command):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("camera corners.csv", "Corners do not say how large the pictures are: give --image-size"),
+        ("camera corners.csv", "The table of corners has no image size. Add --image-size"),
         ("camera corners.csv --image-size 640", "--image-size to be two numbers such as 1920x1080, got '640'"),
         ("camera corners.csv --image-size 480x640", "Are width and height swapped?"),
         (
             "camera corners.csv --image-size 640x480 --board 9x6",
-            "--board are about pictures, and corners.csv is a table",
+            "--board: for pictures, but corners.csv is a table",
         ),
         ("camera nothing.csv --image-size 640x480", "nothing.csv: there is no such file"),
         ("camera *.png --board 9x6 --square 0.02", "No pictures found for *.png"),
@@ -225,8 +225,8 @@ def test_other_commands_take_the_folder(table, command):
         ("camera *.png --board 9 --square 0.02", "--board to be two numbers such as 9x6, got '9'"),
         ("camera *.png --board 9x6 --square 20", "--square 20 is 20 m, larger than any board"),
         ("camera *.png --board 9x6 --square x", "Expected --square to be a length"),
-        ("camera *.png --board 9x6 --square 0.02 --dictionary 4X4_50", "give --marker, too"),
-        ("camera *.png --board 9x6 --square 0.02 --image-size 640x480", "pictures tell it themselves"),
+        ("camera *.png --board 9x6 --square 0.02 --dictionary 4X4_50", "Add --marker LENGTH"),
+        ("camera *.png --board 9x6 --square 0.02 --image-size 640x480", "applies to a table of corners"),
         ("camera corners.csv --image-size 640x480 --model zoom", "Expected --model to be one of auto, pinhole"),
         ("camera corners.csv --image-size 640x480 --coefficients k1", "name the `model`"),
         ("camera corners.csv --image-size 640x480 --model brown --coefficients k9", "has no parameter 'k9'"),
@@ -235,9 +235,9 @@ def test_other_commands_take_the_folder(table, command):
         ("calibrate robot.csv camera --camera-units mm", "--camera-units: for files of camera poses"),
         (
             "calibrate robot.csv camera.csv --images *.png --board 9x6 --square 0.02",
-            "Give either a file of camera poses",
+            "Both a file of camera poses, camera.csv, and --images are given",
         ),
-        ("calibrate robot.csv camera --board 9x6", "--board are about pictures: give --images"),
+        ("calibrate robot.csv camera --board 9x6", "--board: needs pictures or a camera matrix. Add --images"),
         ("calibrate robot.csv .", ". lacks intrinsics.json, camera_covariance.npz"),
     ],
 )

@@ -149,7 +149,7 @@ def test_an_internal_error_is_one_line_and_status_1(session, broken, tmp_path):
         (["report", "nothing.json", "r.html"], ["nothing.json", "o such file"]),
         (["report", "nothing.json", "r.txt"], [".html or .pdf", "r.txt"]),
         (["report", "nothing.json", "folder.html"], ["folder.html", "it is a folder"]),
-        (["sync", "robot.csv"], ["file of the camera"]),
+        (["sync", "robot.csv"], ["the camera file"]),
         (["sync", "robot.csv", "camera.csv", "--interpolation", "linear"], ["so4, geodesic", "linear"]),
         (["simulate", "-o", "robot.csv"], ["robot.csv", "expected a folder"]),
         (["calibrate", "robot.csv", "camera.csv", "-o", "robot.csv/x"], ["robot.csv/x", "robot.csv is a file"]),

@@ -145,13 +145,13 @@ def test_parallel_axes_are_where_it_helps_most(run, tmp_path):
         (["--candidates", "candidates.csv", "-k", "13"], ["k = 13 and 12 candidates"]),
         (["--criterion", "magic"], ["trace, logdet, point", "magic"]),
         (["--criterion", "point"], ["go together"]),
-        (["--point", "0mm,0mm,1mm"], ["--point goes with --criterion point", "got --criterion trace"]),
+        (["--point", "0mm,0mm,1mm"], ["--point needs --criterion point", "got --criterion trace"]),
         (["--criterion", "point", "--point", "1mm,2mm"], ["--point", "X,Y,Z"]),
         (["--criterion", "point", "--point", "1,2,3"], ["unit"]),
         (["--length", "1"], ["unit"]),
         (["--length", "0mm"], ["above 0"]),
         (["--setup", "eye"], ["eye-in-hand"]),
-        (["--camera-noise", "1mm,2deg"], ["look swapped"]),
+        (["--camera-noise", "1mm,2deg"], ["swapped"]),
         (["--units", "mile"], ["mile"]),
         (["--noise", "no.toml"], ["no.toml", "no such file"]),
         (["-o", "missing/next.csv"], ["missing"]),
@@ -198,5 +198,5 @@ def test_page_shows_what_is_printed(tmp_path, monkeypatch, capsys):
 def test_help(run):
     status, out, _ = run("--help", files=())
     assert status == 0
-    assert "Example: uq-handeye plan" in out
-    assert "15 % of its" in out
+    assert "uq-handeye plan robot.csv" in out
+    assert "15 % of its" in run("--help-all", files=())[1]

@@ -62,4 +62,4 @@ def test_candidates_are_joints(cell):
 
 def test_a_task_without_joints_is_refused(cell):
     found = run("plan", "camera.csv", "camera.csv", "--task", "task.csv", cwd=cell)
-    assert found.returncode == 2 and "--task and --criterion prediction go with --joints and --urdf" in found.stderr
+    assert found.returncode == 2 and "--task and --criterion prediction need --joints and --urdf" in found.stderr

@@ -122,7 +122,7 @@ def test_they_reach_the_other_commands(folder, command, more, key, given):
         (["--robot-accuracy", "0.5,0.05deg"], ["--robot-accuracy", "unit", "mm"]),
         (["--robot-accuracy", "-1mm,0.05deg"], ["--robot-accuracy", ">= 0"]),
         (["--shared", "some"], ["--shared", "defaults, none", "'some'"]),
-        (["--pair", "async", "--offset", "0,0.001", "--offset-sd", "1ms"], ["once", "--offset-sd"]),
+        (["--pair", "async", "--offset", "0,0.001", "--offset-sd", "1ms"], ["twice", "--offset-sd"]),
     ],
     ids=lambda value: " ".join(value),
 )
@@ -157,12 +157,12 @@ def test_noise_on_motions_has_no_shared_errors(folder):
         '[A]\nrotation = "0.1deg"\ntranslation = "1mm"\n[shared]\nrobot_scale = "1%"\n'
     )
     found = run("validate", *BOTH, "--noise", "motions.toml", cwd=folder)
-    assert found.returncode == 2 and "noise on motions" in found.stderr
+    assert found.returncode == 2 and "noise of motions" in found.stderr
 
 
 def test_simulate_draws_none(folder):
     found = run("simulate", "-o", folder / "sim", "--noise", folder / "shared.toml")
-    assert found.returncode == 2 and "leave [shared] out" in found.stderr
+    assert found.returncode == 2 and "Remove [shared] from" in found.stderr
 
 
 # ------------------------------------------------------------------------------------------------------ the file

@@ -140,7 +140,7 @@ def test_all_cores_unless_told(run, monkeypatch):
         (("--figure", "figure.txt"), ".png or .svg"),
         (("--figure", "nowhere/figure.png"), "there is no folder nowhere; make it first"),
         (("--sweep-noise", "1,x"), "--sweep-noise to be numbers"),
-        (("--sweep-noise", "1,3", "--digits", "2"), "--sweep-noise goes without --digits"),
+        (("--sweep-noise", "1,3", "--digits", "2"), "--sweep-noise cannot be combined with --digits"),
     ],
     ids=str,
 )

@@ -441,8 +441,8 @@ def test_arguments():
         (r"`format` \(--format\) to be one of csv, tum", {"format": "xlsx"}),
         (r"`pair` \(--pair\) to be rows or time, got 'async'.*synchronise", {"pair": "async"}),
         (r"`setup` \(--setup\) to be one of eye-in-hand", {"setup": "eye"}),
-        (r"`tolerance` \(--tolerance\)", {"pair": "time", "tolerance": -1}),
-        (r"`tolerance` \(--tolerance\)", {"pair": "time", "tolerance": "2"}),
+        (r"`tolerance` \(--time-tolerance\)", {"pair": "time", "tolerance": -1}),
+        (r"`tolerance` \(--time-tolerance\)", {"pair": "time", "tolerance": "2"}),
     ):
         with pytest.raises(InputError, match=name):
             read_poses(*files, **options)

@@ -104,7 +104,7 @@ def test_other_units_of_time(pair, factor, unit):
 def test_beyond_the_tolerance(pair):
     text = message(pair(np.arange(5.0), np.arange(5.0) + 0.3))
     assert "the closest two are 0.3 s apart, and the tolerance is 0.02 s" in text
-    assert "--tolerance" in text
+    assert "--time-tolerance" in text
     assert "--pair async" in text
 
 

@@ -1,4 +1,4 @@
-"""The command ``uq-handeye``: parses, calls, prints.
+"""Program ``uq-handeye``: parse, call, print.
 
 Exit status: 0 success; 1 an internal error, or a run that lost its workers; 2 bad usage or bad input, with one line on
 stderr; 3 a result that is not usable; 5 a tolerance that is not shown to be met; 130 Ctrl-C, with one line on stderr.
@@ -16,7 +16,6 @@ from types import FrameType
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
 
 from ..errors import InputError, NotConvergedError
 from .commands.calibrate import calibrate_command, demo_command
@@ -31,7 +30,8 @@ from .commands.predict import predict_command
 from .commands.simulate import simulate_command
 from .commands.sync import sync_command
 from .commands.validate import INTERRUPTED, validate_command
-from .messages import LOG, coloured, fail, fail_internally, messages
+from .help import Command, Program, with_help_all
+from .messages import LOG, fail, fail_internally, messages
 from .options import with_messages
 
 # Seconds without a unit.
@@ -41,41 +41,23 @@ _NUMBER = re.compile(r"\d+\.?\d*(e[+-]?\d+)?|\.\d+")
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 
 
-def _colour_help() -> None:
-    """Rich, which Typer prints help with, by the rule of all other output."""
-    from typer import rich_utils  # slow to import
-
-    colours = coloured(sys.stdout)
-    rich_utils.COLOR_SYSTEM = "auto" if colours else None
-    rich_utils.FORCE_TERMINAL = True if colours else None
-
-
-class _Command(TyperCommand):
-    def format_help(self, *arguments: Any) -> None:
-        _colour_help()
-        super().format_help(*arguments)
-
-
-class _Group(TyperGroup):
-    def format_help(self, *arguments: Any) -> None:
-        _colour_help()
-        super().format_help(*arguments)
-
-
 app = typer.Typer(
-    cls=_Group,
-    help="Hand-eye calibration AX = XB with its uncertainty.\n\nExample: uq-handeye demo",
-    epilog="Every command has --help with an example.",
+    cls=Program,
+    help="""Estimate the pose X of a camera on a robot or in its cell (AX = XB), and its uncertainty.
+
+    Start with uq-handeye demo. Examples and options: uq-handeye COMMAND --help.
+    """,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
+@with_help_all
 @with_messages
 def _start(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version.")] = False,
+    version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version and exit.")] = False,
 ) -> None:
     if version:
         from .._version import __version__
@@ -89,29 +71,33 @@ app.callback(invoke_without_command=True)(_start)
 
 _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
     "Calibrate": {
-        "demo": demo_command,
         "calibrate": calibrate_command,
+        "demo": demo_command,
         "camera": camera_command,
-        "compare": compare_command,
-        "plan": plan_command,
-        "predict": predict_command,
-    },
-    "Is the covariance true?": {
-        "validate": validate_command,
-        "posterior": posterior_command,
-        "cross-check": cross_check_command,
-    },
-    "Files": {
         "sync": sync_command,
+    },
+    "Use the result": {
         "report": report_command,
         "export": export_command,
+        "predict": predict_command,
+    },
+    "Improve and compare": {
+        "plan": plan_command,
+        "compare": compare_command,
+    },
+    "Check the covariance": {
+        "validate": validate_command,
+        "cross-check": cross_check_command,
+        "posterior": posterior_command,
+    },
+    "Simulate and generate code": {
         "simulate": simulate_command,
         "codegen": codegen_command,
     },
 }
-for panel, commands in _COMMANDS.items():
+for group, commands in _COMMANDS.items():
     for name, command in commands.items():
-        app.command(name, cls=_Command, rich_help_panel=panel)(with_messages(command))
+        app.command(name, cls=Command, rich_help_panel=group)(with_help_all(with_messages(command)))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -129,10 +115,9 @@ def main(arguments: list[str] | None = None) -> None:
 
 @contextmanager
 def _interrupts() -> Iterator[list[int]]:
-    """Within it every Ctrl-C is counted, for not every one arrives as a KeyboardInterrupt.
+    """Count every Ctrl-C, because not every one arrives as a KeyboardInterrupt.
 
-    Libraries in C turn it into an error of their own, and within a finaliser Python prints and drops it; then it is
-    sent once more.
+    Libraries in C turn it into their own error, and in a finaliser Python prints and drops it; then it is sent again.
     """
     count: list[int] = []
     before, hook = signal.getsignal(signal.SIGINT), sys.unraisablehook
@@ -192,7 +177,7 @@ def renamed(arguments: list[str]) -> list[str]:
 
 
 def _failed(error: Exception) -> int:
-    """The exit status of an error, after its one line."""
+    """Print the one line of an error and return its exit status."""
     if isinstance(error, InputError | NotConvergedError):
         return fail(str(error))
     if isinstance(error, OSError) and error.filename is None:

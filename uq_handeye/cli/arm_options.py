@@ -1,4 +1,4 @@
-"""The robot by its joints and its chain, on the command line."""
+"""Options of the robot's joints and kinematics."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -6,21 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError
+from .groups import JOINTS
 from .options import made_of, one_of, option
 
 if TYPE_CHECKING:
     from ..kinematics.chain import Kinematics
     from ..kinematics.kinematic_errors import KinematicErrors
 
-# Panel of the help.
-KINEMATICS = "Kinematics"
-# Of kinematics.kinematic_errors, written down once more to be quick.
+# Names of kinematics.kinematic_errors, repeated here so that help and completion load quickly.
 HOW = ("estimate", "declared", "exact")
 ROBOT_CLASSES = ("industrial", "cobot", "hobby")
 FLANGES = ("controller", "physical")
 JOINT_UNITS = ("rad", "deg")
 
-# Standard deviations, and what `KinematicErrors` calls them.
+# Options of standard deviations: field here, parameter of `KinematicErrors`.
 _DEVIATIONS = {
     "--joint-noise": ("joint_noise", "joint_sd"),
     "--joint-offset-sd": ("joint_offset_sd", "offset_sd"),
@@ -36,37 +35,38 @@ JointUnits = Annotated[
         "--joint-units",
         of=JOINT_UNITS,
         metavar="UNIT",
-        panel=KINEMATICS,
-        help="Unit of --joints: rad, deg, or e.g. deg,mm with prismatic joints. Default: what its header says.",
+        panel=JOINTS,
+        help="Unit of the joint values: rad, deg, or e.g. deg,mm with prismatic joints. Default: as the header says.",
     ),
 ]
 
 
 @dataclass(frozen=True)
 class ChainOptions:
-    """Joint values and the chain that they move, as the command line says."""
+    """Options of the joint values and the kinematic chain."""
 
     joints: Annotated[
         Path | None,
         option(
             "--joints",
             metavar="FILE.csv",
-            panel=KINEMATICS,
-            help="Joint values, one column per joint by its name, rows as in ROBOT. ROBOT may then be left out, and a "
-            "single file is CAMERA: the robot poses follow from the joints.",
+            panel=JOINTS,
+            common=True,
+            help="Joint values in place of ROBOT, with --urdf. One column per joint, named as in the URDF, and one row "
+            "per pose. The robot poses follow from the joints; a single file argument is CAMERA.",
         ),
     ] = None
     urdf: Annotated[
         Path | None,
-        option("--urdf", metavar="FILE.urdf", panel=KINEMATICS, help="The arm that the joints move: its URDF."),
+        option("--urdf", metavar="FILE.urdf", panel=JOINTS, common=True, help="Robot model (URDF) for --joints."),
     ] = None
     base: Annotated[
         str | None,
         option(
             "--base",
             metavar="LINK",
-            panel=KINEMATICS,
-            help="Link that the robot poses start from. Default: the root of the URDF.",
+            panel=JOINTS,
+            help="Base link of the robot poses. Default: the root of the URDF.",
         ),
     ] = None
     tip: Annotated[
@@ -74,8 +74,8 @@ class ChainOptions:
         option(
             "--tip",
             metavar="LINK",
-            panel=KINEMATICS,
-            help="Link that they end at, e.g. tool0. Default: the only end of the URDF.",
+            panel=JOINTS,
+            help="Flange or tool link of the robot poses, e.g. tool0. Default: the only leaf of the URDF.",
         ),
     ] = None
     dh: Annotated[
@@ -83,8 +83,8 @@ class ChainOptions:
         option(
             "--dh",
             metavar="FILE",
-            panel=KINEMATICS,
-            help="Denavit-Hartenberg parameters in place of --urdf, CSV or TOML.",
+            panel=JOINTS,
+            help="Denavit-Hartenberg parameters (CSV or TOML), in place of --urdf.",
         ),
     ] = None
     ur_calibration: Annotated[
@@ -92,8 +92,8 @@ class ChainOptions:
         option(
             "--ur-calibration",
             metavar="FILE.yaml",
-            panel=KINEMATICS,
-            help="Calibration of a Universal Robots arm, in place of --urdf or for it.",
+            panel=JOINTS,
+            help="Kinematic calibration of a Universal Robots arm, in place of --urdf or applied to it.",
         ),
     ] = None
     joint_units: JointUnits = None
@@ -104,18 +104,20 @@ class ChainOptions:
         return [f"--{f.name.replace('_', '-')}" for f in fields(self) if getattr(self, f.name) is not None]
 
     def require(self) -> None:
-        """Raise `InputError` unless joints and one chain are given."""
+        """Raise `InputError` unless the options name joint values and one robot model."""
         if self.joints is None:
-            raise InputError(f"{', '.join(self.given)}: give the joint values, too: --joints joints.csv.")
+            raise InputError(f"{', '.join(self.given)}: these options need the joint values. Add --joints joints.csv.")
         if self.urdf is self.dh is self.ur_calibration is None:
-            raise InputError("--joints needs the arm that the joints move: give --urdf robot.urdf (or --dh FILE), too.")
+            raise InputError("--joints needs a robot model. Add --urdf robot.urdf (or --dh FILE).")
         if self.dh is not None:
             others = ("--urdf", "--base", "--tip", "--ur-calibration")
             if wrong := [name for name in others if name in self.given]:
-                raise InputError(f"{', '.join(wrong)}: not beside --dh, which says the whole arm; leave it out.")
+                raise InputError(
+                    f"{', '.join(wrong)}: not used with --dh, which describes the whole arm. Remove one of them."
+                )
 
     def kinematics(self) -> "Kinematics":
-        """The chain."""
+        """Read the kinematic chain."""
         from ..kinematics.chain import Kinematics
 
         if self.dh is not None:
@@ -128,15 +130,15 @@ class ChainOptions:
 
 @dataclass(frozen=True)
 class ErrorOptions:
-    """What is known of the kinematic errors, as the command line says."""
+    """Options of the kinematic errors."""
 
     robot_file: Annotated[
         Path | None,
         option(
             "--robot",
             metavar="FILE",
-            panel=KINEMATICS,
-            help="Beside --joints in place of ROBOT: poses of the controller, compared with those of the joints.",
+            panel=JOINTS,
+            help="Poses reported by the controller, compared with those from --joints.",
         ),
     ] = None
     how: Annotated[
@@ -145,9 +147,9 @@ class ErrorOptions:
             "--kinematics",
             of=HOW,
             metavar="NAME",
-            panel=KINEMATICS,
-            help="Errors of the arm: estimate (the standard deviations are the least that is assumed), declared (as "
-            "given) or exact (none). Default: estimate.",
+            panel=JOINTS,
+            help="Treatment of the kinematic errors: estimate, declared or exact. estimate: the standard deviations "
+            "given are a lower bound; declared: as given; exact: no errors. Default: estimate.",
         ),
     ] = None
     joint_noise: Annotated[
@@ -155,8 +157,8 @@ class ErrorOptions:
         option(
             "--joint-noise",
             metavar="SD",
-            panel=KINEMATICS,
-            help="Standard deviation of each joint in each pose, e.g. 0.01deg. Default: estimated.",
+            panel=JOINTS,
+            help="Standard deviation of a joint value in one pose, e.g. 0.01deg. Default: estimated.",
         ),
     ] = None
     joint_offset_sd: Annotated[
@@ -164,24 +166,36 @@ class ErrorOptions:
         option(
             "--joint-offset-sd",
             metavar="SD",
-            panel=KINEMATICS,
-            help="Standard deviation of the joint offsets, e.g. 0.1deg.",
+            panel=JOINTS,
+            help="Standard deviation of the joint offsets, e.g. 0.1deg. Default: by --robot-class.",
         ),
     ] = None
     tilt_sd: Annotated[
         str | None,
-        option("--tilt-sd", metavar="SD", panel=KINEMATICS, help="Of the tilts of the joint axes, e.g. 0.03deg."),
+        option(
+            "--tilt-sd",
+            metavar="SD",
+            panel=JOINTS,
+            help="Standard deviation of the tilts of the joint axes, e.g. 0.03deg. Default: by --robot-class.",
+        ),
     ] = None
     length_sd: Annotated[
-        str | None, option("--length-sd", metavar="SD", panel=KINEMATICS, help="Of the link lengths, e.g. 0.2mm.")
+        str | None,
+        option(
+            "--length-sd",
+            metavar="SD",
+            panel=JOINTS,
+            help="Standard deviation of the link lengths, e.g. 0.2mm. Default: by --robot-class.",
+        ),
     ] = None
     transmission_sd: Annotated[
         str | None,
         option(
             "--transmission-sd",
             metavar="SD",
-            panel=KINEMATICS,
-            help="Of the error that a joint repeats once or twice per turn, e.g. 0.02deg.",
+            panel=JOINTS,
+            help="Standard deviation of the periodic transmission error (one or two periods per revolution), e.g. "
+            "0.02deg. Default: by --robot-class.",
         ),
     ] = None
     sag_sd: Annotated[
@@ -189,8 +203,9 @@ class ErrorOptions:
         option(
             "--sag-sd",
             metavar="SD",
-            panel=KINEMATICS,
-            help="Of the deflection of a joint under its largest weight, e.g. 0.06deg.",
+            panel=JOINTS,
+            help="Standard deviation of the deflection of a joint under its largest gravity load, e.g. 0.06deg. "
+            "Default: by --robot-class.",
         ),
     ] = None
     robot_class: Annotated[
@@ -199,9 +214,9 @@ class ErrorOptions:
             "--robot-class",
             of=ROBOT_CLASSES,
             metavar="NAME",
-            panel=KINEMATICS,
-            help=f"Standard deviations not given: those of arms of this class, {', '.join(ROBOT_CLASSES)}. Default: "
-            "industrial.",
+            panel=JOINTS,
+            help=f"Class of the arm ({', '.join(ROBOT_CLASSES)}), which sets the standard deviations not given. "
+            "Default: industrial.",
         ),
     ] = None
     flange: Annotated[
@@ -210,9 +225,9 @@ class ErrorOptions:
             "--flange",
             of=FLANGES,
             metavar="NAME",
-            panel=KINEMATICS,
-            help="Flange that X belongs to: where the controller's joints put it, or the physical one, whose offset "
-            "from that is then part of the uncertainty. Default: controller.",
+            panel=JOINTS,
+            help="Flange that X refers to: controller (as computed from the joints) or physical (its deviation from "
+            "that is part of the uncertainty). Default: controller.",
         ),
     ] = None
 
@@ -227,7 +242,7 @@ class ErrorOptions:
         ]
 
     def errors(self) -> "KinematicErrors":
-        """What `calibrate` takes."""
+        """Return the errors as an argument of `calibrate`."""
         from ..kinematics.kinematic_errors import KinematicErrors
 
         values: dict[str, Any] = {}
@@ -243,7 +258,7 @@ class ErrorOptions:
         if values.get("how") == "exact":
             kept = [name for name in (*deviations, "--robot-class", "--flange") if name in self.given]
             if wrong := [name for name in kept if name != "--joint-noise"]:
-                raise InputError(f"{', '.join(wrong)}: --kinematics exact has no errors of the arm; leave it out.")
+                raise InputError(f"{', '.join(wrong)}: not used with --kinematics exact. Remove the option.")
         for name, (known, value) in deviations.items():
             try:  # on its own, so that the message names the option
                 KinematicErrors(**{known: value})
@@ -255,39 +270,39 @@ class ErrorOptions:
 
 @dataclass(frozen=True)
 class Arm:
-    """The robot by its joints."""
+    """Robot described by its joint values and its kinematic chain."""
 
     chain: ChainOptions
     options: ErrorOptions
 
     @property
     def shown(self) -> str:
-        """The file of joints."""
+        """Name of the file of joint values."""
         return str(self.chain.joints)
 
     @cached_property
     def kinematics(self) -> "Kinematics":
-        """The chain, read once."""
+        """Kinematic chain, read once."""
         return self.chain.kinematics()
 
     @property
     def of_files(self) -> dict[str, Any]:
-        """Options of `read_poses` and `read_stream`."""
+        """Arguments of `read_poses` and `read_stream`."""
         return {"joints": self.chain.joints, "kinematics": self.kinematics, "joint_units": self.chain.joint_units}
 
     @property
     def of_calibrate(self) -> dict[str, Any]:
-        """Options of `calibrate`; the joints are those of its poses."""
+        """Arguments of `calibrate`, which takes the joints from the poses."""
         return {"kinematics": self.kinematics, "kinematic_errors": self.options.errors()}
 
 
 @made_of(chain=ChainOptions, options=ErrorOptions)
 def arm_of(chain: "ChainOptions", options: "ErrorOptions") -> Arm | None:
-    """The arm of the options, or None if none is given."""
+    """Return the arm of the options, or None if none is given."""
     if not chain.given and not options.given:
         return None
     if chain.joints is None:
         given = ", ".join([*chain.given, *options.given])
-        raise InputError(f"{given}: about the joints of the robot; give --joints joints.csv, too.")
+        raise InputError(f"{given}: these options need the joint values. Add --joints joints.csv.")
     chain.require()
     return Arm(chain, options)

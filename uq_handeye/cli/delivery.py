@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from .groups import OUTPUT, common_in
 from .messages import LOG
-from .options import OUTPUT, named_folder, require_writable
+from .options import named_folder, require_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,13 +36,14 @@ def wrote(directory: Path, names: Iterable[str]) -> str:
     return "\n" + to_text([Paragraph(f"Wrote {listed} to {directory}", hang="  ")])
 
 
-# ------------------------------------------------------------------------------- a folder that was a CSV file once
+# ------------------------------------------------------------------------------- -o FILE.csv, deprecated
 
 
 def folder_or_csv_option(help: str) -> Any:
     """Return the option ``-o DIR`` of a command that took ``-o FILE.csv`` before, and still does."""
+    group = common_in(OUTPUT)
     return typer.Option(
-        "-o", "--output", metavar="DIR", callback=_folder_or_csv, help=help, rich_help_panel=OUTPUT, show_default=False
+        "-o", "--output", metavar="DIR", callback=_folder_or_csv, help=help, rich_help_panel=group, show_default=False
     )
 
 

@@ -20,6 +20,7 @@ from typing import Annotated, Any, TextIO
 import typer
 
 from ..errors import InputError, InputWarning
+from .groups import MESSAGES, common_in
 
 LOG = logging.getLogger("uq_handeye")
 
@@ -34,7 +35,7 @@ _STATUS_COLOURS = {"ok": "green", "caution": "yellow", "failed": "red", "not run
 
 @dataclass
 class _Run:
-    """How this run of the command talks."""
+    """Settings of the messages of a run."""
 
     command: str = "uq-handeye"  # the command line as typed
     quiet: bool = False
@@ -47,28 +48,29 @@ class _Run:
 _run = _Run()
 
 
-def _option(*names: str, help: str, metavar: str = "") -> Any:
-    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel="Messages")
+def _option(*names: str, help: str, metavar: str = "", common: bool = False) -> Any:
+    group = common_in(MESSAGES) if common else MESSAGES
+    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel=group)
 
 
 @dataclass(frozen=True)
 class Messages:
-    """The options of this module; they stand before or after the name of a command."""
+    """Options of the messages, before or after the name of a command."""
 
-    quiet: Annotated[bool, _option("-q", "--quiet", help="Print the answer only: no notes, warnings or progress.")] = (
-        False
-    )
+    quiet: Annotated[
+        bool, _option("-q", "--quiet", common=True, help="Print the answer only. No notes, warnings or progress.")
+    ] = False
     verbose: Annotated[
-        bool, _option("-v", "--verbose", help="Print everything that is known, and each step with its duration.")
+        bool, _option("-v", "--verbose", common=True, help="Print all details. Also each step with its duration.")
     ] = False
     log_file: Annotated[
         Path | None,
-        _option("--log-file", metavar="FILE", help="Append all messages here, with times and the command line."),
+        _option("--log-file", metavar="FILE", help="File that all messages are appended to, with times."),
     ] = None
-    no_color: Annotated[bool, _option("--no-color", help="No colours.")] = False
+    no_color: Annotated[bool, _option("--no-color", help="Print without colours.")] = False
 
     def apply(self) -> None:
-        """From here on."""
+        """Apply the options to this run."""
         _run.quiet |= self.quiet
         _run.verbose |= self.verbose
         _run.no_color |= self.no_color
@@ -79,7 +81,7 @@ class Messages:
 
 
 def command_line() -> str:
-    """The command line as typed."""
+    """Return the command line as typed."""
     return _run.command
 
 
@@ -94,12 +96,12 @@ def verbose() -> bool:
 
 
 def progress_wanted() -> bool:
-    """Whether long work may show a bar; where there is no terminal it shows none anyway."""
+    """Return whether long work may show a bar, which it does on a terminal only."""
     return not _run.quiet
 
 
 def coloured(stream: TextIO | None) -> bool:
-    """Whether colours go to a stream: to a terminal that can show them, unless --no-color, NO_COLOR or FORCE_COLOR."""
+    """Return whether colours go to a stream: a terminal that shows them, unless --no-color or NO_COLOR; FORCE_COLOR."""
     if _run.no_color or os.environ.get("NO_COLOR"):
         return False
     if os.environ.get("FORCE_COLOR", "0") not in ("", "0"):
@@ -145,7 +147,7 @@ def withheld() -> Iterator[list[str]]:
 
 @contextmanager
 def messages(command: str, no_color: bool) -> Iterator[None]:
-    """Within it the logger and Python's warnings are those of a run of the command."""
+    """Set up the logger and Python's warnings for a run of the command."""
     global _run
     before, _run = (_run, LOG.level, LOG.propagate, list(LOG.handlers)), _Run(command, no_color=no_color)
     LOG.setLevel(logging.DEBUG)
@@ -166,7 +168,7 @@ def messages(command: str, no_color: bool) -> Iterator[None]:
 
 @contextmanager
 def timed(what: str) -> Iterator[None]:
-    """Says with -v what is done, and then how long it took."""
+    """Report a step with -v, and then its duration."""
     start = time.perf_counter()
     LOG.debug("%s ...", what)
     yield
@@ -174,13 +176,13 @@ def timed(what: str) -> Iterator[None]:
 
 
 def fail(message: str) -> int:
-    """One line that says what is wrong; gives the exit status of bad input."""
+    """Print the one line of an error and return the exit status of bad input."""
     LOG.error(" ".join(message.split()))
     return 2
 
 
 def fail_internally(error: Exception) -> int:
-    """An error of the program itself: what it is and how to report it; gives its exit status."""
+    """Print an internal error and how to report it; return its exit status."""
     LOG.debug("".join(traceback.format_exception(error)).rstrip())
     where = "the log file has" if _logs() else "run it again with --log-file uq-handeye.log, which keeps"
     LOG.error(
@@ -217,7 +219,7 @@ class _ToStderr(logging.Handler):
 
 
 class _ToFile(logging.FileHandler):
-    """Gives up, and says so once, when the file cannot be written any more."""
+    """Handler of the log file, which gives up, with one warning, if the file cannot be written."""
 
     def handleError(self, record: logging.LogRecord) -> None:
         error = sys.exception()

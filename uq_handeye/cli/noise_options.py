@@ -1,10 +1,11 @@
-"""What a command is told of noise, X and W: groups of options (`made_of`) and how they are read."""
+"""Options of the noise and of prior knowledge of X and W."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError
+from .groups import NOISE, PRIOR
 from .options import made_of, option
 from .shared_options import SharedOptions
 
@@ -12,33 +13,35 @@ if TYPE_CHECKING:
     from ..noise.estimate import NoisePrior
     from ..noise.models import Noise
 
-# Panels of the help.
-NOISE, KNOWN = "Noise", "Known beforehand"
-BOTH_EXACT = "Both sides cannot be exact: give the standard deviations of one, or neither option."
-# In place of standard deviations: a side that has no noise.
+BOTH_EXACT = "Robot and camera cannot both be exact. Give the standard deviations of one, or neither option."
+# Value in place of standard deviations: that side has no noise.
 EXACT = "exact"
 
 
 @dataclass(frozen=True)
 class NoiseOptions:
-    """What is known of the noise, as the command line says."""
+    """Options of the noise of robot and camera poses."""
 
     robot_noise: Annotated[
         str | None,
         option(
             "--robot-noise",
-            metavar="ROT,TRANS|exact",
+            metavar="ROT,TRANS",
             panel=NOISE,
-            help="Standard deviations, e.g. 0.02deg,0.05mm. Left out beside --camera-noise: estimated.",
+            common=True,
+            help="Robot noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.02deg,0.05mm, or exact. "
+            "Default: estimated.",
         ),
     ] = None
     camera_noise: Annotated[
         str | None,
         option(
             "--camera-noise",
-            metavar="ROT,TRANS|exact",
+            metavar="ROT,TRANS",
             panel=NOISE,
-            help="Standard deviations, e.g. 0.1deg,0.5mm. Left out beside --robot-noise: estimated.",
+            common=True,
+            help="Camera noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.1deg,0.5mm, or exact. "
+            "Default: estimated.",
         ),
     ] = None
     noise: Annotated[
@@ -47,12 +50,13 @@ class NoiseOptions:
             "--noise",
             metavar="FILE.toml",
             panel=NOISE,
-            help="Noise with full 6x6 covariances, instead; shared errors in its table [shared].",
+            help="Noise file with full 6x6 covariances, in place of --robot-noise and --camera-noise. Its table "
+            "[shared] holds shared errors.",
         ),
     ] = None
 
     def read(self) -> "Noise | NoisePrior | None":
-        """The noise of the three options, None if none of them says any; of one side alone what is known of it."""
+        """Return the noise of the options, a prior if they name one side only, None if they name none."""
         from ..io import read_noise_file
         from ..noise.estimate import NoisePrior
         from ..noise.models import PoseNoise
@@ -82,17 +86,17 @@ class NoiseOptions:
 
 @dataclass(frozen=True)
 class Given:
-    """What is known of the noise and of what all poses share."""
+    """Noise and shared errors as given."""
 
     noise: "Noise | None"
-    one_side: "NoisePrior | None"  # where that of one side alone is known
+    one_side: "NoisePrior | None"  # if only one side is given
     shared: SharedOptions
-    file: Path | None  # that may hold shared errors too
+    file: Path | None  # noise file, which may hold shared errors too
 
 
 @made_of(options=NoiseOptions, shared=SharedOptions)
 def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
-    """Noise and shared errors of the options."""
+    """Return noise and shared errors of the options."""
     from ..noise.estimate import NoisePrior
 
     noise = options.read()
@@ -101,7 +105,7 @@ def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
 
 
 def exact_beside(known: "NoisePrior") -> "Noise":
-    """The noise of the side that is known, the other one without any."""
+    """Return the noise with the side that is not given taken as exact."""
     from ..noise.models import PoseNoise
 
     rotation, translation, *camera = known.values.tolist()
@@ -118,19 +122,29 @@ def prior_of(
             "--robot-prior",
             metavar="ROT,TRANS",
             panel=NOISE,
-            help="Data sheet of the robot, for noise that is estimated, e.g. '?,0.05mm'; ? is unknown.",
+            help="Robot noise by its data sheet, as a prior of the estimate, e.g. '?,0.05mm' (? is unknown).",
         ),
     ] = None,
     camera_prior: Annotated[
         str | None,
-        option("--camera-prior", metavar="ROT,TRANS", panel=NOISE, help="The same of the camera, e.g. '0.1deg,?'."),
+        option(
+            "--camera-prior",
+            metavar="ROT,TRANS",
+            panel=NOISE,
+            help="Camera noise by its data sheet, as a prior of the estimate, e.g. '0.1deg,?'.",
+        ),
     ] = None,
     prior_factor: Annotated[
         float,
-        option("--prior-factor", panel=NOISE, help="The data sheet is right within this factor (1 sigma); 1: exact."),
+        option(
+            "--prior-factor",
+            metavar="FACTOR",
+            panel=NOISE,
+            help="Uncertainty of --robot-prior and --camera-prior as a factor (1 sigma). 1: exact.",
+        ),
     ] = 2.0,
 ) -> "NoisePrior | None":
-    """What the data sheets say, or None if nothing is given."""
+    """Return the prior of the data sheets, or None if none is given."""
     from ..noise.estimate import NoisePrior
 
     if robot_prior is None and camera_prior is None:
@@ -145,24 +159,25 @@ def pose_prior_of(
         option(
             "--prior-x",
             metavar="FILE",
-            panel=KNOWN,
-            help="What is known of X: YAML or JSON with pose and covariance, or the result.json of an earlier run.",
+            panel=PRIOR,
+            help="Prior of X: YAML or JSON with pose and covariance, or the result.json of an earlier run.",
         ),
     ] = None,
     prior_w: Annotated[
-        Path | None, option("--prior-w", metavar="FILE", panel=KNOWN, help="The same of W, the pose of the target.")
+        Path | None,
+        option("--prior-w", metavar="FILE", panel=PRIOR, help="Prior of the target pose W, likewise."),
     ] = None,
     known: Annotated[
         list[str] | None,
         option(
             "--known",
             metavar="TEXT",
-            panel=KNOWN,
-            help="A measured length, e.g. 'target z = 120mm +- 1mm' or 'camera x = 35mm +- 0.5mm'; repeatable.",
+            panel=PRIOR,
+            help="Measured coordinate of camera or target, e.g. 'target z = 120mm +- 1mm'. Repeatable.",
         ),
     ] = None,
 ) -> "dict[str, Any]":
-    """What is known of X and W, as arguments of `calibrate`."""
+    """Return the priors of X and W as arguments of `calibrate`."""
     from ..io import read_prior
     from ..noise.known_values import known as known_values
 
@@ -171,13 +186,13 @@ def pose_prior_of(
         if path is None:
             continue
         if name in found:
-            raise InputError(f"Give either --prior-{of.lower()} or --known of the same pose, not both.")
+            raise InputError(f"--prior-{of.lower()} and --known describe the same pose. Give one of them.")
         found[name] = read_prior(path, of)
     return found
 
 
 def _deviations(value: str, name: str) -> tuple[float, float]:
-    """Standard deviations (rad, m) of an option ROTATION,TRANSLATION."""
+    """Return the standard deviations (rad, m) of an option ROTATION,TRANSLATION."""
     from ..formatting.units import parse_deviations
 
     rotation, comma, translation = value.partition(",")
@@ -193,7 +208,7 @@ def _deviations(value: str, name: str) -> tuple[float, float]:
         except InputError:
             raise error from None
         raise InputError(
-            f"{name} {value}: rotation and translation look swapped; write {translation},{rotation}."
+            f"{name} {value}: rotation and translation seem to be swapped. Write {translation},{rotation}."
         ) from None
 
 

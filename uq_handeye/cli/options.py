@@ -1,7 +1,7 @@
-"""Options that several commands share: groups of them, their types, how they are read, and how output is printed.
+"""Options that several commands share, their types, and how output is printed.
 
-Nothing heavy is imported here, so that help and completion are quick: names that the options complete are written down
-once more, and a test holds them against the registries.
+Nothing heavy is imported here, so that help and completion load quickly: the names that options complete are repeated,
+and a test holds them against the registries.
 """
 
 import difflib
@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
+from .groups import ESTIMATION, common_in
+from .groups import OUTPUT as OUTPUT
 from .messages import Messages, styled, terminal_width
 
 if TYPE_CHECKING:
@@ -28,7 +30,7 @@ PUBLISHED = (
     *("gwak", "heller", "condurache", "zhang", "zhao", "nguyen", "4dpa"),
 )
 ROBOT_WORLD = ("li", "shah")
-# Of `calibrate` alone: the bundle adjustment on corners, request.BUNDLE.
+# Bundle adjustment on corners (request.BUNDLE), of `calibrate` only.
 BUNDLE = "bundle"
 EVERY_METHOD = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
 SETUP_NAMES = ("eye-in-hand", "eye-to-hand")
@@ -39,18 +41,16 @@ CAMERA_FRAMES = ("camera_T_target", "target_T_camera")
 PAIRINGS = ("rows", "time", "async")
 UNITS = ("m", "mm", "cm", "um", "in")
 
-OUTPUT = "Output"
-
 
 # ------------------------------------------------------------------------------------------- groups of options
 
 
 def made_of(**makers: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Parameters of a command as the options that they are made of.
+    """Replace parameters of a command by the options that they are made of.
 
     ``@made_of(noise=noise_of)`` gives ``command(noise, seed)`` the options of ``noise_of`` and ``seed``: the values of
-    the former go to ``noise_of``, and what it returns to the command. A class does as well as a function. Parameters
-    that are made are annotated in quotes: Typer is not to see them.
+    the former go to ``noise_of``, and what it returns to the command. A maker is a function or a class. The
+    parameters made are annotated in quotes, so that Typer does not see them.
     """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -63,26 +63,26 @@ def made_of(**makers: Callable[..., Any]) -> Callable[[Callable[..., Any]], Call
             made = {name: maker(**{p.name: given.pop(p.name) for p in parts[name]}) for name, maker in makers.items()}
             return command(**made, **given)
 
-        return _with_parameters(run, command, [parameter for part in parts.values() for parameter in part])
+        return with_parameters(run, command, [parameter for part in parts.values() for parameter in part])
 
     return decorate
 
 
 def with_messages(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The options of `Messages` after those of a command; they hold before anything else is done."""
+    """Add the options of `Messages` to a command; they are applied before anything else."""
     parameters = inspect.signature(Messages).parameters
 
     def run(**given: Any) -> Any:
         Messages(**{name: given.pop(name) for name in parameters}).apply()
         return command(**given)
 
-    return _with_parameters(run, command, [*inspect.signature(command).parameters.values(), *parameters.values()])
+    return with_parameters(run, command, [*inspect.signature(command).parameters.values(), *parameters.values()])
 
 
-def _with_parameters(
+def with_parameters(
     run: Callable[..., Any], command: Callable[..., Any], parameters: list[inspect.Parameter]
 ) -> Callable[..., Any]:
-    """``run`` with the name and help of ``command``, and these parameters where Typer looks for them."""
+    """Return ``run`` with the name and help of ``command``, and the parameters where Typer looks for them."""
     parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters]
     run = wraps(command)(run)
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -91,7 +91,7 @@ def _with_parameters(
 
 
 def choices(names: Sequence[str]) -> Callable[[str], list[str]]:
-    """What a shell completes: one of ``names``, also as the last of a list with commas."""
+    """Return the completion of one of ``names``, also as the last of a list with commas."""
 
     def complete(incomplete: str) -> list[str]:
         before, comma, last = incomplete.rpartition(",")
@@ -101,20 +101,20 @@ def choices(names: Sequence[str]) -> Callable[[str], list[str]]:
 
 
 def one_of(value: str, option: str, names: Sequence[str]) -> str:
-    """``value`` in small letters if it is one of ``names``; else an `InputError` that says which is nearest."""
+    """Return ``value`` in lower case if it is one of ``names``; else raise an `InputError` that names the nearest."""
     if value.lower() in names:
         return value.lower()
     raise InputError(f"Expected {option} to be one of {', '.join(names)}, got {value!r}.{did_you_mean(value, names)}")
 
 
 def did_you_mean(value: str, names: Iterable[str]) -> str:
-    """`` Did you mean park?``, or nothing if no name is near."""
+    """Return `` Did you mean park?``, or nothing if no name is near."""
     near = difflib.get_close_matches(value.lower(), names, n=1)
     return f" Did you mean {near[0]}?" if near else ""
 
 
 def methods_of(text: str, option: str, known: Sequence[str], most: int | None = None) -> list[str]:
-    """The methods of a list with commas, each once, in small letters or capitals."""
+    """Return the methods of a list with commas, each once, in lower case."""
     parts = [part.strip() for part in text.split(",") if part.strip()]
     names = list(dict.fromkeys(part.lower() for part in parts))
     wrong = next((part for part in parts if part.lower() not in known), None)
@@ -127,22 +127,34 @@ def methods_of(text: str, option: str, known: Sequence[str], most: int | None = 
     return names
 
 
-def option(*names: str, help: str, panel: str | None = None, of: Sequence[str] = (), metavar: str | None = None) -> Any:
-    """A Typer option that takes text or a number; the shell completes the names ``of``."""
+def option(
+    *names: str,
+    help: str,
+    panel: str | None = None,
+    of: Sequence[str] = (),
+    metavar: str | None = None,
+    common: bool = False,
+) -> Any:
+    """Return a Typer option that takes text or a number.
+
+    The shell completes the names ``of``; the short help shows the ``common`` ones, by the first sentence of ``help``
+    and the sentence that starts with "Default:".
+    """
     completed = choices(of) if of else None
-    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel=panel, autocompletion=completed)
+    group = common_in(panel) if common else panel
+    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel=group, autocompletion=completed)
 
 
-def flag(*names: str, help: str, panel: str | None = None) -> Any:
-    """A Typer option without a value."""
-    return typer.Option(*names, help=help, metavar="", rich_help_panel=panel)
+def flag(*names: str, help: str, panel: str | None = None, common: bool = False) -> Any:
+    """Return a Typer option without a value; the short help shows the ``common`` ones."""
+    return typer.Option(*names, help=help, metavar="", rich_help_panel=common_in(panel) if common else panel)
 
 
 # ------------------------------------------------------------------------------------------------------ output
 
 
 def named_folder(directory: Path | None) -> Path | None:
-    """An empty name would mean the current folder, and some cannot be written: said before the work, not after."""
+    """Return a folder that can be written; raise `InputError` before the work otherwise, also for an empty name."""
     if directory is None:
         return None
     if str(directory) == ".":
@@ -154,14 +166,20 @@ def named_folder(directory: Path | None) -> Path | None:
 
 
 def folder_option(help: str) -> Any:
-    """``-o DIR``."""
+    """Return the option ``-o DIR``, which the short help shows."""
     return typer.Option(
-        "-o", "--output", metavar="DIR", callback=named_folder, help=help, rich_help_panel=OUTPUT, show_default=False
+        "-o",
+        "--output",
+        metavar="DIR",
+        callback=named_folder,
+        help=help,
+        rich_help_panel=common_in(OUTPUT),
+        show_default=False,
     )
 
 
 def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = ()) -> None:
-    """Raise `InputError`, before the work and not after, unless a file of that name can be written."""
+    """Raise `InputError`, before the work, unless a file of that name can be written."""
     if path is None:
         return
     if suffixes and path.suffix.lower() not in suffixes:
@@ -177,15 +195,18 @@ PairsOption = Annotated[
         "--pairs",
         of=("all", "consecutive", "disjoint"),
         metavar="NAME",
-        help="Which poses make a motion: all, consecutive or disjoint.",
+        panel=ESTIMATION,
+        help="Pairs of poses that form a motion: all, consecutive or disjoint.",
     ),
 ]
-JsonOption = Annotated[bool, flag("--json", panel=OUTPUT, help="Print one JSON object.")]
-WorkersOption = Annotated[int | None, option("--workers", help="Processes. Left out: one per core.")]
+JsonOption = Annotated[bool, flag("--json", panel=OUTPUT, common=True, help="Print the result as one JSON object.")]
+WorkersOption = Annotated[
+    int | None, option("--workers", metavar="N", help="Number of processes. Default: one per core.")
+]
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -197,7 +218,7 @@ def emit_document(document: "Document") -> None:
 
 
 def emit(output: str) -> None:
-    """Print; a reader that closes the pipe early (`| head`) has seen enough, which is no failure."""
+    """Print text; a reader that closes the pipe early (`| head`) is no failure."""
     if sys.stdout is None:  # closed by the caller
         raise InputError("Cannot write the output: the standard output is closed.")
     try:

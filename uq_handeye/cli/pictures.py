@@ -1,4 +1,4 @@
-"""Pictures of a board on the command line: board, lens, and the camera poses that come of them."""
+"""Options of pictures of a board: board, camera model, and the camera poses computed from them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError
 from ..runtime.progress import working
+from .groups import CAMERA_MODEL, PICTURES
 from .messages import LOG, progress_wanted, timed
 from .options import one_of, option
 
@@ -17,43 +18,56 @@ if TYPE_CHECKING:
     from ..poses.pose_pairs import PosePairs
 
 
-# camera.models.MODELS and "auto", written down once more to be quick.
+# Names of camera.models.MODELS, and "auto", repeated here so that help and completion load quickly.
 MODEL_NAMES = ("auto", "pinhole", "brown", "fisheye")
 
 
 COEFFICIENT_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
-# Panels of the help.
-BOARD, LENS = "Board in pictures", "Camera model"
-
-
 @dataclass(frozen=True)
 class BoardOptions:
-    """The board, as the command line says."""
+    """Options of the board."""
 
     board: Annotated[
         str | None,
         option(
             "--board",
-            metavar="COLUMNSxROWS|FILE",
-            panel=BOARD,
-            help="Inner corners of a chessboard, e.g. 9x6, one less than squares; squares of a ChArUco board. Or the "
-            "board.csv of an earlier uq-handeye camera -o: the board as measured. Beside --camera-matrix also a "
-            "file of points, x,y,z.",
+            metavar="COLSxROWS",
+            panel=PICTURES,
+            common=True,
+            help="Inner corners of a chessboard, e.g. 9x6. For a ChArUco board, its squares. Or the board.csv of an "
+            "earlier camera -o, the board as measured; with --camera-matrix also a table of points x,y,z.",
         ),
     ] = None
     square: Annotated[
         str | None,
-        option("--square", metavar="LENGTH", panel=BOARD, help="Side of a square as measured: metres, or e.g. 20mm."),
+        option(
+            "--square",
+            metavar="LENGTH",
+            panel=PICTURES,
+            common=True,
+            help="Measured side of a square, e.g. 20mm. Without a unit: metres.",
+        ),
     ] = None
     marker: Annotated[
         str | None,
-        option("--marker", metavar="LENGTH", panel=BOARD, help="Side of the markers: makes it a ChArUco board."),
+        option(
+            "--marker",
+            metavar="LENGTH",
+            panel=PICTURES,
+            common=True,
+            help="Side of a marker, for a ChArUco board.",
+        ),
     ] = None
     dictionary: Annotated[
         str | None,
-        option("--dictionary", metavar="NAME", panel=BOARD, help="Of the markers, e.g. 5X5_100. Left out: 4X4_50."),
+        option(
+            "--dictionary",
+            metavar="NAME",
+            panel=PICTURES,
+            help="Dictionary of the markers, e.g. 5X5_100. Default: 4X4_50.",
+        ),
     ] = None
 
     @property
@@ -63,15 +77,17 @@ class BoardOptions:
 
     @property
     def file(self) -> str | None:
-        """The file of points that ``--board`` names; raises `InputError` where further options say what it says."""
+        """Table of points that ``--board`` names; raises `InputError` if further options describe the board."""
         if self.board is None or not Path(self.board).suffix:
             return None
         if further := self.given[1:]:
-            raise InputError(f"{', '.join(further)}: --board {self.board} says all points; leave it out.")
+            raise InputError(
+                f"{', '.join(further)}: not used with --board {self.board}, which holds all points. Remove the option."
+            )
         return self.board
 
     def shape(self) -> "BoardShape | None":
-        """The board as measured before, where ``--board`` names a file."""
+        """Return the measured board if ``--board`` names a file."""
         if self.file is None:
             return None
         from ..camera.files.board_file import read_board
@@ -79,7 +95,7 @@ class BoardOptions:
         return read_board(self.file)
 
     def read(self) -> "Board":
-        """The board that is meant."""
+        """Return the board to look for."""
         from ..camera.board import Board, board_of
 
         if self.file is not None:
@@ -87,9 +103,8 @@ class BoardOptions:
 
             if not (text := read_board_table(self.file).board):
                 raise InputError(
-                    f"{self.file} does not say which board to look for in pictures, as it was measured from a table of "
-                    "corners: give a table of corners again, or add a line such as # board: kind=chessboard columns=9 "
-                    "rows=6 square=0.02 before its header."
+                    f"{self.file} does not name the kind of board to look for in pictures. Give a table of corners, or "
+                    "add a line such as # board: kind=chessboard columns=9 rows=6 square=0.02 before its header."
                 )
             return board_of(text)
         if self.board is None or self.square is None:
@@ -98,7 +113,7 @@ class BoardOptions:
         square = read_length(self.square, "--square")
         if self.marker is None:
             if self.dictionary is not None:
-                raise InputError("--dictionary is that of a ChArUco board: give --marker, too.")
+                raise InputError("--dictionary applies to a ChArUco board. Add --marker LENGTH.")
             return Board(columns, rows, square)
         more = {} if self.dictionary is None else {"dictionary": self.dictionary}
         return Board(columns, rows, square, "charuco", read_length(self.marker, "--marker"), **more)
@@ -106,7 +121,7 @@ class BoardOptions:
 
 @dataclass(frozen=True)
 class LensOptions:
-    """What is estimated of the camera and what is known, as the command line says."""
+    """Options of the camera model."""
 
     model: Annotated[
         str | None,
@@ -114,8 +129,8 @@ class LensOptions:
             "--model",
             of=MODEL_NAMES,
             metavar="NAME",
-            panel=LENS,
-            help=f"{', '.join(MODEL_NAMES)}. Left out: auto, the best of several by BIC.",
+            panel=CAMERA_MODEL,
+            help=f"Camera model: {', '.join(MODEL_NAMES)}. auto selects by BIC. Default: auto.",
         ),
     ] = None
     coefficients: Annotated[
@@ -123,9 +138,9 @@ class LensOptions:
         option(
             "--coefficients",
             of=COEFFICIENT_NAMES,
-            metavar="NAME,NAME,...",
-            panel=LENS,
-            help="Those of the model that are estimated, e.g. k1,k2; the others are 0.",
+            metavar="NAMES",
+            panel=CAMERA_MODEL,
+            help="Distortion coefficients to estimate, e.g. k1,k2; the others are 0. Default: all of the model.",
         ),
     ] = None
     intrinsics: Annotated[
@@ -133,10 +148,10 @@ class LensOptions:
         option(
             "--intrinsics",
             metavar="FILE",
-            panel=LENS,
-            help='What is known beforehand: JSON such as {"fx": [1080.0, 2.0], "k1": 0.0}, a value exact, two a value '
-            "and its standard deviation; or YAML of OpenCV or ROS, exact. Beside --camera-matrix: estimated, pinhole "
-            "or exact.",
+            panel=CAMERA_MODEL,
+            help='Known intrinsics: JSON such as {"fx": [1080.0, 2.0], "k1": 0.0}, or YAML of OpenCV or ROS. One '
+            "number is exact, two are a value and its standard deviation; YAML is exact. With --camera-matrix a "
+            "name: estimated, pinhole or exact (see uq-handeye compare --help-all).",
         ),
     ] = None
     board_shape: Annotated[
@@ -144,9 +159,10 @@ class LensOptions:
         option(
             "--board-shape",
             metavar="NAME",
-            panel=LENS,
-            help="Of the board: auto, flat, bow2, bow3, bow4 (degree of its height), plane1, plane2 (aspect and shear; "
-            "and degree 2), or both, such as bow2+plane1. Left out: auto, the best by BIC.",
+            panel=CAMERA_MODEL,
+            help="Shape model of the board: auto, flat, bow2, bow3, bow4 (height, a polynomial of that degree), plane1 "
+            "(aspect and shear), plane2 (also degree 2), or a sum such as bow2+plane1. auto selects by BIC. Default: "
+            "auto.",
         ),
     ] = None
 
@@ -158,11 +174,11 @@ class LensOptions:
     def calibrate(
         self, corners: "Corners", image_size: tuple[int, int] | None, measured: "BoardShape | None" = None
     ) -> "CameraCalibration":
-        """The camera that saw these corners, of a board that was ``measured`` before."""
+        """Calibrate the camera from corners, of a board that may have been ``measured`` before."""
         from ..camera.calibrate import calibrate_camera
 
         if measured is not None and self.board_shape is not None:
-            raise InputError("--board-shape: the file of --board says the shape of the board; leave one of them out.")
+            raise InputError("--board-shape: the file of --board holds the shape of the board. Remove one of them.")
         model = None if self.model is None else one_of(self.model, "--model", MODEL_NAMES)
         values: Any = None
         if self.intrinsics is not None:
@@ -176,11 +192,11 @@ class LensOptions:
             elif known.image_size not in (None, size):
                 other = "{} x {}".format(*known.image_size)
                 raise InputError(
-                    f"{self.intrinsics} is of pictures of {other} pixels, these have {size[0]} x {size[1]}: scale fx, "
-                    "fy, cx, cy and their deviations first."
+                    f"{self.intrinsics} is for pictures of {other} pixels, got {size[0]} x {size[1]}. Scale fx, fy, "
+                    "cx, cy and their standard deviations."
                 )
         if image_size is None and corners.image_size is None:
-            raise InputError("Corners do not say how large the pictures are: give --image-size, e.g. 1920x1080.")
+            raise InputError("The table of corners has no image size. Add --image-size, e.g. 1920x1080.")
         names = None if self.coefficients is None else [part.strip() for part in self.coefficients.split(",") if part]
         with timed("calibrating the camera"), working("calibrating the camera", progress_wanted()):
             return calibrate_camera(
@@ -191,14 +207,14 @@ class LensOptions:
 
 @dataclass(frozen=True)
 class Pictures:
-    """Pictures in place of a file of camera poses."""
+    """Pictures, with the board and the camera model."""
 
     images: str
     board: BoardOptions
     lens: LensOptions
 
     def poses(self, robot: Path | None, **how: Any) -> "PosePairs":
-        """Robot poses with the poses of the pictures; ``how`` are further options of `read_poses`."""
+        """Return robot poses with the camera poses of the pictures; ``how`` are further arguments of `read_poses`."""
         from dataclasses import replace
 
         from ..camera.board import find_corners, source_of
@@ -216,6 +232,7 @@ class Pictures:
 
 
 def read_two_numbers(text: str, name: str, example: str) -> tuple[int, int]:
+    """Return the numbers of a text such as 9x6."""
     parts = text.lower().replace("\u00d7", "x").split("x")
     if len(parts) != 2 or not all(part.strip().isdecimal() and len(part) < 8 for part in parts):
         raise InputError(f"Expected {name} to be two numbers such as {example}, got {text!r}.")
@@ -223,7 +240,7 @@ def read_two_numbers(text: str, name: str, example: str) -> tuple[int, int]:
 
 
 def read_length(text: str, name: str) -> float:
-    """Metres of a number, or of one with a unit."""
+    """Return the metres of a number, which may have a unit."""
     from ..formatting.units import parse_length
 
     try:
@@ -231,5 +248,5 @@ def read_length(text: str, name: str) -> float:
     except ValueError:
         value = parse_length(text, name)
     if value > 1.0:
-        raise InputError(f"{name} {text} is {value:g} m, larger than any board: write the unit, e.g. {name} {text}mm.")
+        raise InputError(f"{name} {text} is {value:g} m, larger than any board. Write the unit, e.g. {name} {text}mm.")
     return value

@@ -1,4 +1,4 @@
-"""Pose files that a command is given, as groups of options (`made_of`), and how they are read."""
+"""Options of the pose files, and how they are read."""
 
 import warnings
 from contextlib import suppress
@@ -10,6 +10,7 @@ import typer
 
 from ..errors import InputError, InputWarning, NotConvergedError
 from .arm_options import Arm
+from .groups import POSE_FILES
 from .messages import LOG, command_line, timed
 from .noise_options import EXACT, Given
 from .options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, one_of, option
@@ -25,25 +26,27 @@ if TYPE_CHECKING:
     from .pictures import Pictures
     from .views import Views
 
-INPUT = "Pose files"  # panel of the help
-
 
 @dataclass(frozen=True)
 class StreamFiles:
-    """Robot and camera poses in files, as the command line names them."""
+    """Options of the files of robot and camera poses."""
 
     robot: Annotated[
         Path | None,
         typer.Argument(
             metavar="ROBOT",
-            help="Robot poses, or a file that holds both sides.",
+            help="Robot poses: CSV timestamp,x,y,z,qx,qy,qz,qw (m). Scalar last, base_T_gripper; options state other "
+            "units, orders, frames and formats. Or one file that holds both sides.",
             show_default=False,
         ),
     ] = None
     camera: Annotated[
         Path | None,
         typer.Argument(
-            metavar="CAMERA", help="Camera poses, or the folder of uq-handeye camera -o.", show_default=False
+            metavar="CAMERA",
+            help="Camera poses likewise, or the folder of camera -o. camera_T_target, row by row as in ROBOT unless "
+            "--pair says otherwise.",
+            show_default=False,
         ),
     ] = None
     setup: Annotated[
@@ -52,8 +55,10 @@ class StreamFiles:
             "--setup",
             of=SETUP_NAMES,
             metavar="NAME",
-            panel=INPUT,
-            help="eye-in-hand (camera on the gripper) or eye-to-hand. Left out: eye-in-hand, unless the file says.",
+            panel=POSE_FILES,
+            common=True,
+            help="Camera mount: eye-in-hand (default) or eye-to-hand. eye-in-hand: on the gripper; eye-to-hand: in "
+            "the cell. A pose file may state it, too.",
         ),
     ] = None
     format: Annotated[
@@ -62,24 +67,60 @@ class StreamFiles:
             "--format",
             of=FORMAT_NAMES,
             metavar="NAME",
-            panel=INPUT,
-            help=f"{', '.join(FORMAT_NAMES)}. Left out: by the content.",
+            panel=POSE_FILES,
+            help=f"Format of both files: {', '.join(FORMAT_NAMES)}. Default: detected.",
         ),
     ] = None
     robot_format: Annotated[
-        str | None, option("--robot-format", of=FORMAT_NAMES, metavar="NAME", panel=INPUT, help="Of the robot file.")
+        str | None,
+        option(
+            "--robot-format",
+            of=FORMAT_NAMES,
+            metavar="NAME",
+            panel=POSE_FILES,
+            help="Format of the robot file. Default: --format.",
+        ),
     ] = None
     camera_format: Annotated[
-        str | None, option("--camera-format", of=FORMAT_NAMES, metavar="NAME", panel=INPUT, help="Of the camera file.")
+        str | None,
+        option(
+            "--camera-format",
+            of=FORMAT_NAMES,
+            metavar="NAME",
+            panel=POSE_FILES,
+            help="Format of the camera file. Default: --format.",
+        ),
     ] = None
     units: Annotated[
-        str, option("--units", of=UNITS, metavar="UNIT", panel=INPUT, help="Length unit of both files: m, mm, cm, ...")
+        str,
+        option(
+            "--units",
+            of=UNITS,
+            metavar="UNIT",
+            panel=POSE_FILES,
+            common=True,
+            help=f"Length unit of both files. One of {', '.join(UNITS)}.",
+        ),
     ] = "m"
     robot_units: Annotated[
-        str | None, option("--robot-units", of=UNITS, metavar="UNIT", panel=INPUT, help="Of the robot file.")
+        str | None,
+        option(
+            "--robot-units",
+            of=UNITS,
+            metavar="UNIT",
+            panel=POSE_FILES,
+            help="Length unit of the robot file. Default: --units.",
+        ),
     ] = None
     camera_units: Annotated[
-        str | None, option("--camera-units", of=UNITS, metavar="UNIT", panel=INPUT, help="Of the camera file.")
+        str | None,
+        option(
+            "--camera-units",
+            of=UNITS,
+            metavar="UNIT",
+            panel=POSE_FILES,
+            help="Length unit of the camera file. Default: --units.",
+        ),
     ] = None
     quaternion: Annotated[
         str | None,
@@ -87,46 +128,70 @@ class StreamFiles:
             "--quaternion",
             of=("xyzw", "wxyz"),
             metavar="ORDER",
-            panel=INPUT,
-            help="xyzw or wxyz (scalar first). Left out: the order of the format.",
+            panel=POSE_FILES,
+            help="Quaternion order of both files: xyzw, or wxyz (scalar first). Default: that of the format.",
         ),
     ] = None
     robot_quaternion: Annotated[
         str | None,
-        option("--robot-quaternion", of=("xyzw", "wxyz"), metavar="ORDER", panel=INPUT, help="Of the robot file."),
+        option(
+            "--robot-quaternion",
+            of=("xyzw", "wxyz"),
+            metavar="ORDER",
+            panel=POSE_FILES,
+            help="Quaternion order of the robot file. Default: --quaternion.",
+        ),
     ] = None
     camera_quaternion: Annotated[
         str | None,
-        option("--camera-quaternion", of=("xyzw", "wxyz"), metavar="ORDER", panel=INPUT, help="Of the camera file."),
+        option(
+            "--camera-quaternion",
+            of=("xyzw", "wxyz"),
+            metavar="ORDER",
+            panel=POSE_FILES,
+            help="Quaternion order of the camera file. Default: --quaternion.",
+        ),
     ] = None
     robot_frame: Annotated[
         str,
-        option("--robot-frame", of=ROBOT_FRAMES, metavar="FRAME", panel=INPUT, help="Or gripper_T_base: inverted."),
+        option(
+            "--robot-frame",
+            of=ROBOT_FRAMES,
+            metavar="FRAME",
+            panel=POSE_FILES,
+            help=f"Direction of the robot poses: {' or '.join(ROBOT_FRAMES)}.",
+        ),
     ] = ROBOT_FRAMES[0]
     camera_frame: Annotated[
         str,
-        option("--camera-frame", of=CAMERA_FRAMES, metavar="FRAME", panel=INPUT, help="Or target_T_camera: inverted."),
+        option(
+            "--camera-frame",
+            of=CAMERA_FRAMES,
+            metavar="FRAME",
+            panel=POSE_FILES,
+            help=f"Direction of the camera poses: {' or '.join(CAMERA_FRAMES)}.",
+        ),
     ] = CAMERA_FRAMES[0]
     offset: Annotated[
         str | None,
         option(
             "--offset",
             metavar="SECONDS",
-            panel=INPUT,
-            help="Of streams with clocks of their own: robot time less camera time, exact; or SECONDS,DEVIATION. Left "
-            "out: estimated.",
+            panel=POSE_FILES,
+            help="Clock offset of unsynchronised streams (robot minus camera, s), taken as exact, or OFFSET,STD. "
+            "Default: estimated.",
         ),
     ] = None
 
     def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
-        """Both files as streams, put on one clock; ``options`` are further ones of `synchronise`."""
+        """Return both files as streams on one clock; ``options`` are further arguments of `synchronise`."""
         from ..io import read_stream
         from ..synchronisation.synchronise import synchronise
 
         if self.robot is None and arm is None:
             raise missing_robot("")
         if self.camera is None:
-            raise InputError("Two streams are synchronised: give the file of the robot and the file of the camera.")
+            raise InputError("Synchronisation needs two streams. Give the robot file and the camera file.")
         files = ((self.robot, "robot", self.robot_frame), (self.camera, "camera", self.camera_frame))
         robot, camera = (
             read_stream(
@@ -159,7 +224,7 @@ class StreamFiles:
 
     @property
     def both_units(self) -> tuple[str, str]:
-        """Of the robot's file and of the camera's."""
+        """Length units of the robot file and the camera file."""
         return self.robot_units or self.units, self.camera_units or self.units
 
     @property
@@ -177,7 +242,7 @@ class StreamFiles:
 
 @dataclass(frozen=True)
 class PoseFiles(StreamFiles):
-    """Robot and camera poses and how they are paired, as the command line says."""
+    """Options of the files of robot and camera poses, and of their pairing."""
 
     pair: Annotated[
         str,
@@ -185,9 +250,10 @@ class PoseFiles(StreamFiles):
             "--pair",
             of=PAIRINGS,
             metavar="HOW",
-            panel=INPUT,
-            help="rows: row k belongs to row k. time: nearest timestamps. async: streams with clocks of their own, "
-            "synchronised as by uq-handeye sync.",
+            panel=POSE_FILES,
+            common=True,
+            help="Pairing: rows, time or async. rows: row k with row k; time: nearest timestamps; async: "
+            "unsynchronised streams, put on one clock as by uq-handeye sync.",
         ),
     ] = "rows"
     time_tolerance: Annotated[
@@ -195,18 +261,18 @@ class PoseFiles(StreamFiles):
         option(
             "--time-tolerance",
             metavar="SECONDS",
-            panel=INPUT,
-            help="Largest time difference of a pair, for --pair time (default: 0.02 s).",
+            panel=POSE_FILES,
+            help="Largest time difference of a pair (s), for --pair time. Default: 0.02.",
         ),
     ] = None
 
     def read(
         self, given: Given, views: "Views | None" = None, arm: Arm | None = None
     ) -> "tuple[PosePairs, Noise | None, list[SharedError] | None]":
-        """At least three pairs of poses, their noise where it is given, and the `shared` of `calibrate` beside it.
+        """Return at least three pairs of poses, their noise if given, and the argument `shared` of `calibrate`.
 
-        Where the noise is given for one side, or by what the camera saw, the rest of it is estimated. That of an arm
-        holds the errors of its kinematics.
+        If the noise is given for one side, or by the views of the camera, the rest is estimated. The noise of an arm
+        includes its kinematic errors.
         """
         poses, noise, shared = self.read_open(given, views, given.one_side, arm)
         if arm is not None:
@@ -218,14 +284,17 @@ class PoseFiles(StreamFiles):
     def read_open(
         self, given: Given, seen: "Pictures | Views | None", prior: "NoisePrior | None", arm: Arm | None = None
     ) -> "tuple[PosePairs, Any, list[SharedError] | None]":
-        """The same with the noise as `calibrate` takes it, beside the prior of what is to be estimated."""
+        """Return poses, noise and shared errors as `calibrate` takes them, next to the prior of the noise."""
         from .views import Views
 
         files = self if arm is None else self._beside_joints(arm, seen is not None and not isinstance(seen, Views))
         if files.robot is None and arm is None:
             raise missing_robot()
         if self.offset is not None and "," in self.offset and given.shared.offset_sd is not None:
-            raise InputError(f"Give the standard deviation of the offset once: --offset {self.offset} or --offset-sd.")
+            raise InputError(
+                f"The standard deviation of the offset is given twice, by --offset {self.offset} and --offset-sd. Give "
+                "one of them."
+            )
         noise: Any
         if isinstance(seen, Views):
             poses, _ = files._poses_and_noise(None, None, arm)
@@ -237,42 +306,42 @@ class PoseFiles(StreamFiles):
         return poses, noise, shared
 
     def _beside_joints(self, arm: Arm, pictures: bool) -> "PoseFiles":
-        """Return the files with what the arguments mean beside joints: a single one is that of the camera."""
+        """Return the files as their arguments are read with --joints: a single one is that of the camera."""
         robot, first, second = arm.options.robot_file, self.robot, self.camera
         if robot is not None:
             if second is not None:
-                raise InputError(f"Robot poses are given twice, {first} and --robot {robot}: give one of them.")
+                raise InputError(f"Robot poses are given twice, {first} and --robot {robot}. Give one of them.")
             return replace(self, robot=robot, camera=first)
         files = self
         if second is None and not pictures:
             if first is None:
-                raise InputError("Give the file of camera poses, or the folder of uq-handeye camera, beside --joints.")
+                raise InputError("--joints needs camera poses. Add their file, or the folder of uq-handeye camera.")
             files = replace(self, robot=None, camera=first)
         if files.robot is None:
             of_robot = ("robot_format", "robot_units", "robot_quaternion")
             wrong = [f"--{name.replace('_', '-')}" for name in of_robot if getattr(files, name) is not None]
             if wrong := wrong + ["--robot-frame"] * (files.robot_frame != ROBOT_FRAMES[0]):
-                raise InputError(f"{', '.join(wrong)}: for a file of robot poses, not for --joints; leave it out.")
+                raise InputError(f"{', '.join(wrong)}: for a file of robot poses, not for --joints. Remove the option.")
         return files
 
     def _poses_and_noise(
         self, noise: "Noise | None", pictures: "Pictures | None", arm: Arm | None
     ) -> "tuple[PosePairs, Noise | None]":
-        """The poses, and their noise where that of the samples is given."""
+        """Return the poses, and their noise if that of the samples is given."""
         how = one_of(self.pair, "--pair", PAIRINGS)
         if pictures is not None or (self.camera is not None and self.camera.is_dir()):
             self._refuse_of_files("--images" if pictures is not None else f"the folder {self.camera}", how)
         if pictures is not None and self.camera is not None:
             raise InputError(
-                f"Give either a file of camera poses, {self.camera}, or --images; a pattern goes in quotes, "
-                "--images 'img/*.png', or the shell makes many files of it."
+                f"Both a file of camera poses, {self.camera}, and --images are given. Give one of them. Quote a "
+                "pattern (--images 'img/*.png'), or the shell expands it to many files."
             )
         for name, value, needed in (
             ("--time-tolerance", self.time_tolerance, "time"),
             ("--offset", self.offset, "async"),
         ):
             if value is not None and how != needed:
-                raise InputError(f"{name} goes with --pair {needed}, got --pair {how}.")
+                raise InputError(f"{name} needs --pair {needed}, got --pair {how}.")
         with timed(f"reading {self._shown(arm)}"):
             if how == "async":
                 poses, noise = self._synchronised_poses(noise, arm)
@@ -281,22 +350,22 @@ class PoseFiles(StreamFiles):
         LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
         if poses.n < 3:
             raise InputError(
-                f"{self._shown(arm)} hold{'s' if self.camera is None else ''} {poses.n} poses; at least 3 poses are "
-                "needed, which make 2 motions."
+                f"{self._shown(arm)} hold{'s' if self.camera is None else ''} {poses.n} poses. At least 3 are needed "
+                "(2 motions)."
             )
         return poses, noise
 
     def _synchronised_poses(self, noise: "Noise | None", arm: Arm | None) -> "tuple[PosePairs, Noise | None]":
-        """An interpolated pose is less noisy than the samples it lies between, whose noise is what people know."""
+        """Return interpolated poses with their noise, which is less than that of the samples."""
         from ..formatting.numbers import concise
 
         found = self.synchronised(arm, noise=noise)
         offset = concise(1e3 * found.offset, 1e3 * found.offset_std, "ms")
-        LOG.info("The clocks differ by %s (robot time less camera time); uq-handeye sync says more.", offset)
+        LOG.info("The clocks differ by %s (robot minus camera); details: uq-handeye sync.", offset)
         return found.poses, found.noise
 
     def _refuse_of_files(self, what: str, how: str) -> None:
-        """Options that are about a file of camera poses say nothing of pictures."""
+        """Raise `InputError` if options of a file of camera poses are given for something else."""
         given = {
             "--pair": how != "rows",
             "--camera-format": self.camera_format is not None,
@@ -305,7 +374,7 @@ class PoseFiles(StreamFiles):
             "--camera-frame": self.camera_frame != CAMERA_FRAMES[0],
         }
         if wrong := [name for name, value in given.items() if value]:
-            raise InputError(f"{', '.join(wrong)}: for files of camera poses, not for {what}; leave it out.")
+            raise InputError(f"{', '.join(wrong)}: for files of camera poses, not for {what}. Remove the option.")
 
     def _read(self, how: str, pictures: "Pictures | None", arm: Arm | None) -> "PosePairs":
         from ..io import read_poses
@@ -337,8 +406,8 @@ class PoseFiles(StreamFiles):
         )
 
 
-def missing_robot(instead: str = ", or --joints and --urdf in its place") -> InputError:
-    """What is to be said where no robot poses are given."""
+def missing_robot(instead: str = ", or --joints and --urdf") -> InputError:
+    """Return the error of missing robot poses."""
     command = " ".join(command_line().split()[:2])
     return InputError(f"Missing argument 'ROBOT'{instead} (see {command} --help).")
 
@@ -350,10 +419,9 @@ def calibrated(
     pairs: str = "all",
     **beforehand: Any,
 ) -> "Calibration | None":
-    """What `calibrate` makes of the input, and warns of: every other command starts from its poses, noise and X.
+    """Calibrate, with its warnings: every other command starts from its poses, noise and X.
 
-    Data that `calibrate` refuses are left to the command, which may do with them or say itself why not; not so with
-    what is known ``beforehand`` of X and W, which only a calibration takes.
+    Return None if `calibrate` refuses the data, unless X or W are known ``beforehand``: then raise its error.
     """
     from ..calibration.calibrate import calibrate
 
@@ -369,7 +437,7 @@ def problem_for(
     shared: "list[SharedError] | None",
     pairs: str,
 ) -> dict[str, Any]:
-    """The arguments ``data`` and ``noise`` of what is asked about X: the calibration, or else what was read."""
+    """Return the arguments ``data`` and ``noise`` of a question about X: the calibration, or else what was read."""
     from ..noise.models import PairNoise, PoseNoise
     from ..poses.motions import relative_motions
     from ..shared_errors.shared_error import shared_columns, with_shared
@@ -387,10 +455,7 @@ def _complete_noise(
     given: "CameraNoise | PoseNoise | None",
     shared: "list[SharedError] | None",
 ) -> "tuple[Noise, list[SharedError]]":
-    """The noise known of one side, or but for its size, with the rest estimated as `calibrate` does.
-
-    And the errors that are shared beside it.
-    """
+    """Return the noise with its unknown part estimated as `calibrate` does, and the shared errors."""
     from ..calibration.calibrate import calibrate
     from ..noise.models import PoseNoise
     from ..shared_errors.shared_error import default_errors, without_shared
@@ -401,8 +466,8 @@ def _complete_noise(
     if not isinstance(found, PoseNoise):
         open_side = "--robot-noise" if prior is not None and prior.camera is not None else "--camera-noise"
         raise InputError(
-            f"The residuals are at rounding level: no noise can be estimated beside the one given. Give {open_side}, "
-            f"or {open_side} {EXACT}."
+            f"The residuals are at rounding level, so the other noise cannot be estimated. Give {open_side}, or "
+            f"{open_side} {EXACT}."
         )
     known = given is not None or poses.camera_calibration is not None
     errors = list(default_errors(known)) if shared is None else shared
@@ -416,7 +481,7 @@ def _noise_of_arm(
     shared: "list[SharedError] | None",
     arm: Arm,
 ) -> "Noise":
-    """The noise as `calibrate` has it, with the errors of the arm and all others that the poses share."""
+    """Return the noise as `calibrate` estimates it, with kinematic and other shared errors."""
     from ..calibration.calibrate import calibrate
     from ..findings import warn
 
@@ -426,6 +491,6 @@ def _noise_of_arm(
     warn(finding for finding in found.findings if finding.code.startswith("kinematics."))  # but for these
     if found.noise is None:
         raise InputError(
-            "The residuals are at rounding level: no noise can be estimated. Give --robot-noise and --camera-noise."
+            "The residuals are at rounding level, so no noise can be estimated. Give --robot-noise and --camera-noise."
         )
     return found.noise

@@ -12,7 +12,7 @@ PAPERS = ("a4", "letter")
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """What the report is to say and how it is printed."""
+    """Title block of the report, and how it is printed."""
 
     about: dict[str, str]  # title block, by the names of `files.about.ABOUT`
     of_report: dict[str, Any]  # arguments of `Calibration.report`
@@ -24,8 +24,9 @@ def report_options_of(
         option(
             "--about",
             panel=OUTPUT,
-            metavar="FILE|KEY=VALUE",
-            help=f"Title block of the report and result: a TOML file, or one of {', '.join(ABOUT)}. Repeat for more.",
+            common=True,
+            metavar="KEY=VALUE",
+            help=f"Title block of the report, or a TOML file. Keys: {', '.join(ABOUT)}. Repeatable.",
         ),
     ] = None,
     full_report: Annotated[

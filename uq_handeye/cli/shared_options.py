@@ -1,10 +1,11 @@
-"""Errors that all poses share, on the command line."""
+"""Options of the errors that all poses share."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..errors import InputError
+from .groups import SHARED
 from .options import one_of, option
 
 if TYPE_CHECKING:
@@ -13,80 +14,81 @@ if TYPE_CHECKING:
     from ..shared_errors.shared_error import SharedError
     from .views import Views
 
-# Panel of the help.
-SHARED = "Shared errors"
-# Whether those of finished camera poses whose noise is estimated are taken.
+# Values of --shared.
 DEFAULTS = ("defaults", "none")
 
 
 @dataclass(frozen=True)
 class SharedOptions:
-    """Standard deviations of errors that all poses share, as the command line says."""
+    """Options of the errors that all poses share."""
 
     shared: Annotated[
         str | None,
         option(
             "--shared",
             of=DEFAULTS,
-            metavar="defaults|none",
+            metavar="NAME",
             panel=SHARED,
-            help="none: no shared errors but those declared here. Default, for camera poses without corners and noise "
-            "that is estimated: focal length 0.1%, principal point 0.001, target scale 0.02% (5 % probability of 2 %).",
+            help="Shared errors that are not declared: defaults or none. defaults, for camera poses without corners "
+            "and estimated noise: focal length 0.1%, principal point 0.001, target scale 0.02% (or 2 %, with "
+            "probability 5 %). Default: defaults.",
         ),
     ] = None
     focal_sd: Annotated[
         str | None,
         option(
             "--focal-sd",
-            metavar="SD|exact",
+            metavar="SD",
             panel=SHARED,
-            help="Relative standard deviation of the focal length, e.g. 0.1%.",
+            help="Relative standard deviation of the focal length, e.g. 0.1%, or exact. Default: by --shared.",
         ),
     ] = None
     principal_point_sd: Annotated[
         str | None,
         option(
             "--principal-point-sd",
-            metavar="SD|exact",
+            metavar="SD",
             panel=SHARED,
-            help="Standard deviation of each coordinate of the principal point over the focal length, e.g. 0.001; or "
-            "e.g. 1px where the focal length is known.",
+            help="Standard deviation of the principal point per axis, relative to the focal length, e.g. 0.001; in "
+            "pixels, e.g. 1px, if the focal length is known; or exact. Default: by --shared.",
         ),
     ] = None
     target_scale_sd: Annotated[
         str | None,
         option(
             "--target-scale-sd",
-            metavar="SD|exact",
+            metavar="SD",
             panel=SHARED,
-            help="Relative standard deviation of the size of the target, e.g. 0.02%.",
+            help="Relative standard deviation of the target size, e.g. 0.02%, or exact. Default: by --shared.",
         ),
     ] = None
     robot_scale_sd: Annotated[
         str | None,
         option(
             "--robot-scale-sd",
-            metavar="SD|exact",
+            metavar="SD",
             panel=SHARED,
-            help="Relative standard deviation of the lengths of the robot, e.g. 0.01%.",
+            help="Relative standard deviation of the robot's length scale, e.g. 0.01%, or exact.",
         ),
     ] = None
     robot_accuracy: Annotated[
         str | None,
         option(
             "--robot-accuracy",
-            metavar="MM,DEG|exact",
+            metavar="MM,DEG",
             panel=SHARED,
-            help="Accuracy of the robot by its data sheet, e.g. 0.5mm,0.05deg: a smooth error over the pose.",
+            common=True,
+            help="Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, as a smooth error "
+            "over the workspace; or exact. Default: none.",
         ),
     ] = None
     offset_sd: Annotated[
         str | None,
         option(
             "--offset-sd",
-            metavar="SD|exact",
+            metavar="SD",
             panel=SHARED,
-            help="Standard deviation of the clock offset, e.g. 1ms; with --pair async in place of the one estimated.",
+            help="Standard deviation of the clock offset, e.g. 1ms, or exact. Default with --pair async: estimated.",
         ),
     ] = None
 
@@ -97,7 +99,7 @@ class SharedOptions:
         file: Path | None = None,
         views: "Views | None" = None,
     ) -> "list[SharedError] | None":
-        """Those declared, here or in a noise file, and the defaults that stay; None: nothing is declared."""
+        """Return the declared errors of options and noise file with the remaining defaults, or None."""
         from ..io import read_shared_errors
         from ..noise.models import PairNoise
         from ..shared_errors.shared_error import SharedError, checked_errors, replace_defaults
@@ -130,7 +132,7 @@ class SharedOptions:
         if not declared and not none:
             return None
         if isinstance(noise, PairNoise) and declared:
-            raise InputError("Shared errors are of poses: expected noise on poses beside them, got noise on motions.")
+            raise InputError("Shared errors need noise of poses ([robot], [camera]), got noise of motions ([A], [B]).")
         errors = list(declared.values())
         if not none and noise is None:
             known = views is not None or poses.camera_calibration is not None

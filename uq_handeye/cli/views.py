@@ -1,12 +1,13 @@
-"""What finished camera poses saw, on the command line: target and camera matrix, from which their noise follows."""
+"""Options of finished camera poses: target and camera matrix, from which the camera noise is computed."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError
+from .groups import CAMERA_MODEL, PICTURES, VIEWS
 from .options import made_of, option
-from .pictures import BOARD, LENS, BoardOptions, LensOptions, Pictures, read_length
+from .pictures import BoardOptions, LensOptions, Pictures, read_length
 
 if TYPE_CHECKING:
     from ..noise.camera_noise import CameraNoise
@@ -14,33 +15,38 @@ if TYPE_CHECKING:
     from ..noise.models import Noise, PoseNoise
     from ..poses.pose_pairs import PosePairs
 
-# Panel of the help.
-VIEWS = "Noise of finished camera poses by what they saw"
-# Of `shared_errors.camera_noise`, written down once more to be quick.
+# Names of `shared_errors.camera_noise`, repeated here so that help and completion load quickly.
 INTRINSICS = ("estimated", "pinhole", "exact")
 
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """The camera, as the command line says."""
+    """Options of the camera that finished poses come from."""
 
     camera_matrix: Annotated[
         str | None,
         option(
             "--camera-matrix",
-            metavar="FX,FY,CX,CY|FILE|DIR",
+            metavar="MATRIX",
             panel=VIEWS,
-            help="In pixels; camera_info of ROS, a file of OpenCV, JSON with deviations, or the folder of uq-handeye "
-            "camera. Beside --board and --square, or --tag: the camera's noise follows from what each pose saw.",
+            common=True,
+            help="Camera matrix fx,fy,cx,cy (px), for finished poses. With --board and --square, or --tag, "
+            "the camera noise follows from the view of each pose. Or a file: camera_info of ROS, OpenCV, JSON with "
+            "standard deviations, or the folder of camera -o.",
         ),
     ] = None
     tag: Annotated[
         str | None,
-        option("--tag", metavar="LENGTH", panel=VIEWS, help="A single tag instead of --board: its side, e.g. 40mm."),
+        option("--tag", metavar="LENGTH", panel=VIEWS, help="Side of a single tag, e.g. 40mm, in place of --board."),
     ] = None
     pixel_noise: Annotated[
         str | None,
-        option("--pixel-noise", metavar="PIXELS", panel=VIEWS, help="Of the corners, e.g. 0.2px. Left out: estimated."),
+        option(
+            "--pixel-noise",
+            metavar="PIXELS",
+            panel=VIEWS,
+            help="Standard deviation of the corners, e.g. 0.2px. Default: estimated.",
+        ),
     ] = None
 
     @property
@@ -51,7 +57,7 @@ class ViewOptions:
 
 @dataclass(frozen=True)
 class Views:
-    """Target and camera of finished poses."""
+    """Target and camera of finished camera poses."""
 
     board: BoardOptions
     options: ViewOptions
@@ -60,28 +66,30 @@ class Views:
     def beside(
         self, poses: "PosePairs", noise: "Noise | None", prior: "NoisePrior | None"
     ) -> "CameraNoise | PoseNoise":
-        """The noise of the poses, beside what is known of the robot's."""
+        """Return the noise of the poses, with the robot noise if it is given."""
         from ..noise.models import PoseNoise
 
         if prior is not None and prior.camera is not None:
-            raise InputError("Give either the noise of the camera or --camera-matrix, from which it follows.")
+            raise InputError(
+                "The camera noise follows from --camera-matrix. Remove --camera-noise, or --camera-matrix."
+            )
         if noise is not None and (not isinstance(noise, PoseNoise) or noise.camera is not None):
             raise InputError(
-                "Beside --camera-matrix the noise given is that of the robot alone, --robot-noise or [robot]: the "
-                "camera's follows from what it saw."
+                "With --camera-matrix, give the noise of the robot only (--robot-noise or [robot]): the camera noise "
+                "follows from the camera matrix."
             )
         if poses.camera_calibration is not None:
-            raise InputError("The folder of uq-handeye camera has the camera's noise: leave out --camera-matrix.")
+            raise InputError("The folder of uq-handeye camera holds the camera noise. Remove --camera-matrix.")
         camera = self.noise(poses)
         return camera if noise is None else PoseNoise(noise.robot, camera)
 
     def noise(self, poses: "PosePairs") -> "CameraNoise":
-        """That of the camera, from what it saw."""
+        """Compute the camera noise from the views."""
         from ..shared_errors.camera_noise import camera_noise
 
         if self.options.camera_matrix is None:
             given = ", ".join([*self.board.given, *self.options.given]) or "--intrinsics"
-            raise InputError(f"{given}: give --camera-matrix, too.")
+            raise InputError(f"{given}: these options need --camera-matrix. Add it.")
         return camera_noise(
             poses,
             self._points(),
@@ -92,7 +100,7 @@ class Views:
 
     @property
     def focal_length_px(self) -> float | None:
-        """Of the camera matrix, the mean of both."""
+        """Mean focal length of the camera matrix, in pixels."""
         if self.options.camera_matrix is None:
             return None
         camera = _camera(self.options.camera_matrix)
@@ -106,7 +114,7 @@ class Views:
         tag, board = self.options.tag, self.board
         if tag is not None:
             if board.given:
-                raise InputError(f"Give either --tag or {', '.join(board.given)}: a tag has four corners.")
+                raise InputError(f"Give either --tag or {', '.join(board.given)}: not both.")
             from ..camera.board import tag_points
 
             return tag_points(read_length(tag, "--tag"))
@@ -115,12 +123,12 @@ class Views:
 
             return read_board_points(board.file)
         if board.board is None or board.square is None:
-            raise InputError("--camera-matrix needs what was seen: --board 9x6 --square 20mm, or --tag 40mm.")
+            raise InputError("--camera-matrix needs the target: add --board 9x6 --square 20mm, or --tag 40mm.")
         return board.read().points
 
 
 def _camera(text: str) -> Any:
-    """Numbers, or what a file or folder says."""
+    """Read a camera matrix: four numbers, a file or a folder."""
     if (path := Path(text)).is_dir():
         from ..camera.files.folder import read_camera
 
@@ -139,11 +147,11 @@ def _camera(text: str) -> Any:
 
 
 def intrinsics_of(text: str | None) -> str | None:
-    """One of `INTRINSICS`."""
+    """Return one of `INTRINSICS`, or raise `InputError`."""
     if text is not None and text not in INTRINSICS:
         raise InputError(
-            f"Beside --camera-matrix expected --intrinsics to be one of {', '.join(INTRINSICS)}, got {text!r}; a file "
-            "with deviations goes to --camera-matrix itself."
+            f"With --camera-matrix, expected --intrinsics to be one of {', '.join(INTRINSICS)}, got {text!r}. Give a "
+            "file of intrinsics to --camera-matrix itself."
         )
     return text
 
@@ -158,13 +166,13 @@ def views_of(
             "--intrinsics",
             of=INTRINSICS,
             metavar="NAME",
-            panel=LENS,
-            help="Of --camera-matrix: estimated from the same pictures, so but without distortion (pinhole), or exact. "
-            "Left out: with the deviations that the camera brings, else estimated.",
+            panel=CAMERA_MODEL,
+            help="Origin of --camera-matrix: estimated (from the same pictures), pinhole (the same, without "
+            "distortion) or exact. Default: the standard deviations of its file, else estimated.",
         ),
     ] = None,
 ) -> Views | None:
-    """What the options say was seen, or None."""
+    """Return target and camera of the options, or None."""
     if not board.given and not options.given and intrinsics is None:
         return None
     return Views(board, options, intrinsics_of(intrinsics))
@@ -172,28 +180,33 @@ def views_of(
 
 @made_of(board=BoardOptions, lens=LensOptions, options=ViewOptions)
 def pictures_of(
-    board: "BoardOptions",
-    lens: "LensOptions",
-    options: "ViewOptions",
+    *,
     images: Annotated[
         str | None,
         option(
             "--images",
             metavar="'PATTERN'",
-            panel=BOARD,
-            help="Pictures instead of CAMERA, e.g. 'img/*.png': one per row of ROBOT, in the order of their names.",
+            panel=PICTURES,
+            common=True,
+            help="Pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, in the order of their names "
+            "(img2 before img10).",
         ),
     ] = None,
+    board: "BoardOptions",
+    lens: "LensOptions",
+    options: "ViewOptions",
 ) -> Pictures | Views | None:
-    """The pictures of the options, or what finished poses saw, or None if neither is given."""
+    """Return the pictures of the options, or the views of finished camera poses, or None if neither is given."""
     if images is not None:
         if options.given:
-            raise InputError(f"{', '.join(options.given)}: for finished camera poses, not for --images; leave it out.")
+            refused = ", ".join(options.given)
+            raise InputError(f"{refused}: for finished camera poses, not for --images. Remove the option.")
         return Pictures(images, board, lens)
     if options.given:
         if wrong := [name for name in lens.given if name != "--intrinsics"]:
-            raise InputError(f"{', '.join(wrong)}: about pictures, not for --camera-matrix; leave it out.")
+            raise InputError(f"{', '.join(wrong)}: for pictures, not for --camera-matrix. Remove the option.")
         return Views(board, options, intrinsics_of(lens.intrinsics))
     if given := board.given + lens.given:
-        raise InputError(f"{', '.join(given)} are about pictures: give --images 'PATTERN', or --camera-matrix, too.")
+        these = ", ".join(given)
+        raise InputError(f"{these}: needs pictures or a camera matrix. Add --images 'PATTERN' or --camera-matrix.")
     return None

@@ -1,4 +1,4 @@
-"""The commands ``calibrate`` and ``demo``: X with its uncertainty, as text, files and report."""
+"""Commands ``calibrate`` and ``demo``: X with its uncertainty, as text, files and report."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +10,7 @@ import typer
 from ...errors import InputError
 from ...runtime.progress import working
 from ..arm_options import Arm, arm_of
+from ..groups import ESTIMATION
 from ..messages import command_line, progress_wanted, timed
 from ..noise_options import Given, given_of, pose_prior_of, prior_of
 from ..options import (
@@ -59,17 +60,15 @@ REPORTS = (".html", ".pdf")
 ResultFolder = Annotated[
     Path | None,
     folder_option(
-        "Write result.json, poses.csv, every figure (PNG, SVG; that of the methods with --report) and X for ROS, URDF, "
-        "OpenCV and NumPy here."
+        "Folder for the result, figures and exports. It holds result.json, poses.csv, the figures (PNG and SVG; that "
+        "of the methods with --report), and X for ROS, URDF, OpenCV and NumPy."
     ),
 ]
 ReportFile = Annotated[
     Path | None,
-    option("--report", metavar="FILE", panel=OUTPUT, help="Write a report for people: one .html or .pdf file."),
+    option("--report", metavar="FILE", panel=OUTPUT, common=True, help="Report, one .html or .pdf file."),
 ]
-NoCompare = Annotated[
-    bool, flag("--no-compare", panel=OUTPUT, help="Leave the comparison of methods out of the report.")
-]
+NoCompare = Annotated[bool, flag("--no-compare", panel=OUTPUT, help="Report without the comparison of methods.")]
 
 
 @made_of(
@@ -95,13 +94,20 @@ def calibrate_command(
             "--method",
             of=METHODS,
             metavar="NAME",
-            help=f"Estimator: {', '.join(METHODS)}; bundle is for pictures. Left out: efficient, or 4dpa where --scale "
-            "or --kind ask for it.",
+            panel=ESTIMATION,
+            common=True,
+            help=f"Estimator. One of {', '.join(METHODS)}; bundle needs pictures. Default: efficient.",
         ),
     ] = None,
     pairs: PairsOption = "all",
     scale: Annotated[
-        float | None, option("--scale", help="Scaling factor d of 4dpa; left out, its limit in closed form.")
+        float | None,
+        option(
+            "--scale",
+            metavar="D",
+            panel=ESTIMATION,
+            help="Scaling factor d of 4dpa. Default: its limit, in closed form.",
+        ),
     ] = None,
     kind: Annotated[
         str | None,
@@ -109,7 +115,8 @@ def calibrate_command(
             "--kind",
             of=("poses", "pairs", "literal"),
             metavar="NAME",
-            help="Propagation of noise by published methods: poses, pairs, or literal for noise on pairs.",
+            panel=ESTIMATION,
+            help="Noise propagation of published methods: poses, pairs, or literal (noise of pairs).",
         ),
     ] = None,
     covariance: Annotated[
@@ -118,7 +125,8 @@ def calibrate_command(
             "--covariance",
             of=COVARIANCE_NAMES,
             metavar="NAME",
-            help="Covariance of the result: model, sigma-points (beyond first order), or without noise model "
+            panel=ESTIMATION,
+            help="Covariance of X: model, sigma-points (beyond first order), or one that needs no noise model: "
             f"{', '.join(COVARIANCE_NAMES[2:])}.",
         ),
     ] = "model",
@@ -126,8 +134,8 @@ def calibrate_command(
         bool | None,
         flag(
             "--robust/--no-robust",
-            panel="Wrong detections",
-            help="Down-weight outliers and name them, or count all poses in full. Left out: down-weight from 5 poses.",
+            panel=ESTIMATION,
+            help="Down-weighting of outliers. Default: on from 5 poses.",
         ),
     ] = None,
     correlation: Annotated[
@@ -136,55 +144,65 @@ def calibrate_command(
             "--correlation",
             of=("auto", "none"),
             metavar="NAME",
-            help="Errors of neighbouring poses that are correlated, by drift or in time: auto estimates them with the "
-            "noise and has them in the covariance, none takes poses as independent.",
+            panel=ESTIMATION,
+            help="Correlated errors of neighbouring poses (drift): auto (estimated and included in the covariance) or "
+            "none (independent poses).",
         ),
     ] = "auto",
-    seed: Annotated[int, option("--seed", help="Seed of random subsets, bootstrap and cross-check.")] = 0,
-    threshold: Annotated[float, typer.Option(min=0.0, max=1.0, help="List correlations from here up.")] = 0.5,
+    seed: Annotated[
+        int, option("--seed", metavar="N", panel=ESTIMATION, help="Seed of random subsets, bootstrap and cross-check.")
+    ] = 0,
+    threshold: Annotated[
+        float,
+        typer.Option(
+            min=0.0, max=1.0, metavar="R", help="Smallest correlation that is listed.", rich_help_panel=OUTPUT
+        ),
+    ] = 0.5,
     report: ReportFile = None,
     no_compare: NoCompare = False,
     with_cross_check: Annotated[
         bool,
-        flag("--with-cross-check", panel=OUTPUT, help="Monte Carlo and posterior in the report, too; takes a minute."),
+        flag("--with-cross-check", panel=OUTPUT, help="Report with Monte Carlo and posterior; takes a minute."),
     ] = False,
     as_json: JsonOption = False,
     output: ResultFolder = None,
 ) -> None:
-    """X and its covariance from robot and camera poses.
+    r"""Estimate the camera pose X and its uncertainty.
 
-    Example: uq-handeye calibrate robot.csv camera.csv --report report.html
+    Examples:
+      # Pictures of a chessboard with 9x6 inner corners, one per robot pose
+      uq-handeye calibrate robot.csv --images 'img/*.png' --board 9x6 \
+          --square 20mm --report report.html -o result/
+      # Camera poses from another program
+      uq-handeye calibrate robot.csv camera.csv -o result/
+      uq-handeye calibrate robot.csv camera.csv --camera-noise 0.1deg,0.5mm
+      # Joint values and robot model in place of robot poses
+      uq-handeye calibrate camera.csv --joints joints.csv --urdf robot.urdf
 
-    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
-    0.1deg,0.5mm. Without, it is estimated from the data.
+    X is gripper_T_camera for eye-in-hand and base_T_camera for eye-to-hand.
+    Noise that is not given is estimated from the data.
 
-    The default format is CSV with the header timestamp,x,y,z,qx,qy,qz,qw:
-    metres, unit quaternion with the scalar last, ROBOT holds base_T_gripper,
-    CAMERA holds camera_T_target, and row k of both belongs to the same moment.
+    CAMERA may be the folder written by uq-handeye camera -o. Its joint
+    covariance of all camera poses is used.
 
-    CAMERA may be the folder of uq-handeye camera -o, whose joint covariance is
-    used; or go from pictures to X at once:
-    uq-handeye calibrate robot.csv --images 'img/*.png' --board 9x6 --square 20mm
+    For camera poses from another program, name the target and the camera
+    matrix: the camera noise then follows from the view of each pose, e.g.
+    --board 9x6 --square 20mm --camera-matrix 1080,1080,960,540.
 
-    With finished camera poses say what they saw: their noise follows from it.
-    uq-handeye calibrate robot.csv camera.csv --board 9x6 --square 20mm
-    --camera-matrix 1080,1080,960,540
-
-    With joints and URDF the errors of the robot's kinematics are part of the
-    covariance: uq-handeye calibrate camera.csv --joints joints.csv
-    --urdf robot.urdf [--robot robot.csv]
+    With joint values and a robot model, the kinematic errors of the robot are
+    part of the covariance. Add --robot robot.csv to compare with the controller.
     """
     require_writable(report, "--report", REPORTS)
     for name, wanted in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
         if wanted and report is None:
-            raise InputError(f"{name} is about the report: give --report FILE, too.")
+            raise InputError(f"{name} needs --report FILE. Add it.")
     if method is not None:
         method = one_of(method, "--method", METHODS)
     from ...calibration.calibrate import calibrate
 
     if given.one_side is not None:  # that of the other is estimated beside it
         if prior is not None:
-            raise InputError("Give either the noise or, for noise that is to be estimated, a prior; not both.")
+            raise InputError("The noise and a prior of it are both given. Give one of them.")
         prior = given.one_side
     poses, noise, shared = files.read_open(given, pictures, prior, arm)
 
@@ -211,9 +229,12 @@ def calibrate_command(
 
 
 def demo_command(as_json: JsonOption = False, output: ResultFolder = None, report: ReportFile = None) -> None:
-    """The main job on an embedded data set whose truth is known.
+    """Calibrate an embedded data set whose true X is known.
 
-    Example: uq-handeye demo --report demo.html
+    Examples:
+      uq-handeye demo
+      # Write result.json, figures and exports too
+      uq-handeye demo --report demo.html -o demo/
     """
     from importlib import resources
 
@@ -252,7 +273,7 @@ def _deliver(
     check: "CrossCheck | None",
     wishes: ReportOptions | None = None,
 ) -> None:
-    """Files first: where one cannot be written, nothing is printed as if all were well."""
+    """Write the files, then print: if a file cannot be written, nothing is printed."""
     result = _with_command(result)
     methods: Compared | bool = comparison
     if report is not None and comparison:
@@ -271,7 +292,7 @@ def _deliver(
 def write_report(
     result: "Calibration", file: Path, comparison: "Compared | bool", check: "CrossCheck | None", **options: Any
 ) -> None:
-    """The report, which names this command line as what made it."""
+    """Write the report, which names this command line."""
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
         _with_command(result).report(file, comparison=comparison, cross_check=check, **options)
 

@@ -1,4 +1,4 @@
-"""The command ``camera``, and the pictures that ``calibrate`` takes as well: from board corners to camera poses."""
+"""Command ``camera``: from pictures or corners of a board to camera poses."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,45 +12,59 @@ from ..options import UNITS, JsonOption, emit, folder_option, made_of, one_of, o
 from ..pictures import BoardOptions, LensOptions, read_two_numbers
 
 TABLES = (".csv", ".txt", ".tsv")
+TABLE = "Table of corners"
 
 
 @made_of(board=BoardOptions, lens=LensOptions)
 def camera_command(
     files: Annotated[
         list[str],
-        typer.Argument(metavar="CORNERS.csv or 'PATTERN'", help="Corners in a table; or pictures, e.g. 'img/*.png'."),
+        typer.Argument(metavar="PICTURES", help="Pictures, e.g. 'img/*.png', or one table of corners (.csv)."),
     ],
     board: "BoardOptions",
     lens: "LensOptions",
     image_size: Annotated[
         str | None,
-        option("--image-size", metavar="WIDTHxHEIGHT", help="Of the pictures, in pixels, for corners in a table."),
+        option(
+            "--image-size", metavar="WxH", panel=TABLE, common=True, help="Size of the pictures (px), e.g. 1920x1080."
+        ),
     ] = None,
     units: Annotated[
-        str | None, option("--units", of=UNITS, metavar="UNIT", help="Length unit of a table of corners. Left out: m.")
+        str | None,
+        option(
+            "--units", of=UNITS, metavar="UNIT", panel=TABLE, help="Length unit of the table of corners. Default: m."
+        ),
     ] = None,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
         folder_option(
-            "Write camera.csv, camera_covariance.npz, intrinsics.json, intrinsics.yaml (OpenCV), corners.csv, "
-            "board.csv (the board as measured) and the report here."
+            "Folder for camera poses, intrinsics and report. It holds camera.csv, camera_covariance.npz, "
+            "intrinsics.json, intrinsics.yaml (OpenCV), corners.csv, board.csv (the board as measured) and the "
+            "report."
         ),
     ] = None,
 ) -> None:
-    """Intrinsics, camera poses and their joint covariance from pictures of a board.
+    """Calibrate a camera from pictures of a board.
 
-    Example: uq-handeye camera 'img/*.png' --board 9x6 --square 20mm -o camera/
+    Examples:
+      uq-handeye camera 'img/*.png' --board 9x6 --square 20mm -o camera/
+      # Then estimate X from the robot poses and this camera
+      uq-handeye calibrate robot.csv camera/ -o result/
+      # Corners found by another program, with the header row,x,y,z,u,v
+      uq-handeye camera corners.csv --image-size 1920x1080 -o camera/
 
-    Or from corners found by another program, with the header row,x,y,z,u,v:
-    uq-handeye camera corners.csv --image-size 1920x1080 -o camera/
+    Estimates the intrinsics, the shape of the board, the pose of the camera at
+    each picture, and the joint covariance of all of them.
 
     Picture k, from 0 in the order of the names (img2 before img10), belongs to
-    row k of the robot poses. Then: uq-handeye calibrate robot.csv camera/
+    row k of the robot poses.
     """
     if len(files) == 1 and Path(files[0]).suffix.lower() in TABLES:
         if board.given and board.file is None:
-            raise InputError(f"{', '.join(board.given)} are about pictures, and {files[0]} is a table of corners.")
+            raise InputError(
+                f"{', '.join(board.given)}: for pictures, but {files[0]} is a table of corners. Remove it."
+            )
         from ...camera.files.corner_file import read_corners
 
         size = None if image_size is None else read_two_numbers(image_size, "--image-size", "1920x1080")
@@ -59,9 +73,7 @@ def camera_command(
     else:
         for name, value in (("--image-size", image_size), ("--units", units)):
             if value is not None:
-                raise InputError(
-                    f"{name} is about a table of corners (.csv); pictures tell it themselves: leave it out."
-                )
+                raise InputError(f"{name} applies to a table of corners (.csv), not to pictures. Remove the option.")
         from ...camera.board import detect_board
 
         size = None

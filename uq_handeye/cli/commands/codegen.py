@@ -1,4 +1,4 @@
-"""The command ``uq-handeye codegen``: matrices and whole functions as code of other languages."""
+"""Command ``codegen``: matrices and whole functions as code of other languages."""
 
 import difflib
 from collections.abc import Sequence
@@ -9,32 +9,44 @@ import typer
 
 from ...errors import InputError
 from ..messages import LOG
-from ..options import OUTPUT, emit, flag, folder_option, one_of, option
+from ..options import emit, flag, folder_option, one_of, option
 
-# The names of symbolic.codegen.COMMENTS, written down once more to be quick.
+# Names of symbolic.codegen.COMMENTS, repeated here so that help and completion load quickly.
 LANGUAGE_NAMES = ("c", "cpp", "octave", "julia", "rust", "fortran", "javascript", "python", "latex")
 
 
 def codegen_command(
-    names: Annotated[list[str] | None, typer.Argument(metavar="NAME", help="More names, as of --matrix.")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME", help="Names of matrices and functions, as for --matrix.")
+    ] = None,
     language: Annotated[
         str | None,
-        option("--language", of=LANGUAGE_NAMES, metavar="NAME", help=f"{', '.join(LANGUAGE_NAMES)}."),
+        option(
+            "--language",
+            of=LANGUAGE_NAMES,
+            metavar="NAME",
+            common=True,
+            help=f"Language: {', '.join(LANGUAGE_NAMES)}.",
+        ),
     ] = None,
     matrix: Annotated[
         list[str] | None,
-        typer.Option("--matrix", metavar="NAME", help="A matrix or function of --list; may be repeated."),
+        option("--matrix", metavar="NAME", common=True, help="Matrix or function of --list. Repeatable."),
     ] = None,
-    every: Annotated[bool, flag("--all", help="Everything the language has.")] = False,
-    list_names: Annotated[bool, flag("--list", panel=OUTPUT, help="Print the names there are, and no code.")] = False,
-    output: Annotated[Path | None, folder_option("Folder to write. Left out: to the standard output.")] = None,
+    every: Annotated[bool, flag("--all", common=True, help="All matrices and functions of the language.")] = False,
+    list_names: Annotated[bool, flag("--list", common=True, help="List the available functions and exit.")] = False,
+    output: Annotated[Path | None, folder_option("Folder for the code. Default: standard output.")] = None,
 ) -> None:
-    """Closed forms and whole functions in other languages.
+    """Generate the closed forms as code in other languages.
 
-    Example: uq-handeye codegen --language c --matrix solve_4dpa -o generated/
+    Examples:
+      # Names of all matrices and functions
+      uq-handeye codegen --list
+      uq-handeye codegen --language c --matrix solve_4dpa -o generated/
 
-    The matrices of the paper and their derivatives are in every language; the
-    functions solve_4dpa and covariance_4dpa in c, cpp, octave and python.
+    The matrices of the paper and their derivatives are available in every
+    language, the functions solve_4dpa and covariance_4dpa in c, cpp, octave and
+    python.
     """
     from ..._version import __version__
     from ...io import write_files
@@ -75,7 +87,7 @@ def codegen_command(
 
 
 def _generator() -> Any:
-    """The module that does the work; with SymPy it takes half a second to load."""
+    """Import the generator, which with SymPy takes half a second."""
     from ...symbolic import codegen
 
     return codegen
@@ -86,7 +98,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _near(name: str, names: Sequence[str]) -> str:
-    """Up to three names that look like it, capitals or not."""
+    """Return up to three similar names, in any case."""
     small = {known.lower(): known for known in sorted(names)}
     same = [known for known in names if known.lower() == name.lower()]
     near = same or [small[found] for found in difflib.get_close_matches(name.lower(), small, n=3, cutoff=0.5)]

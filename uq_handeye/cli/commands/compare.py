@@ -1,4 +1,4 @@
-"""The command ``uq-handeye compare``: the published methods side by side."""
+"""Command ``compare``: the published methods side by side."""
 
 import sys
 from pathlib import Path
@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 from ...errors import InputError
 from ..arm_options import Arm, arm_of
 from ..delivery import deliver
+from ..groups import ESTIMATION
 from ..messages import fail, progress_wanted, timed
 from ..noise_options import Given, given_of
 from ..options import (
     EVERY_METHOD,
     OUTPUT,
-    ROBOT_WORLD,
     JsonOption,
     PairsOption,
     emit,
@@ -43,26 +43,39 @@ def compare_command(
         option(
             "--methods",
             of=COMPARED,
-            metavar="NAME,NAME,...",
-            help=f"Some of {', '.join(EVERY_METHOD)}. Left out: efficient, the answer of calibrate, and all but ml, "
-            f"{' and '.join(ROBOT_WORLD)}.",
+            metavar="NAMES",
+            panel=ESTIMATION,
+            common=True,
+            help=f"Methods to compare. Some of {', '.join(EVERY_METHOD)}. Default: efficient (the answer of "
+            "calibrate) and the 15 methods for AX = XB.",
         ),
     ] = None,
     reference: Annotated[
-        str, option("--reference", of=COMPARED, metavar="NAME", help="Method from which differences are taken.")
+        str,
+        option(
+            "--reference",
+            of=COMPARED,
+            metavar="NAME",
+            panel=ESTIMATION,
+            common=True,
+            help="Method that differences are relative to.",
+        ),
     ] = "efficient",
     pairs: PairsOption = "all",
     as_json: JsonOption = False,
-    as_csv: Annotated[bool, flag("--csv", panel=OUTPUT, help="Print the table as CSV.")] = False,
-    output: Annotated[Path | None, folder_option("Write comparison.json, .csv, .png, .svg.")] = None,
+    as_csv: Annotated[bool, flag("--csv", panel=OUTPUT, common=True, help="Print the table as CSV.")] = False,
+    output: Annotated[Path | None, folder_option("Folder for comparison.json, .csv, .png and .svg.")] = None,
 ) -> int:
-    """The answer of calibrate and all published methods: a table, and a figure of who agrees.
+    r"""Compare the estimate of X with the published methods.
 
-    Example: uq-handeye compare robot.csv camera.csv -o comparison/
+    Examples:
+      uq-handeye compare robot.csv camera.csv -o comparison/
+      # Three methods only, differences from Park's
+      uq-handeye compare robot.csv camera.csv --methods tsai,park,4dpa \
+          --reference park
 
-    A method that fails keeps its row, which says why. Exit status 2 if every
-    method fails. The table is up to 120 columns wide; on a narrower terminal
-    append | less -S, or use --csv.
+    A method that fails keeps its row, with the reason. The exit status is 2 if
+    every method fails.
     """
     if as_json and as_csv:
         raise InputError("Give either --json or --csv, not both.")

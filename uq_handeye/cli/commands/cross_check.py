@@ -1,4 +1,4 @@
-"""The command ``uq-handeye cross-check``: every covariance of one problem, and whether they agree."""
+"""Command ``cross-check``: every covariance of one problem, and the relations between them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -34,26 +34,33 @@ def cross_check_command(
     given: "Given",
     views: "Views | None",
     arm: "Arm | None",
-    trials: Annotated[int, option("--trials", help="Monte Carlo trials of each method.")] = 10_000,
-    posterior: Annotated[bool, flag("--posterior/--no-posterior", help="Sample the posterior too.")] = True,
+    trials: Annotated[
+        int, option("--trials", metavar="N", common=True, help="Monte Carlo trials of each method.")
+    ] = 10_000,
+    posterior: Annotated[
+        bool, flag("--posterior/--no-posterior", common=True, help="Sampling of the posterior. Default: on.")
+    ] = True,
     pairs: PairsOption = "all",
-    seed: Annotated[int, option("--seed", help="The same seed gives the same numbers.")] = 0,
+    seed: Annotated[int, option("--seed", metavar="N", help="Seed of the random numbers.")] = 0,
     workers: WorkersOption = None,
     as_json: JsonOption = False,
-    output: Annotated[
-        Path | None, folder_option("Write cross_check.json, cross_check.csv, cross_check.png, cross_check.svg here.")
-    ] = None,
+    output: Annotated[Path | None, folder_option("Folder for cross_check.json, .csv, .png and .svg.")] = None,
     report: ReportFile = None,
 ) -> int:
-    """Formulas, Monte Carlo and posterior side by side: every covariance of X, and whether they agree as they must.
+    r"""Compare all covariances of X: formulas, simulation, posterior.
 
-    Example: uq-handeye cross-check robot.csv camera.csv -o all/
+    Examples:
+      uq-handeye cross-check robot.csv camera.csv -o cross_check/
+      # Quick: no posterior, fewer trials
+      uq-handeye cross-check robot.csv camera.csv --no-posterior --trials 1000
+      # With known noise
+      uq-handeye cross-check robot.csv camera.csv \
+          --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
 
-    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
-    0.1deg,0.5mm. Without, it is estimated from the data.
-
-    A broken relation is a result: exit status 0. Ctrl-C prints what there is so
-    far (exit status 130); so does a run that lost its workers (exit status 1).
+    Computes every covariance of X of the same problem and tests the relations
+    that must hold between them. A broken relation is a result: the exit status
+    is 0. Ctrl-C prints what is finished (exit status 130); so does a run that
+    lost its workers (exit status 1).
     """
     require_writable(report, "--report", REPORTS)
     poses, noise, shared = files.read(given, views, arm)

@@ -1,4 +1,4 @@
-"""The commands ``export`` and ``report``: a stored result for another program, or for people."""
+"""Commands ``export`` and ``report``: a stored result for another program or for people."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,15 +12,15 @@ from ..options import OUTPUT, emit, made_of, one_of, option, require_writable
 from ..report_options import ReportOptions, report_options_of
 from .calibrate import REPORTS, NoCompare
 
-# The names of export.FORMATS, written down once more to be quick.
+# Names of export.FORMATS, repeated here so that help and completion load quickly.
 EXPORT_NAMES = ("json", "ros", "urdf", "opencv", "npz")
 
-ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", help="result.json of calibrate -o.")]
+ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", help="Result file: result.json of calibrate -o.")]
 
 
 def export_command(
     result: ResultFile,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, e.g. x.urdf.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, e.g. x.urdf.")],
     format: Annotated[
         str | None,
         option(
@@ -28,7 +28,8 @@ def export_command(
             of=EXPORT_NAMES,
             metavar="NAME",
             panel=OUTPUT,
-            help=f"{', '.join(EXPORT_NAMES)}. Left out: by the ending of FILE.",
+            common=True,
+            help=f"Format: {', '.join(EXPORT_NAMES)}. Default: by the suffix of FILE.",
         ),
     ] = None,
     corrects: Annotated[
@@ -37,24 +38,26 @@ def export_command(
             "--corrects",
             metavar="ROBOT.urdf",
             panel=OUTPUT,
-            help="Write this URDF, of the arm as it was calibrated, with the errors corrected that are known (standard "
-            "deviation below half of that assumed), and their covariance beside it as JSON.",
+            common=True,
+            help="URDF of the calibrated arm, to write with its errors corrected. Corrects the errors that are known "
+            "(standard deviation below half of the prior) and writes their covariance as JSON.",
         ),
     ] = None,
 ) -> None:
-    """X of a stored result for ROS, URDF, OpenCV or NumPy; or the URDF of the arm, corrected.
+    """Export X for ROS, URDF, OpenCV or NumPy.
 
-    Example: uq-handeye export result/result.json x.urdf
-
-    The arm:
-    uq-handeye export result/result.json new.urdf --corrects robot.urdf
+    Examples:
+      uq-handeye export result/result.json x.urdf
+      uq-handeye export result/result.json handeye.yaml --format ros
+      # URDF of the arm, with the estimated errors corrected
+      uq-handeye export result/result.json new.urdf --corrects robot.urdf
     """
     from ...calibration.result import Calibration
 
     require_writable(file, "FILE")
     if corrects is not None:
         if format is not None:
-            raise InputError("--format is of X, not of the URDF of --corrects; leave it out.")
+            raise InputError("--format applies to X, not to the URDF of --corrects. Remove it.")
         found = Calibration.from_json(result).export_urdf(file, corrects)
         emit(f"Wrote {file} and {file.with_suffix('.corrections.json')}. {found.summary}\n")
         return
@@ -65,16 +68,19 @@ def export_command(
 @made_of(wishes=report_options_of)
 def report_command(
     result: ResultFile,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, .html or .pdf.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, .html or .pdf.")],
     wishes: "ReportOptions",
     no_compare: NoCompare = False,
 ) -> None:
-    """A report for people from a stored result.
+    """Write a report from a stored result.
 
-    Example: uq-handeye report result/result.json report.html
+    Examples:
+      uq-handeye report result/result.json report.html
+      uq-handeye report result/result.json report.pdf
 
-    It is that of calibrate --report: the result file holds the poses. A file of
-    an older version holds none; its report lacks the rig and the methods.
+    The report equals that of calibrate --report, except for the cross-check: the
+    result file holds the poses. A result file of an older version holds none;
+    its report lacks the rig and the comparison of methods.
     """
     from ...calibration.result import Calibration
 

@@ -1,12 +1,13 @@
-"""The command ``uq-handeye plan``: which poses to take next."""
+"""Command ``plan``: the poses to measure next."""
 
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
 from ...errors import InputError
-from ..arm_options import KINEMATICS, Arm, arm_of
+from ..arm_options import Arm, arm_of
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
+from ..groups import JOINTS
 from ..messages import timed
 from ..noise_options import Given, given_of
 from ..options import JsonOption, emit, flag, made_of, option
@@ -14,6 +15,7 @@ from ..pose_files import PoseFiles
 
 # The poses to take, in the folder of -o.
 NEXT = "next.csv"
+PLANNING = "Planning"
 CRITERIA = ("trace", "logdet", "point", "prediction")
 
 
@@ -22,74 +24,99 @@ def plan_command(
     files: "PoseFiles",
     given: "Given",
     arm: "Arm | None",
-    k: Annotated[int, option("-k", "--count", help="How many poses to take next.")] = 5,
+    k: Annotated[
+        int, option("-k", "--count", metavar="N", panel=PLANNING, common=True, help="Number of poses to choose.")
+    ] = 5,
     candidates: Annotated[
         Path | None,
         option(
             "--candidates",
             metavar="FILE.csv",
-            help="Robot poses to choose from, in the units of the robot file; joints with --joints.",
+            panel=PLANNING,
+            common=True,
+            help="Robot poses to choose from, or joint values with --joints. In the units of the robot file. Default: "
+            "drawn, see --sample.",
         ),
     ] = None,
     sample: Annotated[
         int,
         option(
             "--sample",
-            help="Without --candidates: how many to draw. They look at the target from near where the camera has been "
-            "(0.8 to 1.2 times the distances, 15 deg more tilt, 30 deg more roll), with the robot inside the box of "
-            "its positions so far, grown by 15 % of its diagonal: its reach is not known. With --joints: anywhere "
-            "inside the joint limits.",
+            metavar="N",
+            panel=PLANNING,
+            help="Number of candidates to draw, without --candidates. They view the target from near the poses so "
+            "far (0.8 to 1.2 times the distances, 15 deg more tilt, 30 deg more roll), with the robot inside the box "
+            "of its positions, enlarged by 15 % of its diagonal, because its reach is not known. With --joints: "
+            "anywhere inside the joint limits.",
         ),
     ] = 200,
-    seed: Annotated[int, option("--seed", help="Seed of the candidates drawn.")] = 0,
+    seed: Annotated[int, option("--seed", metavar="N", panel=PLANNING, help="Seed of the candidates drawn.")] = 0,
     criterion: Annotated[
         str | None,
         option(
             "--criterion",
             of=CRITERIA,
             metavar="NAME",
-            help="What to make small: trace (mean squared error of points at --length from the camera), logdet (volume "
-            "of the ellipsoid), point (mean squared error of --point) or, with --joints, prediction (of where the "
-            "target is seen from the postures of --task). Default: prediction with --joints, else trace.",
+            panel=PLANNING,
+            common=True,
+            help="Criterion to minimise: trace, logdet, point or prediction. trace: mean squared error of points at "
+            "--length from the camera; logdet: volume of the ellipsoid; point: mean squared error of --point; "
+            "prediction (with --joints): of the target seen from the postures of --task. Default: trace, with --joints "
+            "prediction.",
         ),
     ] = None,
     point: Annotated[
-        str | None, option("--point", metavar="X,Y,Z", help="Camera coordinates with units, e.g. 0mm,0mm,300mm.")
+        str | None,
+        option(
+            "--point",
+            metavar="X,Y,Z",
+            panel=PLANNING,
+            help="Point in camera coordinates, for --criterion point, e.g. 0mm,0mm,300mm.",
+        ),
     ] = None,
     length: Annotated[
         str | None,
-        option("--length", metavar="LENGTH", help="For trace; left out, the RMS distance of camera to target so far."),
+        option(
+            "--length",
+            metavar="LENGTH",
+            panel=PLANNING,
+            help="Distance of the points of --criterion trace. Default: RMS distance of camera and target so far.",
+        ),
     ] = None,
     task: Annotated[
         Path | None,
         option(
             "--task",
             metavar="FILE.csv",
-            panel=KINEMATICS,
-            help="Joints at which the calibration will be used. Default: postures spread over the joint limits.",
+            panel=JOINTS,
+            help="Joint values at which the calibration will be used. Default: postures spread over the joint limits.",
         ),
     ] = None,
-    repeat: Annotated[bool, flag("--repeat", help="A candidate may be taken more than once.")] = False,
+    repeat: Annotated[
+        bool, flag("--repeat", panel=PLANNING, help="Allow a candidate to be chosen more than once.")
+    ] = False,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
         folder_or_csv_option(
-            f"Write {NEXT} (the robot poses in order, in metres; with --joints the joints, in rad) and plan.json here."
+            f"Folder for {NEXT} and plan.json. {NEXT} holds the robot poses in order (m), with --joints the joints "
+            "(rad)."
         ),
     ] = None,
 ) -> None:
-    """Which poses to take next, and the standard deviations of X predicted after each.
+    """Choose the robot poses to measure next.
 
-    Example: uq-handeye plan robot.csv camera.csv -k 5 -o plan/
+    Examples:
+      uq-handeye plan robot.csv camera.csv -k 5 -o plan/
+      # From poses that the robot can reach
+      uq-handeye plan robot.csv camera.csv --candidates reachable.csv
+      # In joint values within their limits, for predictions over the workspace
+      uq-handeye plan camera.csv --joints joints.csv --urdf robot.urdf
 
-    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
-    0.1deg,0.5mm. Without, it is estimated from the data.
+    Prints the standard deviations of X predicted after each pose, to first
+    order in the noise.
 
-    With the arm's errors as unknowns, and the answer in joints inside their
-    limits: uq-handeye plan camera.csv --joints joints.csv --urdf robot.urdf
-
-    Predicted to first order for the noise. Reach and obstacles are not known:
-    look at each pose before you drive there.
+    Reach and obstacles are not known. Check each pose before you drive there.
     """
     from ...calibration.findings import check_input
     from ...findings import warn
@@ -104,11 +131,11 @@ def plan_command(
     if point is not None and point.count(",") != 2:
         raise InputError(f"Expected --point to be X,Y,Z with units such as 0mm,0mm,300mm, got {point!r}.")
     if point is not None and criterion != "point":
-        raise InputError(f"--point goes with --criterion point, got --criterion {criterion or 'trace'}.")
+        raise InputError(f"--point needs --criterion point, got --criterion {criterion or 'trace'}.")
     of_arm: dict[str, Any] = {}
     if arm is None:
         if task is not None or criterion == "prediction":
-            raise InputError("--task and --criterion prediction go with --joints and --urdf.")
+            raise InputError("--task and --criterion prediction need --joints and --urdf.")
         poses, noise, shared = files.read(given)
         rows = None if candidates is None else read_pose_file(candidates, files.both_units[0])[1]
     else:

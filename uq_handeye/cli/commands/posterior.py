@@ -1,4 +1,4 @@
-"""The command ``uq-handeye posterior``: samples of the posterior of X."""
+"""Command ``posterior``: samples of the posterior of X."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ...errors import InputError
 from ..arm_options import Arm, arm_of
 from ..delivery import deliver, wrote
+from ..groups import ESTIMATION
 from ..messages import progress_wanted, timed
 from ..noise_options import Given, given_of, pose_prior_of
-from ..options import JsonOption, emit, flag, folder_option, made_of, option
+from ..options import OUTPUT, JsonOption, emit, flag, folder_option, made_of, option
 from ..pose_files import PoseFiles, calibrated, problem_for
 from ..views import views_of
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from ..views import Views
 
 CHAIN = "chain.h5"
+CHAINS = "Sampling"  # group of options
 
 
 @made_of(given=given_of, beforehand=pose_prior_of, files=PoseFiles, views=views_of, arm=arm_of)
@@ -31,44 +33,61 @@ def posterior_command(
             "--pairs",
             of=("disjoint", "consecutive"),
             metavar="NAME",
-            help="For noise on motions (A and B): disjoint, or consecutive.",
+            panel=ESTIMATION,
+            help="Pairs of poses that form a motion, for noise of motions (A and B): disjoint or consecutive.",
         ),
     ] = "disjoint",
-    samples: Annotated[int, option("--samples", help="Effective samples of every coordinate.")] = 10_000,
+    samples: Annotated[
+        int, option("--samples", metavar="N", panel=CHAINS, common=True, help="Effective samples of every coordinate.")
+    ] = 10_000,
     scales: Annotated[
         bool | None,
         flag(
             "--scales/--no-scales",
-            help="Sample unknown factors on the noise of robot and camera, too. Left out: if it is estimated.",
+            panel=CHAINS,
+            help="Sampling of unknown factors of the robot and camera noise. Default: on if the noise is estimated.",
         ),
     ] = None,
     student_t: Annotated[
         float | None,
-        option("--student-t", metavar="NU", help="Heavy-tailed likelihood of NU degrees of freedom, e.g. 5."),
+        option(
+            "--student-t",
+            metavar="NU",
+            panel=CHAINS,
+            common=True,
+            help="Heavy-tailed likelihood with NU degrees of freedom, e.g. 5. Default: Gaussian.",
+        ),
     ] = None,
-    walkers: Annotated[int, option("--walkers", help="Number of walkers.")] = 128,
-    max_steps: Annotated[int, option("--max-steps", help="Steps of every walker at most.")] = 10_000,
-    seed: Annotated[int, option("--seed", help="Seed of the random numbers.")] = 0,
+    walkers: Annotated[int, option("--walkers", metavar="N", panel=CHAINS, help="Number of walkers.")] = 128,
+    max_steps: Annotated[
+        int, option("--max-steps", metavar="N", panel=CHAINS, common=True, help="Largest number of steps of a walker.")
+    ] = 10_000,
+    seed: Annotated[int, option("--seed", metavar="N", panel=CHAINS, help="Seed of the random numbers.")] = 0,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
-        folder_option(f"Keep the chain ({CHAIN}) here, and write posterior.json, corner.png and corner.svg."),
+        folder_option(f"Folder for {CHAIN}, posterior.json and corner.png, .svg."),
     ] = None,
-    resume: Annotated[bool, flag("--resume", help="Go on with the chain in -o DIR.")] = False,
+    resume: Annotated[bool, flag("--resume", panel=OUTPUT, common=True, help="Continue the chain in -o DIR.")] = False,
 ) -> None:
-    """The posterior of X by Markov chain Monte Carlo, with a flat prior, until enough samples are effective.
+    r"""Sample the posterior of X by Markov chain Monte Carlo.
 
-    Example: uq-handeye posterior robot.csv camera.csv -o out/
+    Examples:
+      uq-handeye posterior robot.csv camera.csv -o posterior/
+      # Continue a run that was interrupted or did not converge
+      uq-handeye posterior robot.csv camera.csv -o posterior/ --resume
+      # With known noise and a heavy-tailed likelihood
+      uq-handeye posterior robot.csv camera.csv --student-t 5 \
+          --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
 
-    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
-    0.1deg,0.5mm. Without, it is estimated from the data.
+    The prior is flat, except for --prior-x, --prior-w and --known.
 
     Nothing is reported before the chain has converged (autocorrelation time,
-    split R-hat, effective samples). With -o a run that was interrupted, or has
-    not converged, goes on with --resume and ends in the same numbers.
+    split R-hat, effective samples). With -o, an interrupted run continues with
+    --resume and ends in the same numbers.
     """
     if resume and output is None:
-        raise InputError("--resume needs -o DIR, the folder of the run to go on with.")
+        raise InputError("--resume needs the folder of the run. Add -o DIR.")
     poses, noise, shared = files.read(given, views, arm)
     from ...io import write_files
     from ...noise.models import PairNoise

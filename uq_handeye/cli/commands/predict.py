@@ -1,11 +1,11 @@
-"""The command ``uq-handeye predict``: where points lie and what the camera should see at other robot poses."""
+"""Command ``predict``: positions of points and camera poses at other robot poses."""
 
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..arm_options import KINEMATICS, JointUnits
+from ..arm_options import JointUnits
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..options import UNITS, JsonOption, emit, flag, option
 from .files import ResultFile
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from ...geometry.se3 import Array
     from ...prediction.predict import CameraPrediction
 
-# Rows that are printed; all are in the files.
+# Number of rows printed; the files hold all.
 PRINTED = 40
+PLACES = "Robot poses"
 
 
 def predict_command(
@@ -27,8 +28,9 @@ def predict_command(
         option(
             "--joints",
             metavar="FILE.csv",
-            panel=KINEMATICS,
-            help="Joint values to predict at, by the names of the calibration's joints.",
+            panel=PLACES,
+            common=True,
+            help="Joint values to predict at, named as in the calibration.",
         ),
     ] = None,
     joint_units: JointUnits = None,
@@ -37,19 +39,30 @@ def predict_command(
         option(
             "--robot",
             metavar="FILE.csv",
-            help="Robot poses to predict at, base_T_gripper: where the calibration knows no joints, or beside --joints "
-            "where the controller's poses are not those of the joints.",
+            panel=PLACES,
+            common=True,
+            help="Robot poses base_T_gripper to predict at. For a calibration without joints, or with --joints if the "
+            "controller's poses differ from those of the joints.",
         ),
     ] = None,
     robot_units: Annotated[
-        str, option("--robot-units", of=UNITS, metavar="UNIT", help="Length unit of --robot: m, mm, cm, ...")
+        str,
+        option(
+            "--robot-units",
+            of=UNITS,
+            metavar="UNIT",
+            panel=PLACES,
+            help=f"Length unit of --robot: {', '.join(UNITS)}.",
+        ),
     ] = "m",
     point: Annotated[
         list[str] | None,
         option(
             "--point",
             metavar="X,Y,Z",
-            help="Point in camera coordinates, e.g. 0mm,0mm,300mm: its position in the base; repeatable.",
+            common=True,
+            help="Point in camera coordinates, e.g. 0mm,0mm,300mm. Predicts its position in the base frame. "
+            "Repeatable.",
         ),
     ] = None,
     reached_at: Annotated[
@@ -57,8 +70,8 @@ def predict_command(
         option(
             "--reached-at",
             metavar="FILE.csv",
-            panel=KINEMATICS,
-            help="Joints at which the tool is brought to the points seen at --joints, row by row: how far it misses.",
+            common=True,
+            help="Joint values that bring the tool to the points of --joints. Row by row; predicts how far it misses.",
         ),
     ] = None,
     tool: Annotated[
@@ -66,30 +79,34 @@ def predict_command(
         option(
             "--tool",
             metavar="X,Y,Z",
-            panel=KINEMATICS,
-            help="Tip of the tool in the flange, e.g. 0mm,0mm,150mm, for --reached-at. Default: its origin.",
+            common=True,
+            help="Tool tip in the flange frame, for --reached-at. For example 0mm,0mm,150mm. Default: its origin.",
         ),
     ] = None,
     camera: Annotated[
-        bool, flag("--camera", help="Predict camera_T_target instead: the poses that the camera should see.")
+        bool, flag("--camera", common=True, help="Predict camera_T_target, the poses that the camera should see.")
     ] = False,
     no_noise: Annotated[
-        bool, flag("--no-noise", help="With --camera: without the noise of one new measurement.")
+        bool, flag("--no-noise", help="With --camera: leave out the noise of a new measurement.")
     ] = False,
     as_json: JsonOption = False,
     output: Annotated[
-        Path | None, folder_or_csv_option("Write predictions.csv (in metres and rad) and predictions.json here.")
+        Path | None, folder_or_csv_option("Folder for predictions.csv (m, rad) and predictions.json.")
     ] = None,
 ) -> None:
-    """Predict at other robot poses, with the uncertainty of X, the target and the arm together.
+    r"""Predict target points or camera poses at other robot poses.
 
-    Example: uq-handeye predict result.json --joints q.csv --point 0mm,0mm,300mm
+    Examples:
+      # Point in front of the camera, in the base frame, at each row of q.csv
+      uq-handeye predict result/result.json --joints q.csv \
+          --point 0mm,0mm,300mm
+      # Pose of the target that the camera should see
+      uq-handeye predict result/result.json --joints q.csv --camera
+      # How far a tool misses the point, errors common to both removed
+      uq-handeye predict result/result.json --joints q.csv \
+          --point 0mm,0mm,300mm --reached-at there.csv --tool 0mm,0mm,150mm
 
-    What the camera should see there, to compare with what it sees:
-    uq-handeye predict result.json --joints q.csv --camera
-
-    How far a tool misses what the camera saw, with what both have in common left
-    out: append --reached-at there.csv --tool 0mm,0mm,150mm to the first.
+    The uncertainty combines X, the target pose and the robot.
     """
     import numpy as np
 
@@ -97,19 +114,19 @@ def predict_command(
     from ...io import json_text
 
     if bool(point) == camera:
-        raise InputError("Say what to predict: --point X,Y,Z in camera coordinates, or --camera for what it sees.")
+        raise InputError("Give either --point X,Y,Z in camera coordinates, or --camera for camera poses.")
     if no_noise and not camera:
-        raise InputError("--no-noise goes with --camera: a point in the base is no measurement.")
+        raise InputError("--no-noise needs --camera: a point in the base frame is not a measurement.")
     if reached_at is not None and camera:
-        raise InputError("--reached-at goes with --point: the point that the tool is brought to.")
+        raise InputError("--reached-at needs --point, the point that the tool is brought to.")
     if tool is not None and reached_at is None:
-        raise InputError("--tool is of --reached-at FILE.csv, the joints at which it is at the point; give it, too.")
+        raise InputError("--tool needs --reached-at FILE.csv, the joint values at the point. Add it.")
     if joints is None and robot is None and reached_at is None:
-        raise InputError("Say where to predict: give --joints FILE.csv, or --robot FILE.csv.")
+        raise InputError("No robot poses to predict at. Give --joints FILE.csv or --robot FILE.csv.")
     if joint_units is not None and joints is None and reached_at is None:
-        raise InputError("--joint-units is of --joints; leave it out.")
+        raise InputError("--joint-units needs --joints. Remove it.")
     if robot_units != "m" and robot is None:
-        raise InputError("--robot-units is of --robot; leave it out.")
+        raise InputError("--robot-units needs --robot. Remove it.")
     points = None if not point else np.array([_coordinates(text, "--point") for text in point])
     tip = None if tool is None else np.array(_coordinates(tool, "--tool"))
     stored = Calibration.from_json(result)
@@ -146,7 +163,7 @@ def _coordinates(text: str, name: str) -> list[float]:
         except ValueError:
             values.append(parse_length(part, name))
     if not (far := max(map(abs, values))) <= 10.0 or not all(map(math.isfinite, values)):
-        raise InputError(f"{name} {text}: {far:g} m away; write the unit, e.g. 0mm,0mm,300mm.")
+        raise InputError(f"{name} {text}: {far:g} m is too far. Write the unit, e.g. 0mm,0mm,300mm.")
     return values
 
 
@@ -158,7 +175,7 @@ def _places(
     robot: Path | None,
     units: str,
 ) -> "tuple[Array, dict[str, Array]]":
-    """Timestamps, or numbers of the rows; and joints and robot poses, by the arguments of `predict`."""
+    """Read timestamps (or row numbers), and joints and robot poses by the arguments of `predict`."""
     import numpy as np
 
     from ...io import read_pose_file
@@ -172,7 +189,7 @@ def _places(
             continue
         if stored.kinematics is None:
             raise InputError(
-                f"{name} knows no joints: give --robot, poses base_T_gripper; or calibrate with --joints and --urdf."
+                f"{name} holds no joints. Give --robot (poses base_T_gripper), or calibrate with --joints and --urdf."
             )
         table = read_joints(file, stored.kinematics.chain, joint_units)
         at[argument], names[argument] = table.q, file

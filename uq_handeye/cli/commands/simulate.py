@@ -1,33 +1,57 @@
-"""The command ``uq-handeye simulate``: pose files of a simulated rig."""
+"""Command ``simulate``: pose files of a simulated rig."""
 
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from ...errors import InputError
 from ..noise_options import NoiseOptions, exact_beside
-from ..options import SETUP_NAMES, emit, made_of, option
+from ..options import OUTPUT, SETUP_NAMES, emit, made_of, option
 
-MAX_POSES = 1_000_000  # about 1 GB of memory; more would end the machine's, not the work
+RIG = "Rig"
+MAX_POSES = 1_000_000  # about 1 GB of memory
 
 
 @made_of(options=NoiseOptions)
 def simulate_command(
     options: "NoiseOptions",
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write.")],
-    n_poses: Annotated[int, typer.Option("--poses", "-n", help="Number of poses.")] = 20,
+    output: Annotated[
+        Path, option("-o", "--output", metavar="DIR", panel=OUTPUT, common=True, help="Folder to write.")
+    ],
+    n_poses: Annotated[int, option("--poses", "-n", metavar="N", panel=RIG, common=True, help="Number of poses.")] = 20,
     setup: Annotated[
-        str, option("--setup", of=SETUP_NAMES, metavar="NAME", help=f"{' or '.join(SETUP_NAMES)}.")
+        str,
+        option(
+            "--setup",
+            of=SETUP_NAMES,
+            metavar="NAME",
+            panel=RIG,
+            common=True,
+            help=f"Camera mount: {' or '.join(SETUP_NAMES)}.",
+        ),
     ] = SETUP_NAMES[0],
-    distance: Annotated[str, option("--distance", help="Camera to target, NEAREST,FARTHEST.")] = "0.4m,0.8m",
-    tilt: Annotated[str, option("--tilt", help="Largest angle of line of sight to target normal.")] = "35deg",
-    roll: Annotated[str, option("--roll", help="Largest roll about the line of sight, either way.")] = "60deg",
-    seed: Annotated[int, option("--seed", help="Seed of the random numbers.")] = 0,
+    distance: Annotated[
+        str, option("--distance", metavar="NEAR,FAR", panel=RIG, common=True, help="Distances of camera and target.")
+    ] = "0.4m,0.8m",
+    tilt: Annotated[
+        str,
+        option(
+            "--tilt", metavar="ANGLE", panel=RIG, common=True, help="Largest angle of line of sight to target normal."
+        ),
+    ] = "35deg",
+    roll: Annotated[
+        str, option("--roll", metavar="ANGLE", panel=RIG, common=True, help="Largest roll about the line of sight.")
+    ] = "60deg",
+    seed: Annotated[int, option("--seed", metavar="N", panel=RIG, common=True, help="Seed of the random numbers.")] = 0,
 ) -> None:
-    """Pose files of a simulated rig: robot.csv, camera.csv and truth.csv.
+    r"""Simulate a rig and write its pose files.
 
-    Example: uq-handeye simulate -o sim/ --poses 30 --camera-noise 0.1deg,0.5mm
+    Examples:
+      uq-handeye simulate -o sim/ --poses 30 --robot-noise 0.02deg,0.05mm \
+          --camera-noise 0.1deg,0.5mm
+      # Camera fixed in the cell, no noise
+      uq-handeye simulate -o sim/ --setup eye-to-hand
+
+    Writes robot.csv, camera.csv and the true X, truth.csv.
     """
     from ...geometry.frames import SETUPS
     from ...io import pose_text, read_shared_errors, write_files
@@ -41,7 +65,7 @@ def simulate_command(
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     if options.noise is not None and read_shared_errors(options.noise):
-        raise InputError(f"simulate draws the noise of each pose alone: leave [shared] out of {options.noise}.")
+        raise InputError(f"simulate draws independent noise for each pose. Remove [shared] from {options.noise}.")
     if seed < 0:
         raise InputError(f"Expected --seed to be 0 or more, got {seed}.")
     if not 1 <= n_poses <= MAX_POSES:

@@ -1,4 +1,4 @@
-"""The command ``uq-handeye sync``: two streams with clocks of their own, put on one clock."""
+"""Command ``sync``: two unsynchronised streams put on one clock."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +8,7 @@ from ..messages import LOG, timed
 from ..options import JsonOption, emit, flag, folder_option, made_of, one_of, option
 from ..pose_files import StreamFiles
 
+CLOCKS = "Synchronisation"
 INTERPOLATIONS = ("so4", "geodesic")
 
 
@@ -19,39 +20,65 @@ def sync_command(
         option(
             "--max-offset",
             metavar="SECONDS",
-            help="Look for the offset within +- so much. Left out: a quarter of what the streams have in common; inf "
-            "for clocks that have nothing to do with each other.",
+            panel=CLOCKS,
+            common=True,
+            help="Largest clock offset (s) to search; inf for unrelated clocks. Default: a quarter of the overlap of "
+            "the streams.",
         ),
     ] = None,
     still: Annotated[
-        bool, flag("--still", help="One averaged pose pair for each stop, for robots that stop for each picture.")
+        bool,
+        flag(
+            "--still",
+            panel=CLOCKS,
+            common=True,
+            help="One mean pose pair per stop, if the robot stops for each picture.",
+        ),
     ] = False,
     max_gap: Annotated[
         float | None,
         option(
             "--max-gap",
             metavar="SECONDS",
-            help="Nothing is interpolated across longer gaps. Left out: three times the median interval.",
+            panel=CLOCKS,
+            common=True,
+            help="Longest gap (s) that is interpolated. Default: three times the median interval.",
         ),
     ] = None,
     interpolation: Annotated[
-        str, option("--interpolation", of=INTERPOLATIONS, metavar="NAME", help="so4 or geodesic.")
+        str,
+        option(
+            "--interpolation",
+            of=INTERPOLATIONS,
+            metavar="NAME",
+            panel=CLOCKS,
+            help="Interpolation of poses: so4 or geodesic.",
+        ),
     ] = INTERPOLATIONS[0],
-    seed: Annotated[int, option("--seed", help="Seed of random subsets.")] = 0,
+    seed: Annotated[int, option("--seed", metavar="N", panel=CLOCKS, help="Seed of random subsets.")] = 0,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
-        folder_option("Write robot.csv and camera.csv, paired by row, sync.json, sync.png and sync.svg here."),
+        folder_option(
+            "Folder for the paired poses and figures. It holds robot.csv and camera.csv (paired by row), sync.json, "
+            "sync.png and sync.svg."
+        ),
     ] = None,
 ) -> None:
-    """Poses at the same moments from two streams, and the offset of their clocks.
+    """Put two unsynchronised pose streams on one clock.
 
-    Example: uq-handeye sync robot.csv camera.csv -o paired/
+    Examples:
+      uq-handeye sync robot.csv camera.csv -o paired/
+      # A robot that stops for each picture: one mean pose per stop
+      uq-handeye sync robot.csv camera.csv --still -o paired/
+      # Synchronise and calibrate in one command
+      uq-handeye calibrate robot.csv camera.csv --pair async -o result/
 
-    The streams need timestamps in seconds and no common clock: the offset is
-    found from the motion. uq-handeye calibrate --pair async does the same and
-    goes on; there the uncertainty of the offset enters that of X, which it does
-    not from the files written here.
+    Writes pose pairs at the same moments, and the offset between the clocks.
+    The streams need timestamps in seconds; the offset is found from the motion.
+
+    The written files hold no uncertainty of the offset. Use uq-handeye
+    calibrate --pair async to include it in the uncertainty of X.
     """
     kind = one_of(interpolation, "--interpolation", INTERPOLATIONS)
     with timed("synchronising"):

@@ -1,4 +1,4 @@
-"""The command ``uq-handeye validate``: whether the covariance of a method is true."""
+"""Command ``validate``: the covariance of a method, checked by Monte Carlo simulation."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from ...validation.monte_carlo.run import MonteCarlo
     from ..views import Views
 
-# What the shell expects of a program that Ctrl-C ended; of a run that ended otherwise before its time.
+TRIALS = "Simulation"
+# Exit status after Ctrl-C, and of a run that ended early for another reason.
 INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
@@ -49,79 +50,114 @@ def validate_command(
         option(
             "--method",
             of=EVERY_METHOD,
-            metavar="NAME,NAME,...",
-            help=f"One or several of {', '.join(EVERY_METHOD)}. Left out: efficient.",
+            metavar="NAMES",
+            panel=TRIALS,
+            common=True,
+            help=f"Methods to check. Some of {', '.join(EVERY_METHOD)}. Default: efficient.",
         ),
     ] = None,
     trials: Annotated[
-        int | None, option("--trials", help="How many. Left out: 10,000, or with --digits at most 1,000,000.")
+        int | None,
+        option(
+            "--trials",
+            metavar="N",
+            panel=TRIALS,
+            common=True,
+            help="Number of trials. With --digits the largest number, 1,000,000 by default. Default: 10,000.",
+        ),
     ] = None,
     digits: Annotated[
-        int | None, option("--digits", help="Stop once the result is stable to so many digits, 1 to 4 (JCGM 102).")
+        int | None,
+        option(
+            "--digits",
+            metavar="N",
+            panel=TRIALS,
+            common=True,
+            help="Number of stable digits to stop at, 1 to 4 (JCGM 102).",
+        ),
     ] = None,
-    seed: Annotated[int, option("--seed", help="Seed of the noise: the same seed gives the same numbers.")] = 0,
+    seed: Annotated[int, option("--seed", metavar="N", panel=TRIALS, help="Seed of the simulated noise.")] = 0,
     covariance: Annotated[
         str,
         option(
             "--covariance",
             of=("model", "each"),
-            metavar="model|each",
-            help="Which is tested: that of the method at the true poses, or what each trial reports of itself.",
+            metavar="NAME",
+            panel=TRIALS,
+            help="Covariance to check: model (of the method at the true poses) or each (reported by each trial).",
         ),
     ] = "model",
     pairs: PairsOption = "all",
     scale: Annotated[
-        float | None, option("--scale", help="Scaling factor d of 4dpa; left out, its limit in closed form.")
+        float | None,
+        option(
+            "--scale", metavar="D", panel=TRIALS, help="Scaling factor d of 4dpa. Default: its limit, in closed form."
+        ),
     ] = None,
     sweep_noise: Annotated[
         str | None,
         option(
             "--sweep-noise",
-            metavar="FACTOR,FACTOR,...",
-            help="Where first order ends: the noise covariances times each, e.g. 1,3,10,30,100.",
+            metavar="FACTORS",
+            panel=TRIALS,
+            common=True,
+            help="Factors of the noise covariance, e.g. 1,3,10,30,100. Finds the noise level beyond which the "
+            "covariance is no longer valid.",
         ),
     ] = None,
     workers: WorkersOption = None,
     scheduler: Annotated[
-        str | None, option("--scheduler", metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
+        str | None,
+        option(
+            "--scheduler",
+            metavar="ADDRESS",
+            panel=TRIALS,
+            help="Dask scheduler whose workers run the trials, e.g. tcp://HOST:8786.",
+        ),
     ] = None,
     figure: Annotated[
         Path | None,
-        option("--figure", metavar="FILE.png", panel=OUTPUT, help="Write a figure, .png or .svg; one per method."),
+        option("--figure", metavar="FILE", panel=OUTPUT, common=True, help="Figure, .png or .svg, one per method."),
     ] = None,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
         folder_option(
-            "Write result.json, validation.csv, validation.png, validation.svg and the trials (chunks/), from which "
-            "--resume continues, here; several methods in a folder each. With --sweep-noise: sweep.json, sweep.csv, "
-            "sweep.png, sweep.svg."
+            "Folder for the results and the trials, for --resume. It holds result.json, validation.csv, "
+            "validation.png, validation.svg and the trials (chunks/); several methods: a folder each. With "
+            "--sweep-noise: sweep.json, sweep.csv, sweep.png, sweep.svg."
         ),
     ] = None,
     resume: Annotated[
-        bool, flag("--resume", panel=OUTPUT, help="Go on with the run in DIR, or add trials to it.")
+        bool, flag("--resume", panel=OUTPUT, common=True, help="Continue the run in -o DIR, or add trials to it.")
     ] = False,
 ) -> int:
-    """Monte Carlo: draw the noise again and again, calibrate each time, and see whether the covariance is true.
+    r"""Check the covariance of X by Monte Carlo simulation.
 
-    Example: uq-handeye validate robot.csv camera.csv --trials 10000
+    Examples:
+      uq-handeye validate robot.csv camera.csv --trials 10000
+      # With known noise, two methods, results kept
+      uq-handeye validate robot.csv camera.csv --method efficient,park \
+          --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm -o runs/
+      # Noise level beyond which the covariance is no longer valid
+      uq-handeye validate robot.csv camera.csv --sweep-noise 1,3,10,30,100
 
-    With known noise append --robot-noise 0.02deg,0.05mm and --camera-noise
-    0.1deg,0.5mm. Without, it is estimated from the data. It is drawn around the
-    poses as fitted.
+    Noise is simulated around the fitted poses, X is estimated in each trial, and
+    the scatter of X is compared with the reported covariance. Noise that is not
+    given is estimated from the data.
 
-    A rejected covariance is a result: exit status 0. What ends the run early
-    prints what the trials so far say: Ctrl-C (exit status 130), or workers that
-    are lost (exit status 1); with -o DIR, --resume goes on.
+    A rejected covariance is a result: the exit status is 0. A run that ends
+    early prints the result so far: Ctrl-C (exit status 130), or lost workers
+    (exit status 1). With -o DIR, --resume continues it.
     """
     names = methods_of(",".join(method or ["efficient"]), "--method", EVERY_METHOD)
     if covariance not in ("model", "each"):
         raise InputError(f"Expected --covariance to be model or each, got {covariance!r}.")
     if resume and output is None:
-        raise InputError("--resume needs the folder of the run: give -o DIR.")
+        raise InputError("--resume needs the folder of the run. Add -o DIR.")
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
-        raise InputError(f"{output} holds the run of one method: give its --method alone, or name a new folder.")
+        raise InputError(f"{output} holds the run of one method. Give its --method alone, or name a new folder.")
     poses, noise, shared = files.read(given, views, arm)
     problem = problem_for(calibrated(poses, noise, shared, pairs, **beforehand), poses, noise, shared, pairs)
     if workers is None:
@@ -130,7 +166,7 @@ def validate_command(
         others = {"--digits": digits, "--scheduler": scheduler, "--scale": scale, "--resume": resume or None}
         for option, value in (*others.items(), ("--covariance each", covariance == "each" or None)):
             if value is not None:
-                raise InputError(f"--sweep-noise goes without {option}.")
+                raise InputError(f"--sweep-noise cannot be combined with {option}. Remove it.")
         options = {"seed": seed, "pairs": pairs, **({} if trials is None else {"trials": trials})}
         return _sweep(problem, names, _factors(sweep_noise), options, figure, as_json, output)
 
@@ -229,5 +265,5 @@ def _factors(text: str) -> list[float]:
 
 
 def _of_method(figure: Path, name: str, names: list[str]) -> Path:
-    """The file of a method: its name is put in where there are several."""
+    """Return the file of a method, with its name if there are several."""
     return figure if len(names) == 1 else figure.with_name(f"{figure.stem}-{name}{figure.suffix}")

@@ -1,0 +1,98 @@
+"""Help: two screens of 80 columns with examples first; every option with --help-all; examples that can be typed."""
+
+import ast
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import typer
+from cli_cases import run
+
+import uq_handeye as uq
+from uq_handeye.cli import app as cli
+from uq_handeye.cli.help import EXAMPLES, describe, rows
+
+PROGRAM = typer.main.get_command(cli.app)
+COMMANDS = PROGRAM.commands
+SOURCES = sorted((Path(uq.__file__).parent / "cli").rglob("*.py"))
+
+
+@pytest.fixture(autouse=True)
+def eighty_columns(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+def lines_of(*arguments):
+    done = run(*arguments)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    return lines
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_is_two_screens(name):
+    lines = lines_of(name, "--help")
+    assert len(lines) <= 46
+    assert lines[0].startswith(f"Usage: uq-handeye {name}")
+    assert 2 < lines.index(EXAMPLES) < min(k for k, line in enumerate(lines) if line.endswith(":") and k > 4)
+    assert f"  uq-handeye {name}" in lines[lines.index(EXAMPLES) + 1 :][0] + lines[lines.index(EXAMPLES) + 2]
+    assert lines[-1] == f"All options: uq-handeye {name} --help-all"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_all_lists_every_option(name):
+    text = "\n".join(lines_of(name, "--help-all"))
+    for value in COMMANDS[name].params:
+        names = value.opts if value.param_type_name == "option" else [value.metavar]
+        for shown in names:
+            assert re.search(rf"(^|[\s,/]){re.escape(shown)}($|[\s,/.])", text, re.MULTILINE), shown
+
+
+def test_help_of_the_program_is_one_screen():
+    lines = lines_of("--help")
+    assert len(lines) <= 24
+    assert lines == lines_of()
+    assert all(any(line.startswith(f"  {name} ") for line in lines) for name in COMMANDS)
+    assert all(len(describe(command).summary) <= 65 for command in COMMANDS.values())
+    assert next(iter(COMMANDS)) == "calibrate"
+    assert "--install-completion" in "\n".join(lines_of("--help-all"))
+
+
+def test_help_is_as_wide_as_the_terminal(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    table = run("plan", "--help").stdout.partition("Arguments:")[2].splitlines()
+    assert 50 < max(map(len, table)) <= 60
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_can_be_typed(name):
+    """Every option is there, and the shell would read it so."""
+    text = describe(COMMANDS[name]).examples.replace("\\\n", " ")
+    typed = [shlex.split(line, comments=True) for line in text.splitlines()]
+    typed = [words for words in typed if words]
+    assert any(words[:2] == ["uq-handeye", name] for words in typed)
+    for _, command, *words in typed:
+        COMMANDS[command].make_context(command, words, resilient_parsing=False)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_texts_of_options(name):
+    """Noun phrases in full sentences, by the style sheet; what is taken has a name."""
+    for row in rows(COMMANDS[name]):
+        assert row.text[:1].isupper() and row.text.endswith("."), row
+        assert not re.search(r"[Ll]eft out|^Of |^Or |[Bb]eside|by itself", row.text), row
+        assert row.text.count("Default:") <= 1, row
+    for value in COMMANDS[name].params:
+        assert value.metavar is not None, value.name
+
+
+@pytest.mark.parametrize("file", SOURCES, ids=lambda file: file.stem)
+def test_docstrings_open_as_they_should(file):
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            first = (ast.get_docstring(node) or "").partition("\n")[0]
+            assert not re.match(r"(Of|At|By|With|And|So|What|Whether|Within|From|That|Up|Files|The same)\b", first), (
+                first
+            )

@@ -1,0 +1,227 @@
+"""Help of a command: summary, examples, and the options that people use; every option with --help-all.
+
+The texts are those of the program: the docstring of a command and the ``help`` of its options. The pages of the
+documentation are made from the same functions.
+"""
+
+import inspect
+import re
+import sys
+import textwrap
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from .groups import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, position
+from .messages import coloured, terminal_width
+from .options import with_parameters
+
+# Largest width of a page and of a name, in columns.
+WIDE, NAME = 100, 28
+
+EXAMPLES = "Examples:"
+
+_SENTENCE_END = re.compile(r"(?<!e\.g)\. ")
+
+
+@dataclass(frozen=True)
+class Description:
+    """Docstring of a command in its parts."""
+
+    summary: str
+    examples: str  # lines of a shell, comments included
+    paragraphs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Row:
+    """An argument or option: its names with what it takes, its text, and where it is shown."""
+
+    names: str
+    text: str
+    group: str
+    common: bool
+
+    @property
+    def short(self) -> str:
+        """First sentence of the text, and its default."""
+        sentences = _SENTENCE_END.split(self.text)
+        kept = [k for k, text in enumerate(sentences) if k == 0 or text.startswith("Default:")]
+        shown = ". ".join(sentences[k] for k in kept)
+        return shown if shown.endswith(".") else shown + "."
+
+
+def describe(command: Any) -> Description:
+    """Return summary, examples and further paragraphs of a command."""
+    summary, *parts = inspect.cleandoc(command.help or "").split("\n\n")
+    examples = "\n\n".join(textwrap.dedent(part.partition("\n")[2]) for part in parts if part.startswith(EXAMPLES))
+    rest = tuple(" ".join(part.split()) for part in parts if not part.startswith(EXAMPLES))
+    return Description(" ".join(summary.split()), examples, rest)
+
+
+def rows(command: Any) -> list[Row]:
+    """Return every argument and option that is not hidden, in the order of their groups."""
+    found = [_row(value) for value in command.params if not getattr(value, "hidden", False)]
+    return sorted(found, key=lambda row: position(row.group))
+
+
+def _row(value: Any) -> Row:
+    group = getattr(value, "rich_help_panel", None)
+    text = " ".join((getattr(value, "help", None) or "").split())
+    if value.param_type_name == "argument":
+        many = "..." if value.nargs != 1 and "..." not in value.metavar else ""
+        return Row(value.metavar + many, text, ARGUMENTS, common=True)
+    # Typer keeps the type of a value in other places from version to version; its name says enough
+    takes = "" if getattr(value, "is_flag", False) or value.metavar == "" else value.metavar or value.name.upper()
+    names = sorted(value.opts, key=len)
+    shown = "/".join([", ".join(names), *value.secondary_opts])
+    default = value.default
+    if isinstance(default, str | int | float) and not isinstance(default, bool) and "Default:" not in text:
+        text += f" Default: {default}."
+    return Row(f"{shown} {takes}".strip(), text, str(group or OPTIONS), getattr(group, "common", False))
+
+
+# ------------------------------------------------------------------------------------------------------------ text
+
+
+def help_text(context: Any, every: bool) -> str:
+    """Return the help of the command of ``context``, of ``every`` option or of those that people use."""
+    page = _Page()
+    if isinstance(context.command, TyperGroup):
+        _write_program(page, context, every)
+    else:
+        _write_command(page, context, every)
+    return "\n".join(page.lines) + "\n"
+
+
+class _Page:
+    """Lines of a help page."""
+
+    def __init__(self) -> None:
+        self.width = min(terminal_width(), WIDE)
+        self.colours = coloured(sys.stdout)
+        self.lines: list[str] = []
+
+    def bold(self, text: str) -> str:
+        return f"\x1b[1m{text}\x1b[0m" if self.colours else text
+
+    def dim(self, text: str) -> str:
+        return f"\x1b[2m{text}\x1b[0m" if self.colours else text
+
+    def paragraph(self, text: str, indent: str = "") -> None:
+        self.lines += textwrap.wrap(
+            text, self.width, initial_indent=indent, subsequent_indent=indent, break_long_words=False,
+            break_on_hyphens=False,
+        )  # fmt: skip
+
+    def table(self, entries: list[tuple[str, str]], at: int | None = None) -> None:
+        """Names on the left, texts on the right, from column ``at``."""
+        at = at or _column(name for name, _ in entries)
+        for name, text in entries:
+            lines = textwrap.wrap(text, max(self.width - at, 16), break_long_words=False, break_on_hyphens=False)
+            first = lines.pop(0) if len(name) + 4 <= at and lines else ""
+            gap = " " * (at - len(name) - 2) if first else ""
+            self.lines.append(f"  {self.bold(name)}{gap}{first}")
+            self.lines += [" " * at + line for line in lines]
+
+
+def _column(names: Iterable[str]) -> int:
+    return min(max(map(len, names)), NAME) + 4
+
+
+def _write_command(page: _Page, context: Any, every: bool) -> None:
+    command, about = context.command, describe(context.command)
+    pieces = [piece for piece in command.collect_usage_pieces(context) if piece != "[OPTIONS]"]
+    page.lines.append(f"{page.bold('Usage:')} {' '.join([context.command_path, *pieces, '[OPTIONS]'])}")
+    page.lines.append("")
+    page.paragraph(about.summary)
+    page.lines += ["", page.bold(EXAMPLES)]
+    for line in about.examples.splitlines():
+        page.lines.append(f"  {page.dim(line) if line.startswith('#') else line}".rstrip())
+    if every:
+        for text in about.paragraphs:
+            page.lines.append("")
+            page.paragraph(text)
+    listed = [row for row in rows(command) if every or row.common]
+    at = None if every else _column(row.names for row in listed)
+    page.lines += [] if every else [""]
+    for group, shown in _groups(listed, every):
+        page.lines += ["", page.bold(f"{group}:")] if every else [page.bold(f"{group}:")]
+        page.table([(row.names, row.text if every else row.short) for row in shown], at)
+    if not every:
+        page.lines.append(f"All options: {context.command_path} --help-all")
+
+
+def _groups(found: list[Row], every: bool) -> Iterator[tuple[str, list[Row]]]:
+    groups: dict[str, list[Row]] = {}
+    for row in found:
+        groups.setdefault(row.group if every else SHOWN_UNDER.get(row.group, row.group), []).append(row)
+    yield from groups.items()
+
+
+def _write_program(page: _Page, context: Any, every: bool) -> None:
+    about = describe(context.command)
+    page.lines.append(f"{page.bold('Usage:')} {context.command_path} COMMAND [OPTIONS]")
+    page.paragraph(about.summary)
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for name, command in context.command.commands.items():
+        groups.setdefault(str(command.rich_help_panel), []).append((name, describe(command).summary))
+    for group, entries in groups.items():
+        page.lines.append(page.bold(f"{group}:"))
+        page.table(entries)
+    if every:
+        page.lines += ["", page.bold("Options:")]
+        page.table([(row.names, row.text) for row in rows(context.command)])
+    else:
+        page.paragraph(" ".join(about.paragraphs))
+
+
+# ------------------------------------------------------------------------------------------------------ in the app
+
+
+class _WithHelp:
+    """Help of this module in place of Typer's."""
+
+    def format_help(self, context: Any, formatter: Any) -> None:
+        context.color = coloured(sys.stdout)  # what prints the text takes escapes out unless it is told not to
+        formatter.write(help_text(context, every=False))
+
+
+class Command(_WithHelp, TyperCommand):
+    """Command of the program."""
+
+
+class Program(_WithHelp, TyperGroup):
+    """Program with its commands."""
+
+
+def _show_all(context: typer.Context, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        typer.echo(help_text(context, every=True), color=coloured(sys.stdout), nl=False)
+        raise typer.Exit()
+
+
+HelpAll = Annotated[
+    bool,
+    typer.Option(
+        "--help-all",
+        metavar="",
+        is_eager=True,
+        callback=_show_all,
+        help="List every option and exit.",
+        rich_help_panel=MESSAGES,
+    ),
+]
+
+
+def with_help_all(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option ``--help-all`` to a command."""
+
+    def run(help_all: bool = False, **given: Any) -> Any:
+        return command(**given)
+
+    option = inspect.Parameter("help_all", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=HelpAll)
+    return with_parameters(run, command, [*inspect.signature(command).parameters.values(), option])
