@@ -42,6 +42,7 @@ SHOWN = [
             "opencv",
             "ros",
             "shared_errors",
+            "validation",
             "which_poses",
         )
     ),

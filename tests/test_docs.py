@@ -10,11 +10,9 @@ import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
-from pages import DOCS, FLAGS, ROOT, SHOWN, blocks, missing, prepare, run_page
-from picture_cases import camera_to_board, picture
+from pages import DOCS, ROOT, SHOWN, blocks, missing, prepare, run_page
 from stream_cases import motion, streams
 
 import uq_handeye as uq
@@ -24,6 +22,7 @@ from uq_handeye.kinematics.kinematic_errors import POPULATIONS
 # Files that the commands of a page write, beside what they print.
 WRITTEN = {
     "README.md": {"report.html", "handeye.yaml", "result/result.json", "result/poses.csv"},
+    "docs/how-to/validation.md": {"run/result.json", "chain/corner.png", "all/cross_check.svg"},
     "docs/how-to/camera.md": {
         "result/result.json",
         "camera/camera.csv",
@@ -48,30 +47,6 @@ def test_a_page_prints_what_it_shows(page, tmp_path, monkeypatch):
     assert WRITTEN.get(page, set()) <= written
 
 
-def test_poses_from_pictures_of_a_board(tmp_path, monkeypatch, capsys, rng):
-    """The block that reads pictures, on rendered ones; one of them is blank and must be left out by its number."""
-    cv2 = pytest.importorskip("cv2")
-    monkeypatch.chdir(tmp_path)
-    (code,) = re.findall(r"^```py\n(.*?)^```", (DOCS / "how-to" / "opencv.md").read_text(encoding="utf-8"), FLAGS)
-    poses = uq.simulate(n_poses=10, seed=3)
-    write_pose_file("robot.csv", poses.truth.robot)
-    K = np.array([[1500.0, 0, 640], [0, 1500, 480], [0, 0, 1]])
-    np.savetxt("K.txt", K)
-    np.savetxt("distortion.txt", np.zeros(5))
-    board = uq.Board(7, 5, 0.030, kind="charuco", marker=0.022)
-    (tmp_path / "pictures").mkdir()
-    for k, T in enumerate(poses.truth.camera):
-        shot = picture(board, camera_to_board(T, board), rng, K, (1280, 960), noise=0.0)
-        cv2.imwrite(f"pictures/{k:02d}.png", np.full_like(shot, 255) if k == 4 else shot)
-    exec(compile(code, "opencv.md", "exec"), {"__name__": "page"})
-    assert "04.png: board not found" in capsys.readouterr().out
-    paired = uq.read_poses("robot.csv", "camera.csv", pair="time")
-    assert len(paired.robot) == 9
-    X = uq.calibrate(paired, method="4dpa").X
-    assert np.abs(X[:3, 3] - poses.truth.X[:3, 3]).max() < 3e-4
-    assert np.abs(X[:3, :3] - poses.truth.X[:3, :3]).max() < 1e-3
-
-
 def test_the_guide_from_pictures_names_the_files_that_it_writes(tmp_path):
     """Their names are those of the table; the page runs above."""
     page = (DOCS / "how-to" / "camera.md").read_text(encoding="utf-8")
@@ -82,7 +57,7 @@ def test_the_guide_from_pictures_names_the_files_that_it_writes(tmp_path):
 
 def test_every_guide_is_run():
     # plan: tests/cli/test_plan.py, few_axes: tests/cli/test_known.py
-    elsewhere = {"index", "few_axes", "plan", "real_cell", "synchronise", "validation"}
+    elsewhere = {"index", "few_axes", "good_and_bad", "plan", "real_cell", "synchronise"}
     guides = {page.stem for page in (DOCS / "how-to").glob("*.md")}
     assert guides == elsewhere | {Path(page).stem for page in SHOWN if "/how-to/" in page}
 
@@ -105,16 +80,6 @@ def test_the_guide_through_a_real_cell_runs(tmp_path, monkeypatch):
     printed = "".join(block.printed for block in found)
     assert "gripper_T_camera by efficient from 30 poses" in printed
     assert "robot translation + camera translation" in printed
-
-
-def test_the_page_on_validation_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    found = run_page(DOCS / "how-to" / "validation.md")
-    assert (tmp_path / "run" / "result.json").exists()
-    assert (tmp_path / "chain" / "corner.png").exists()
-    assert (tmp_path / "all" / "cross_check.svg").exists()
-    (code,) = (block for block in found if block.kind == "python")
-    assert "The covariance is true as far as 2,000 trials can tell" in code.printed
 
 
 def test_the_page_on_streams_runs(tmp_path, monkeypatch, rng):
