@@ -39,15 +39,15 @@ def png(image: Image.Image) -> bytes:
     return buffer.getvalue()
 
 
-def screen(page: Path, profile: str, dark: bool) -> Image.Image:
+def screen(page: Path, profile: str, dark: bool, size: tuple[int, int] = (WIDTH, HEIGHT)) -> Image.Image:
     options = webdriver.ChromeOptions()
     options.binary_location = str(found_browser())
     for flag in (*FLAGS, "--hide-scrollbars", f"--user-data-dir={profile}"):
         options.add_argument(flag)
     driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
     try:
-        size = {"width": WIDTH, "height": HEIGHT, "deviceScaleFactor": 1, "mobile": False}
-        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": False}
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
         driver.get(page.as_uri())
