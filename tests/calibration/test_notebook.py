@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 
 import numpy as np
@@ -61,7 +62,10 @@ class Balanced(HTMLParser):
 def test_html_has_the_answer_the_numbers_and_the_matrices(result):
     html = Balanced(result._repr_html_())
     text = " ".join(html.texts)
-    assert "is known to" in text and "(1 sigma, worst axis)" in text
+    assert result.headline in text and "(1 sigma, worst direction)" in text
+    for check in result.checks:
+        assert check.name in html.texts and check.status in html.texts and check.text in html.texts
+    assert all(part.name in html.texts for part in result.accuracy.parts) and "Not included: " in text
     for value, std in zip(*pose_numbers(result.X, result.covariance), strict=True):
         assert concise(value, std) in html.texts
     for value in result.X.ravel():
@@ -103,14 +107,39 @@ def test_html_escapes(result):
     assert [part.strip() for part in Balanced(text).texts].count(nasty) == 12
 
 
-def test_warnings_stand_before_the_numbers(result):
-    html = calibration_html(replace(result, findings=caution("Something is wrong.")))
-    assert html.index("Caution:") < html.index("Something is wrong.") < html.index("<table")
+def test_a_warning_is_said_once_and_in_full_only_when_unfolded():
+    poses = uq.simulate(15, noise=NOISE, seed=3)
+    camera = np.array(poses.camera)
+    camera[4, :3, 3] += 0.1
+    with pytest.warns(uq.InputWarning) as caught:
+        found = uq.calibrate(uq.PosePairs(poses.robot, camera), noise=NOISE)
+    said = [str(one.message) for one in caught]
+    assert len(said) == len(set(said)) == len(found.warnings)
+    first, _, rest = calibration_html(found).partition("<details")
+    shown, folded = (
+        " ".join(Balanced(f"{text}").texts) for text in (first + "</div>", "<details" + rest[: -len("</div>")])
+    )
+    for sentence in said:
+        sentence = sentence.replace("d^2", "d²")
+        assert sentence not in shown and folded.count(sentence) == 1
+    outliers = next(check for check in found.checks if check.name == "outliers")
+    assert outliers.status == "caution" and outliers.text in shown
+    assert f"Cautions in full ({len(found.cautions)})" in folded
+
+
+def test_what_cannot_be_used_is_said_first(result):
+    poses = uq.simulate(15, noise=NOISE, seed=3)
+    with pytest.warns(uq.InputWarning):
+        inverted = uq.calibrate(uq.PosePairs(poses.robot, np.linalg.inv(poses.camera)), noise=NOISE)
+    assert not inverted.usable
+    html = calibration_html(inverted)
+    assert html.index("NOT USABLE") < html.index("<table")
+    assert "NOT USABLE" in repr(inverted) and "NOT USABLE" not in repr(result)
 
 
 def test_without_covariance_it_is_said(exact):
     html = exact._repr_html_()
-    assert "not determined" in html and "(?)" in html and "nan" not in html.lower()
+    assert exact.headline in unescape(html) and "(?)" in html and "nan" not in html.lower()
     assert "Covariance" not in html
     assert repr(exact) == "Calibration(gripper_T_camera by efficient, 8 poses: uncertainty not determined)"
     table = exact.to_dataframe()

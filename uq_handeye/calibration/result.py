@@ -377,6 +377,8 @@ class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
             known = f"{digits(move, 2)} mm, {digits(turn, 2)} deg (1 sigma, worst axis)"
             if self.opened is not None:
                 known += f", {len(self.open_directions)} open"
+        if not self.usable:
+            known = f"NOT USABLE, {self.reasons[0]}"
         return f"Calibration({self.frame} by {self.method}, {data}: {known})"
 
     def summary(self, threshold: float = 0.5) -> str:

@@ -64,6 +64,11 @@ def to_html(
     return f'<div style="{_FRAME}">{heading}{first}{"".join(folds)}</div>'
 
 
+def blocks_html(blocks: Sequence[Block]) -> str:
+    """Blocks one below the other, to be folded away."""
+    return "".join(map(_block, blocks))
+
+
 def escape(text: str) -> str:
     """Text as HTML, with the signs of print for those of a terminal."""
     return escaped(text.replace("d^2", "d²").replace("+-", "±"))
@@ -76,7 +81,8 @@ def _block(block: Block) -> str:
         case Paragraph():
             return _paragraph(block.text)
         case Answer():
-            style = f"{_ANSWER};border-left:4px solid {_STATUS[block.status]}"
+            weight = "bold" if block.status == "failed" else "normal"
+            style = f"{_ANSWER};font-weight:{weight};border-left:4px solid {_STATUS[block.status]}"
             return f'<p style="{style}">{escape(block.text)}</p>'
         case Checks():
             return _checks(block)
