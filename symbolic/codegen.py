@@ -3,7 +3,7 @@
     from uq_handeye.symbolic.codegen import files
     files("c", ["J_11", "solve_4dpa"], version="0.1.0")     # file name -> text
 
-Deterministic: the text depends on the names, their order in the registry, and the versions alone.
+Deterministic: the text depends on the names, their order in the registry, and the versions only.
 """
 
 from __future__ import annotations

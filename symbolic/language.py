@@ -138,7 +138,7 @@ class Language:
         return name.lower() if self.ignores_case else name
 
     def function_name(self, form: ClosedForm) -> str:
-        """The name of the function. Two names that differ by case alone are told apart where case does not count."""
+        """The name of the function. Two names that differ by case alone are separated where case does not count."""
         twins = [name for name in FORMS if name.lower() == form.name.lower()]
         if not self.ignores_case:
             return self.prefix + form.name

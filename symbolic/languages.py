@@ -41,7 +41,7 @@ class _FortranPrinter(FCodePrinter):
 
 
 class _RustPrinter(RustCodePrinter):
-    """Rust multiplies floats by floats alone, and warns of names in capitals."""
+    """Rust multiplies floats by floats only, and warns of names in capitals."""
 
     def _print_Rational(self, expr: Rational) -> str:
         return decimal(expr)

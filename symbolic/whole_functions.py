@@ -66,7 +66,7 @@ def _filled(file: str, version: str) -> str:
 
 
 def _helper(name: str) -> str:
-    """A matrix of the registry as a function of this file alone."""
+    """A matrix of the registry as a function of this file only."""
     form = FORMS[name]
     language = C()
     text = language.function(form, derived(form))

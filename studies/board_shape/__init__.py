@@ -3,7 +3,7 @@
     python -m studies.board_shape [--full] [-o results]
 
 Simulated cameras with distortion look at a board of 14 x 9 corners, 0.46 m long, from 20 poses each (camera, X and
-poses are drawn anew for every set; corners have Gaussian noise, the robot little). The board is flat; or it bows by
+poses are drawn again for every set; corners have Gaussian noise, the robot little). The board is flat; or it bows by
 0.3 mm from its lowest to its highest point, by a random polynomial of degree 2; or it is printed 0.2 % wider than high
 as well. Every set is calibrated with ``shape="auto"`` and ``shape="flat"``. 300 sets of each kind with ``--full``, 4
 without.

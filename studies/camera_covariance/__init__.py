@@ -3,8 +3,8 @@
     python -m studies.camera_covariance [--full] [-o results]
 
 Simulated cameras look at a board of 9 x 6 corners from 20 poses each: focal length, centre, distortion, X and poses are
-drawn anew for every set, the corners have Gaussian noise, the robot little. Every set is calibrated from its corners
-alone. X is then estimated with the joint covariance of the camera poses, with the same covariance without the
+drawn again for every set, the corners have Gaussian noise, the robot little. Every set is calibrated from its corners
+only. X is then estimated with the joint covariance of the camera poses, with the same covariance without the
 correlations between poses (independent noise), with the joint one beside robot noise that is estimated as well, and, in
 the first sets, by bundle adjustment of everything. 1,000 sets with ``--full``, 50 without.
 """

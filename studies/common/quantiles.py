@@ -1,4 +1,4 @@
-"""Squared distances against chi-square: the picture of whether covariances are true."""
+"""Squared distances against chi-square: the picture of whether covariances are consistent."""
 
 from __future__ import annotations
 

@@ -25,6 +25,6 @@ def nees(e: Array, S: Array) -> Array:
 
 
 def true_means(trials: int, freedom: int = 6) -> tuple[float, float]:
-    """The interval that holds 99.9 % of the means over independent trials of a NEES whose covariance is true."""
+    """The interval that holds 99.9 % of the means over independent trials of a NEES whose covariance is consistent."""
     low, high = (float(chi2.ppf(share, freedom * trials)) / trials for share in ((1 - CERTAIN) / 2, (1 + CERTAIN) / 2))
     return low, high

@@ -2,7 +2,7 @@
 
 A study measures tables; everything that it says or draws comes from the tables as they stand in its CSV files. So a
 sentence of the documentation that quotes a study can be held against the files beside it, and a figure can be drawn
-again without measuring anew.
+again without measuring again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Colour, marker and line of each method, the same in every figure; no two differ by colour alone."""
+"""Colour, marker and line of each method, the same in every figure; no two differ by colour only."""
 
 from __future__ import annotations
 

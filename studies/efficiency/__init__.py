@@ -2,16 +2,16 @@
 the paper).
 
 The paper finds 4DPA almost always the most accurate, and "more efficient" than dual quaternions (Daniilidis) and
-Kronecker products (Andreff). Here the deviation of every method of X is put beside the least possible one, over the
-number of poses, the spread of their rotations, the ratio of rotation to translation noise, motions near 180 degrees,
-and motions that share their translation.
+Kronecker products (Andreff). Here the standard deviation of every method of X is put beside the least possible one,
+over the number of poses, the spread of their rotations, the ratio of rotation to translation noise, motions near 180
+degrees, and motions that share their translation.
 
 Poses: `uq.simulate`, 15 where their number is not varied, all pairs; camera 0.3 mrad and 0.3 mm per axis unless the
 ratio is varied, robot a fifth. Motions: 60 independent ones with axes uniform on the sphere, angles of 0.4 to 2.6 rad,
 1 mrad and 1 mm on A and on B; `li` and `shah` solve for poses and have no row there. One geometry per cell, seed 2019.
 
-Each cell has the deviations that first order predicts, without drawing anything, and those of the errors about the
-truth in up to 1,000 draws; where drawing would take too long, only the former (`heller`, a convex program per draw,
+Each cell has the standard deviations that first order predicts, without drawing anything, and those of the errors about
+the truth in up to 1,000 draws; where drawing would take too long, only the former (`heller`, a convex program per draw,
 always; `zhao`, `nguyen` and `ml` at times; at 200 poses all that form the 19,900 pairs). Cells in which the two differ
 are repeated at a tenth of the noise.
 """
@@ -78,7 +78,7 @@ def _sweep(name: str) -> Sweep:
 
 
 def _half_turns() -> Iterator[dict[str, Any]]:
-    """Deviations with motions of nearly 180 degrees, over those without them: 1 if they count nothing."""
+    """Standard deviations with motions of nearly 180 degrees, over those without them: 1 if they count nothing."""
     everything = motions(near=NEAR_SHARE, distance=NEAR_DISTANCE)
     assert isinstance(everything.truth, uq.Motions)
     rest = round((1 - NEAR_SHARE) * everything.truth.N)
@@ -151,7 +151,7 @@ def _log(axis: Axes, sweep: Sweep, values: Any) -> None:
 
 
 def _of_first_order(cells: pd.DataFrame) -> Figure:
-    """Deviations drawn over predicted, and the mean NEES, against the number of trials."""
+    """Standard deviations drawn over predicted, and the mean NEES, against the number of trials."""
     figure = canvas(3.0)
     left, right = figure.subplots(1, 2)
     drawn = cells[cells.trials > 0]

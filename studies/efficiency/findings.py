@@ -25,12 +25,12 @@ ALMOST_ALWAYS = printed_share(errors_and_times(), "error62")  # share of the pri
 
 
 def deviations_between(trials: ArrayLike, cells: int) -> tuple[Array, Array]:
-    """Drawn deviations over true ones: between these all six of all cells lie, in 99.9 % of such studies."""
+    """Drawn standard deviations over true ones: between these all six of all cells lie, in 99.9 % of such studies."""
     return _root(trials, (1 - CERTAIN) / (12 * cells)), _root(trials, 1 - (1 - CERTAIN) / (12 * cells))
 
 
 def means_between(trials: ArrayLike, cells: int) -> tuple[Array, Array]:
-    """The same of the mean NEES of all cells, if their covariances are true."""
+    """The same of the mean NEES of all cells, if their covariances are consistent."""
     freedom, part = NEES * np.asarray(trials, dtype=float), (1 - CERTAIN) / (2 * cells)
     return NEES * chi2.ppf(part, freedom) / freedom, NEES * chi2.ppf(1 - part, freedom) / freedom
 

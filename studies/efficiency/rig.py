@@ -2,7 +2,7 @@
 
 Two kinds of data (`SWEEPS`): poses ``G_i X C_i = W`` of which all pairs are made, and independent motions
 ``A_i X = X B_i``. Measured ones are ``R = exp([theta]x) R_true``, ``t = t_true + tau`` with ``xi = (theta, tau)``
-Gaussian; mrad and mm below are deviations per axis.
+Gaussian; mrad and mm below are standard deviations per axis.
 """
 
 from __future__ import annotations
@@ -42,16 +42,18 @@ class Setting:
     noise: Noise
 
     def experiment(self, method: str, part: float = 1.0) -> Experiment:
-        """The method on all pairs of the poses, or on the motions, with noise of ``part`` of the deviation."""
+        """The method on all pairs of the poses, or on the motions, with noise of ``part`` of the standard deviation."""
         return Experiment(self.truth, self.X, self.W, smaller(self.noise, part), method)
 
     def bound(self) -> Array:
-        """(6,) least deviations of X; raises `DegenerateMotionError` where the motions leave a part of X open."""
+        """(6,) least standard deviations of X; raises `DegenerateMotionError` where the motions leave a part of
+        X open.
+        """
         return np.sqrt(np.diag(self.experiment("efficient", 1.0).predicted()))
 
 
 def smaller(noise: Noise, part: float) -> Noise:
-    """The noise with ``part`` of its deviations."""
+    """The noise with ``part`` of its standard deviations."""
     if isinstance(noise, uq.PairNoise):
         return uq.PairNoise(*(None if S is None else part**2 * S for S in (noise.A, noise.B)))
     return uq.PoseNoise(*(None if S is None else part**2 * S for S in (noise.robot, noise.camera)))
@@ -86,7 +88,7 @@ def motions(
 ) -> Setting:
     """Independent motions, axes uniform. ``near``: share whose angle is 180 degrees less ``distance``; ``star``: mm.
 
-    ``star`` is the deviation per axis of the translations of B about a common one of half a metre.
+    ``star`` is the standard deviation per axis of the translations of B about a common one of half a metre.
     """
     rng = np.random.default_rng([SEED, 1])
     X, B = random_transforms(rng, ()), random_transforms(rng, (MOTIONS,))
@@ -173,9 +175,10 @@ class Size:
 
 
 def cell(setting: Setting, method: str, size: Size, part: float = 1.0) -> dict[str, Any]:
-    """Deviations over the bound, predicted and of the drawn errors about the truth; smallest and largest of six.
+    """Standard deviations over the bound, predicted and of the drawn errors about the truth; smallest and largest of
+    six.
 
-    ``answer`` is yes, or why there is none. ``bias_over_sd``: largest mean error of the six, in deviations.
+    ``answer`` is yes, or why there is none. ``bias_over_sd``: largest mean error of the six, in standard deviations.
     """
     if method in uq.ROBOT_WORLD_METHODS and isinstance(setting.truth, uq.Motions):
         return {"answer": "solves for poses, not for motions", "trials": 0, "failed": 0}

@@ -1,8 +1,8 @@
 """Test whether the error (62) separates hand-eye methods and scaling factors d, as noise grows (Figs. 3 and 4).
 
 The noise is that of the paper: (63), ``R + s G`` with nine independent standard normal entries of G, then
-orthonormalised, and (64), ``t + s g``, on every A and B. Fig. 3 has noise of rotation alone, Fig. 4 of translation
-alone. Each of 10 repeats at each level draws X, 1,000 motions and their noise anew (quick: 3 levels, 3 repeats of 100
+orthonormalised, and (64), ``t + s g``, on every A and B. Fig. 3 has noise of rotation only, Fig. 4 of translation
+only. Each of 10 repeats at each level draws X, 1,000 motions and their noise again (quick: 3 levels, 3 repeats of 100
 motions, without `zhao`): angles of 0.4 to 2.6 rad about axes of any direction, translations normal with 0.5 m per axis,
 as the paper gives none. Levels from 1e-6 to 1e-1, half a decade apart. All methods of the paper's comparison, four more
 (`gwak`, `condurache`, `nguyen`, `efficient`), 4DPA at d = 1e3 to 1e6 m and in its limit. To first order, (63) is a
@@ -77,7 +77,9 @@ def rows(full: bool) -> Iterator[dict[str, Any]]:
 
 
 def noise_rows(full: bool) -> Iterator[dict[str, float]]:
-    """(63) as rotation vectors: deviation per axis over ``s / sqrt(2)``, and the largest correlation of two axes."""
+    """(63) as rotation vectors: standard deviation per axis over ``s / sqrt(2)``, and the largest correlation of two
+    axes.
+    """
     rng = np.random.default_rng(SEED)
     draws = 200_000 if full else 5_000
     for level in LEVELS:

@@ -2,10 +2,10 @@
 
 Model: ``G X C = W`` or ``A X = X B`` with Gaussian errors, left rotation, additive translation. Each row is one
 geometry (`uq.simulate`, or 60 random pairs, "star": nearly a common translation) at a noise of 1 mrad of rotation and
-some translation, whose deviations are multiplied by up to 300. At each level the errors of 1,000 trials are held
-against the covariance of first order, for 4DPA that of the paper's section III-C, and that of sigma points, both at the
-true data: `uq_handeye.validation.sweep.run` has the rule by which a covariance fails, and finds where by bisection.
-Seed 2019. Quick: 100 trials, fewer levels, the smallest geometry.
+some translation, whose standard deviations are multiplied by up to 300. At each level the errors of 1,000 trials are
+held against the covariance of first order, for 4DPA that of the paper's section III-C, and that of sigma points, both
+at the true data: `uq_handeye.validation.sweep.run` has the rule by which a covariance fails, and finds where by
+bisection. Seed 2019. Quick: 100 trials, fewer levels, the smallest geometry.
 """
 
 from __future__ import annotations
@@ -65,7 +65,9 @@ def problems() -> Iterator[tuple[str, str, uq.PosePairs | uq.Motions, uq.Noise]]
 
 
 def limits_of(found: MethodSweep) -> Iterator[dict[str, Any]]:
-    """Rotation deviations (mrad) of the last level that holds and the first that fails, of each kind of covariance."""
+    """Rotation standard deviations (mrad) of the last level that holds and the first that fails, of each kind of
+    covariance.
+    """
     for kind in KINDS:
         limit = found.limit(kind)
         holds, fails = (None if x is None else math.sqrt(x) for x in (limit.holds, limit.fails))

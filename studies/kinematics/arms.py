@@ -2,7 +2,7 @@
 
 The true pose of the robot at the joints q that it reports is
 
-    G = FK(q + n + u(q); e),    n ~ N(0, joint_sd^2) at each pose anew,    u: smooth, and in no model
+    G = FK(q + n + u(q); e),    n ~ N(0, joint_sd^2) at each pose again,    u: smooth, and in no model
 
 with e drawn from the scales of the groups of `Kinematics.errors`, also those that X and W absorb. The camera sees
 

@@ -5,9 +5,9 @@ base, all unknown:
 
     FK(q_i; e) b = p_s + v_i,    v_i ~ N(0, sigma^2 I + sigma_q^2 J_b J_b^T)
 
-J_b the derivative of the ball's place by the joints. The deviations sigma and sigma_q, and those of the groups of e
-with the population as the least, are found as by `calibrate` (`noise_estimation`), on rows of 3 instead of 6. What the
-unknowns say of a touch that was held out, all together:
+J_b the derivative of the ball's place by the joints. The standard deviations sigma and sigma_q, and those of the groups
+of e with the population as the least, are found as by `calibrate` (`noise_estimation`), on rows of 3 instead of 6. What
+the unknowns say of a touch that was held out, all together:
 
 - of a *known* socket: the residual ``FK(q) b - p_s``;
 - of a *new* socket, of which nothing is known: differences of two touches, ``FK(q) b - FK(q') b``.

@@ -5,7 +5,7 @@ Model: `studies.laser_camera.rig`. Scanner poses once per second and camera pose
 its own start and on its own clock, are brought together by ``uq.synchronise`` (Sub-problem 2). X = scanner_T_camera
 comes from 60 scans while the rig is waved, by 4DPA of consecutive motions as in (6), at d = 1e5 as in the paper and in
 the limit, and by ``efficient`` with W = start_T_start as a nuisance. Then the rig is walked from origin to origin on
-three ways (experiments 1 to 3), and the place at the end is worked out with the X of the drawing of the mount and with
+three ways (experiments 1 to 3), and the place at the end is computed with the X of the drawing of the mount and with
 the calibrated one. Each covariance of X takes in that of the clock offset.
 
 Noise per axis: scanner 2 mrad and 5 mm, camera 0.3 mrad and 1 mm, white; with drift, the camera's attitude and place

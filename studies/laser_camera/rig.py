@@ -77,7 +77,7 @@ def poses(rotation: Array, position: Array) -> Array:
 
 
 def waved(rng: np.random.Generator, duration: float) -> Path:
-    """The rig in both hands, turned about all axes and moved about within a metre: splines through random knots."""
+    """The rig in both hands, rotated about all axes and moved about within a metre: splines through random knots."""
     knots = np.arange(-6.0, duration + 6.0, 2.5)
     turn = make_interp_spline(knots, 0.8 * rng.normal(size=(len(knots), 3)), 5)
     place = make_interp_spline(knots, 0.4 * rng.normal(size=(len(knots), 3)), 5)

@@ -1,10 +1,10 @@
 """Comparison with OpenCV, GTSAM, SymForce and scikit-surgerycalibration in error, covariance and time, in one run.
 
 The paper compares methods in code of its own (Tables II and III); here the programs that people install from PyPI are
-run beside the toolkit, on the same simulated poses of an eye-in-hand camera. Two noises at 30 poses, drawn anew in each
-trial: isotropic, robot 0.02 deg and 0.05 mm, camera 0.1 deg and 0.5 mm; and one that is weak in depth and tilt, camera
-3, 3, 0.5 mrad and 0.3, 0.3, 3 mm, robot 0.1 mrad and 0.1 mm. 1,000 trials (quick: 40), a tenth for the slow ones.
-Seed 2019.
+run beside the toolkit, on the same simulated poses of an eye-in-hand camera. Two noises at 30 poses, drawn again in
+each trial: isotropic, robot 0.02 deg and 0.05 mm, camera 0.1 deg and 0.5 mm; and one that is weak in depth and tilt,
+camera 3, 3, 0.5 mrad and 0.3, 0.3, 3 mm, robot 0.1 mrad and 0.1 mm. 1,000 trials (quick: 40), a tenth for the slow
+ones. Seed 2019.
 
 Error over bound: root mean square of the six errors of X, each in units of its Cramer-Rao bound; whether it is larger
 than that of `ml` is judged on the same draws. NEES: mean of ``e^T Sigma^-1 e`` of the error e with the covariance that
@@ -189,7 +189,9 @@ def _quality(
 def _equal(
     programs: list[Program], found: dict[str, list[tuple[Array, Array | None] | None]]
 ) -> Iterator[dict[str, Any]]:
-    """X and covariance of those that have one against `ml`: distance in deviations, and |eigenvalue - 1|, largest."""
+    """X and covariance of those that have one against `ml`: distance in standard deviations, and |eigenvalue - 1|,
+    largest.
+    """
     reference = found[REFERENCE]
     for program in programs:
         distances, spreads = [], []

@@ -1,7 +1,7 @@
 """Quality of plans: against all subsets, against random poses, from degenerate starts, on real poses.
 
 Model: ``G X C = W``; every robot and camera pose is its true value with a Gaussian error, left rotation, additive
-translation: robot 0.02 deg, 0.05 mm; camera 0.1 deg, 0.5 mm per axis. Poses and noise of each session are drawn anew,
+translation: robot 0.02 deg, 0.05 mm; camera 0.1 deg, 0.5 mm per axis. Poses and noise of each session are drawn again,
 seed 2024. 1,000 simulated sessions for the tables of subsets and of random poses, a quarter of that for each row of the
 others (quick: 24). Real poses are looked for in the folder named by UQ_HANDEYE_DATA; without it there is no such table.
 The paper does not plan poses; the question is whether the covariance (its section III-C) serves to choose them.

@@ -117,7 +117,7 @@ def against_all_subsets(sessions: int) -> Iterator[Row]:
 def against_random_poses(sessions: int) -> tuple[list[Row], list[Row]]:
     """5 more poses after 10, of a pool of 400: predicted standard deviations, then NEES of X from those poses.
 
-    Second table: the predicted deviation pose by pose, at random and as planned.
+    Second table: the predicted standard deviation pose by pose, at random and as planned.
     """
     taken: list[list[uq.PosePairs]] = [[], [], []]
     predicted: list[list[Array]] = [[], [], []]
@@ -187,7 +187,7 @@ def more_candidates(sessions: int) -> Iterator[Row]:
 
 
 def degenerate(rng: np.random.Generator, setup: str, turn: float) -> uq.PosePairs:
-    """8 robot poses that move and turn up to ``turn`` (deg) about the base's z axis alone, without noise."""
+    """8 robot poses that move and rotate up to ``turn`` (deg) about the base's z axis alone, without noise."""
     X, W = RIGS[setup]
     start = uq.simulate(1, setup=setup, seed=rng).robot[0]
     G = np.tile(start, (8, 1, 1))

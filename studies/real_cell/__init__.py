@@ -3,7 +3,7 @@
 Model: ``G X C = W``; every robot and camera pose has a Gaussian error, left rotation, additive translation, of one
 standard deviation for rotations and one for translations on each side, which are not told: everything goes through
 `uq.calibrate` without any noise model. Geometry: `uq.simulate`, seed 2026; 500 sets per row of the tables of coverage,
-100 per row of the table of wrong poses (quick: 4 and 1). Wrong poses: some camera poses are turned by half a turn of
+100 per row of the table of outliers (quick: 4 and 1). Outliers: some camera poses are rotated by half a turn of
 the board, moved by 5 cm, or replaced. Rendered images with known truth are looked for in the folder named by
 UQ_HANDEYE_DATA. The paper takes the noise as known, (70).
 """
@@ -131,7 +131,7 @@ def spoilt(poses: uq.PosePairs, wrong: NDArray[np.int64], kind: str, rng: np.ran
 
 
 def outliers(n: int, bad: int, kind: str, count: int) -> Row:
-    """Sets with X within 1.2 times its error without the wrong poses, the largest ratio, sets in which all wrong poses
+    """Sets with X within 1.2 times its error without the outliers, the largest ratio, sets in which all outliers
     were rejected, and how many good ones were flagged."""
     rng = np.random.default_rng([SEED, n, bad, len(kind)])
     ratios, found, flagged = [], 0, 0

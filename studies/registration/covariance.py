@@ -128,7 +128,7 @@ def whitened(sample: Array, S: Array) -> Array:
 
 
 def eigenvalue_interval(freedom: int, trials: int) -> tuple[float, float]:
-    """Holds all whitened eigenvalues of a sample of a true covariance, but for chance of about 1 in 1,000."""
+    """Holds all whitened eigenvalues of a sample of a consistent covariance, but for chance of about 1 in 1,000."""
     spread = np.sqrt(freedom / trials) + 3.0 / np.sqrt(trials)
     return float((1 - spread) ** 2), float((1 + spread) ** 2)
 
@@ -210,7 +210,7 @@ def noisy_pairs(rng: np.random.Generator) -> tuple[Array, Array]:
 
 def problem2_difference(E: Array, Z: Array) -> tuple[float, float]:
     """F11, F22 (35) against ``4 (|E|^2 + |Z|^2) I - 32 (a_0 b_0 I + Davenport)``, relative to the largest entry of what
-    is left of them beside the unit matrix; and q_L, q_R turned into 3-D rotations against SciPy's."""
+    is left of them beside the unit matrix; and q_L, q_R converted into 3-D rotations against SciPy's."""
     size = 4 * (np.sum(E**2) + np.sum(Z**2)) * np.eye(4)
     worst, angles = 0.0, 0.0
     for F, (p, q), sign in (

@@ -2,7 +2,7 @@
 
     python -m studies.rendered_corners [--full] [-o results]
 
-Cameras with distortion, their X and the poses of the robot are drawn anew for every set; 15 pictures of a board of 9 x
+Cameras with distortion, their X and the poses of the robot are drawn again for every set; 15 pictures of a board of 9 x
 6 corners are rendered, with blur and noise, and go all the way: detection, calibration of the camera with the model
 chosen by ``auto``, X by ``efficient`` with the robot known to be exact. Each set twice: with the corners as they were
 found, and with the shift that bent edges give them taken out (`camera.adjustment.bent_edges`), as is the default. 60

@@ -14,8 +14,8 @@ the flat prior to the order in which the posterior treats W and the latent poses
 drawn from the very log-normal prior that the sampler is given (within a factor of 1.5), Student-t errors from the
 likelihood that it is given: one factor per pose on all its errors.
 
-The last two cases are wrong on purpose: the sampler is told deviations 20 % too small, and Gaussian errors where they
-are Student-t. They must be rejected.
+The last two cases are wrong on purpose: the sampler is told standard deviations 20 % too small, and Gaussian errors
+where they are Student-t. They must be rejected.
 """
 
 from __future__ import annotations

@@ -194,7 +194,9 @@ def case_of(label: str, geometry: int) -> Case:
 
 
 def geometries(count: int) -> pd.DataFrame:
-    """Predicted deviations over the bound in the geometry of the draws and in ``count`` further ones, no draws."""
+    """Predicted standard deviations over the bound in the geometry of the draws and in ``count`` further ones, no
+    draws.
+    """
     rows = []
     with progress_bar("geometries", len(CASES) * (count + 1), "geometries") as advance:
         for label in CASES:

@@ -56,7 +56,9 @@ def summary(tables: Tables) -> pd.DataFrame:
 
 
 def ratios(geometries: pd.DataFrame) -> pd.Series:
-    """Predicted deviation over bound by method and geometry: geometric mean over cases, rotation and translation."""
+    """Predicted standard deviation over bound by method and geometry: geometric mean over cases, rotation and
+    translation.
+    """
     logarithms = geometries.assign(logarithm=np.log(geometries[RATIOS]).mean(axis=1))
     found: pd.Series = np.exp(logarithms.groupby(["method", "geometry"])["logarithm"].mean())
     return found
@@ -274,7 +276,7 @@ def _by_case(accuracy: pd.DataFrame, geometries: pd.DataFrame, structure: pd.Ser
 
 
 def _agreement(accuracy: pd.DataFrame, geometries: pd.DataFrame) -> str:
-    """Drawn over predicted deviations in the geometry of the draws."""
+    """Drawn over predicted standard deviations in the geometry of the draws."""
     keys = ["case", "method"]
     both = accuracy.merge(geometries[geometries["geometry"] == 0], on=keys, suffixes=("", "_predicted"))
     share = np.concatenate([both[name] / both[f"{name}_predicted"] for name in RATIOS])

@@ -26,7 +26,7 @@ ROBOT = np.diag([1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 2e-4]) ** 2
 
 @pytest.fixture(params=["shared", "shared and serial"])
 def structured(request):
-    """Makes joint covariances of one kind."""
+    """Make joint covariances of one kind."""
 
     def make(rng, n, q=4, sd=1e-3, alone=False):
         serial = None

@@ -21,7 +21,7 @@ APART = 1.5
 
 
 def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
-    """`efficient`, which finds noise and wrong poses, and the bundle adjustment from there: of independent poses."""
+    """`efficient`, which finds noise and outliers, and the bundle adjustment from there: of independent poses."""
     result, findings = by_likelihood(replace(job, method="efficient", correlation="none"))
     analysis, poses = result.analysis, job.poses
     assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None

@@ -182,7 +182,7 @@ def _fitted(job: Job, posterior: JointPosterior | None, found: Mapping[str, floa
 
 
 def _beside_kinematics(job: Job, constraint: Constraint, columns: KinematicColumns) -> BesideKinematics:
-    """Deviations of the arm's errors and of the noise that is not known."""
+    """Standard deviations of the arm's errors and of the noise that is not known."""
     camera: Any = job.camera_noise
     robot = job.robot_noise
     if job.given is not None:  # a side that it leaves out is exact

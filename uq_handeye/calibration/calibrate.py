@@ -79,7 +79,7 @@ def calibrate(
         where the noise given leaves a part of the residuals exact, so that nothing can be weighted by its inverse.
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
         Pairs to make of the poses (`relative_motions`); Motions come with theirs. ``efficient`` and ``ml`` work on the
-        poses themselves; for them, as for `ROBOT_WORLD_METHODS`, pairs serve 4DPA and the residuals alone.
+        poses themselves; for them, as for `ROBOT_WORLD_METHODS`, pairs serve 4DPA and the residuals only.
     scale : float or None
         Scaling factor d of 4DPA; None is its limit (`solve`).
     kind : str or None

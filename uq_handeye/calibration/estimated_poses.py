@@ -1,4 +1,4 @@
-"""X and W with their covariances: frames, deviations, other forms of the same pose, points that it carries."""
+"""X and W with their covariances: frames, standard deviations, other forms of the same pose, points that it carries."""
 
 from __future__ import annotations
 

@@ -160,7 +160,7 @@ def _open_noise(noise: Any) -> tuple[Noise | None, CameraNoise | None, Any]:
 
 
 def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
-    """Beside noise of the robot alone, the covariance that camera poses from corners come with."""
+    """Beside noise of the robot only, the covariance that camera poses from corners come with."""
     seen = None if motions.poses is None else motions.poses.camera_calibration
     if seen is None or not isinstance(noise, PoseNoise) or noise.camera is not None:
         return noise

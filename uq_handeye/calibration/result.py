@@ -72,7 +72,7 @@ class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
     ``t = t_hat + tau``, in rad and m, in the parent frame of X (gripper for eye-in-hand, base for eye-to-hand);
     ``covariance`` is that of xi, to first order.
 
-    `diagnostics`, `covariances`, `split_half` and `budget` are worked out when they are first asked for.
+    `diagnostics`, `covariances`, `split_half` and `budget` are computed when they are first asked for.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
         Cramer-Rao bound at this noise and these poses: no unbiased estimate has a smaller covariance. Of `efficient`
         and `ml`.
     fourdpa : FourDPA or None
-        ``X`` and ``covariance`` by 4DPA alone, beside `efficient` and `ml`.
+        ``X`` and ``covariance`` by 4DPA only, beside `efficient` and `ml`.
     fit : GoodnessOfFit or None
         Chi-square test of the residuals against the noise.
     table : PoseTable or None
@@ -234,17 +234,17 @@ class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
 
     @property
     def usable(self) -> bool:
-        """Whether X explains the poses and is determined by them; `reasons` says why not."""
+        """True if X explains the poses and is determined by them; `reasons` says why not."""
         return not self.reasons
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why X cannot be used, the decisive reason first; empty where it can."""
+        """Reasons why X cannot be used, the decisive one first; empty where it can."""
         return reasons_of(self)
 
     @property
     def headline(self) -> str:
-        """How accurate X is, in one sentence; or ``NOT USABLE:`` and the decisive reason."""
+        """Accuracy of X in one sentence; or ``NOT USABLE:`` and the decisive reason."""
         return headline_of(self)
 
     def verdict(
@@ -386,7 +386,7 @@ class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
         return to_text(document_of(self, threshold=threshold))
 
     def _repr_html_(self) -> str:
-        """The result in a notebook: X with its deviations, warnings, and the numbers behind them."""
+        """The result in a notebook: X with its standard deviations, warnings, and the numbers behind them."""
         return html_of(self)
 
     def report(
@@ -416,7 +416,7 @@ class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
         verdict : Verdict or None
             Of a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
         details : bool
-            Open the folded sections, also in the PDF, which otherwise has the two pages alone.
+            Open the folded sections, also in the PDF, which otherwise has the two pages only.
         paper : str
             Of the PDF: "a4" or "letter".
 

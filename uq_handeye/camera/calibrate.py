@@ -64,7 +64,7 @@ def calibrate_camera(
     coefficients : names or None
         Which coefficients of the model are estimated; the others are 0. None: k1, k2, p1, p2 of "brown", all of
         "fisheye".
-    intrinsics : {name: value or (value, deviation)} or None
+    intrinsics : {name: value or (value, standard deviation)} or None
         What is known beforehand: a value alone is exact, one with a standard deviation a Gaussian prior, e.g.
         ``{"fx": (1080.0, 2.0), "k1": 0.0}`` from the maker of the camera. With fx, fy, cx and cy among them the start
         needs no estimate.

@@ -46,7 +46,7 @@ def rays(model: CameraModel, parameters: Array, pixels: Array) -> Array:
 
 def pixel_deviation(model: CameraModel, parameters: Array, covariance: Array, pixels: Array) -> Array:
     """Standard deviation (...) in pixels, in the worst direction, of where a point is seen that is known in the camera
-    frame and predicted at ``pixels`` (..., 2), by the covariance (k, k) of the intrinsics alone; nan as in `rays`."""
+    frame and predicted at ``pixels`` (..., 2), by the covariance (k, k) of the intrinsics only; nan as in `rays`."""
     d = rays(model, parameters, pixels)
     known = np.isfinite(d[..., 2])
     J = model.project(parameters, np.where(known[..., None], d, [0.0, 0.0, 1.0])).by_parameters

@@ -138,7 +138,9 @@ class CameraCalibration:
         return np.asarray(response_ahead(bundle, points, poses)[..., bundle.free] @ T)
 
     def summary(self) -> str:
-        """Model, intrinsics with their deviations, pixel noise, corners that were left out, warnings: as text."""
+        """Model, intrinsics with their standard deviations, pixel noise, corners that were left out, warnings:
+        as text.
+        """
         return to_text(camera_document(self))
 
     def _repr_html_(self) -> str:

@@ -51,7 +51,7 @@ class PoseTable(ReadOnlyArrays):
 
     @property
     def counts(self) -> str:
-        """How many poses have each flag: "25 poses: 24 kept, 1 rejected"."""
+        """Count of the poses with each flag: "25 poses: 24 kept, 1 rejected"."""
         found = [(self.flag.count(flag), flag) for flag in FLAGS if flag in self.flag]
         said = ", ".join(f"{count:,} {flag}" for count, flag in found)
         return f"{len(self):,} {self.item}{'' if len(self) == 1 else 's'}{': ' if said else ''}{said}"
@@ -73,7 +73,7 @@ class PoseTable(ReadOnlyArrays):
         return [k for k, flag in enumerate(self.flag) if flag != "kept"]
 
     def status(self, row: int) -> str:
-        """The flag, with the weight of what is weighted down: "downweighted (0.40)"."""
+        """The flag, with the weight of what is down-weighted: "downweighted (0.40)"."""
         flag = self.flag[row]
         return f"{flag} ({min(self.weight[row], 0.99):.2f})" if flag == "downweighted" else flag
 

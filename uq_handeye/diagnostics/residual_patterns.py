@@ -10,7 +10,7 @@ which is what makes the test of autocorrelation (A: the pairs of rows k apart) r
 residuals on the poses is an F test of the columns that the fit has not used up already. Skewness and kurtosis
 are brought to normal scores by D'Agostino (1970) and by Anscombe and Glynn (1983).
 
-Where poses have errors in common the residuals are those of each pose alone, with the shared errors as unknowns
+Where poses have errors in common the residuals are those of each pose itself, with the shared errors as unknowns
 (`likelihood.own_residuals`). Beside errors that pass on from pose to pose, and with a covariance (6n, 6n), row i is
 what the poses before i do not predict of pose i: independent as well where the noise is right. A test that was not run
 has a ``reason``, and no numbers.
@@ -220,7 +220,7 @@ def autocorrelation_of(r: Array, U: Array) -> tuple[Array, Array, Array]:
 
 
 def _excess(both: Array, pulled: Array, trace_AA: float, freedom: int) -> tuple[Array, Array]:
-    """``r^T A r / r^T r`` less its mean, and its deviation, from (U, r) and A (U, r), A without a diagonal."""
+    """``r^T A r / r^T r`` less its mean, and its standard deviation, from (U, r) and A (U, r), A without a diagonal."""
     shape = (*both.shape[:-3], -1, both.shape[-1])
     inner = both.reshape(shape).mT @ pulled.reshape(shape)
     used = inner[..., :-1, :-1]

@@ -1,10 +1,10 @@
 r"""Errors that all rows share (focal length, target scale, robot scale): what they do to X, and whether they show.
 
 Model: a `Fit`, in the notation of `diagnostics`. The relative error s of a length that all rows share adds ``k s`` to
-r. It moves X by ``-C J^T S^-1 k s``; as one more unknown it is estimated by ``s = k' . r' / |k'|^2`` with the deviation
-``1 / |k'|``, where k' is the whitened k less what X and W can explain of it (a score test). The lengths are those of
-the poses as the fit corrects them, whose noise is independent of r. Columns of errors that were declared are in S: the
-score of another is beside theirs.
+r. It moves X by ``-C J^T S^-1 k s``; as one more unknown it is estimated by ``s = k' . r' / |k'|^2`` with the standard
+deviation ``1 / |k'|``, where k' is the whitened k less what X and W can explain of it (a score test). The lengths are
+those of the poses as the fit corrects them, whose noise is independent of r. Columns of errors that were declared are
+in S: the score of another is beside theirs.
 """
 
 from __future__ import annotations

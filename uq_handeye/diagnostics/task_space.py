@@ -8,7 +8,7 @@ Model: a point p_c (3, m) in camera coordinates is expressed in another frame,
 
 Errors are ``xi = (theta, tau)`` of the poses (left rotation in rad, additive translation in m) and 3-vectors of the
 point; those of X, of the robot pose, of the camera pose and of the point are independent of each other. To first order
-a pose T with ``q = T p`` adds ``J xi`` with ``J = [-[R p]x, I]`` and turns the covariance of p by R.
+a pose T with ``q = T p`` adds ``J xi`` with ``J = [-[R p]x, I]`` and rotates the covariance of p by R.
 
 *Budget.* Any estimate that is smooth in the data has the error ``xi = sum_k D_k xi_k`` over the poses k of robot and
 camera, so that ``Sigma = sum over sources of D Sigma_source D^T``. Sources are the rotation and the translation of

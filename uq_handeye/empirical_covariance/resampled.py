@@ -20,9 +20,9 @@ linearised problem; W is estimated again, being among the unknowns):
 (B. Efron, Ann. Statist. 7 (1979) 1-26; pairs bootstrap.) A draw may hold too few different poses to determine X; such
 draws are counted and the covariance is that of the others.
 
-On 30 simulated poses with the true noise model (tests/empirical_covariance) the sandwich is in the mean the sampling
+On 30 simulated poses with the true noise model (tests/empirical_covariance) the sandwich is on average the sampling
 covariance, the variances of the jackknife are 2 to 10 % larger, those of the bootstrap between 8 % smaller and 2 %
-larger, each in the mean over all directions. With fewer poses, of more leverage each, the jackknife's are larger still.
+larger, each on average over all directions. With fewer poses, of more leverage each, the jackknife's are larger still.
 `studies.real_cell` prints how often the 95 % ellipsoid of each kind holds the truth.
 """
 
@@ -76,7 +76,7 @@ class Bootstrap(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Resampled(ReadOnlyArrays):
-    """A covariance of X and W from the data alone; see the module."""
+    """A covariance of X and W from the data only; see the module."""
 
     kind: str  # one of KINDS
     # (p, p) of (xi_X, xi_W), p = 12; of xi_X, p = 6, where there is no W. Regular on the whole if clusters > p.
@@ -126,7 +126,7 @@ def _active(fit: Fit, influence: Influence) -> NDArray[np.bool_]:
 
 
 def spread_of_deletions(moves: Array, active: NDArray[np.bool_] | None = None) -> Array:
-    """``(n - 1)/n`` times the sum of squares about the mean, moves (..., n, p); of the active ones alone."""
+    """``(n - 1)/n`` times the sum of squares about the mean, moves (..., n, p); of the active ones only."""
     if active is None:
         n = np.asarray(moves.shape[-2])
         about = moves - moves.mean(axis=-2, keepdims=True)
@@ -219,7 +219,7 @@ def resampled(
     replicates: int = 2000,
     seed: int | np.random.Generator = 0,
 ) -> Resampled:
-    """The covariance of any method's X and W from the data alone, clustered by pose.
+    """The covariance of any method's X and W from the data only, clustered by pose.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""Covariances of X and W from the residuals alone, clustered by pose: the sandwich, and that of neighbouring frames.
+r"""Covariances of X and W from the residuals only, clustered by pose: the sandwich, and that of neighbouring frames.
 
 Model: to first order the estimate errs by ``xi = (xi_X, xi_W) = sum_k B_k r_k``, with the residual r_k (6) of pose k at
 true X and W (`constraint`; rad and m, left rotation, additive translation), r_k of mean zero. Nothing else is asked of

@@ -1,7 +1,7 @@
 r"""Chou and Kamel (1991): the quaternion of X as the null vector of a linear system, then the translation.
 
 ``q_A q_X = q_X q_B`` gives four equations per pair that are linear in q_X. As the scalar parts of q_A and q_B are equal
-without noise, they are written with the vector parts a, b alone,
+without noise, they are written with the vector parts a, b only,
 
     [ 0      -(a - b)^T   ]
     [ a - b   [a + b]x    ] q_X = 0

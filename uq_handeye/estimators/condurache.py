@@ -1,7 +1,7 @@
 r"""Condurache and Burlacu (2016): orthogonal dual tensors, the dual form of fitting rotation vectors.
 
 A pose is an orthogonal dual tensor ``R + eps [t]x R``; its dual rotation vector (screw) ``alpha + eps alpha'`` is
-turned by X like a vector: ``alpha_A + eps alpha_A' = (R_X + eps [t_X]x R_X)(alpha_B + eps alpha_B')``. The best X is
+rotated by X like a vector: ``alpha_A + eps alpha_A' = (R_X + eps [t_X]x R_X)(alpha_B + eps alpha_B')``. The best X is
 the orthogonal part of the dual matrix
 
     sum (alpha_A + eps alpha_A')(alpha_B + eps alpha_B')^T = H + eps K
@@ -10,7 +10,7 @@ whose real part is found by singular value decomposition of H, ``R_X = U diag(1,
 linear: the dual matrix times the transposed dual tensor of X must be symmetric, which is ``M t_X = -sum( alpha_A' x R_X
 alpha_B + alpha_A x R_X alpha_B')``. The publication offers SVD and QR and leaves the dual vector open; here it is the
 logarithm, SVD. With ``sin(angle)`` vectors in its place the same formulas are 4DPA's limit (T2): the two methods differ
-in the weight of a pair alone, angle^2 here and sin(angle)^2 there.
+in the weight of a pair only, angle^2 here and sin(angle)^2 there.
 """
 
 from __future__ import annotations

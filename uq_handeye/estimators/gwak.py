@@ -39,7 +39,7 @@ def _solution(moments: Moments, N: int) -> Estimate:
 
 
 def _start(G: Array, g: Array, of_rotations: Array) -> Array:
-    """The rotation equations alone, solved by their smallest eigenvector and projected; then the best translation."""
+    """The rotation equations only, solved by their smallest eigenvector and projected; then the best translation."""
     R = right_handed(np.linalg.eigh(of_rotations)[1][..., 0])
     X = np.zeros((len(R), 4, 4))
     X[:, :3, :3] = R

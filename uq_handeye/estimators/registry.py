@@ -78,7 +78,7 @@ def solve(A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None) -
     method : str
         A name in `METHODS`.
     scale : float or None
-        Of 4DPA alone: the scaling factor d of the map to SO(4), in the length unit of the translations; None is the
+        Of 4DPA only: the scaling factor d of the map to SO(4), in the length unit of the translations; None is the
         limit d -> infinity in closed form. A finite d truncates X by the order of 1/d^2 and rounds it by d eps;
         d of about 1e5 lengths balances the two.
 

@@ -17,7 +17,7 @@ of that:
 (ii) q given H and mu: the eigenvector of the smallest eigenvalue of ``C + K^T H + mu (H + H^T)``, which is (ii) because
      ``H^T q = 0``.
 
-It starts from the rotation alone, the eigenvector of the smallest eigenvalue of N. Without noise one iteration ends it,
+It starts from the rotation only, the eigenvector of the smallest eigenvalue of N. Without noise one iteration ends it,
 as mu is 0 whatever q; else the error shrinks by a constant factor that grows with the noise. (Minimising over q' and
 then over q for fixed q' would not do: the constraint joins them, and the steps would rest where (i) and (ii) hold with
 different mu.) The fixed point is a constrained minimum of the sum of squares, the one that `heller` certifies on all

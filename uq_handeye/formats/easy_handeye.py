@@ -28,7 +28,7 @@ FIELDS = ("timestamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" f
 
 
 def read_easy_handeye2(tree: Any, name: str) -> Contents:
-    """``samples: [{robot, tracking}, ...]``, with ``parameters``; or the list alone."""
+    """``samples: [{robot, tracking}, ...]``, with ``parameters``; or the list only."""
     _refuse_result(tree, name)
     samples = tree if isinstance(tree, list) else item(tree, "samples", name)
     if not isinstance(samples, list) or not samples:

@@ -37,7 +37,7 @@ EXPECTED = "expected rotation and translation, or covariance"
 def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
     """The noise model in a TOML file: `PoseNoise` from [robot], [camera]; `PairNoise` from [A], [B].
 
-    None for a file with [shared] alone, which `read_shared_errors` reads: the noise is then to be estimated.
+    None for a file with [shared] only, which `read_shared_errors` reads: the noise is then to be estimated.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Numbers as people read them: few digits, no exponent where that is short, deviations beside values."""
+"""Numbers as people read them: few digits, no exponent where that is short, standard deviations beside values."""
 
 from __future__ import annotations
 
@@ -76,13 +76,13 @@ def probability(p: float, significant: int = 1) -> str:
 def concise(value: float, std: float | None, unit: str = "") -> str:
     """A value with its standard deviation in parentheses: ``12.345(67) mm`` is 12.345 mm with 0.067 mm.
 
-    Always two significant digits of the deviation, and the value to the same decimal place. Below 1 the deviation is
-    written as units of the last digits; from 1 on with its own decimal point or zeros, to be read by itself:
-    ``12.3(2.3)``, ``345(12)``, ``12340(120)``. Where value or deviation would need an exponent, both share it:
-    ``1.234(21)e-9``. A deviation of None is not determined, which ``(?)`` says; one of 0 is exact; an infinite one is
-    that of a number that stays open.
+    Always two significant digits of the standard deviation, and the value to the same decimal place. Below 1 the
+    standard deviation is written as units of the last digits; from 1 on with its own decimal point or zeros, to be read
+    by itself: ``12.3(2.3)``, ``345(12)``, ``12340(120)``. Where value or standard deviation would need an exponent,
+    both share it: ``1.234(21)e-9``. A standard deviation of None is not determined, which ``(?)`` says; one of 0 is
+    exact; an infinite one is that of a number that stays open.
 
-    Raises `InputError` for numbers that are not finite and deviations below 0.
+    Raises `InputError` for numbers that are not finite and standard deviations below 0.
 
     >>> concise(12.3452, 0.0668, "mm")
     '12.345(67) mm'

@@ -2,7 +2,7 @@
 
 Arrays are (component, pairs, trials): whole rows of equal components, trials last, which NumPy handles fastest and to
 which what is constant over pairs or over trials is broadcast. Quaternions are ``(w, x, y, z)``, rotation vectors in
-rad. Nothing is checked here: what is not positive or not finite comes out as NaN or infinity in its own trial alone.
+rad. Nothing is checked here: what is not positive or not finite comes out as NaN or infinity in its own trial only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SINC = [
 
 
 def rows_of(T: Array, turn: Array | None) -> tuple[Array, Array]:
-    """Quaternions (4, n, m) and translations (3, n, m) of (n, m, 4, 4), in a frame turned by ``turn``."""
+    """Quaternions (4, n, m) and translations (3, n, m) of (n, m, 4, 4), in a frame rotated by ``turn``."""
     q = Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(*T.shape[:-2], 4)
     q, t = np.ascontiguousarray(np.moveaxis(q, -1, 0)), np.ascontiguousarray(np.moveaxis(T[..., :3, 3], -1, 0))
     if turn is not None:

@@ -21,8 +21,8 @@ def pose_numbers(
     """Translation (mm) and rotation vector (deg) of T (4, 4), both (6,): values, and standard deviations.
 
     ``covariance`` (6, 6) is that of (theta, tau), rad and m; the rotation vector changes by ``J_l(r)^-1 theta``. None
-    gives no deviations. Of the two vectors of a rotation the one nearer to that of ``near`` (4, 4) is taken. Numbers
-    that move along errors that are ``opened`` (k, 6) have infinite deviations.
+    gives no standard deviations. Of the two vectors of a rotation the one nearer to that of ``near`` (4, 4) is taken.
+    Numbers that move along errors that are ``opened`` (k, 6) have infinite standard deviations.
     """
     vector = rotation_vector(T, near)
     values = np.concatenate([1e3 * T[:3, 3], np.degrees(vector)])

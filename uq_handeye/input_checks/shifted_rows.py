@@ -5,7 +5,7 @@ detection that failed and was left out moves all later camera rows up by one (k 
 robot row moves them down (k grows by 1), and a file cut at the wrong place shifts them all.
 
 For rows i, j that belong to camera rows i', j', the motions A and B of ``A X = X B`` are similar matrices, so that
-whatever X is, both turn by the same angle:
+whatever X is, both rotate by the same angle:
 
     angle(R_i^T R_j) = angle(R'_i' R'_j'^T)                                                    (both setups, rad)
 
@@ -15,7 +15,7 @@ changes, one of the two sides has the same k. The path k(i) with the smallest su
 included, is found by dynamic programming (Viterbi) in O(n K).
 
 What the angles suggest is told only if a fit confirms it. X and W are fitted robustly (`robust.consensus`) to the rows
-as paired anew; their residuals take the place of the angles as the cost, which gives the rows of the changes. Over the
+as paired again; their residuals take the place of the angles as the cost, which gives the rows of the changes. Over the
 rows that moved, the median residuals of rotation and of translation must both fall below 0.3 of what they are in a
 robust fit to the rows as given, and must be like those of the rows that did not move.
 """
@@ -83,7 +83,7 @@ class Shift(ReadOnlyArrays):
         return Finding("input_checks.shifted_rows", "failure", values)
 
     def apply(self, poses: PosePairs) -> PosePairs:
-        """The poses paired anew; timestamps are those of the robot rows."""
+        """The poses paired again; timestamps are those of the robot rows."""
         return poses.rows(self.robot_rows, self.camera_rows)
 
 
@@ -205,7 +205,7 @@ def _angle_cost(poses: PosePairs, shifts: NDArray[np.intp]) -> Array:
 
 
 def _base_lag(R: Array) -> int:
-    """The smallest lag over which the robot mostly turns by TURN, at most a twelfth of the rows."""
+    """The smallest lag over which the robot mostly rotates by TURN, at most a twelfth of the rows."""
     n = len(R)
     lag, largest = 1, max(1, n // (2 * len(LAGS)))
     while lag < largest and np.median(_angles(R, lag, True)) < TURN:

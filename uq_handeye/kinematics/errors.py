@@ -15,7 +15,7 @@ a_k and l_k are in the frame of joint k whose z is its axis. Groups, in this ord
 
 *Gauge* (K2). A constant factor left of T is in W (eye-in-hand) or X (eye-to-hand), and so are all six geometric errors
 of the first joint. A constant factor on the right is in the other of the two: of the last joint the motions that
-commute with it, turn about and shift along its axis (revolute), turn about it and all shifts (prismatic).
+commute with it, rotate about and shift along its axis (revolute), rotate about it and all shifts (prismatic).
 """
 
 from __future__ import annotations

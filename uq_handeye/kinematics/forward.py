@@ -1,6 +1,6 @@
 r"""Forward kinematics of many postures at once: one pass over the joints, all postures in each step.
 
-With A_k the smallest rotation that turns z to the axis of joint k, the chain
+With A_k the smallest rotation that takes z to the axis of joint k, the chain
 
     T(q) = O_1 M_1(q_1) O_2 M_2(q_2) .. O_L M_L(q_L) O_tip
 
@@ -38,7 +38,7 @@ class Motion(NamedTuple):
 
 
 def align(axis: Array) -> Array:
-    """The smallest rotation (4, 4) that turns z to a unit vector; for -z, half a turn about x."""
+    """The smallest rotation (4, 4) that takes z to a unit vector; for -z, half a turn about x."""
     x, y, z = axis
     T = np.eye(4)
     if z < -1.0 + 1e-12:

@@ -24,7 +24,7 @@ ROUNDED = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class Joint(ReadOnlyArrays):
-    """A revolute or prismatic joint; one that turns without end is revolute without limits.
+    """A revolute or prismatic joint; one that rotates without end is revolute without limits.
 
     Parameters
     ----------

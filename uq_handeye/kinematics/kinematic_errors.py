@@ -4,12 +4,12 @@ The errors e of an arm (`chain.Kinematics.errors`) are drawn once and shared by 
 as the offsets of its joints, have one standard deviation. A few poses of one region cannot tell it (theory T13): it is
 known beforehand from arms of the kind, their *population*, within a factor:
 
-- ``declared``: the deviations are those given, as they are;
+- ``declared``: the standard deviations are those given, as they are;
 - ``estimate``: those given are the least that is assumed; the data may say that this arm is worse, with a prior of the
   logarithm that falls off like a Gaussian with ``log(factor)`` as its standard deviation;
 - ``exact``: the arm is its model; poses come from its joints, without errors.
 
-Joint noise is drawn anew for every pose and turns joint k by ``N(0, joint_sd^2)``: encoder, backlash, servo.
+Joint noise is drawn again for every pose and rotates joint k by ``N(0, joint_sd^2)``: encoder, backlash, servo.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class KinematicErrors:
     Raises
     ------
     InputError
-        Unknown names, negative or infinite deviations.
+        Unknown names, negative or infinite standard deviations.
 
     Examples
     --------

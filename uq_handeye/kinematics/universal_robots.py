@@ -7,7 +7,7 @@ origins of the six joints, ``x, y, z`` in m and ``roll, pitch, yaw`` in rad abou
       shoulder: {x: 0, y: 0, z: 0.1625, roll: 0, pitch: 0, yaw: 0}
       upper_arm: ...
 
-The first is in ``base``, the frame of the controller (``base_link`` of ROS is turned by half a turn about z); the last
+The first is in ``base``, the frame of the controller (``base_link`` of ROS is rotated by half a turn about z); the last
 joint's frame is ``tool0``. With a URDF the origins replace those of its joints, and base and tip may be any of its
 links.
 """

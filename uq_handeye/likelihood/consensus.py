@@ -276,7 +276,7 @@ def _concentrate(constraint: Constraint, noise: Noise, at: Unknowns, inside: Arr
 
 
 def _isotropic(variances: Array, constraint: Constraint) -> Noise:
-    """Noise (rotation, translation) of the residuals, put on the camera; below 1e-12 rad or m nothing is told apart."""
+    """Noise (rotation, translation) of the residuals, put on the camera; below 1e-12 rad or m nothing is separated."""
     S = np.diag(np.repeat(np.maximum(variances, 1e-24), 3))
     return PoseNoise(camera=S) if isinstance(constraint, OnPoses) else PairNoise(B=S)
 

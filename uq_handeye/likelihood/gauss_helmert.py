@@ -13,9 +13,9 @@ The first step from 4DPA's X, with v = 0, is that of T5: at the bound to first o
 derivatives at measured data, whose noise biases X and makes ``I_F^-1`` too small where rotation noise times a lever
 exceeds the translation noise (motions with 10 mrad and 0.1 mm in `studies.likelihood`: mean NEES 8 and 12, not 6).
 ``efficient`` therefore takes a second one, with the derivatives at the poses as the first corrected them. What further
-steps change is small beside the deviations, but for the largest noise there. ``ml`` goes on until it stands still:
-there the conditions of the constrained maximum hold exactly. The covariance of both is ``I_F^-1``, where the last step
-was taken; its block of X (the Schur complement on X) is marginal over W.
+steps change is small beside the standard deviations, but for the largest noise there. ``ml`` goes on until it
+converges: there the conditions of the constrained maximum hold exactly. The covariance of both is ``I_F^-1``, where the
+last step was taken; its block of X (the Schur complement on X) is marginal over W.
 
 Exact sides (noise None) and covariances that are joint over poses (T4b) need no special case, as Sigma is never
 inverted; S must be. Leading axes are independent problems.
@@ -112,7 +112,7 @@ class Fit(ReadOnlyArrays):
 
     @property
     def open_directions_X(self) -> Array:
-        """(k, 6) those of X alone: what of X is not determined."""
+        """(k, 6) those of X only: what of X is not determined."""
         if self.open is None:
             return np.zeros((0, 6))
         assert self.lever is not None
@@ -422,7 +422,7 @@ def _last_places(constraint: Constraint, unknowns: Unknowns) -> Array:
 def _by_own_errors(sides: tuple[Array, Array], errors: Errors) -> tuple[Array, Array]:
     """Derivatives by the errors v themselves: ``exp([-theta - d]x) = exp([-J_l(-theta) d]x) exp([-theta]x)``.
 
-    It turns Sigma by half of theta and leaves D v as it is: of second order in S, needed for the exact maximum only.
+    It rotates Sigma by half of theta and leaves D v as it is: of second order in S, needed for the exact maximum only.
     """
     first, second = (
         D if v is None else np.concatenate([D[..., :3] @ left_jacobian(-v[..., :3]), D[..., 3:]], axis=-1)

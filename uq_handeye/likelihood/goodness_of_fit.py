@@ -11,7 +11,7 @@ xi`` is part of chi2, the rank of Lambda of dof.
 With noise that was estimated from the same residuals (`noise_estimation`) sigma_0 is 1 by construction: the test then
 says nothing, that of rotation and translation alone little.
 
-Rotation and translation alone: ``sum e_i^T S_i^-1 e_i`` over that part, over its expectation
+Rotation and translation only: ``sum e_i^T S_i^-1 e_i`` over that part, over its expectation
 ``sum tr(S_i^-1 (S_i - J_i C J_i^T))`` (the redundancy of that part; C is the covariance of the unknowns). Where errors
 are shared by the poses (T4b) those residuals are all alike; there ``g = S^-1 e`` takes their place, what of each pose
 the others do not predict, with the covariance ``P = S^-1 - S^-1 J C J^T S^-1``: ``sum g_i^T P_ii^-1 g_i`` over that

@@ -1,4 +1,4 @@
-r"""Directions of (X, W) that the data leave open: robots that cannot turn about two axes (T14).
+r"""Directions of (X, W) that the data leave open: robots that cannot rotate about two axes (T14).
 
 Information I (p, p) of the unknowns (xi_X, xi_W). Along an open direction u of exact data ``u^T I u = 0``: parallel
 axes leave the translation of X along the axis open together with W's, pure translations all of X's translation with

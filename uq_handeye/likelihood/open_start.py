@@ -13,7 +13,7 @@ Candidates for the rotation of X, from all motions of a few rows (residuals of `
 
 The translation of X is the shortest of those that fit best: along open directions the camera is at the origin of the
 frame that carries it. The candidate with the smallest weighted residuals is iterated (Gauss-Newton without steps along
-open directions, `open_directions`), with the prior, until it stands still.
+open directions, `open_directions`), with the prior, until it converges.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def _variances(constraint: Constraint, at: Unknowns) -> Array:
 
 
 def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
-    """Gauss-Newton without steps along what is open, until it stands still."""
+    """Gauss-Newton without steps along what is open, until it converges."""
     for _ in range(STEPS):
         linear = constraint.linearise(at, constraint.first, constraint.second)
         S = residual_covariance(linear.sides, noise)

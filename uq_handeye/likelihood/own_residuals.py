@@ -1,7 +1,7 @@
 r"""Residuals after the errors that all poses share are taken out of them.
 
 With ``S = blkdiag(S_i) + F F^T`` and r the residuals after the fit, ``z = (F^T S_i^-1 F + 1)^-1 F^T S_i^-1 r`` is the
-estimate of the shared errors, and ``e = r - F z`` are those of each pose alone, whitened by S_i. They belong to one
+estimate of the shared errors, and ``e = r - F z`` are those of each pose itself, whitened by S_i. They belong to one
 pose each, as residuals of independent noise do, with the unknowns (X, W, z).
 
 Errors that pass on from pose to pose (`serial_errors`) stand beside the S_i: e is then whitened by both, so that its

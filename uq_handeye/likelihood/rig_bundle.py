@@ -1,9 +1,10 @@
 r"""Everything at once on the corners: intrinsics, X, W and latent robot poses by one bundle adjustment.
 
 Model: with true robot poses G_i (inverted for eye-to-hand), X and W, the board is seen at ``C_i = (G_i X)^-1 W``.
-Corner j of picture i is ``z_ij = project(k, C_i P_j) + e``, e independent with the deviation s per coordinate (pixels);
-the measured robot pose is the true one with the error ``xi_i = L_i u_i`` (left rotation in rad, additive translation in
-m), u_i standard normal, ``L_i L_i^T`` its covariance: singular or 0 where the robot is exact. Minimised is
+Corner j of picture i is ``z_ij = project(k, C_i P_j) + e``, e independent with the standard deviation s per coordinate
+(pixels); the measured robot pose is the true one with the error ``xi_i = L_i u_i`` (left rotation in rad, additive
+translation in m), u_i standard normal, ``L_i L_i^T`` its covariance: singular or 0 where the robot is exact. Minimised
+is
 
     sum_ij |z_ij - project(k, C_i P_j)|^2 / s^2  +  sum_i |u_i|^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
 

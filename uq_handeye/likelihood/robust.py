@@ -12,7 +12,7 @@ its weight w in that fit, the residual predicted *without* pose i and its covari
 chi-square with 6 degrees of freedom if the pose is good (for w = 1: ``e^T (I - H)^-1 e``). With errors that are
 correlated over the poses (T4b) the prediction uses the errors of the others too: with ``M = S^-1 - S^-1 J P J^T S^-1``
 the predicted residual is ``M_ii^-1 (S^-1 r)_i`` with covariance ``M_ii^-1`` (S with the block of pose i divided by w,
-of a `JointCovariance` its own part alone, which is taken back from that covariance).
+of a `JointCovariance` its own part only, which is taken back from that covariance).
 A direction in which no other pose can predict pose i does not count.
 
 *Weight.* 1 up to ``d^2 = a``, the 99.9 % quantile of chi-square(6); from there linearly down to 0 at b, its 1 - 1e-6
@@ -293,7 +293,7 @@ def _settle(
     margin: float = 1.0,
     most: int = MOST_REWEIGHTED,
 ) -> _Settled:
-    """Fit and weights in turn until they stand still; with ``ml``, full maximisations in turn after that."""
+    """Fit and weights in turn until they converge; with ``ml``, full maximisations in turn after that."""
     steps, scale2, at, plain = CLOSED_FORM_STEPS, 1.0, begin, True
     for k in range(most):
         plain = plain and bool((weights == 1).all())

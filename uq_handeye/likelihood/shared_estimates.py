@@ -11,7 +11,7 @@ of them, without its prior but with those of the others, is ``z / (1 - v) +- sqr
 score test of one more unknown.
 
 *Doubt.* Of an error with a prior of two parts, ``N(0, t_0^2)`` and with probability q ``N(0, t_1^2)``, the residuals
-say ``a +- s`` alone. The posterior is a mixture: its second part has the weight v with
+say ``a +- s`` only. The posterior is a mixture: its second part has the weight v with
 
     v / (1 - v) = q / (1 - q) N(a; 0, s^2 + t_1^2) / N(a; 0, s^2 + t_0^2)
 

@@ -264,7 +264,7 @@ class NoiseEstimate(ReadOnlyArrays):
 
 
 def _side_to_dict(S: Array | JointCovariance) -> Any:
-    """Deviations of rotation and translation; a joint covariance, or others of corners, as they are."""
+    """Standard deviations of rotation and translation; a joint covariance, or others of corners, as they are."""
     if isinstance(S, JointCovariance):
         return S.to_dict()
     deviations = np.sqrt(np.diag(S)) if S.shape == (6, 6) else np.zeros(6)

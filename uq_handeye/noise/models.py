@@ -162,7 +162,7 @@ def _require_prior(prior: Any) -> None:
 
 
 def with_prior(noise: Noise, prior: PosePrior | None) -> Noise:
-    """The noise with what is known of X and W beside it, of motions X alone; as it is where that is None."""
+    """The noise with what is known of X and W beside it, of motions X only; as it is where that is None."""
     if prior is None:
         return noise
     known = prior.without_W() if isinstance(noise, PairNoise) else prior
@@ -170,7 +170,7 @@ def with_prior(noise: Noise, prior: PosePrior | None) -> Noise:
 
 
 def without_prior(noise: Noise) -> Noise:
-    """The noise of the data alone."""
+    """The noise of the data only."""
     return replace(noise, prior=None)
 
 

@@ -5,7 +5,7 @@ and reaches pose i through a regular matrix H_i (6, 6):
 
     xi_i = eta_i + H_i z_i,   E z_i z_j^T = exp(-|t_i - t_j| / length) P
 
-eta_i is of each pose alone, covariance S_i. At equal times this is an AR(1) process with the coefficient
+eta_i is of each pose itself, covariance S_i. At equal times this is an AR(1) process with the coefficient
 ``exp(-1 / length)`` per step; over a length of the whole session it is a random walk about a mean that is not known
 either (steps of the covariance ``2 P / length`` each). Nothing of it is dense: in the frame of the state
 ``y_i = H_i^-1 xi_i``, with ``a_i = exp(-(t_i - t_(i-1)) / length)`` and differences ``(B y)_i = y_i - a_i y_(i-1)``,
@@ -136,7 +136,7 @@ class SerialErrors(ReadOnlyArrays):
         return np.asarray(found.reshape(*found.shape[:-3], *values.shape[-2:]))
 
     def factor(self, own: Array) -> SerialFactor:
-        """L of the sum of these errors and those of each pose alone, own (..., n, 6, 6).
+        """L of the sum of these errors and those of each pose itself, own (..., n, 6, 6).
 
         Raises `numpy.linalg.LinAlgError` where the sum is singular.
         """

@@ -4,17 +4,17 @@ The errors of the camera poses have the covariance Sigma_C, known but for the va
 robot's two variances phi_1 (rad^2) and phi_2 (m^2) are found beside it, as the minimum of minus twice the restricted
 log-likelihood d of `components_beside_camera`, whose symbols stand here.
 
-The minimum is found over the logarithms of the deviations; a variance whose best value is 0 is 0 and said so: unlike
-the camera's, the robot's poses may be exact. Intervals are profile intervals of d, 95 %.
+The minimum is found over the logarithms of the standard deviations; a variance whose best value is 0 is 0 and said so:
+unlike the camera's, the robot's poses may be exact. Intervals are profile intervals of d, 95 %.
 
 Pixel noise. log of its standard deviation is Gaussian about that of PIXEL pixels, with ``log(PIXEL_FACTOR)`` as its
 standard deviation: what detectors do, from 0.02 to 2 pixels, at 95 %. Residuals of a few poses need it: where they are
 the robot's as well as the camera's, d alone may have its minimum at a camera without noise.
 
-A robot that is known. Where both its deviations are fixed, poses that disagree by more than they may are the camera's
-doing: the corners of one picture share errors (of light, of blur, of a rendering) that residuals within the picture do
-not show. Then ``S = K + phi_4 D_C E D_C^T``, phi_4 >= 0 the one unknown (pixels^2) and E what errors of one pixel, as
-large in all pictures, do to the poses (`CameraCalibration.per_pixel`).
+A robot that is known. Where both its standard deviations are fixed, poses that disagree by more than they may are the
+camera's doing: the corners of one picture share errors (of light, of blur, of a rendering) that residuals within the
+picture do not show. Then ``S = K + phi_4 D_C E D_C^T``, phi_4 >= 0 the one unknown (pixels^2) and E what errors of one
+pixel, as large in all pictures, do to the poses (`CameraCalibration.per_pixel`).
 
 Whether a known Sigma_C is true. One more component, a factor kappa on Sigma_C, is not estimated but tested at kappa =
 1. As ``P S P = P``, all that its score and information need is known already: with ``q_k = r^T P V_k P r``, ``t_k =
@@ -74,7 +74,7 @@ FROM_CORNERS, BY_VIEWS = "from corners", "by geometry"
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Deviations as logarithms x (m,), which of them are free, and what is known of them beforehand."""
+    """Standard deviations as logarithms x (m,), which of them are free, and what is known of them beforehand."""
 
     rows: ComponentRows
     free: NDArray[np.bool_]
@@ -163,7 +163,7 @@ def estimate_robot_noise(
     DegenerateMotionError
         The data do not determine X and W.
     NotConvergedError
-        The components do not stand still.
+        The components do not converge.
     """
     camera = PoseNoise(camera=camera).camera
     constraint = constraint_of(data, PoseNoise(camera=camera))
@@ -295,7 +295,7 @@ def _search(rows: ComponentRows, prior: NoisePrior) -> _Search:
 
 
 def _first(search: _Search) -> Array:
-    """The best of a few deviations of each."""
+    """The best of a few standard deviations of each."""
     steps = np.log(np.geomspace(*RANGE, TRIED))
     none = np.zeros(len(search.scale), dtype=bool)
     starts = [
@@ -319,14 +319,16 @@ def _best(search: _Search, x: Array) -> tuple[float, Array, NDArray[np.bool_]]:
 
 
 def _interval(search: _Search, best: float, x: Array, zero: NDArray[np.bool_], k: int) -> tuple[float, float | None]:
-    """95 % profile interval of deviation k; None: no upper end."""
+    """95 % profile interval of standard deviation k; None: no upper end."""
     from scipy.optimize import brentq
 
     other = search.free & (np.arange(len(x)) != k)
     begin = np.where(zero, search.scale + np.log(0.1), x)
 
     def grown(value: float, at_zero: bool = False) -> float:
-        """Growth of d beyond its limit with deviation k held; always from the same start, so that it is a function."""
+        """Growth of d beyond its limit with standard deviation k held; always from the same start, so that it is a
+        function.
+        """
         at, own = begin.copy(), (np.arange(len(x)) == k) & at_zero
         at[k] = value
         least, _ = search.minimum(at, other, own)

@@ -1,20 +1,21 @@
 r"""Noise and kinematic errors of an arm whose joints are known: standard deviations from the residuals (theory T13).
 
 Model: the error of robot pose i is ``J_i n_i + eta_i - F_i e``: noise n of the joints and eta of the pose, drawn for
-each pose, and the errors e of the kinematics, drawn once (`kinematics.kinematic_errors`). The deviations of n and eta,
-of the camera poses where they are not known, and of each group of e maximise the restricted likelihood (`scale_rows`)
-times what is known of them beforehand:
+each pose, and the errors e of the kinematics, drawn once (`kinematics.kinematic_errors`). The standard deviations of n
+and eta, of the camera poses where they are not known, and of each group of e maximise the restricted likelihood
+(`scale_rows`) times what is known of them beforehand:
 
 - groups of e: that of the population is the least; above it the logarithm is Gaussian with ``log(factor)``, one side
   of it. A set of poses from one region sees next to nothing of e, and the likelihood alone would have it near 0.
 - joint noise: log-normal about that of the population; or given.
 - pose noise of robot and camera: as in `estimate` and `beside_camera`.
 
-What remains open of the deviation s of a group is integrated: its errors count with ``E(s^2)`` over its posterior, with
-the other deviations at their best values.
+What remains open of the standard deviation s of a group is integrated: its errors count with ``E(s^2)`` over its
+posterior, with the other standard deviations at their best values.
 
-Beside camera poses whose own covariance is known, eta is isotropic with one deviation for rotation and one for
-translation; where the camera's noise is estimated, eta has a deviation of its own only if a data sheet gives one.
+Beside camera poses whose own covariance is known, eta is isotropic with one standard deviation for rotation and one for
+translation; where the camera's noise is estimated, eta has a standard deviation of its own only if a data sheet gives
+one.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class Deviation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BesideKinematics:
-    """The deviations of one data set; see the module."""
+    """The standard deviations of one data set; see the module."""
 
     constraint: Constraint
     kinematics: KinematicColumns
@@ -126,7 +127,7 @@ class BesideKinematics:
         return tuple(found)
 
     def find(self, at: Unknowns, weights: Array | None = None) -> FoundKinematics:
-        """The deviations near the unknowns; ``weights`` (n,) of 0 leave poses out.
+        """The standard deviations near the unknowns; ``weights`` (n,) of 0 leave poses out.
 
         Raises `InputError`, `DegenerateMotionError` and `NotConvergedError` as `estimate_noise`.
         """
@@ -198,7 +199,7 @@ class BesideKinematics:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The logarithms x (k,) of the deviations between their ends, with what is known of them beforehand."""
+    """The logarithms x (k,) of the standard deviations between their ends, with what is known of them beforehand."""
 
     rows: ScaleRows
     deviations: tuple[Deviation, ...]
@@ -238,8 +239,8 @@ class Search:
     def of_prior(self, x: Array) -> tuple[float, Array]:
         """Minus twice the logarithm of the density of x, and its derivative.
 
-        The camera's translation, of which nothing is known, has a density proportional to the deviation: with few poses
-        joint noise could take the place of all of it (`restricted_likelihood`).
+        The camera's translation, of which nothing is known, has a density proportional to the standard deviation: with
+        few poses joint noise could take the place of all of it (`restricted_likelihood`).
         """
         total, by = 0.0, np.zeros(len(x))
         for k, of in enumerate(self.deviations):
@@ -299,7 +300,7 @@ def _rms(values: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FoundKinematics:
-    """Deviations of one problem; `describe` adds intervals and words."""
+    """Standard deviations of one problem; `describe` adds intervals and words."""
 
     source: BesideKinematics
     search: Search
@@ -312,7 +313,7 @@ class FoundKinematics:
 
     @cached_property
     def zero(self) -> NDArray[np.bool_]:
-        """(k,) deviations that are 0: at the least that is looked at."""
+        """(k,) standard deviations that are 0: at the least that is looked at."""
         groups = np.array([of.floor for of in self.search.deviations])
         return np.asarray(self.search.free & ~groups & (self.x < self.search.low + 0.5))
 
@@ -324,7 +325,7 @@ class FoundKinematics:
 
     @cached_property
     def errors(self) -> tuple[SharedError, ...]:
-        """The groups of kinematic errors, with their deviations."""
+        """The groups of kinematic errors, with their standard deviations."""
         return errors_of_arm(self.source.kinematics, self.deviations)
 
     @cached_property
@@ -403,7 +404,7 @@ class FoundKinematics:
         }
 
     def _spread_of_X(self, own: NDArray[np.bool_], log_covariance: Array) -> float:
-        """A of `goodness_of_fit`: how uncertain Sigma_X is, by the deviations of noise."""
+        """A of `goodness_of_fit`: how uncertain Sigma_X is, by the standard deviations of noise."""
         rows, x = self.search.rows, self._integrated[0]
         p = rows.p
 

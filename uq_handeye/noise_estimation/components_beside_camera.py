@@ -15,7 +15,7 @@ log-likelihood, its derivatives and the expected information are (Patterson and 
     d = log|S| + log|J^T S^-1 J| + r^T P r,     dd/dphi_k = tr(P V_k) - r^T P V_k P r,     I_kl = tr(P V_k P V_l) / 2
 
 V_k is block diagonal plus a few columns, so that ``tr(P V_k)`` needs the diagonal blocks of P and its product with the
-columns alone: O(n) for a `JointCovariance`.
+columns only: O(n) for a `JointCovariance`.
 
 References: H. Patterson, R. Thompson, Biometrika 58 (1971), doi:10.1093/biomet/58.3.545; D. Harville, J. Am. Stat.
 Assoc. 72 (1977), doi:10.1080/01621459.1977.10480998.

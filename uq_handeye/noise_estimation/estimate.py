@@ -1,4 +1,4 @@
-r"""Noise from the data: how large are the errors of robot and camera, and what can this data set tell apart.
+r"""Noise from the data: how large are the errors of robot and camera, and which of them this data set separates.
 
 Model: the errors ``xi = (theta, tau)`` of the poses (or of motions that come without poses) are independent, Gaussian
 and isotropic, with one standard deviation (rad, m) for each of robot rotation, robot translation, camera rotation and
@@ -8,13 +8,13 @@ camera translation. They are estimated by restricted maximum likelihood on the l
 What data can tell. All that an estimate of X sees of the errors is, to first order, the residual r of ``G X C = W`` (or
 ``A X = X B``), and
 
-- *translation*: robot and camera enter r as an error turned by a rotation; both covariances are ``sigma^2 I`` in r.
+- *translation*: robot and camera enter r as an error rotated by a rotation; both covariances are ``sigma^2 I`` in r.
   Only the sum of the two variances can be told. A data sheet for one of them gives the other.
 - *rotation*: a rotation error of the robot also moves the target, by the lever arm from gripper to target; one of the
-  camera does not. So the two can be told apart where ``lever times rotation error`` shows beside the translation noise,
+  camera does not. So the two can be separated where ``lever times rotation error`` shows beside the translation noise,
   and not otherwise. Their sum is always told.
 
-What cannot be told apart has no effect on X: r has the same covariance S however the sum is split, and X, its
+What cannot be separated has no effect on X: r has the same covariance S however the sum is split, and X, its
 covariance, the bound and every test of the fit depend on the noise only through S (to first order in the errors). The
 `noise` that is returned holds one split: the half on each side where nothing is known, what the prior says where it is.
 
@@ -22,14 +22,14 @@ A prior says that log of a standard deviation is Gaussian about that of the data
 standard deviation; the estimate is then the maximum of the restricted likelihood times the prior.
 
 Camera poses that come from corners (`calibrate_camera`) bring their joint covariance with them: nothing of it is
-estimated, and the robot's noise is found beside it (`beside_camera`), rotation and translation told apart from the
+estimated, and the robot's noise is found beside it (`beside_camera`), rotation and translation separated from the
 camera's. The same holds for a `CameraNoise`, the covariance of finished camera poses by the geometry of what they saw,
 whose pixel noise is estimated with it.
 
 Intervals are 95 % profile intervals of the restricted likelihood; those of sums of two of them are chi-square
 intervals with Satterthwaite's degrees of freedom ``2 sigma^4 / Var(sigma^2)``. Where the data cannot tell a component
 from 0 its interval starts at 0 and is conservative: it covers at least 95 %, up to 97.5 % where the true value is 0,
-and nearly always where rotations are not told apart.
+and nearly always where rotations are not separated.
 
 Units: rad and m, standard deviations per axis; text is in degrees and mm.
 """
@@ -156,7 +156,7 @@ def estimate_noise(
     DegenerateMotionError
         The data do not determine X (or W).
     NotConvergedError
-        The components do not stand still.
+        The components do not converge.
 
     Examples
     --------

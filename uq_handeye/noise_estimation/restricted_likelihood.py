@@ -5,10 +5,11 @@ Model (`constraint`), with isotropic errors of the two sides and S_i linear in t
     r_i = J_i dx + D_1i v_1i + D_2i v_2i,      S_i = s V_1i + c V_2i + b V_3i
 
 s and c are the rotation variances of side 1 and side 2 (rad^2), b is the translation variance of both sides together
-(m^2): on poses and on motions alike, each side turns its translation error by an orthogonal matrix, which leaves
-``sigma^2 I`` as it is, so that only the sum enters. Side 2 turns its rotation error likewise: ``V_2 = blkdiag(I, 0)``,
-``V_3 = blkdiag(0, I)``. Side 1 has a lever q_i (m): ``V_1 = [[I, -[q]x], [[q]x, -[q]x [q]x]]``. On poses q_i leads from
-the gripper to the target, on motions its length is that of t_X.
+(m^2): on poses and on motions alike, each side rotates its translation error by an orthogonal matrix, which leaves
+``sigma^2 I`` as it is, so that only the sum enters. Side 2 rotates its rotation error likewise:
+``V_2 = blkdiag(I, 0)``, ``V_3 = blkdiag(0, I)``. Side 1 has a lever q_i (m):
+``V_1 = [[I, -[q]x], [[q]x, -[q]x [q]x]]``. On poses q_i leads from the gripper to the target, on motions its length is
+that of t_X.
 
 In axes along q_i the six rows are three pairs (rotation, translation), independent of each other, with the levers
 ``l = |q|, |q|, 0`` and
@@ -106,7 +107,8 @@ class Restricted(NamedTuple):
 class Model:
     """Model of the unknown variances v (K): ``(s, c, b) = mixing v + offset``, some with a log-normal prior.
 
-    A prior says that log of the standard deviation is Gaussian with mean ``log_mean`` and deviation ``log_sd``.
+    A prior says that log of the standard deviation is Gaussian with mean ``log_mean`` and standard deviation
+    ``log_sd``.
     """
 
     mixing: Array  # (3, K)

@@ -4,9 +4,9 @@ Model, of n blocks of r rows (6 of a pose, 3 of a point) that are linear in p un
 
     y_i = J_i x + B_i e + v_i,     v_i ~ N(0, K_i + sum_k s_k^2 U_ik U_ik^T),     e_j ~ N(0, s_(g(j))^2)
 
-K known, s_k and s_g unknown standard deviations; a column of B without a group has the deviation 1. Many errors e
-share one deviation. With S = blkdiag(K + ..), ``e = T z``, T the diagonal of the deviations, z ~ N(0, I), and the
-normal equations
+K known, s_k and s_g unknown standard deviations; a column of B without a group has the standard deviation 1. Many
+errors e share one standard deviation. With S = blkdiag(K + ..), ``e = T z``, T the diagonal of the standard deviations,
+z ~ N(0, I), and the normal equations
 
     M = [J, B T]^T S^-1 [J, B T] + blkdiag(known, I),    c = [J, B T]^T S^-1 y,   (x, z) = M^-1 c
 
@@ -14,15 +14,15 @@ minus twice the restricted log-likelihood is (Patterson and Thompson 1971; Harvi
 
     d = log|S| + log|M| + y^T S^-1 y - c^T M^-1 c
 
-which is that of ``S + B T^2 B^T`` and x alone. Its derivatives by the logarithms of the deviations, with C = M^-1 and
-the residual ``w = S^-1 (y - [J, B T] (x, z))``, are
+which is that of ``S + B T^2 B^T`` and x only. Its derivatives by the logarithms of the standard deviations, with C =
+M^-1 and the residual ``w = S^-1 (y - [J, B T] (x, z))``, are
 
     of a group:  2 sum_(j in g) (1 - C_jj - z_j^2)
     of noise:    2 s_k^2 ( tr(S^-1 V_k) - tr(C N_k) - w^T V_k w ),   V_k = U_k U_k^T
 
 with ``N_k = [J, B T]^T S^-1 V_k S^-1 [J, B T]``.
 
-All sums are over rows, O(n (p + m)^2); with the noise held, other deviations of groups cost no sum over rows.
+All sums are over rows, O(n (p + m)^2); with the noise held, other standard deviations of groups cost no sum over rows.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class ScaleRows:
     def at(self, x: Array, sums: Sums | None = None) -> AtDeviations:
         """Deviance, derivatives, and the estimates of x and z with their covariance.
 
-        With ``sums``, made at the same noise, the derivatives are those by the deviations of the groups alone.
+        With ``sums``, made at the same noise, the derivatives are those by the standard deviations of the groups only.
         """
         rows = self.sums(x) if sums is None else sums
         p, T = self.p, np.append(np.ones(self.p), self.scales(x))

@@ -1,6 +1,6 @@
 r"""Correlation of the errors of neighbouring poses: drift, and noise that is correlated in time.
 
-Model (`noise.serial_errors`): beside the errors of each pose alone, whose covariance S_i has been estimated as if there
+Model (`noise.serial_errors`): beside the errors of each pose, whose covariance S_i has been estimated as if there
 were nothing else, a stationary Markov process z with the covariance ``exp(-|i - j| / length) diag(p_1 I, p_2 I)``
 reaches the residuals of pose i through H_i:
 
@@ -8,7 +8,7 @@ reaches the residuals of pose i through H_i:
 
 - *camera*: ``H_i = J_X,i``: X itself moves, a bracket that gives way or warms up;
 - *camera mount*: ``H_i = J_X,i [[I, 0], [-[t_X]x, I]]``: the same about the origin of X's parent frame, as of a camera
-  that turns with what holds it; looked at where that origin is farther than NEAR times the target;
+  that rotates with what holds it; looked at where that origin is farther than NEAR times the target;
 - *target*: ``H_i = I`` (that of W, ``J_W = -I``);
 - *camera noise*, *robot noise*: ``H_i = D_i`` of that side, noise of the poses that is correlated in time.
 
@@ -275,7 +275,7 @@ def _sizes(length: float, whole: float) -> list[float]:
 
 
 def _maximised(rows: _Rows, start: Array, whole: float) -> tuple[Array, float]:
-    """Sizes of rotation and translation and the length at the maximum, and the deviation of log size there."""
+    """Sizes of rotation and translation and the length at the maximum, and the standard deviation of log size there."""
     from scipy.optimize import minimize  # slow to import
 
     begin = np.log(start)
@@ -327,7 +327,7 @@ def _included(found: _Found, fit: Fit, noise: PoseNoise, estimate: NoiseEstimate
 
 
 def _rescaled(values: Any, by: float) -> Any:
-    """Plain values of a component, or of a finding that holds some, with estimated deviations times ``by``."""
+    """Plain values of a component, or of a finding that holds some, with estimated standard deviations times ``by``."""
     if isinstance(values, list | tuple):
         return [_rescaled(value, by) for value in values]
     if not isinstance(values, Mapping):

@@ -213,7 +213,7 @@ def _inside(chain: Kinematics, values: Any, name: str) -> Array:
 
 
 def _unwound(chain: Kinematics, q: Array, joints: Array) -> Array:
-    """The same postures with joints that turn without limits within half a turn of where they have been."""
+    """The same postures with joints that rotate without limits within half a turn of where they have been."""
     endless = _revolute(chain) & ~np.isfinite(chain.limits).any(axis=1)
     middle = 0.5 * (joints.min(axis=0) + joints.max(axis=0))
     return np.where(endless, middle + (q - middle + np.pi) % (2 * np.pi) - np.pi, q)

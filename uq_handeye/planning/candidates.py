@@ -1,7 +1,7 @@
 r"""Robot poses from which the camera would see the target: candidates for the next poses of a session.
 
 The poses so far show from where the target can be seen and where the robot can go; candidates stay close to both. Each
-camera pose ``C = camera_T_target`` is read as four things, drawn anew and put together again:
+camera pose ``C = camera_T_target`` is read as four things, drawn again and put together again:
 
 - *distance* of the target's origin: uniform in ``[0.8 nearest, 1.2 farthest]`` of the poses so far;
 - *view*: the direction of the target's origin in the camera, between two of those so far: it stays in the image;

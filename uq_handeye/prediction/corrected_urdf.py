@@ -1,6 +1,6 @@
 r"""A URDF with the errors of an arm corrected that the data know: origins of joints, and what cannot be written.
 
-A geometric error ``E_k`` of joint k, in the frame whose z is its axis (turned from the joint's by A), makes of the
+A geometric error ``E_k`` of joint k, in the frame whose z is its axis (rotated from the joint's by A), makes of the
 joint's ``<origin>`` O the ``O A E_k A^T``. Exported are the numbers whose standard deviation is below a share of the
 one assumed; the others stay as the maker says. Harmonics of transmissions and sag are functions of the joints, for
 which a URDF has no place: what they move is told in mm.

@@ -1,7 +1,7 @@
 """Test whether the poses of an arm are so alike that the errors of its kinematics are hardly visible in them.
 
 Poses are local where their tips lie close together next to the reach, and most joints use little of their range. X and
-the errors of the arm are then known together near these poses, and next to nothing of the errors alone: predictions
+the errors of the arm are then known together near these poses, and next to nothing of the errors only: predictions
 elsewhere are as uncertain as the errors were beforehand.
 """
 

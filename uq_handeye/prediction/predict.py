@@ -183,7 +183,7 @@ def predict_points(
 
 
 class InBase(NamedTuple):
-    """Points in the base, with their derivatives by the joint posterior and the noise that is drawn anew."""
+    """Points in the base, with their derivatives by the joint posterior and the noise that is drawn again."""
 
     at: Array  # (..., 3)
     by_all: Array  # (..., 3, 12 + q)

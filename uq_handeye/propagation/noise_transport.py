@@ -29,7 +29,7 @@ _EYE = np.eye(3)
 
 
 class DataSide(Protocol):
-    """Takes the derivatives F (2, 6, 6, T, m) of block after block of pairs and sums up F Sigma F^T."""
+    """Accumulator of F Sigma F^T from the derivatives F (2, 6, 6, T, m) of block after block of pairs."""
 
     def add(self, F: Array, pairs: slice) -> None: ...
 

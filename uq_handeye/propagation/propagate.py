@@ -86,7 +86,7 @@ def propagate(
         As in `solve`.
     kind : "pairs", "poses", "literal" or None
         ``pairs`` takes the pairs as independent (T3), ``poses`` keeps what pairs share (T4), ``literal`` is
-        (45) as printed, of 4DPA alone. None takes ``pairs`` for PairNoise and ``poses`` for PoseNoise.
+        (45) as printed, of 4DPA only. None takes ``pairs`` for PairNoise and ``poses`` for PoseNoise.
 
     Returns
     -------

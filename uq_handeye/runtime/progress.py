@@ -14,7 +14,7 @@ def _on_terminal() -> bool:
 
 @contextmanager
 def working(label: str, show: bool = True) -> Iterator[None]:
-    """Shows that something takes its time and cannot be counted, where `progress_bar` would show a bar."""
+    """Show that something takes its time and cannot be counted, where `progress_bar` would show a bar."""
     if not (show and _on_terminal()):
         yield
         return
@@ -26,7 +26,7 @@ def working(label: str, show: bool = True) -> Iterator[None]:
 
 @contextmanager
 def progress_bar(label: str, total: int | None, unit: str, show: bool = True) -> Iterator[Callable[[int], None]]:
-    """Gives a function to be told how many more are done; nothing is shown in a pipe, or unless ``show``.
+    """Yield a function that takes the number of further steps done; nothing is shown in a pipe, or unless ``show``.
 
     The bar goes away at the end. ``total`` None: not known beforehand.
     """

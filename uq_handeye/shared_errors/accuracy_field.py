@@ -13,7 +13,8 @@ kinematics: their errors have the correlation 0.5 at a quarter of the reach, and
 
 *What is stated.* A data sheet's accuracy is read as the root mean square, over the workspace, of the distance (and of
 the angle) between the pose commanded and the one attained, once the frames of base and tool are aligned: its third in
-squares is the variance per axis. The field has `MARGIN` times that deviation, as no arm is a draw from this field.
+squares is the variance per axis. The field has `MARGIN` times that standard deviation, as no arm is a draw from this
+field.
 
 *Carried, not learned.* The data are not asked of it (`likelihood.carried_errors`): X stays as it is without, and its
 covariance grows by what the field does to it. As an unknown of the fit the field would seem to be told by local poses,
@@ -21,9 +22,9 @@ because it is none of the errors that real arms have; the ellipsoid is then too 
 
 *Columns.* With the poses U at hand (at most `MOST_CENTRES` of them, each the one that the others tell least of),
 ``phi(x) = V^T K_UU^(-1/2) k(U, x)``, V the first m eigenvectors of ``sum_i K^(-1/2) k(U, x_i) k(x_i, U) K^(-1/2)``: one
-column for each of the m features and each of the six components, of deviation 1. m is the least with which no more
-than `LEFT_OUT` of the variance is left out, but not above `MOST_FEATURES`; the columns are scaled so that their mean
-variance is the whole. All of it is O(n). A pose far from U has columns near 0: new poses belong among U.
+column for each of the m features and each of the six components, of standard deviation 1. m is the least with which no
+more than `LEFT_OUT` of the variance is left out, but not above `MOST_FEATURES`; the columns are scaled so that their
+mean variance is the whole. All of it is O(n). A pose far from U has columns near 0: new poses belong among U.
 """
 
 from __future__ import annotations

@@ -90,7 +90,7 @@ def camera_noise(
     Parameters
     ----------
     poses : PosePairs or (n, 4, 4)
-        Or the camera poses alone, ``camera_T_target``, of pictures without distortion.
+        Or the camera poses only, ``camera_T_target``, of pictures without distortion.
     points : (m, 3)
         The points of the target that the poses were made from, in its frame, m; `Board.points`. Where the origin is
         matters: the first corner, the middle, a corner of a tag. All points are taken as seen in every picture.
@@ -283,7 +283,7 @@ def _require_scale(C: Array, P: Array) -> None:
 
 
 def _require_in_view(C: Array, P: Array, lens: Lens) -> None:
-    """The board in front of the camera, in the picture and not seen edge-on, but for a few wrong poses."""
+    """The board in front of the camera, in the picture and not seen edge-on, but for a few outliers."""
     n = len(C)
     points = P @ C[:, :3, :3].mT + C[:, None, :3, 3]
     depth = points[..., 2].min(axis=1)

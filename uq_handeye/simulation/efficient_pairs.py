@@ -7,9 +7,9 @@ arithmetic differs. Neither serves both: of 60 motions this one takes 1.6 times 
 0.3 times for a thousand, and it knows no poses, no joint noise and no weights.
 
 - Arrays are (component, pairs, trials) in blocks that stay in the cache; rotations are quaternions ``(w, x, y, z)``.
-- B is seen in the frame of A: turned by the true X to begin with, then by each estimate. X is then a rotation near 1,
+- B is seen in the frame of A: rotated by the true X to begin with, then by each estimate. X is then a rotation near 1,
   and its left error is the same in both frames.
-- With ``l = R_A t_X``, ``L = [l]x`` and the covariances A and B (turned) of a pair's two motions, its residual has
+- With ``l = R_A t_X``, ``L = [l]x`` and the covariances A and B (rotated) of a pair's two motions, its residual has
 
       S_11 = A_11 + B_11,    S_21 = C - L A_11,    S_22 = Q - L A_12 - (L A_12)^T + L A_11 L^T
       C = A_21 + B_21,       Q = A_22 + B_22
@@ -69,7 +69,7 @@ Found = tuple[Array, Array, NDArray[np.bool_]]
 def efficient_on_drawn(A: Array, B: Array, X: Array, noise: PairNoise, rng: np.random.Generator, trials: int) -> Found:
     """`efficient` on so many draws of the noise about true motions.
 
-    Numbers depend on the generator, on the number of pairs N and on ``trials`` alone.
+    Numbers depend on the generator, on the number of pairs N and on ``trials`` only.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class _Part:
         self.of_B = np.empty((6, n, m))
 
     def turn_B(self, R: Array, corrected: bool) -> None:
-        """B, and the error found of it, into the frame turned by R (3, 3, m)."""
+        """B, and the error found of it, into the frame rotated by R (3, 3, m)."""
         self.b[1:], self.t_B = rotated(R, self.b[1:]), rotated(R, self.t_B)
         if corrected:
             self.of_B[:3], self.of_B[3:] = rotated(R, self.of_B[:3]), rotated(R, self.of_B[3:])

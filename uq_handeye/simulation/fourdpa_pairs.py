@@ -3,7 +3,7 @@ r"""Trials of 4DPA in its limit on motions with noise of their own: hardly slowe
 Model: true motions ``A_i X = X B_i``; measured ``R = exp([theta]x) R_true``, ``t = t_true + tau`` with
 ``xi = (theta, tau) = L z``, z standard normal, independent from motion to motion (rad, m). X of T2 (`procrustes`) needs
 of each motion only u and w, from its quaternion and translation (`rows`). The moments ``H = sum u v^T`` and
-``K = sum (u z^T + w v^T)`` over the motions give X; B is turned by the true R_X, so that the rotation nearest to H is
+``K = sum (u z^T + w v^T)`` over the motions give X; B is rotated by the true R_X, so that the rotation nearest to H is
 the rotation error ``exp([theta_X]x)`` itself. Trials are the last axis of all arrays; a block of them stays in cache.
 """
 
@@ -34,7 +34,7 @@ def fourdpa_on_drawn(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Errors xi (trials, 6) of 4DPA's X on so many draws, and which trials determine it (the others are rows of 0).
 
-    A, B (N, 4, 4) are true motions that fit X (4, 4). Numbers depend on the generator and on N alone.
+    A, B (N, 4, 4) are true motions that fit X (4, 4). Numbers depend on the generator and on N only.
     """
     N = len(A)
     L_A, L_B = noise.factors

@@ -1,7 +1,7 @@
 """Trials of any method: noise drawn on exact data, X estimated from each draw, and its error.
 
 Work goes in blocks of a fixed number of trials, so that memory is bounded and the numbers depend on the generator
-alone. 4DPA and ``efficient`` on motions have engines of their own (`fourdpa_pairs`, `efficient_pairs`); every other
+only. 4DPA and ``efficient`` on motions have engines of their own (`fourdpa_pairs`, `efficient_pairs`); every other
 method runs on leading batch axes.
 """
 

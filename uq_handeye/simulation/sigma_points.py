@@ -18,9 +18,10 @@ Then, with ``f = linear + quadratic + cubic + ...`` in z:
 - For any Q the first-order covariance comes out exactly, without Monte Carlo noise, as ``sum_k Q e_k e_k^T Q^T = I``,
   and so does the bias of the quadratic part. Odd and even parts of f do not mix: ``f f^T`` summed over a pair of points
   is ``2 (f_odd f_odd^T + f_even f_even^T)``.
-- In the mean over Q all polynomials in z of degree 7 are integrated exactly, as ``Q e_k`` is uniform on the sphere: the
-  mean square is right to the sixth order in the deviations of the noise (first order: to the second), and neglected is
-  the eighth. With K directions in all, what is added to first order scatters by about ``sqrt(2 / K)`` of itself.
+- On average over Q all polynomials in z of degree 7 are integrated exactly, as ``Q e_k`` is uniform on the sphere: the
+  mean square is right to the sixth order in the standard deviations of the noise (first order: to the second), and
+  neglected is the eighth. With K directions in all, what is added to first order scatters by about ``sqrt(2 / K)`` of
+  itself.
 - The points lie where Gaussian draws lie (``|z| = sqrt(D)`` to a part ``1 / sqrt(2 D)``): where no series converges
   they still are a Monte Carlo. They see nothing of what happens to one draw in ten thousand.
 

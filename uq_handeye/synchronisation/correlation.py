@@ -1,11 +1,11 @@
 r"""Start of the search for a time offset: the correlation of two angular speeds.
 
-Model: the gripper and the camera (or the target) are one rigid body, so that both sensors turn with the same angular
+Model: the gripper and the camera (or the target) are one rigid body, so that both sensors rotate with the same angular
 speed at the same moment, whatever X: ``|omega_robot(t + offset)| = |omega_camera(t)|``. No X, no W, no axes are needed.
 
 Both streams are brought to one grid (the larger of the two median intervals); the speed at a grid time is the angle
 between the poses half a window before and behind, by the window (rad/s). Of three windows that one is taken whose
-correlation stands out most: short ones follow fast motion, long ones average noise. Wrong detections turn fast: both
+correlation stands out most: short ones follow fast motion, long ones average noise. Wrong detections rotate fast: both
 speeds are cut off at one level, the smaller of the two 98 % quantiles. The correlation coefficient at every lag is that
 of the grid times at which both speeds are known (neither gap nor end), by FFT in O(n log n); a parabola refines the
 peak.

@@ -11,12 +11,12 @@ the columns of X and W, what they leave of j is ``k = j - J (J^T J)^-1 J^T j`` (
 r the residual after X and W are fitted. Rates that contain noise cost precision, but do not pull d towards 0: at the
 end ``k^T r = 0``, and the noise of a rate is not that of its row (`interpolation.at_times`).
 
-*Honest deviation.* Rows of a video are not independent: errors of the detection last for many frames, a clock of 10 ms
-puts an error along the path into every row, neighbours may share a sample. What row i adds to the error of d is
-``c_i = -k_i^T r_i / (k^T k - k_i^T k_i)`` (as in a jackknife; and with the slope of the robust weights, which fall as
-residuals grow, in the denominator). Var(d) is that of the model, or ``sum c_i^2`` where that is larger (the sandwich of
-one parameter): errors along the path, of fast rows. Where neighbouring c_i are correlated (p < 0.001) it is multiplied
-by ``1 + 2 sum rho_l``, rho the autocorrelation of c_i, summed over its initial positive
+*Honest standard deviation.* Rows of a video are not independent: errors of the detection last for many frames, a clock
+of 10 ms puts an error along the path into every row, neighbours may share a sample. What row i adds to the error of d
+is ``c_i = -k_i^T r_i / (k^T k - k_i^T k_i)`` (as in a jackknife; and with the slope of the robust weights, which fall
+as residuals grow, in the denominator). Var(d) is that of the model, or ``sum c_i^2`` where that is larger (the sandwich
+of one parameter): errors along the path, of fast rows. Where neighbouring c_i are correlated (p < 0.001) it is
+multiplied by ``1 + 2 sum rho_l``, rho the autocorrelation of c_i, summed over its initial positive
 sequence (C. J. Geyer 1992). That is the model of the timing noise: any stationary error whose correlation dies out
 within the recording. What is constant, such as the delay of a filter, is part of the offset itself.
 """
@@ -256,7 +256,9 @@ def noise_of_rows(noise: PoseNoise, found: Interpolated, side: str) -> PoseNoise
 
 
 def honest(c: Array, model_std: float) -> tuple[float, float]:
-    """The deviation of the offset from its contributions (n,), and the factor for correlated neighbours in it."""
+    """The standard deviation of the offset from its contributions (n,), and the factor for correlated
+    neighbours in it.
+    """
     n = len(c)
     variance, growth2 = model_std**2, 1.0
     if n >= FEWEST_TO_JUDGE:

@@ -96,7 +96,7 @@ def synchronise(
         ``base_T_gripper`` and ``camera_T_target``; seconds and metres. Joint values of the robot are interpolated
         linearly.
     setup : "eye-in-hand" or "eye-to-hand"
-    offset : None, float or (value, deviation)
+    offset : None, float or (value, standard deviation)
         ``robot_time = camera_time + offset`` (s). None estimates it; a number is taken as exact; with a standard
         deviation it is a Gaussian prior, and the estimate starts there.
     max_offset : float or None
@@ -205,7 +205,7 @@ def _estimate(
 ) -> _Estimate:
     """The offset between the ``ends``, from correlation and Gauss-Newton; times from the origins of the streams.
 
-    A prior of deviation 0 is only where to start.
+    A prior of standard deviation 0 is only where to start.
     """
     step = max(float(np.median(np.diff(times))) for times in (pairing.robot_times, pairing.camera_times))
     correlation = best_correlation(
@@ -463,7 +463,7 @@ def _joints_of_stops(robot: Stream, stops: list[Stop], shift: float) -> Array:
 
 
 def _prior(offset: object) -> tuple[float, float] | None:
-    """Value and deviation (0: exact)."""
+    """Value and standard deviation (0: exact)."""
     if offset is None:
         return None
     pair: Any = (offset, 0.0) if _is_number(offset) else offset

@@ -32,7 +32,7 @@ def filled(blocks, digits):
 
 
 def until_stable(rng, P, digits, most):
-    """Adds blocks until stable; returns the collector and the number of blocks."""
+    """Add blocks until stable; return the collector and the number of blocks."""
     stability = Stability(digits)
     for _ in range(most):
         stability.add(draw(rng, P, (BLOCK,)), np.ones(BLOCK, bool))

@@ -1,8 +1,8 @@
 r"""Bundle adjustment of intrinsics and camera poses on the corners of a board, and the joint covariance of the poses.
 
 Model: corner j of picture i is seen at ``z_ij = project(c, C_i P_j(w)) + e``, ``C_i = camera_T_target``, e Gaussian and
-independent with the deviation s (pixels) per coordinate. What all pictures share, ``k = (c, w)``, the intrinsics c and
-the shape w of the board (`board_shape`), may have a Gaussian prior. Minimised is
+independent with the standard deviation s (pixels) per coordinate. What all pictures share, ``k = (c, w)``, the
+intrinsics c and the shape w of the board (`board_shape`), may have a Gaussian prior. Minimised is
 
     sum_ij w_i |z_ij - project(c, C_i P_j(w))|^2 / s^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
 

@@ -13,8 +13,8 @@ The criterion takes residuals of different corners as independent. Where they ar
 there are; that does little harm, as X is then only a little less certain, while one that is missing shifts X.
 
 A lens that distorts is not centred to the last micron either. Too small for the criterion, the decentring p1, p2 still
-turns X by several standard deviations where it is taken as 0: with k1 = -0.1, p1 = 3e-4, p2 = -2e-4 and 20 pictures of
-54 corners the criterion alone took k1 only, and the truth lay in its 95 % ellipsoid in 6 sets of 24; with p1 and p2
+rotates X by several standard deviations where it is taken as 0: with k1 = -0.1, p1 = 3e-4, p2 = -2e-4 and 20 pictures
+of 54 corners the criterion alone took k1 only, and the truth lay in its 95 % ellipsoid in 6 sets of 24; with p1 and p2
 free in 23. Where a radial model has the smallest BIC, `best` therefore takes the best of those that hold p1 and p2
 as well. A camera without any distortion, as in rendered pictures, remains a pinhole. For the same reason a fisheye,
 which has no decentring, is taken only where its BIC is smaller by CLEARLY: through a narrow lens both fit as well.

@@ -46,7 +46,7 @@ FAR = 10.0
 
 
 def read_camera(folder: StrPath) -> CameraCalibration:
-    """The calibration that `CameraCalibration.write` wrote, exactly; nothing is estimated anew.
+    """The calibration that `CameraCalibration.write` wrote, exactly; nothing is estimated again.
 
     Raises
     ------

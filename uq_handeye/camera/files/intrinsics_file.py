@@ -50,8 +50,8 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
     ----------
     path : path of the file
         JSON or YAML with names, ``{"fx": 1080.0, "k1": [-0.1, 0.01]}``, a value alone exact and two a value and its
-        standard deviation; the ``intrinsics.json`` of `CameraCalibration.write`, with its deviations but not their
-        correlations; or ``camera_matrix`` and ``distortion_coefficients`` of OpenCV's FileStorage or ROS, exact.
+        standard deviation; the ``intrinsics.json`` of `CameraCalibration.write`, with its standard deviations but not
+        their correlations; or ``camera_matrix`` and ``distortion_coefficients`` of OpenCV's FileStorage or ROS, exact.
     model : "pinhole", "brown", "fisheye" or None
         Of which the coefficients are, where the file does not say.
 

@@ -1,7 +1,7 @@
 r"""Residuals of the corners as figures: picture by picture, all over the picture, and their mean by cell and radius.
 
 Model: a residual is where a corner was measured less where the camera is predicted to see it, in pixels, u to the right
-and v down. Where the model is right, means of residuals are chance: that of m corners has the deviation
+and v down. Where the model is right, means of residuals are chance: that of m corners has the standard deviation
 ``s / sqrt(m)`` per coordinate, with s the pixel noise (`camera.residual_pattern`).
 This module imports Matplotlib; import it where it is used.
 """

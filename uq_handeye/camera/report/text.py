@@ -130,8 +130,8 @@ def answer(cam: Calibrated) -> str:
 
 
 def parameter_rows(cam: Calibrated) -> list[tuple[str, str, str, str]]:
-    """Name, value with its deviation, unit, and what is to be said; coefficients that are 0 and were not estimated are
-    left out."""
+    """Name, value with its standard deviation, unit, and what is to be said; coefficients that are 0 and were not
+    estimated are left out."""
     rows = []
     for name, value in cam.intrinsics.items():
         unit = UNITS.get(name, "")

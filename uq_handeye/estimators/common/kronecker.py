@@ -48,7 +48,7 @@ def normal_equations(moments: Array) -> tuple[Array, Array]:
 
 
 def rotation_equations(moments: Array) -> Array:
-    """The part (T, 9, 9) of G by the rotations alone, ``sum |R_A R R_B^T - R|^2``."""
+    """The part (T, 9, 9) of G by the rotations only, ``sum |R_A R R_B^T - R|^2``."""
     T = len(moments)
     sum_A, sum_B = moments[:, :9, 12].reshape(T, 3, 3), moments[:, 12, :9].reshape(T, 3, 3)
     kron = moments[:, :9, :9].reshape(T, 3, 3, 3, 3).transpose(0, 1, 3, 2, 4)  # rows (a, c), columns (b, d)

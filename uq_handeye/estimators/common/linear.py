@@ -46,7 +46,7 @@ class Normal(NamedTuple):
 
 
 def normal(G: Array) -> Normal:
-    """Raises `Singular` where G (T, n, n) has no inverse."""
+    """Raise `Singular` where G (T, n, n) has no inverse."""
     diagonal = np.diagonal(G, axis1=-2, axis2=-1)
     require(diagonal.min(axis=-1) > 0, "its linear equations are singular.")
     d = 1.0 / np.sqrt(diagonal)

@@ -4,7 +4,7 @@ Model: each pair contributes factors ``l_i, r_i`` (vectors, known functions of A
 
     X = g( sum_i l_i r_i^T, ... )
 
-depends on them through one or a few such moment matrices alone. To first order
+depends on them through one or a few such moment matrices only. To first order
 
     xi_X = sum_i D_i xi_i,    D_i xi = (dg/dM) : ( (dl_i xi) r_i^T + l_i (dr_i xi)^T )
 

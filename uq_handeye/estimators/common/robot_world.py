@@ -73,7 +73,7 @@ class RobotWorldMethod:
         return RobotWorld(*(T.reshape(*batch, 4, 4) for T in found))
 
     def _solver(self, which: int) -> MomentSolver:
-        """For X (0) or W (1) alone."""
+        """For X (0) or W (1) only."""
 
         def solution(moments: Moments, n: int) -> Estimate:
             return closed_form(self.solution(moments[0], n)[which])

@@ -80,7 +80,7 @@ def nguyen(
     noise : PairNoise or None
         The 3x3 blocks of rotation and of translation are used; their correlation is ignored, as published. None is
         isotropic noise, equal on A and B, with the root mean square translation of the data times as much
-        deviation in translation as in rotation: no unit enters.
+        standard deviation in translation as in rotation: no unit enters.
     cross_term : "derived" or "published"
         ``Cov(q_k, phi_k)``: as derived, or with the opposite sign and ``R t_A`` in place of ``R t_B``.
     stop : "scaled" or "published"

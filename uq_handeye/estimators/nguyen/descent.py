@@ -45,7 +45,7 @@ class Descent:
 
     The full step is ``F^-1 g``, a damped one ``(F + d diag F)^-1 g``. In the first stage a step that raised the sum of
     squares is undone and tried again with more damping. In the second, where the sum is known for linearised latents
-    only, damping grows while the steps swing to and fro. Convergence is judged by the full step alone.
+    only, damping grows while the steps swing to and fro. Convergence is judged by the full step only.
     """
 
     def __init__(self, T: int, rule: Rule, published: float) -> None:

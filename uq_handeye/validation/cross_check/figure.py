@@ -10,7 +10,7 @@ directions can be compared. Columns: rotation against rotation, translation agai
 against translation, which the paper does not show.
 
 Curves that must coincide are drawn one upon the other: a broad pale one below, a thin dark one above. All differ in
-line style and lightness, not in colour alone. This module imports Matplotlib; import it where it is used.
+line style and lightness, not in colour only. This module imports Matplotlib; import it where it is used.
 """
 
 from __future__ import annotations

@@ -142,7 +142,7 @@ def heavy_from(samples: int) -> float:
 
 
 def chance(samples: int, kurtosis: float | None = None) -> tuple[float, float]:
-    """Between what all ratios of standard deviations lie with `CONFIDENCE` where the covariance is true."""
+    """Between what all ratios of standard deviations lie with `CONFIDENCE` where the covariance is consistent."""
     widened = np.sqrt(1 + 1.5 * max(kurtosis or 0.0, 0.0))
     low, high = np.exp(0.5 * widened * np.log(extreme_eigenvalues(samples - 1, CONFIDENCE)))
     return float(low), float(high)

@@ -77,7 +77,7 @@ def cross_check(
     Returns
     -------
     CrossCheck
-        What cannot be worked out for the data has a row that says why. Ctrl-C during the trials or the posterior ends
+        What cannot be computed for the data has a row that says why. Ctrl-C during the trials or the posterior ends
         it early, and ``complete`` is False; before the first trial it raises ``KeyboardInterrupt``.
 
     Raises

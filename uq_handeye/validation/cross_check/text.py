@@ -120,7 +120,7 @@ def _cells(row: Row) -> list[Cell]:
 
 
 def _mark(row: Row) -> str:
-    """Behind a NEES that a true covariance does not have."""
+    """Behind a NEES that a consistent covariance does not have."""
     if row.nees is None or row.consistent is not False:
         return " "
     return "~" if abs(np.sqrt(row.nees / 6) - 1) < TOLERANCE else "!"

@@ -1,7 +1,7 @@
 r"""A run of Monte Carlo in chunks of a fixed number of trials, each with random numbers of its own.
 
 Chunk k draws from ``SFC64(SeedSequence(seed, spawn_key=(k,)))``, the k-th child of ``SeedSequence(seed).spawn``, and so
-needs no other chunk. It is worked out with one thread of linear algebra, on a copy of the problem that was written to
+needs no other chunk. It is computed with one thread of linear algebra, on a copy of the problem that was written to
 bytes and read again, wherever that happens. Hence the same numbers, bit by bit, in one process or in many, on one
 machine or on several with the same type of processor and the same versions of the libraries.
 """
@@ -45,7 +45,7 @@ def versions() -> dict[str, str]:
 
 
 def chunk_size(experiment: Experiment) -> int:
-    """Trials per chunk, by the size of the problem alone."""
+    """Trials per chunk, by the size of the problem only."""
     return next((size for size in SIZES if size * experiment.size <= MOST), SIZES[-1])
 
 

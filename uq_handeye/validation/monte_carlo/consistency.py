@@ -20,9 +20,9 @@ the likelihood ratio of ``S = P`` with Bartlett's correction (Muirhead, Aspects 
 eigenvalues comes from `DRAWS` simulated Wishart matrices (Bartlett's decomposition, fixed seed).
 
 The covariance is consistent if none of seven tests rejects: mean NEES and coverage of each part, likelihood ratio;
-probabilities corrected by Holm, so that a true covariance is rejected with at most ``1 - confidence``. Trials that gave
-no estimate are in no test: where they are more than 1 %, no covariance is called consistent. The bias is no test of the
-covariance: it is of second order in the noise, and counts as far as it shows in the NEES.
+probabilities corrected by Holm, so that a consistent covariance is rejected with at most ``1 - confidence``. Trials
+that gave no estimate are in no test: where they are more than 1 %, no covariance is called consistent. The bias is no
+test of the covariance: it is of second order in the noise, and counts as far as it shows in the NEES.
 
 Where each trial has its own covariance, the NEES uses that one, and ``P`` is the mean of all of them: the laws above
 then hold to first order only.
@@ -123,7 +123,9 @@ class Consistency(ReadOnlyArrays):
 
     @property
     def std_ratio_interval(self) -> Array | None:
-        """(6, 2): confidence interval of the ratio of true to predicted deviation per axis (chi-square, n = T - 1)."""
+        """(6, 2): confidence interval of the ratio of true to predicted standard deviation per axis (chi-square, n = T
+        - 1).
+        """
         if self.std is None or self.predicted_std is None:
             return None
         n, tail = self.sums.count - 1, (1 - self.confidence) / 2
@@ -137,7 +139,7 @@ class Consistency(ReadOnlyArrays):
 
     @cached_property
     def eigenvalue_interval(self) -> Array | None:
-        """(2,) holds all six eigenvalues with probability `confidence` if the covariance is true."""
+        """(2,) holds all six eigenvalues with probability `confidence` if the covariance is consistent."""
         if self.eigenvalues is None:
             return None
         return np.array(extreme_eigenvalues(self.sums.count - 1, self.confidence))

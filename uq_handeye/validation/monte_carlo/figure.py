@@ -2,8 +2,8 @@ r"""A Monte Carlo run as a figure: whether the errors of the trials follow the c
 
 Above, quantiles of the distance ``d = sqrt(xi^T P^-1 xi)`` of the errors of all trials against those of the chi
 distribution with 6 (joint) or 3 degrees of freedom (rotation, translation). The grey band holds the whole curve of a
-true covariance with the confidence of the verdict: it is simultaneous over all quantiles, of equal local level, that
-level found from `DRAWS` simulated histograms (Aldor-Noiman et al., The American Statistician 67, 2013).
+consistent covariance with the confidence of the verdict: it is simultaneous over all quantiles, of equal local level,
+that level found from `DRAWS` simulated histograms (Aldor-Noiman et al., The American Statistician 67, 2013).
 
 Below, the sampled over the predicted standard deviation of each axis with chi-square intervals, and of the six
 directions of ``P^-1 S`` with what chance explains; and the shares in the ellipsoids less their level, with intervals of
@@ -69,9 +69,9 @@ def validation_figure(result: Run) -> Figure:
     sure = _percent(c.confidence)
     text = (
         "Above: the distances d of the errors of all trials, sorted, against where they should lie. The grey band "
-        f"holds the whole curve of a true covariance with {sure}. Below: bars are {sure} intervals, each on its own. "
-        f"Left: light grey is +-{_percent(HARMLESS)}, which hardly matters, dark grey is what chance alone does to the "
-        "six directions. Right: a point below 0 is an ellipsoid that holds fewer errors than it promises."
+        f"holds the whole curve of a consistent covariance with {sure}. Below: bars are {sure} intervals, each on its "
+        f"own. Left: light grey is +-{_percent(HARMLESS)}, which hardly matters, dark grey is what chance alone does "
+        "to the six directions. Right: a point below 0 is an ellipsoid that holds fewer errors than it promises."
     )
     lines = "\n".join(textwrap.wrap(text, 215, break_on_hyphens=False))
     figure.text(left, 0.12 / (height + top), lines, fontsize=6.5, va="bottom", color="0.3", linespacing=1.2)

@@ -6,10 +6,10 @@ errors ``xi = (theta, tau)`` drawn from the noise (`trials.experiment`). Each tr
     xi = ( log(R_hat R_true^T), t_hat - t_true )                    rotation first; rad and m; parent frame of X
 
 and the sampling covariance of these is what the covariance that is tested claims to be. It is exact in the noise, but
-for its own deviation of ``1 / sqrt(2 T)`` of a standard deviation with T trials (JCGM 101 and 102). How it is judged:
-`consistency`.
+for its own standard deviation of ``1 / sqrt(2 T)`` of a standard deviation with T trials (JCGM 101 and 102). How it is
+judged: `consistency`.
 
-Trials run in chunks whose random numbers depend on the seed and their number alone, added up in their order: the result
+Trials run in chunks whose random numbers depend on the seed and their number only, added up in their order: the result
 is the same, bit by bit, for any number of workers, for a run that was ended and resumed, and on a cluster (`chunks`).
 """
 

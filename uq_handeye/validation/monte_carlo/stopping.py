@@ -13,8 +13,8 @@ with ``delta = 10^l / 2`` where the number is ``c 10^l`` and c an integer of ``d
 digit that is wanted. For ``y`` the number is ``u``: an estimate is wanted to the digits of its uncertainty.
 
 From the standard: blocks of ``max(10^4, 100 / (1 - p))`` = 10,000 trials for p = 95 % (step b; the caller makes them),
-no test before h exceeds 10 (step f; JCGM 101 tests from h = 2, with a deviation of two numbers, which is often small by
-chance), the four kinds of numbers and their tolerances (steps g to m), results from all h M trials (step i).
+no test before h exceeds 10 (step f; JCGM 101 tests from h = 2, with a standard deviation of two numbers, which is often
+small by chance), the four kinds of numbers and their tolerances (steps g to m), results from all h M trials (step i).
 
 What differs: the coverage factor of the whole run is the mean of those of the blocks, so that no trial is kept (bias of
 the order of 1/M, and it only sets a tolerance); trials without an estimate are left out of their block; the "estimate"

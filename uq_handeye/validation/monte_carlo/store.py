@@ -4,7 +4,7 @@ r"""The folder of a Monte Carlo run: a manifest, one file per chunk, and the res
 SHA-256 of that is the identity of the run. ``chunks/000000.npz`` holds the trials of chunk 0: ``errors`` (m, 6), ``ok``
 (m,), the sums over them, and the SHA-256 of identity, number and content. Every file is written whole or not at all:
 from what any end of the program leaves, ``resume`` goes on. A chunk that is damaged, or belongs to another run or
-place, is worked out again and never used.
+place, is computed again and never used.
 
 Files are not trusted: no pickles, no compression, and nothing is read before its size is known to be that of a chunk.
 """

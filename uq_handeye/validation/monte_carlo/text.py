@@ -1,4 +1,4 @@
-"""A Monte Carlo run in words: whether the covariance is true first, then the numbers with units."""
+"""A Monte Carlo run in words: whether the covariance is consistent first, then the numbers with units."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Run(Protocol):
 
 
 def monte_carlo_document(result: Run) -> Document:
-    """The verdict, then deviations and bias per axis, NEES, coverage, directions, and how the run went."""
+    """The verdict, then standard deviations and bias per axis, NEES, coverage, directions, and how the run went."""
     c = result.consistency
     start: list[Block] = [Heading(heading(result))]
     if not result.complete:
@@ -227,7 +227,7 @@ def _holds(c: Consistency) -> str:
 
 
 def _axes(c: Consistency) -> list[Block]:
-    """Deviations and bias per axis."""
+    """Standard deviations and bias per axis."""
     if c.std is None or c.bias is None or c.bias_error is None:
         return []
     predicted, ratios = c.predicted_std, c.std_ratio_interval
@@ -251,7 +251,7 @@ def _axes(c: Consistency) -> list[Block]:
 
 
 def _nees(c: Consistency) -> list[Block]:
-    """Mean NEES with the interval of a true covariance."""
+    """Mean NEES with the interval of a consistent covariance."""
     if c.mean_nees is None or c.nees_interval is None:
         return []
     head = ["NEES", "expected", "mean", f"{_percent(c.confidence)} interval if true", "p"]

@@ -135,8 +135,8 @@ def maximum_of(density: LogDensity, start: Array) -> Peak:
 def around_maxima(density: LogDensity, starts: Array) -> Proposal:
     """The first proposal, around the maxima that are found from ``starts`` (k, d).
 
-    Those within `SAME` deviations of a better one are the same, those with less than `LEAST` of the best one's share
-    are left out.
+    Those within `SAME` standard deviations of a better one are the same, those with less than `LEAST` of the best one's
+    share are left out.
     """
     peaks = sorted((maximum_of(density, start) for start in starts), key=lambda peak: -peak.log_weight)
     found: list[Peak] = []

@@ -222,7 +222,7 @@ class Posterior(ReadOnlyArrays):
 
 
 def shortest(samples: Array, level: float) -> Array:
-    """The shortest interval (d, 2) that holds ``level`` of the samples (S, d), of each coordinate alone."""
+    """The shortest interval (d, 2) that holds ``level`` of the samples (S, d), of each coordinate by itself."""
     ordered = np.sort(samples, axis=0)
     count = min(int(np.ceil(level * len(ordered))), len(ordered) - 1)
     first = np.argmin(ordered[count:] - ordered[:-count], axis=0)

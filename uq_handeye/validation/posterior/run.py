@@ -1,6 +1,6 @@
 """The loop of `sample_posterior`: burn-in that fits the proposal, rounds of steps, looks at convergence, the file.
 
-All that decides how long a chain becomes depends on the chain alone, and a file holds the state of the random numbers:
+All that decides how long a chain becomes depends on the chain only, and a file holds the state of the random numbers:
 a run that was interrupted and resumed ends in the same numbers, bit by bit, as one that was not.
 """
 

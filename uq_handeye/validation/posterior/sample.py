@@ -66,7 +66,7 @@ def sample_posterior(
         Whether a factor on the standard deviations of robot and camera (A and B) is unknown, too; True is a log-normal
         prior within a factor of 3. None: where the noise is estimated.
     student_t : float or None
-        Degrees of freedom nu of a heavy-tailed likelihood, against wrong poses; the noise is then its scale. None is
+        Degrees of freedom nu of a heavy-tailed likelihood, against outliers; the noise is then its scale. None is
         Gaussian.
     walkers : int
         At least 16, and two more than twice the number of coordinates.

@@ -1,7 +1,7 @@
 """A sweep over the noise as a figure: the mean NEES of each method against the noise, first order and sigma points.
 
-One panel per method, both axes logarithmic, the noise in multiples of its standard deviations. A true covariance stays
-at 6. The dark band is chance (99 %, chi-square), the light one errors that are as predicted within the tolerance.
+One panel per method, both axes logarithmic, the noise in multiples of its standard deviations. A consistent covariance
+stays at 6. The dark band is chance (99 %, chi-square), the light one errors that are as predicted within the tolerance.
 Dotted: where a covariance begins to fail, with ~ where tails are heavy. White markers: levels at which it fails, by the
 NEES or by what its 95 % ellipsoid holds.
 

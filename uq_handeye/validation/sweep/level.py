@@ -52,7 +52,7 @@ class Verdict(ReadOnlyArrays):
 
     @property
     def mean_nees(self) -> Array | None:
-        """(3,) of joint, rotation, translation: 6, 3, 3 if the covariance is true."""
+        """(3,) of joint, rotation, translation: 6, 3, 3 if the covariance is consistent."""
         return None if self.consistency is None else self.consistency.mean_nees
 
     @property
@@ -116,7 +116,7 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A method at one level of noise, to be worked out."""
+    """A method at one level of noise, to be computed."""
 
     problem: Experiment
     factor: float
@@ -180,7 +180,9 @@ def find_failure(c: Consistency, tolerance: float) -> Finding | None:
 
 
 def coverage_limits(size: int, tolerance: float) -> tuple[float, float]:
-    """Shares of Gaussian errors in the 95 % ellipsoid if deviations are too small and too large by the tolerance."""
+    """Shares of Gaussian errors in the 95 % ellipsoid if standard deviations are too small and too large by the
+    tolerance.
+    """
     edge = float(2 * gammaincinv(size / 2, 0.95))
     few, many = (float(gammainc(size / 2, edge * wrong / 2)) for wrong in ((1 + tolerance) ** -2, (1 + tolerance) ** 2))
     return few, many

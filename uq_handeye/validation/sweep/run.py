@@ -15,16 +15,16 @@ A covariance *fails* at f if, for the joint error, rotation or translation,
 
 - that ratio is above ``1 + tolerance`` or below ``1 / (1 + tolerance)``, which matters, and the mean NEES lies outside
   the interval of the chi-square distribution (99 %), which is no chance;
-- or the 95 % ellipsoid holds fewer (more) of the errors than if deviations were so much too small (large) and errors
-  Gaussian, 89.1 % to 98.2 % of the joint errors with a tolerance of 0.1, and 95 % is outside the interval of Clopper
-  and Pearson: where tails are heavy, no covariance tells what happens, though the mean square be right;
+- or the 95 % ellipsoid holds fewer (more) of the errors than if standard deviations were so much too small (large) and
+  errors Gaussian, 89.1 % to 98.2 % of the joint errors with a tolerance of 0.1, and 95 % is outside the interval of
+  Clopper and Pearson: where tails are heavy, no covariance tells what happens, though the mean square be right;
 - or more than `consistency.MOST_FAILED` of the trials, or any sigma point, give no X.
 
 Where it fails first is found by bisection on a logarithmic scale between the last factor given at which it holds and
-the first at which it does not, to 5 % of the deviation. Where tails are heavy there, it is chance whether a level near
-it passes, and the limit has that precision no more (`Limit.heavy`).
+the first at which it does not, to 5 % of the standard deviation. Where tails are heavy there, it is chance whether a
+level near it passes, and the limit has that precision no more (`Limit.heavy`).
 
-A sweep takes seconds: levels are worked out one after the other, in this process.
+A sweep takes seconds: levels are computed one after the other, in this process.
 """
 
 from __future__ import annotations
