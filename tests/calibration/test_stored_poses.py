@@ -45,7 +45,7 @@ def stored(result):
 
 
 def same(one, other):
-    """Whether all parts of two data sets are equal, bit by bit."""
+    """Return whether all parts of two data sets are equal, bit by bit."""
     if isinstance(one, np.ndarray):
         np.testing.assert_array_equal(one, other)
     elif hasattr(one, "__dataclass_fields__") and not isinstance(one, Source):
@@ -210,7 +210,7 @@ def test_a_damaged_camera_calibration_is_refused(from_corners, damage):
 
 
 def test_lists_of_numbers_take_one_line():
-    """Of 30 poses the file is smaller than one number to a line made it without the poses."""
+    """File of 30 poses: smaller than one number to a line made it without the poses."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)
         result = uq.calibrate(uq.simulate(30, noise=NOISE, seed=1))

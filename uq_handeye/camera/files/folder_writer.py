@@ -36,7 +36,7 @@ CONVENTION = (
 
 
 def bundle_arrays(cam: Calibrated) -> dict[str, Any]:
-    """What the joint covariance of the poses is made of, by name."""
+    """Parts of the joint covariance of the poses, by name."""
     bundle = cam.bundle
     return {
         "own": bundle.own,

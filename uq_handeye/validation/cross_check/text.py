@@ -144,9 +144,9 @@ def _legend(rows: tuple[Row, ...]) -> str:
         where = f" (99 %: {low:.2f} to {high:.2f}" + (", wider for fewer trials)" if len(intervals) > 1 else ")")
     return (
         "NEES: of the Monte Carlo errors of the same method (of ml for bound and posterior), 6 if the covariance is "
-        f"true{where}; ! marks another, ~ one where this is less than {100 * TOLERANCE:g} % of a standard deviation. "
-        "det: in rad and m. Formulas are to first order at the truth around which noise is drawn; efficient and ml are "
-        "what these report at the data. Axes are those of the frame of X."
+        f"consistent{where}; ! marks another, ~ one where this is less than {100 * TOLERANCE:g} % of a standard "
+        "deviation. det: in rad and m. Formulas are to first order at the truth around which noise is drawn; "
+        "efficient and ml are what these report at the data. Axes are those of the frame of X."
     )
 
 

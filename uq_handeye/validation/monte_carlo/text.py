@@ -283,7 +283,7 @@ def _directions(c: Consistency) -> list[Block]:
     low, high = np.sqrt(c.eigenvalue_interval)
     text = (
         f"Sampled over predicted standard deviation in six directions (roots of the eigenvalues of P^-1 S): {ratios}. "
-        f"A true covariance shows {low:.3f} to {high:.3f}. Smallest in {in_words(c.directions[0])}; largest in "
+        f"A consistent covariance shows {low:.3f} to {high:.3f}. Smallest in {in_words(c.directions[0])}; largest in "
         f"{in_words(c.directions[5])}."
     )
     return [Paragraph(text)]

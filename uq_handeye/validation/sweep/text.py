@@ -31,12 +31,12 @@ def sweep_document(result: Sweep) -> Document:
         Paragraph(
             "cov x, sd x: the noise, its covariances and its standard deviations as multiples of yours; all levels "
             "share their draws. bias: of the worst component, in standard deviations. NEES: mean, 6 if the covariance "
-            "is true; of rotation (rot.) and translation (tr.) 3. errors: root mean square error over predicted "
-            "standard deviation, least and largest in any direction. in 95 %: share of the errors in "
-            f"the 95 % ellipsoid. A covariance fails where errors differ from it by more than {percent} over all "
-            "directions, of rotation or of translation, or its 95 % ellipsoid holds as few (many) of them as if it was "
-            f"wrong by {percent}, and that is no chance (99 %). The covariances are those at the true data; that of "
-            "one data set scatters about them."
+            "is consistent; of rotation (rot.) and translation (tr.) 3. errors: root mean square error over predicted "
+            f"standard deviation, least and largest in any direction. in 95 %: share of the errors in the 95 % "
+            f"ellipsoid. A covariance fails where errors differ from it by more than {percent} over all directions, "
+            f"of rotation or of translation, or its 95 % ellipsoid holds as few (many) of them as if it was wrong by "
+            f"{percent}, and that is no chance (99 %). The covariances are those at the true data; that of one data "
+            "set scatters about them."
         ),
     ]
 
