@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 from cli_cases import run
+from pages import ROOT
 
 import uq_handeye as uq
 from uq_handeye.cli import app as cli
@@ -75,6 +76,18 @@ def test_examples_can_be_typed(name):
     assert any(words[:2] == ["uq-handeye", name] for words in typed)
     for _, command, *words in typed:
         COMMANDS[command].make_context(command, words, resilient_parsing=False)
+
+
+def test_every_command_has_a_page():
+    pages = ROOT / "docs" / "reference" / "commands"
+    assert sorted(page.stem for page in pages.iterdir()) == sorted(COMMANDS)
+    listed = re.findall(r"^commands/(.*)$", (pages.parent / "commands.md").read_text(), re.MULTILINE)
+    assert listed == list(COMMANDS)
+    for name in COMMANDS:
+        text = (pages / f"{name}.md").read_text()
+        heads = ["# " + name, "## When to use it", "## Files", "## Exit status", "## Options", "## See also"]
+        assert re.findall("^#.*", text, re.MULTILINE) == heads
+        assert f"```{{command}} {name}\n" in text and f"```{{options}} {name}\n" in text
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -134,7 +134,8 @@ def _column(names: Iterable[str]) -> int:
 
 def _write_command(page: _Page, context: Any, every: bool) -> None:
     command, about = context.command, describe(context.command)
-    pieces = [piece for piece in command.collect_usage_pieces(context) if piece != "[OPTIONS]"]
+    pieces = [piece.replace("{", "").replace("}", "") for piece in command.collect_usage_pieces(context)]
+    pieces.remove("[OPTIONS]")
     page.lines.append(f"{page.bold('Usage:')} {' '.join([context.command_path, *pieces, '[OPTIONS]'])}")
     page.lines.append("")
     page.paragraph(about.summary)
