@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -365,3 +366,12 @@ def test_the_hand_eye_report_says_what_the_intrinsics_make(right):
     assert any("model brown (k1, k2)" in getattr(block, "caption", "") for block in section.blocks)
     plain = uq.calibrate(uq.PosePairs(robot, right.poses), noise=uq.PoseNoise(robot=R, camera=1e-8 * np.eye(6)))
     assert shares_words(plain) == "" and camera_sections(plain) == []
+
+
+def test_colours_of_figures_follow_a_dark_page(pages):
+    """But those of coloured maps, and what is drawn on them."""
+    rules = (resources.files("uq_handeye.presentation") / "figures.css").read_text(encoding="utf-8")
+    known = set(re.findall(r'"((?:fill|stroke): #[0-9a-f]{6})"', rules))
+    for figure in re.finditer(r'<figure id="figure-(\w+)".*?</figure>', pages["right"], re.DOTALL):
+        if figure.group(1) not in ("certainty", "board", "board_residuals"):
+            assert set(re.findall(r"(?:fill|stroke): #[0-9a-f]+", figure.group())) <= known, figure.group(1)

@@ -22,6 +22,7 @@ WIDTH = 6.9
 ROOM = 0.015  # share of the width at both sides
 BLUE, ORANGE, SKY, GREEN, PURPLE = "#0072B2", "#D55E00", "#56B4E9", "#009E73", "#CC79A7"
 INK, QUIET, GRID = "0.15", "0.45", "0.87"
+ON_MAP = "0.2"  # marks on a coloured map, which is light also where the page is dark
 TEXT, SMALL = 8.5, 7.5  # points
 
 _ID = re.compile(r'(\sid="|url\(#|href="#)')

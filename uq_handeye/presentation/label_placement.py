@@ -16,6 +16,7 @@ from matplotlib.patheffects import withStroke
 from ..geometry.se3 import Array
 
 HALO = [withStroke(linewidth=2.2, foreground="white")]
+MAP_HALO = [withStroke(linewidth=2.2, foreground="#fefefe")]  # on a coloured map: white also where the page is dark
 _SIZE = 5.6  # of the font, typographic points, as all lengths here
 _CLOSE = 4.5  # points nearer than this share a label
 _CLEAR = 2.6  # half the square that a point occupies

@@ -22,8 +22,20 @@ from scipy.spatial import Delaunay
 
 from ...errors import InputError
 from ...geometry.se3 import Array
-from ...presentation.figure_parts import INK, ORANGE, QUIET, SMALL, TEXT, WIDTH, canvas, finished, plain, round_number
-from ...presentation.label_placement import HALO
+from ...presentation.figure_parts import (
+    INK,
+    ON_MAP,
+    ORANGE,
+    QUIET,
+    SMALL,
+    TEXT,
+    WIDTH,
+    canvas,
+    finished,
+    plain,
+    round_number,
+)
+from ...presentation.label_placement import MAP_HALO
 from ..board_pattern import BoardPattern, flat_pattern
 from ..calibrated import Calibrated
 from .text import board_words
@@ -68,8 +80,8 @@ def height_figure(cam: Calibrated) -> Figure | None:
     )
     z = np.ma.masked_invalid(drawn.reshape(x.shape))
     filled = axis.contourf(x, y, z, levels=levels, cmap=COLOURS)
-    lines = axis.contour(x, y, z, levels=levels, colors=INK, linewidths=0.6)
-    axis.plot(*at.T, ".", color=INK, markersize=2.0, markeredgewidth=0)
+    lines = axis.contour(x, y, z, levels=levels, colors=ON_MAP, linewidths=0.6)
+    axis.plot(*at.T, ".", color=ON_MAP, markersize=2.0, markeredgewidth=0)
     _board_axes(axis, cam)
     axis.grid(visible=False)
     bar = figure.colorbar(filled, cax=axis.inset_axes((1.02, 0.0, 0.028, 1.0)))
@@ -78,11 +90,11 @@ def height_figure(cam: Calibrated) -> Figure | None:
     bar.set_label("height along z, away from the camera (mm)", fontsize=TEXT)
     named = []
     for j, name in ((int(np.argmin(height)), "lowest"), (int(np.argmax(height)), "highest")):
-        axis.plot(*at[j], "+", color=INK, markersize=8, clip_on=False, zorder=6)
+        axis.plot(*at[j], "+", color=ON_MAP, markersize=8, clip_on=False, zorder=6)
         left, above = at[j, 0] < middle[0], at[j, 1] < middle[1]
         named.append(axis.annotate(
             f"{name}: {height[j]:.2f}", at[j], xytext=(6 if left else -6, -8 if above else 8),
-            textcoords="offset points", fontsize=SMALL, color=INK, path_effects=HALO, zorder=7, va="center",
+            textcoords="offset points", fontsize=SMALL, color=ON_MAP, path_effects=MAP_HALO, zorder=7, va="center",
             ha="left" if left else "right",
         ))  # fmt: skip
     figure.suptitle(textwrap.fill(board_words(cam), 95), fontsize=TEXT)
@@ -97,7 +109,7 @@ def _label_contours(figure: Figure, labels: Sequence[Text], named: Sequence[Text
     figure.draw_without_rendering()
     taken = [text.get_window_extent() for text in named]
     for text in labels:
-        text.set_path_effects([*HALO])
+        text.set_path_effects([*MAP_HALO])
         box = text.get_window_extent().padded(6.0)
         if any(box.overlaps(one) for one in taken):
             text.remove()

@@ -16,8 +16,8 @@ from matplotlib.ticker import MaxNLocator
 
 from ...formatting.numbers import fixed
 from ...geometry.se3 import Array
-from ...presentation.figure_parts import BLUE, GREEN, INK, QUIET, SMALL, TEXT, WIDTH, canvas, finished, plain
-from ...presentation.label_placement import HALO
+from ...presentation.figure_parts import BLUE, GREEN, ON_MAP, QUIET, SMALL, TEXT, WIDTH, canvas, finished, plain
+from ...presentation.label_placement import MAP_HALO
 from ..calibrated import Calibrated
 from ..rays import rays
 from ..what_was_seen import certainty, seen_points
@@ -44,7 +44,7 @@ def certainty_figure(cam: Calibrated) -> Figure | None:
     drawn = axis.contourf(u, v, np.ma.masked_invalid(deviation), levels=levels, cmap="Blues")
     used = cam.bundle.used
     axis.plot(
-        *cam.corners.pixels[used].T, ".", color=INK, markersize=1.0 if used.sum() > MANY else 2.0, markeredgewidth=0,
+        *cam.corners.pixels[used].T, ".", color=ON_MAP, markersize=1.0 if used.sum() > MANY else 2.0, markeredgewidth=0,
         rasterized=bool(used.sum() > MANY),
     )  # fmt: skip
     bar = figure.colorbar(drawn, cax=axis.inset_axes((1.02, 0.0, 0.028, 1.0)))
@@ -55,14 +55,14 @@ def certainty_figure(cam: Calibrated) -> Figure | None:
     best = np.unravel_index(int(np.nanargmin(deviation)), deviation.shape)
     for at, name in ((best, "best"), (np.unravel_index(int(np.nanargmax(deviation)), deviation.shape), "worst")):
         x, y = float(u[at]), float(v[at])
-        axis.plot(x, y, "+", color=INK, markersize=7, clip_on=False, zorder=6)
+        axis.plot(x, y, "+", color=ON_MAP, markersize=7, clip_on=False, zorder=6)
         left, above = x < width / 2, y < height / 2
         axis.annotate(
             f"{name}: {fixed(deviation[at], 2)}", (x, y), xytext=(6 if left else -6, -7 if above else 7),
-            textcoords="offset points", fontsize=SMALL, color=INK, path_effects=HALO, zorder=7, va="center",
+            textcoords="offset points", fontsize=SMALL, color=ON_MAP, path_effects=MAP_HALO, zorder=7, va="center",
             ha="left" if left else "right",
         )  # fmt: skip
-    handles = [Line2D([], [], marker=".", linestyle="", color=INK, markersize=4, label="corners used")]
+    handles = [Line2D([], [], marker=".", linestyle="", color=QUIET, markersize=4, label="corners used")]
     figure.legend(handles=handles, loc="outside upper right", frameon=False, fontsize=SMALL)
     return finished(figure)
 
