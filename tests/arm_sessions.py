@@ -38,8 +38,8 @@ def declared(how="declared"):
 
 
 def drawn_errors(arm, rng):
-    """Errors of the groups with the declared deviations, none of them of the gauge."""
-    sd = declared().deviations
+    """Errors of the groups with the declared standard deviations, none of them of the gauge."""
+    sd = declared().standard_deviations
     return np.array([0.0 if error.gauge else rng.normal() * sd[error.group] for error in arm.errors])
 
 

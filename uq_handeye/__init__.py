@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .geometry.nearest_rotation import orthonormalise
     from .io import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
-    from .kinematics.against_controller import AgainstController, against_controller
+    from .kinematics.against_controller import ControllerComparison, compare_with_controller
     from .kinematics.chain import Joint, Kinematics
     from .kinematics.errors import ErrorParameter
     from .kinematics.joints_file import read_joints
@@ -51,14 +51,14 @@ if TYPE_CHECKING:
     from .noise.camera_noise import CameraNoise
     from .noise.estimate import NoiseEstimate, NoisePrior
     from .noise.joint_covariance import JointCovariance
-    from .noise.known_values import known
+    from .noise.known_values import parse_known_values
     from .noise.models import PairNoise, PoseNoise
     from .noise.pose_prior import PosePrior
     from .noise_estimation.beside_camera import estimate_robot_noise
     from .noise_estimation.estimate import estimate_noise
     from .planning.plan import plan
     from .planning.result import Plan
-    from .poses.board_symmetry import resolve_turns
+    from .poses.board_symmetry import resolve_board_rotation
     from .poses.motions import Motions, relative_motions
     from .poses.pose_pairs import PosePairs
     from .poses.stream import Stream
@@ -86,7 +86,6 @@ from ._version import __version__ as __version__
 __all__ = [
     "METHODS",
     "ROBOT_WORLD_METHODS",
-    "AgainstController",
     "Agreement",
     "Board",
     "BoardShape",
@@ -94,6 +93,7 @@ __all__ = [
     "CameraCalibration",
     "CameraNoise",
     "Comparison",
+    "ControllerComparison",
     "Corners",
     "CrossCheck",
     "DegenerateMotionError",
@@ -126,19 +126,18 @@ __all__ = [
     "Stream",
     "Sweep",
     "Synchronised",
-    "against_controller",
     "bound",
     "calibrate",
     "calibrate_camera",
     "camera_noise",
     "compare",
+    "compare_with_controller",
     "cross_check",
     "detect_board",
     "efficient",
     "estimate_noise",
     "estimate_robot_noise",
     "from_convention",
-    "known",
     "maximum_likelihood",
     "monte_carlo",
     "nguyen",
@@ -146,6 +145,7 @@ __all__ = [
     "orthonormalise",
     "paper_covariances",
     "paper_from_theta",
+    "parse_known_values",
     "plan",
     "propagate",
     "read_board",
@@ -160,7 +160,7 @@ __all__ = [
     "read_stream",
     "register",
     "relative_motions",
-    "resolve_turns",
+    "resolve_board_rotation",
     "sample_posterior",
     "se3_from_so4",
     "sigma_points",
@@ -225,7 +225,7 @@ _LATER = {
         "read_shared_errors",
         "read_stream",
     ),
-    "kinematics.against_controller": ("AgainstController", "against_controller"),
+    "kinematics.against_controller": ("ControllerComparison", "compare_with_controller"),
     "kinematics.chain": (
         "Joint",
         "Kinematics",
@@ -246,7 +246,7 @@ _LATER = {
         "NoisePrior",
     ),
     "noise.joint_covariance": ("JointCovariance",),
-    "noise.known_values": ("known",),
+    "noise.known_values": ("parse_known_values",),
     "noise.models": (
         "PairNoise",
         "PoseNoise",
@@ -256,7 +256,7 @@ _LATER = {
     "noise_estimation.estimate": ("estimate_noise",),
     "planning.plan": ("plan",),
     "planning.result": ("Plan",),
-    "poses.board_symmetry": ("resolve_turns",),
+    "poses.board_symmetry": ("resolve_board_rotation",),
     "shared_errors.camera_noise": ("camera_noise",),
     "poses.motions": (
         "Motions",
@@ -296,11 +296,23 @@ _LATER = {
     "validation.sweep.run": ("sweep",),
 }
 
+# Earlier names, which keep working.
+_RENAMED = {
+    "AgainstController": "ControllerComparison",
+    "against_controller": "compare_with_controller",
+    "known": "parse_known_values",
+    "resolve_turns": "resolve_board_rotation",
+}
+
 
 def __getattr__(name: str) -> Any:
+    import warnings
     from importlib import import_module
     from importlib.util import find_spec
 
+    if name in _RENAMED:
+        warnings.warn(f"{name} is now called {_RENAMED[name]}.", DeprecationWarning, stacklevel=2)
+        name = _RENAMED[name]
     module = next((module for module, names in _LATER.items() if name in names), None)
     if module is not None:
         value = globals()[name] = getattr(import_module(f".{module}", __name__), name)

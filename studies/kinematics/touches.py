@@ -145,7 +145,7 @@ def fitted(kinematics: uq.Kinematics, of: Touches, errors: uq.KinematicErrors) -
     deviations = (
         Deviation(TOUCH, "m", np.log(TOUCH_SD), np.log(TOUCH_FACTOR)),
         Deviation(JOINT_NOISE, "rad", np.log(errors.population.joint_sd), np.log(JOINT_NOISE_FACTOR)),
-        *(Deviation(group, "", np.log(errors.deviations[group]), spread, True) for group in groups),
+        *(Deviation(group, "", np.log(errors.standard_deviations[group]), spread, True) for group in groups),
     )
     mean = np.array([float(deviation.mean) for deviation in deviations])
     low: Array = mean - np.where([of.floor for of in deviations], 0.0, np.log(WIDE))

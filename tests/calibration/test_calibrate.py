@@ -294,7 +294,7 @@ def test_a_prior_closes_parallel_axes_and_one_that_contradicts_the_data_is_named
     X = uq.simulate(3, seed=0).truth.X
     height = X[2, 3]
     with pytest.warns(uq.InputWarning, match="nearly parallel"):
-        found = uq.calibrate(data, noise=noise, **uq.known(f"camera z = {height:.9f}m +- 1mm"))
+        found = uq.calibrate(data, noise=noise, **uq.parse_known_values(f"camera z = {height:.9f}m +- 1mm"))
     assert len(found.open_directions) == 0 and abs(found.std[5] - 1e-3) < 2e-5
     assert "prior of X" in found.budget.sources
     again = uq.Calibration.from_dict(json.loads(found.to_json()))
@@ -303,8 +303,10 @@ def test_a_prior_closes_parallel_axes_and_one_that_contradicts_the_data_is_named
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = uq.calibrate(
-            data, noise=noise, **uq.known(f"camera x = {away:.9f}m +- 1mm", f"camera z = {height:.9f}m +- 1mm")
+            data,
+            noise=noise,
+            **uq.parse_known_values(f"camera x = {away:.9f}m +- 1mm", f"camera z = {height:.9f}m +- 1mm"),
         )
     assert any(finding.code == "calibration.prior_contradicted" for finding in found.findings)
     with pytest.raises(uq.InputError, match="takes no prior"):
-        uq.calibrate(data, noise=noise, method="park", **uq.known("camera x = 1m +- 1mm"))
+        uq.calibrate(data, noise=noise, method="park", **uq.parse_known_values("camera x = 1m +- 1mm"))

@@ -38,7 +38,7 @@ def save(folder, *pictures):
 @pytest.mark.parametrize("shape", [(9, 6), (5, 8)])
 def test_colours_fix_the_order_at_every_angle_of_roll(rng, shape):
     board = uq.Board(*shape, SQUARE)
-    assert board.turns == 1
+    assert board.symmetry_order == 1
     find = _chessboard_finder(board)
     off = []
     for roll in range(0, 360, 45):
@@ -54,7 +54,7 @@ def test_colours_fix_the_order_at_every_angle_of_roll(rng, shape):
 @pytest.mark.parametrize("shape", [(8, 6), (7, 5), (6, 6), (5, 5)])
 def test_where_colours_do_not_tell_x_points_right(rng, shape):
     board = uq.Board(*shape, SQUARE)
-    assert board.turns == (4 if shape == (6, 6) else 2)
+    assert board.symmetry_order == (4 if shape == (6, 6) else 2)
     find = _chessboard_finder(board)
     for roll in (-170, -80, 20, 130):
         T = facing(board, roll)
@@ -63,7 +63,7 @@ def test_where_colours_do_not_tell_x_points_right(rng, shape):
         right, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
         assert right[0] > 0
         assert right[0] * down[1] - right[1] * down[0] > 0  # no mirror image
-        if board.turns == 4:
+        if board.symmetry_order == 4:
             assert right[0] > abs(right[1]) * 0.8
         if abs(roll) < 30:
             np.testing.assert_allclose(pixels, projected(board, T), atol=0.15)
@@ -202,13 +202,13 @@ def confused(corners, board, labels, K):
 def test_robot_poses_tell_half_turns(rng, shape, setup):
     board = uq.Board(*shape, SQUARE)
     poses, corners = simulated_rig(board, rng)
-    labels = rng.integers(0, board.turns, poses.n)
+    labels = rng.integers(0, board.symmetry_order, poses.n)
     labels[rng.permutation(poses.n)[:9]] = 0  # most are right
-    wrong = uq.calibrate_camera(confused(corners, board, labels, board.turns), model="pinhole")
+    wrong = uq.calibrate_camera(confused(corners, board, labels, board.symmetry_order), model="pinhole")
     right = uq.calibrate_camera(corners, model="pinhole")
     robot = poses.robot if setup == "eye-in-hand" else np.linalg.inv(poses.robot)
     given = uq.PosePairs(robot, wrong.poses, setup, camera_calibration=wrong)
-    found = uq.resolve_turns(given, board)
+    found = uq.resolve_board_rotation(given, board)
     seen = found.camera_calibration
     np.testing.assert_allclose(seen.corners.points, right.corners.points, atol=1e-12)
     np.testing.assert_allclose(difference(found.camera, right.poses), 0, atol=1e-6)
@@ -223,11 +223,13 @@ def test_turns_that_the_robot_does_not_tell_are_said(rng):
     poses, corners = simulated_rig(board, rng)
     seen = uq.calibrate_camera(corners, model="pinhole")
     with pytest.warns(InputWarning, match="do not show which way up the chessboard of 8 x 6"):
-        uq.resolve_turns(uq.PosePairs(uq.simulate(poses.n, seed=99).robot, seen.poses, camera_calibration=seen), board)
+        uq.resolve_board_rotation(
+            uq.PosePairs(uq.simulate(poses.n, seed=99).robot, seen.poses, camera_calibration=seen), board
+        )
     with pytest.raises(InputError, match="of a calibrated camera"):
-        uq.resolve_turns(poses, board)
+        uq.resolve_board_rotation(poses, board)
     told = uq.PosePairs(poses.robot, seen.poses, camera_calibration=seen)
-    assert uq.resolve_turns(told, uq.Board(9, 6, SQUARE)) is told
+    assert uq.resolve_board_rotation(told, uq.Board(9, 6, SQUARE)) is told
 
 
 def test_corners_of_a_sharp_picture_are_found_as_well_as_of_a_blurred_one(rng):

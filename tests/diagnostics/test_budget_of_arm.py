@@ -25,7 +25,7 @@ def arm():
 @pytest.fixture(scope="module")
 def poses(arm):
     rng = np.random.default_rng(SEED)
-    sd = np.array([ERRORS.deviations[error.group] for error in arm.errors])
+    sd = np.array([ERRORS.standard_deviations[error.group] for error in arm.errors])
     return measured(arm, rng, e=sd * rng.normal(size=len(sd)), joint_sd=3e-4, camera=CAMERA)[0]
 
 

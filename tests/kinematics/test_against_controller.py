@@ -10,7 +10,7 @@ from support import moved
 
 from uq_handeye.errors import InputError
 from uq_handeye.io import read_pose_file
-from uq_handeye.kinematics.against_controller import against_controller
+from uq_handeye.kinematics.against_controller import compare_with_controller
 from uq_handeye.kinematics.chain import Kinematics
 from uq_handeye.kinematics.joints_file import read_joints
 
@@ -39,14 +39,14 @@ def noisy(rng, poses):
 
 
 def test_poses_of_the_chain_itself_are_nothing_to_speak_of(arm, joints):
-    found = against_controller(arm, joints, arm.poses(joints))
+    found = compare_with_controller(arm, joints, arm.poses(joints))
     assert found.exact and found.same_arm and found.findings == []
 
 
 @pytest.mark.parametrize(("base", "tool"), [(None, None), (None, TOOL), (BASE, None), (BASE, TOOL)])
 def test_frames_are_found_and_what_is_left(rng, arm, joints, base, tool):
     true = (np.eye(4) if base is None else base) @ arm.poses(joints) @ (np.eye(4) if tool is None else tool)
-    found = against_controller(arm, joints, noisy(rng, true))
+    found = compare_with_controller(arm, joints, noisy(rng, true))
     for fitted, frame in ((found.base, base), (found.tool, tool)):
         assert (fitted is None) == (frame is None)
         if frame is not None:
@@ -63,14 +63,16 @@ def test_frames_are_found_and_what_is_left(rng, arm, joints, base, tool):
 
 def test_adapted_chain_has_columns_at_the_tool(arm, joints):
     """The twist of the controller's pose by a joint, by differences."""
-    adapted = against_controller(arm, joints, BASE @ arm.poses(joints) @ TOOL).adapt(arm)
+    adapted = compare_with_controller(arm, joints, BASE @ arm.poses(joints) @ TOOL).adapt(arm)
     step = np.array([0, 0, 1e-6, 0, 0, 0])
     ahead, behind = (BASE @ arm.poses(joints + sign * step) @ TOOL for sign in (1, -1))
     np.testing.assert_allclose(adapted.jacobian(joints)[:, 3:, 2], (ahead - behind)[:, :3, 3] / 2e-6, rtol=0, atol=1e-5)
 
 
 def test_gravity_turns_with_the_base_frame(arm, joints):
-    adapted = against_controller(arm, joints, motion((0.7, 0.2, 0.0), (0.3, 0.0, 0.9)) @ arm.poses(joints)).adapt(arm)
+    adapted = compare_with_controller(arm, joints, motion((0.7, 0.2, 0.0), (0.3, 0.0, 0.9)) @ arm.poses(joints)).adapt(
+        arm
+    )
     np.testing.assert_allclose(adapted.gravity(joints), arm.gravity(joints), rtol=0, atol=1e-5)
 
 
@@ -78,7 +80,7 @@ def test_rows_of_another_moment_are_named_and_spoil_nothing(rng, arm, joints):
     poses = noisy(rng, arm.poses(joints) @ TOOL)
     wrong = joints.copy()
     wrong[[3, 11]] = wrong[[4, 12]]
-    found = against_controller(arm, wrong, poses)
+    found = compare_with_controller(arm, wrong, poses)
     assert found.apart == (3, 11) and found.same_arm
     np.testing.assert_allclose(found.tool, TOOL, rtol=0, atol=2e-4)
     assert [finding.severity for finding in found.findings] == ["note", "caution"]
@@ -113,7 +115,7 @@ def scaled(G, factor):
     ids=lambda value: value if isinstance(value, str) and " " not in value else "",
 )
 def test_what_would_explain_poses_of_another_arm(rng, arm, joints, reading, read, words):
-    found = against_controller(arm, *read(joints, noisy(rng, arm.poses(joints) @ TOOL)))
+    found = compare_with_controller(arm, *read(joints, noisy(rng, arm.poses(joints) @ TOOL)))
     assert not found.same_arm and found.reading == reading
     (finding,) = found.findings
     assert finding.severity == "failure" and words in str(finding)
@@ -122,33 +124,33 @@ def test_what_would_explain_poses_of_another_arm(rng, arm, joints, reading, read
 
 def test_another_arm_without_an_explanation(rng, arm, joints):
     other = Kinematics.from_urdf(SIX_AXES.replace("0 0 0.27", "0 0 0.57"))
-    found = against_controller(other, joints, noisy(rng, arm.poses(joints)))
+    found = compare_with_controller(other, joints, noisy(rng, arm.poses(joints)))
     assert not found.same_arm and found.reading is None
     assert "another arm" in said(found)
 
 
 def test_an_arm_that_is_calibrated_for_itself_is_the_same_arm(rng, arm, joints):
     e = rng.normal(size=len(arm.errors)) * np.where([error.unit == "m" for error in arm.errors], 5e-4, 2e-3)
-    found = against_controller(arm, joints, arm.poses(joints, e))
+    found = compare_with_controller(arm, joints, arm.poses(joints, e))
     assert found.same_arm and 1e-4 < found.rms[1] < 0.02 and found.apart == ()
 
 
 def test_numbers_are_plain(rng, arm, joints):
-    told = against_controller(arm, joints, noisy(rng, arm.poses(joints) @ TOOL)).to_dict()
+    told = compare_with_controller(arm, joints, noisy(rng, arm.poses(joints) @ TOOL)).to_dict()
     assert told["same_arm"] and told["base"] is None and np.shape(told["tool"]) == (4, 4)
     assert 0 < told["translation_rms"] <= told["translation_max"] < 1e-3
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_few_poses_are_compared_too(rng, arm, joints, n):
-    found = against_controller(arm, joints[:n], noisy(rng, arm.poses(joints[:n])))
+    found = compare_with_controller(arm, joints[:n], noisy(rng, arm.poses(joints[:n])))
     assert found.same_arm
-    assert not against_controller(arm, np.degrees(joints[:n]), arm.poses(joints[:n]) @ TOOL).same_arm or n == 1
+    assert not compare_with_controller(arm, np.degrees(joints[:n]), arm.poses(joints[:n]) @ TOOL).same_arm or n == 1
 
 
 def test_refuses_other_numbers(arm, joints):
     with pytest.raises(InputError, match="as many robot poses"):
-        against_controller(arm, joints, arm.poses(joints[:5]))
+        compare_with_controller(arm, joints, arm.poses(joints[:5]))
 
 
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
@@ -158,7 +160,7 @@ needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_
 def test_real_controller_is_the_nominal_chain_with_a_tool_turned():
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "fr3_philnad"
     joints = np.loadtxt(folder / "joints.csv", delimiter=",", skiprows=1)[:, 1:]
-    found = against_controller(
+    found = compare_with_controller(
         Kinematics.from_urdf(folder / "model.urdf"), joints, read_pose_file(folder / "tcp.csv")[1]
     )
     assert "a tool frame of 45 deg" in said(found) and found.largest[1] < 1e-4
@@ -175,7 +177,7 @@ def test_real_controllers_that_calibrate_nothing(arm, apart):
     )
     joints = read_joints(folder / arm / "joints.csv", nominal)
     q = joints.q[np.searchsorted(joints.timestamps, times)]
-    found = against_controller(nominal, q, robot)
+    found = compare_with_controller(nominal, q, robot)
     assert found.base is None and found.tool is None and len(found.apart) == apart
     assert 1e-5 < found.rms[1] < 1e-4
-    assert 2e-3 < against_controller(calibrated, q, robot).rms[1] < 20e-3
+    assert 2e-3 < compare_with_controller(calibrated, q, robot).rms[1] < 20e-3

@@ -72,7 +72,7 @@ def test_covariances_that_are_none_are_refused(covariance, words):
 
 
 def test_known_values_are_arguments_of_calibrate():
-    found = uq.known("target z = 120mm +- 1mm", "camera x=3.5 cm ± 0.5mm", "camera y = -1mm +/- 1e-1 mm")
+    found = uq.parse_known_values("target z = 120mm +- 1mm", "camera x=3.5 cm ± 0.5mm", "camera y = -1mm +/- 1e-1 mm")
     pose, covariance = found["prior_X"]
     assert_allclose(pose[:3, 3], [0.035, -0.001, 0])
     assert_allclose(np.diag(covariance), [np.inf] * 3 + [0.25e-6, 1e-8, np.inf])
@@ -93,13 +93,13 @@ def test_known_values_are_arguments_of_calibrate():
 )
 def test_known_values_that_are_none_are_refused_in_one_line(text, words):
     with pytest.raises(uq.InputError, match=words) as caught:
-        uq.known(text)
+        uq.parse_known_values(text)
     assert "\n" not in str(caught.value)
 
 
 def test_a_component_is_known_once():
     with pytest.raises(uq.InputError, match="once"):
-        uq.known("target z = 1m +- 1mm", "target z = 2m +- 1mm")
+        uq.parse_known_values("target z = 1m +- 1mm", "target z = 2m +- 1mm")
 
 
 def test_prior_files(tmp_path, rng):

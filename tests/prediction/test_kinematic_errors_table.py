@@ -20,7 +20,7 @@ def test_each_error_that_counts_has_a_row(found):
         of = shared[row.name]
         assert (row.group, row.unit) == (of.error, of.unit)
         assert row.prior_sd == pytest.approx(of.prior_sd) and of.prior_sd == pytest.approx(
-            declared().deviations[row.group]
+            declared().standard_deviations[row.group]
         )
         assert row.estimate == pytest.approx(of.estimate, abs=1e-12) and row.sd == pytest.approx(of.sd, rel=1e-6)
         assert row.told == pytest.approx(1 - (of.sd / of.prior_sd) ** 2, abs=1e-6) and 0 <= row.told <= 1

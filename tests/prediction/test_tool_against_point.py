@@ -16,7 +16,7 @@ ERRORS = uq.KinematicErrors(
 CAMERA = (4e-4, 1e-4)
 NOISE = uq.PoseNoise(camera=np.diag(np.repeat(CAMERA, 3)) ** 2)
 # What X's flange differs by from the machined one is the tool's business, not that of the prediction.
-SD = np.array([ERRORS.deviations[part.group] for part in ARM.errors])
+SD = np.array([ERRORS.standard_deviations[part.group] for part in ARM.errors])
 SD[[part.gauge and part.joint != ARM.names[0] for part in ARM.errors]] = 0.0
 IN_VIEW = np.array([0.05, -0.02, 0.4])
 

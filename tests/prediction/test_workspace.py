@@ -20,7 +20,7 @@ CAMERA = (4e-4, 1e-4)
 
 def calibrated(setup="eye-in-hand", errors=ERRORS, near=0.3):
     rng = np.random.default_rng(SEED)
-    sd = np.array([0.0 if part.gauge else ERRORS.deviations[part.group] for part in ARM.errors])
+    sd = np.array([0.0 if part.gauge else ERRORS.standard_deviations[part.group] for part in ARM.errors])
     centre = np.array([0.2, -0.5, 0.9, 0.3, 0.9, 0.2])
     q = centre + rng.uniform(-near, near, (20, 6))
     X, view = transform([0.1, -0.2, 0.7], [0.04, -0.02, 0.05]), transform([0.0, 0.0, 0.0], [0.01, 0.02, 0.2])

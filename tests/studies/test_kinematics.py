@@ -60,7 +60,7 @@ def test_errors_have_the_scale_of_their_group():
 
 
 def test_declared_scales_are_those_of_the_groups():
-    said = declared(COBOT).deviations
+    said = declared(COBOT).standard_deviations
     assert {group: sd for group, sd in said.items() if sd} == COBOT
 
 

@@ -175,7 +175,7 @@ def _fitted(job: Job, posterior: JointPosterior | None, found: Mapping[str, floa
     if job.arm is None or posterior is None:
         return None
     given = job.arm.errors
-    sd = dict(given.deviations | {JOINT_NOISE: float(given.joint_sd or 0.0)} if found is None else found)
+    sd = dict(given.standard_deviations | {JOINT_NOISE: float(given.joint_sd or 0.0)} if found is None else found)
     sd = {name: sd.get(name, 0.0) for name in (*DECLARED_AS, JOINT_NOISE)}
     left = job.arm.against.rms
     return FittedKinematics.of(job.arm.kinematics, job.arm.joints, given.how, given.flange, sd, left, posterior)

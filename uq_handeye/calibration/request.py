@@ -15,7 +15,7 @@ from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, logarithm, perturb
-from ..kinematics.against_controller import AgainstController, against_controller
+from ..kinematics.against_controller import ControllerComparison, compare_with_controller
 from ..kinematics.chain import Kinematics
 from ..kinematics.kinematic_errors import ESTIMATE, JOINT_NOISE, KinematicColumns, KinematicErrors
 from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
@@ -63,7 +63,7 @@ class Arm(NamedTuple):
     kinematics: Kinematics  # in the base frame and with the tool of the measured poses
     joints: Array  # (n, L) rad, m
     errors: KinematicErrors
-    against: AgainstController  # the measured poses against those of the joints
+    against: ControllerComparison  # the measured poses against those of the joints
     measured: PosePairs  # as they came
     at: Array | None = None  # (m,) errors about which the model is linear; None: 0
 
@@ -315,7 +315,7 @@ def request(
 
 def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNoise, tuple[SharedError, ...]]:
     """The noise with joint noise, which comes with it; and the errors of the arm as declared, which do not."""
-    deviations = columns.given.deviations
+    deviations = columns.given.standard_deviations
     joint = kinematic_covariance(columns, deviations | {JOINT_NOISE: float(columns.given.joint_sd or 0.0)})
     own = replace(joint, shared=joint.shared[..., :0], names=())
     return replace(noise, robot=add_columns(noise.robot, own)), errors_of_arm(columns, deviations)
@@ -347,7 +347,7 @@ def _arm_of(
     errors = KinematicErrors() if errors is None else errors
     if not isinstance(errors, KinematicErrors):
         raise InputError(f"Expected `kinematic_errors` to be KinematicErrors or None, got {type(errors).__name__}.")
-    against = against_controller(kinematics, q, poses.robot)
+    against = compare_with_controller(kinematics, q, poses.robot)
     if not against.same_arm:
         raise InputError(" ".join(map(str, against.findings)))
     return Arm(against.adapt(kinematics), q, errors, against, poses)

@@ -115,11 +115,17 @@ class Board:
         return float(self.square)
 
     @property
-    def turns(self) -> int:
+    def symmetry_order(self) -> int:
         """Number of angles, 360 degrees over this apart, at which the board looks the same: 1, 2 or 4."""
         if self.kind == "charuco" or (self.columns + self.rows) % 2:
             return 1
         return 4 if self.columns == self.rows and self.columns % 2 == 0 else 2
+
+    @property
+    def turns(self) -> int:
+        """Earlier name of `symmetry_order`; deprecated."""
+        warnings.warn("Board.turns is now called symmetry_order.", DeprecationWarning, stacklevel=2)
+        return self.symmetry_order
 
     @property
     def points(self) -> Array:
@@ -200,7 +206,7 @@ def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: boo
         Pictures without a board, by name. A chessboard that looks the same after half a turn.
     """
     corners = find_corners(images, board, progress)
-    if board.turns > 1:
+    if board.symmetry_order > 1:
         warnings.warn(_ambiguous(board), InputWarning, stacklevel=2)
     return corners
 
@@ -255,11 +261,11 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
 
 
 def _ambiguous(board: Board) -> str:
-    turn = "a half turn" if board.turns == 2 else "a quarter turn"
+    turn = "a half turn" if board.symmetry_order == 2 else "a quarter turn"
     return (
         f"A {board} looks the same after {turn}: its x axis is taken to point right in each picture, which is wrong "
-        f"where the camera rolled by more than {90 if board.turns == 2 else 45} degrees. uq-handeye calibrate ROBOT "
-        "--images resolves it by the robot poses; better, use a board with one number odd and one even, or ChArUco."
+        f"where the camera rolled by more than {90 if board.symmetry_order == 2 else 45} degrees. uq-handeye calibrate "
+        "ROBOT --images resolves it by the robot poses; better, use a board with one number odd and one even, or ChArUco."
     )
 
 

@@ -179,7 +179,7 @@ def pose_prior_of(
 ) -> "dict[str, Any]":
     """Return the priors of X and W as arguments of `calibrate`."""
     from ..io import read_prior
-    from ..noise.known_values import known as known_values
+    from ..noise.known_values import parse_known_values as known_values
 
     found: dict[str, Any] = dict(known_values(*known)) if known else {}
     for path, name, of in ((prior_x, "prior_X", "X"), (prior_w, "prior_W", "W")):

@@ -220,14 +220,14 @@ class Pictures:
         from ..camera.board import find_corners, source_of
         from ..camera.report.text import model_name
         from ..io import read_poses
-        from ..poses.board_symmetry import resolve_turns
+        from ..poses.board_symmetry import resolve_board_rotation
 
         board = self.board.read()
         with timed(f"looking for the board in {self.images}"):
             corners = find_corners(self.images, board, progress_wanted())
         seen = self.lens.calibrate(corners, None, self.board.shape())
         LOG.info("the camera: %s, pixel noise %.3g pixels", model_name(seen), seen.pixel_noise)
-        poses = resolve_turns(read_poses(robot, seen, **how), board)
+        poses = resolve_board_rotation(read_poses(robot, seen, **how), board)
         return replace(poses, sources=(*poses.sources, source_of(self.images, board)))
 
 

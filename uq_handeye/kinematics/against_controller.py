@@ -52,7 +52,7 @@ Frames = tuple[Array, Array]  # base B and tool E (4, 4)
 
 
 @dataclass(frozen=True, eq=False)
-class AgainstController(ReadOnlyArrays):
+class ControllerComparison(ReadOnlyArrays):
     """Difference between the controller's poses and the forward kinematics of the joints: G = B FK(q) E but for a
     rest.
 
@@ -163,7 +163,7 @@ class AgainstController(ReadOnlyArrays):
         }
 
 
-def against_controller(kinematics: Kinematics, joints: Array, robot: Array) -> AgainstController:
+def compare_with_controller(kinematics: Kinematics, joints: Array, robot: Array) -> ControllerComparison:
     """Compare the controller's poses base_T_gripper (n, 4, 4) with the chain at ``joints`` (n, L), rad and m.
 
     Raises `InputError` for other shapes.
@@ -177,7 +177,7 @@ def against_controller(kinematics: Kinematics, joints: Array, robot: Array) -> A
     apart = np.flatnonzero(
         ~kept & (_beyond(fit.rotation, kept, APART[0]) | _beyond(fit.translation, kept, APART[1]))
     ).tolist()
-    found = AgainstController(fit.base, fit.tool, fit.rotation, fit.translation, tuple(apart))
+    found = ControllerComparison(fit.base, fit.tool, fit.rotation, fit.translation, tuple(apart))
     if found.same_arm:
         return found
     found = replace(found, apart=())

@@ -14,6 +14,7 @@ Joint noise is drawn again for every pose and rotates joint k by ``N(0, joint_sd
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -96,7 +97,7 @@ class KinematicErrors:
 
     Examples
     --------
-    >>> KinematicErrors("declared", offset_sd="0.02deg", length_sd="0.2mm").deviations["link lengths"]
+    >>> KinematicErrors("declared", offset_sd="0.02deg", length_sd="0.2mm").standard_deviations["link lengths"]
     0.0002
     """
 
@@ -135,7 +136,7 @@ class KinematicErrors:
         return POPULATIONS[self.robot_class or USUAL]
 
     @property
-    def deviations(self) -> dict[str, float]:
+    def standard_deviations(self) -> dict[str, float]:
         """Standard deviations by group, rad or m; see ``robot_class``."""
         if self.how == EXACT:
             return dict.fromkeys(DECLARED_AS, 0.0)
@@ -144,9 +145,15 @@ class KinematicErrors:
         usual = {group: 0.0 if alone else getattr(self.population, name) for group, name in DECLARED_AS.items()}
         return {group: usual[group] if sd is None else sd for group, sd in given.items()}
 
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Earlier name of `standard_deviations`; deprecated."""
+        warnings.warn("KinematicErrors.deviations is now called standard_deviations.", DeprecationWarning, stacklevel=2)
+        return self.standard_deviations
+
     def columns(self, kinematics: Kinematics, q: Array, e: Array | None = None) -> KinematicColumns:
         """The effects on the poses at joints q (n, L), derived at e (m,) where that is not 0."""
-        sd = self.deviations
+        sd = self.standard_deviations
         kept = [
             k
             for k, error in enumerate(kinematics.errors)

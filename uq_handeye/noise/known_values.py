@@ -24,8 +24,8 @@ class Known(TypedDict, total=False):
     prior_W: tuple[Array, Array]
 
 
-def known(*statements: str) -> Known:
-    """Priors from what a tape measure or a drawing says, as arguments of `calibrate`.
+def parse_known_values(*statements: str) -> Known:
+    """Parse what a tape measure or a drawing says, into priors as arguments of `calibrate`.
 
     Parameters
     ----------
@@ -41,8 +41,8 @@ def known(*statements: str) -> Known:
 
     Examples
     --------
-    >>> from uq_handeye import known
-    >>> pose, covariance = known("target z = 120mm +- 1mm")["prior_W"]
+    >>> from uq_handeye import parse_known_values
+    >>> pose, covariance = parse_known_values("target z = 120mm +- 1mm")["prior_W"]
     >>> float(pose[2, 3]), float(covariance[5, 5])
     (0.12, 1e-06)
     """

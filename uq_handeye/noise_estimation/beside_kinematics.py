@@ -121,7 +121,7 @@ class BesideKinematics:
         elif float(joint_sd) > 0:
             found.append(Deviation(JOINT_NOISE, "rad", float(np.log(float(joint_sd))), 0.0))
         spread = 0.0 if given.how == DECLARED else float(np.log(population.factor))
-        for group, sd in given.deviations.items():
+        for group, sd in given.standard_deviations.items():
             if group in self.kinematics.groups:
                 found.append(Deviation(group, "m" if group == LENGTHS else "rad", float(np.log(sd)), spread, True))
         return tuple(found)

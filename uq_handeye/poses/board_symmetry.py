@@ -31,8 +31,8 @@ TOLD = np.radians(1.0)
 STARTS, ROUNDS = 20, 50
 
 
-def resolve_turns(poses: PosePairs, board: Board) -> PosePairs:
-    """The poses with the turn of the board in every picture as the robot says; see the module.
+def resolve_board_rotation(poses: PosePairs, board: Board) -> PosePairs:
+    """Return the poses with the board rotated in every picture as the robot poses show; see the module.
 
     ``poses`` come from a calibrated camera (``poses.camera_calibration``) and ``board`` is what it saw. The turn that
     most pictures have stays; poses, corners and covariance of the others are carried over, intrinsics do not change.
@@ -42,9 +42,9 @@ def resolve_turns(poses: PosePairs, board: Board) -> PosePairs:
     Warns
     -----
     InputWarning
-        Pictures whose turn the robot poses do not tell.
+        Pictures whose rotation the robot poses do not show.
     """
-    seen, K = poses.camera_calibration, board.turns
+    seen, K = poses.camera_calibration, board.symmetry_order
     if seen is None:
         raise InputError("Expected `poses` of a calibrated camera (camera_calibration), got others.")
     if K == 1 or poses.n < 2:
