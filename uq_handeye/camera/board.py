@@ -265,7 +265,7 @@ def _ambiguous(board: Board) -> str:
     return (
         f"A {board} looks the same after {turn}: its x axis is taken to point right in each picture, which is wrong "
         f"where the camera rolled by more than {90 if board.symmetry_order == 2 else 45} degrees. uq-handeye calibrate "
-        "ROBOT --images resolves it by the robot poses. Better use a board with one odd and one even number, or ChArUco."
+        "ROBOT --images resolves it by the robot poses. Better use ChArUco, or a board with an odd and an even number."
     )
 
 
