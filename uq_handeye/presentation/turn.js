@@ -131,7 +131,8 @@ document.querySelectorAll("script.scene").forEach(function (data) {
     var from = s.hand ? at(s.poses[chosen], [0, 0, 0]) : [0, 0, 0], p0 = seen(from), p1 = seen(eye);
     var long = Math.hypot(p1[0] - p0[0], p1[1] - p0[1]) || 1, u0 = (p1[0] - p0[0]) / long, v0 = (p1[1] - p0[1]) / long;
     word("name-X", from.map(function (v, i) { return (v + eye[i]) / 2; }), "X", 11 * v0, -11 * u0);
-    word("name-camera", eye, "camera", 16 * u0, 16 * v0);
+    var clear = 14 + (s.half ? scale * Math.hypot.apply(null, s.half) / 1.4 : 0);
+    word("name-camera", eye, "camera", clear * u0, clear * v0);
     if (s.hand) word("name", from, "gripper", -16 * u0, -16 * v0);
     else word("name", at(s.poses[chosen], [0, 0, 0]), "gripper", 0, -14);
     word("name", [0, 0, 0], "base", 0, 14);
