@@ -2,7 +2,7 @@
 
 from html.parser import HTMLParser
 
-VOID = {"meta", "link", "br", "use", "path"}
+VOID = {"meta", "link", "br", "use", "path", "circle", "ellipse"}
 
 
 def overlapping(figure):
@@ -26,6 +26,7 @@ class Page(HTMLParser):
     def __init__(self, text):
         super().__init__()
         self.elements, self.stack, self.section, self.texts, self.broken = [], [], "", {}, []
+        self.prose = []  # paragraphs and list items
         self.feed(text)
         self.close()
 
@@ -34,6 +35,8 @@ class Page(HTMLParser):
         self.elements.append((tag, found))
         if tag == "section":
             self.section = found["id"]
+        if tag in ("p", "li"):
+            self.prose.append("")
         if tag not in VOID:
             self.stack.append(tag)
 
@@ -45,12 +48,16 @@ class Page(HTMLParser):
             return
         if not self.stack or self.stack.pop() != tag:
             self.broken.append(tag)
-        if tag in ("td", "th", "li", "p", "h2"):
+        if tag == "section":
+            self.section = ""
+        if tag in ("td", "th", "li", "p", "h2", "dt", "dd", "strong", "text"):
             self.handle_data(" ")
 
     def handle_data(self, data):
         if not {"style", "script"} & set(self.stack):
             self.texts[self.section] = self.texts.get(self.section, "") + data
+            if self.prose and {"p", "li"} & set(self.stack):
+                self.prose[-1] += data
 
     def all(self, tag):
         return [attributes for name, attributes in self.elements if name == tag]

@@ -106,7 +106,7 @@ def test_what_cannot_be_drawn_is_left_out(result):
     assert list(figures(uq.calibrate(uq.simulate(n_poses=8, seed=SEED)))) == ["rig"]
     stored = uq.Calibration.from_dict(result.to_dict())
     assert isinstance(stored.analysis, StoredAnalysis)
-    assert list(figures(replace(stored, covariance=None))) == ["residuals", "budget"]
+    assert list(figures(replace(stored, covariance=None))) == ["rig", "residuals", "budget"]
 
 
 @pytest.mark.parametrize("name", ["residuals", "budget", "task_space"])

@@ -2,12 +2,18 @@
 
 import html
 import json
+import os
 import re
 import subprocess
 import sys
 import warnings
+import zlib
 from dataclasses import replace
+from functools import cache
+from importlib import resources
 from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +25,7 @@ from uq_handeye.calibration.provenance import Provenance
 from uq_handeye.calibration.report.text import directions
 from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.errors import InputError, InputWarning, MissingExtraError
+from uq_handeye.files.about import ABOUT
 from uq_handeye.files.source import Source
 from uq_handeye.findings import Finding
 from uq_handeye.poses.timing import TimeOffset, Timing
@@ -27,12 +34,15 @@ from uq_handeye.presentation.figure_parts import canvas
 from uq_handeye.presentation.page import pretty
 from uq_handeye.report import sections_data, sections_repeat
 from uq_handeye.report.page import report_html
+from uq_handeye.report.sections_result import NO_COVARIANCE
+from uq_handeye.report.sheets import colour_of
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
-ANCHORS = [
-    "answer", "warnings", "ellipses", "rig", "residuals", "budget", "shared", "task-space", "methods", "observability",
-    "noise", "covariances", "forms", "repeat", "scope",
+FOLDED = [
+    "full", "ellipses", "residuals", "full-budget", "shared", "task-space", "observability", "noise", "covariances",
+    "methods", "scope", "forms", "repeat",
 ]  # fmt: skip
+FIRST = ["answer", "checks", "by-pose", "x", "ahead"]
 
 
 def caution(text):
@@ -94,61 +104,195 @@ CASES = {
 def test_every_kind_of_result_has_every_section(case, quick):
     of = CASES[case]()
     found = Page(report_html(of))
-    assert [attributes["id"] for attributes in found.all("section")] == ANCHORS
+    anchors = [attributes["id"] for attributes in found.all("section")]
+    assert anchors[:5] == FIRST and anchors[-len(FOLDED) :] == FOLDED
+    middle = [name for name in anchors[5 : -len(FOLDED)] if name not in ("cautions", "further")]
+    assert middle == (["error", "budget", "rig"] if case not in ("exact", "published") else ["error", "budget"])
+    assert len(found.all("details")) == len(FOLDED) + ("further" in anchors)
     assert found.broken == [] and found.stack == []
-    for anchor in ANCHORS:
+    for anchor in FOLDED:
         assert len(found.words(anchor)) > 60, anchor
     everything = " ".join(found.texts.values())
     assert not re.search(r"\b(nan|inf|None|<NA>)\b", everything)
     said = {
-        "motions": ("rig", "Nothing to draw: the motions A and B came without poses."),
+        "motions": ("rig", "the motions came without poses."),
         "published": ("observability", "by the methods efficient and ml, not by park."),
-        "exact": ("ellipses", "Not determined: there is no covariance"),
-        "loaded": ("rig", "read from a file that holds no poses"),
+        "exact": ("answer", "The accuracy of gripper_T_camera is not known"),
+        "loaded": ("rig", "the stored result holds no poses"),
         "three poses, jackknife": ("scope", "There is no 95 % ellipsoid from so few poses"),
         "estimated": ("noise", "Noise, estimated from the residuals"),
-        "eye-to-hand": ("answer", "base_T_camera is the pose of the camera in the base frame"),
+        "eye-to-hand": ("x", "X: the camera in the base frame"),
     }[case]
     assert said[1] in found.words(said[0])
+    assert repeated(found) == []
+    for anchor, text in found.texts.items():
+        if anchor not in ("forms", "repeat", ""):
+            assert not re.search(r"(?<![\w-])--[a-z]|\w=\w|result\.[a-z]", text), anchor
 
 
-def test_the_answer_comes_first_and_has_its_deviations(result, page):
-    assert page.texts["answer"].index("is known to") < 200
-    words = page.words("answer")
+def repeated(found):
+    """Sentences of some length that stand twice among paragraphs and list items."""
+    said = [part.strip() for text in found.prose for part in re.split(r"(?<=[.!?]) (?=[A-Z])", text)]
+    others = [found.words("forms"), "Not known, because", NO_COVARIANCE, "The budget is computed"]  # say why not
+    return [
+        part
+        for part in {*said}
+        if len(part) > 40 and said.count(part) > 1 and not any(part in text or text in part for text in others)
+    ]
+
+
+def test_the_number_comes_first_and_x_has_its_deviations(result, page):
+    assert page.words("answer").startswith(f"Result {result.headline}")
+    words = page.words("x")
     for k, axis in enumerate("xyz"):
-        value, sd = 1e3 * result.X[k, 3], 1e3 * result.std[3 + k]
-        found = re.search(rf"translation {axis} ([\N{{MINUS SIGN}}\d.]+)\(([\d.]+)\) mm", words)
+        found = re.search(rf"translation {axis} ([\N{{MINUS SIGN}}\d.]+) ([\d.]+) mm", words)
         shown = found[1].replace("\N{MINUS SIGN}", "-")
         last = 10.0 ** -len(shown.partition(".")[2])
-        assert float(shown) == pytest.approx(value, abs=0.51 * last)
-        inside = float(found[2]) if "." in found[2] else float(found[2]) * last
-        assert inside == pytest.approx(sd, rel=0.05)
+        assert float(shown) == pytest.approx(1e3 * result.X[k, 3], abs=0.51 * last)
+        assert float(found[2]) == pytest.approx(1e3 * result.std[3 + k], rel=0.05)
     translation, rotation = directions(result)
-    assert translation.startswith("Translation ") and rotation.startswith("Rotation ")
-    assert translation in words and rotation in words
+    assert translation in page.words("full") and rotation in page.words("full")
 
 
-def test_warnings_stand_out_or_nothing_looked_wrong(small, page):
-    assert "Nothing looked wrong." in page.words("warnings")
-    warned = Page(report_html(replace(small, findings=caution("The axes are <parallel>."))))
-    assert warned.words("warnings").startswith("Warnings Warning The axes are <parallel>.")
+def test_every_check_is_a_line_with_its_word(result, page):
+    words = page.words("checks")
+    for check in result.checks:
+        assert f"{check.status} {check.name} {pretty(check.text)}" in words
+
+
+def test_points_ahead_agree_with_the_headline(result, page):
+    accuracy = result.accuracy
+    row = re.search(r"([\d.]+) m \(target\) ([\d.]+) ([\d.]+)", page.words("ahead"))
+    assert [float(x) for x in row.groups()] == pytest.approx(
+        [accuracy.distance, 1e3 * accuracy.point, 1e3 * accuracy.point_95], rel=0.05
+    )
+    at = result.accuracy.distance * 2
+    further = re.search(rf"{at:.3g}0* m ([\d.]+)", page.words("ahead"))
+    point = result.uncertainty_at([0, 0, at]).covariance
+    assert float(further[1]) == pytest.approx(1e3 * np.sqrt(np.linalg.eigvalsh(point)[-1]), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("statuses", "usable", "word", "colour", "of_verdict"),
+    [
+        (["ok", "ok"], True, None, "ok", None),
+        (["ok", "ok"], True, "PASS", "ok", "ok"),
+        (["ok", "ok"], True, "NOT SHOWN", "ok", "caution"),
+        (["ok", "ok"], True, "FAIL", "ok", "failed"),
+        (["ok", "not run"], True, "PASS", "caution", "caution"),
+        (["ok", "caution"], True, None, "caution", None),
+        (["ok", "failed"], False, "NOT SHOWN", "failed", "failed"),
+    ],
+)
+def test_green_only_where_every_check_ran_and_none_warned(statuses, usable, word, colour, of_verdict):
+    checks = tuple(SimpleNamespace(status=status) for status in statuses)
+    of = SimpleNamespace(checks=checks, usable=usable, accuracy=object())
+    assert colour_of(of) == colour
+    if word is not None:
+        assert colour_of(of, SimpleNamespace(word=word)) == of_verdict
+    of.accuracy = None
+    assert colour_of(of) != "ok"
+
+
+def test_the_verdict_stands_on_page_one(result, quick):
+    for tolerance, word in (("1m,10deg", "PASS"), ("0.001mm", "FAIL")):
+        verdict = result.verdict(tolerance)
+        words = Page(report_html(result, verdict=verdict, folded=False)).words("answer")
+        assert verdict.word == word or verdict.reasons
+        assert f"{verdict.word} {verdict.sentence}" in words
+
+
+def test_cautions_stand_out_in_the_order_of_their_effect(small):
+    texts = [f"The axes are <parallel>, number {k}. {'x' * 300}." for k in range(8)]
+    of = replace(small, findings=tuple(found for text in texts for found in caution(text)))
+    warned = Page(report_html(of))
+    assert warned.words("cautions").startswith("Cautions Caution The axes are <parallel>, number 0.")
     assert {"class": "marked"} in warned.all("li")
+    everything = f"{warned.words('cautions')} {warned.words('further')}"
+    assert [everything.count(text) for text in texts] == [1] * 8  # those that do not fit have a section
+    assert sorted(texts, key=everything.index) == [str(found) for found in of.cautions if str(found) in texts]
+    assert "further" in [attributes["id"] for attributes in warned.all("section")]
+    assert "cautions" not in Page(report_html(small)).texts
 
 
-def test_what_was_not_tested_is_not_counted_as_passed(small, page):
-    assert "No test of the data" in page.words("warnings") and "not run" not in page.words("warnings")
+def test_what_was_not_tested_is_said(quick):
     few = uq.calibrate(simulated(n=5), noise=NOISE)
     for found in (few, uq.calibrate(simulated(n=5), noise=NOISE, method="park")):
-        words = Page(report_html(replace(found, findings=()))).words("warnings")
-        assert "No test that was run gave a warning" in words and "No test of" not in words
-        assert "was not run, because" in words or "were not run, because" in words
-        assert "not run, because" in " ".join(found.summary().split())
-    words = Page(report_html(few)).words("warnings")
+        words = Page(report_html(replace(found, findings=()))).words("observability")
+        assert "Tests that were not run:" in words and re.search("(was|were) not run, because", words)
+    words = Page(report_html(few)).words("observability")
     for test in ("autocorrelation", "normality", "linear pattern", "split-half test (interleaved)"):
         assert test in words
     estimated = uq.calibrate(simulated())
     assert estimated.fit.p_value is None and json.loads(estimated.to_json())["fit"]["p_value"] is None
-    assert "chi-square test of the noise was not run" in Page(report_html(estimated)).words("warnings")
+    everything = " ".join(Page(report_html(estimated)).texts.values())
+    assert "chi-square test of the noise was not run" in everything
+
+
+def test_the_title_block_is_escaped_and_has_room_to_write(small, tmp_path):
+    hostile = "<script>alert(1)</script>"
+    of = replace(small, about={"cell": "B7"})
+    text = of.report(tmp_path / "r.html", comparison=False, about={"operator": hostile, "note": "A note."}).read_text(
+        encoding="utf-8"
+    )
+    assert hostile not in text
+    found = Page(text)
+    words = found.words("")
+    for part in ("Cell B7", f"Operator {hostile}", "Note A note."):
+        assert part in words
+    assert len([a for a in found.all("div") if a.get("class") == "blank"]) == 6
+    assert "Robot serial number" in words and "Signature" in " ".join(found.texts.values())
+    with pytest.raises(InputError, match="Unknown name 'colour'"):
+        of.report(tmp_path / "r.html", comparison=False, about={"colour": "red"})
+
+
+def test_code_is_only_for_those_who_repeat_the_run(small):
+    found = caution('The target moves. It fits with setup="eye-to-hand" (--setup eye-to-hand). Look at the files.')
+    words = Page(report_html(replace(small, findings=found)))
+    assert "Caution The target moves. Look at the files." in words.words("cautions")
+    assert 'It fits with setup="eye-to-hand" (--setup eye-to-hand).' in words.words("repeat")
+
+
+@pytest.mark.parametrize(
+    ("case", "paper"), [("demo", "a4"), ("kuka_1", "letter"), ("not usable", "letter"), ("exact", "a4")]
+)
+@pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
+def test_two_printed_pages(case, paper, tmp_path):
+    pytest.importorskip("weasyprint", reason="WeasyPrint (extra pdf) is not installed")
+    if case in ("kuka_1", "not usable") and "UQ_HANDEYE_DATA" not in os.environ:
+        pytest.skip("needs UQ_HANDEYE_DATA")
+    of = replace(printed(case), about=dict.fromkeys(ABOUT, "A text of the length that a text may have, 80 signs or so"))
+    path = of.report(tmp_path / "report.pdf", paper=paper, verdict=of.verdict("1mm,0.1deg"))
+    assert pages_of(path) == 2
+
+
+@cache
+def printed(case):
+    if case == "demo":
+        data = resources.files("uq_handeye") / "data"
+        return uq.calibrate(uq.read_poses(data / "robot.csv", data / "camera.csv"), noise=NOISE)
+    if case == "exact":
+        return CASES["exact"]()
+    folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "kuka_1"
+    poses = uq.read_poses(folder / "robot.csv", folder / "camera.csv")
+    return uq.calibrate(poses if case == "kuka_1" else uq.PosePairs(poses.robot, np.linalg.inv(poses.camera)))
+
+
+def pages_of(path):
+    """The number of pages that the tree of a PDF states."""
+    data = path.read_bytes()
+    parts = re.findall(rb"FlateDecode.*?stream\r?\n(.*?)endstream", data, re.DOTALL)
+    texts = [data, *(zlib.decompress(part) for part in parts if part[:1] == b"x")]
+    counts = [re.findall(rb"/Type /Pages.*?/Count (\d+)", text, re.DOTALL) for text in texts]
+    return max(int(count) for found in counts for count in found)
+
+
+def test_a_full_report_has_the_folded_sections_open(small, tmp_path):
+    found = Page(small.report(tmp_path / "r.html", comparison=False, details=True).read_text(encoding="utf-8"))
+    assert all("open" in attributes for attributes in found.all("details"))
+    assert not any("open" in attributes for attributes in Page(report_html(small)).all("details"))
+    with pytest.raises(InputError, match="`paper` to be a4 or letter"):
+        small.report(tmp_path / "r.pdf", paper="a5")
 
 
 def test_methods_are_compared_with_this_result(result, page, quick):
@@ -181,6 +325,7 @@ def test_a_cross_check_lists_its_relations(result, quick):
     for relation in check.relations:
         assert relation.statement.replace("`", "") in words
     assert "Cross-check, 200 trials" in words
+    assert "No cross-check was run." in Page(report_html(result)).words("ellipses")
 
 
 def test_everything_to_repeat_the_run(small):
@@ -233,13 +378,13 @@ def test_accessible(page):
     assert all(b <= a + 1 for a, b in pairwise(levels))
     assert page.all("html")[0]["lang"] == "en"
     figures = [a for a in page.all("div") if a.get("role") == "img"]
-    assert len(figures) == len(page.all("figure")) == len(page.all("figcaption")) == 6
+    assert len(figures) == len(page.all("figure")) == len(page.all("figcaption")) == 8
     assert all(len(a["aria-label"]) > 60 for a in figures)
     assert all(a.get("scope") in ("row", "col") for a in page.all("th"))
     ids = [a["id"] for _, a in page.elements if "id" in a]
     assert len(ids) == len(set(ids))
     targets = [a["href"][1:] for a in page.all("a")]
-    assert set(ANCHORS) <= set(targets) <= set(ids)
+    assert {"answer", *FOLDED} <= set(targets) <= set(ids)
     assert all(a["aria-labelledby"] in ids for a in page.all("table"))
 
 
@@ -270,7 +415,7 @@ def test_a_page_computes_nothing(quick, tmp_path, monkeypatch):
         monkeypatch.setattr(f"uq_handeye.{name}", computes)
     of.report(tmp_path / "given.html", comparison=given)
     of.report(tmp_path / "none.html", comparison=False)
-    assert "Not compared: report(path, comparison=True)" in (tmp_path / "none.html").read_text(encoding="utf-8")
+    assert "Not compared with other methods." in (tmp_path / "none.html").read_text(encoding="utf-8")
 
 
 def test_true_compares_before_the_page_is_written(small, quick, tmp_path):

@@ -129,7 +129,18 @@ class Drawing(Block):
     alt: str
     caption: str
     scene: str = ""  # JSON, trusted, that `turn.js` draws in its place
+    small: bool = False  # readable in half the width of a page
     kind: ClassVar[str] = "drawing"
+
+
+@dataclass(frozen=True)
+class Badge(Block):
+    """A word that decides, such as PASS, with its status ("ok", "caution" or "failed") and the sentence behind it."""
+
+    word: str
+    text: str
+    status: str
+    kind: ClassVar[str] = "badge"
 
 
 @dataclass(frozen=True)
@@ -152,6 +163,8 @@ class Section:
     anchor: str
     title: str
     blocks: Sequence[Block]
+    folded: bool = False  # closed on a page until it is opened
+    wide: bool = False  # across both columns of a printed page
 
 
 def groups_of(document: Document) -> Iterable[Sequence[Block]]:

@@ -1,4 +1,7 @@
-"""The report of a calibration: one self-contained HTML file, or the same as PDF.
+"""The report of a calibration: one self-contained HTML file, or its two pages as PDF.
+
+Page one has the answer, page two what it rests on; everything else follows in sections that are folded on the
+screen and printed where they are open (``details=True``).
 
 Nothing is loaded from anywhere: style and figures are in the file, and a content security policy forbids the rest. All
 text is escaped by the template. The same result gives the same file, except for the date.
@@ -6,11 +9,10 @@ text is escaped by the template. The same result gives the same file, except for
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from .._version import __version__
 from ..calibration.result import Calibration
@@ -20,9 +22,12 @@ from ..errors import InputError
 from ..files.about import as_about
 from ..files.atomic import require_writable_file, write_atomically
 from ..geometry.conventions import CONVENTION
+from ..presentation.document import Drawing, Section
 from ..presentation.page import drawing, rendered
 from ..presentation.pdf import PAPERS, to_pdf
+from ..statement.tolerance import Verdict
 from ..validation.cross_check.result import CrossCheck as CrossCheck
+from .editing import edited
 from .figures import pictures, require_same_problem
 from .sections_camera import camera_sections
 from .sections_data import (
@@ -32,24 +37,23 @@ from .sections_data import (
     noise_section,
     observability_section,
     residuals_section,
-    rig_section,
     shared_section,
 )
 from .sections_repeat import repeat_section
 from .sections_result import (
-    answer_section,
     arm_sections,
     ellipses_section,
     forms_section,
+    full_section,
     scope_section,
     task_space_section,
-    warnings_section,
 )
+from .sheets import caution_points, first_sheet, second_sheet, split_cautions, title_fields
 
 # What a report may be given of the methods: a comparison, True for one to be made, False for none.
 Methods = Comparison | Compared | bool
 SUFFIXES = (".html", ".pdf")
-NOT_COMPARED = "Not compared: report(path, comparison=True) puts all published methods here."
+NOT_COMPARED = "Not compared with other methods."
 
 
 def write_report(
@@ -59,7 +63,7 @@ def write_report(
     comparison: Methods = True,
     cross_check: CrossCheck | None = None,
     about: Mapping[str, str] | None = None,
-    verdict: Any = None,
+    verdict: Verdict | None = None,
     details: bool = False,
     paper: str = PAPERS[0],
 ) -> Path:
@@ -90,9 +94,17 @@ def write_report(
         raise InputError(f"Expected `paper` to be {' or '.join(PAPERS)}, got {paper!r}.")
     result = replace(result, about=as_about({**result.about, **(about or {})}))
     require_writable_file(path)  # before the methods are compared
+    folded = suffix == ".html" or details
     if comparison is True:
-        comparison = compare_beside(result)
-    text = report_html(result, comparison=comparison or None, cross_check=cross_check)
+        comparison = folded and compare_beside(result)
+    text = report_html(
+        result,
+        comparison=comparison or None,
+        cross_check=cross_check,
+        verdict=verdict,
+        details=details,
+        folded=folded,
+    )
     write_atomically(path, text if suffix == ".html" else to_pdf(text, paper))
     return path
 
@@ -102,11 +114,29 @@ def report_html(
     *,
     comparison: Comparison | Compared | None = None,
     cross_check: CrossCheck | None = None,
+    verdict: Verdict | None = None,
+    details: bool = False,
+    folded: bool = True,
     date: str | None = None,
 ) -> str:
-    """The report as HTML text, of what it is given; ``date`` is written into it, None is now (UTC).
+    """Return the report as HTML text.
 
-    Raises `InputError` for a comparison or cross-check of another problem.
+    Parameters
+    ----------
+    result : Calibration
+    comparison, cross_check, verdict
+        As for `write_report`; a comparison is not made.
+    details : bool
+        Open the folded sections.
+    folded : bool
+        False: the two pages alone.
+    date : str or None
+        Written into the report; None is now (UTC).
+
+    Raises
+    ------
+    InputError
+        A comparison or cross-check of another problem.
     """
     if cross_check is not None:
         require_same_problem(result, cross_check)
@@ -116,28 +146,62 @@ def report_html(
             f"Expected `comparison` to be of {result.frame}, as the result, got one of {found.comparison.frame}."
         )
     date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
-    drawings = {
-        stem: drawing(stem, picture) for stem, picture in pictures(result, cross_check, found.comparison).items()
-    }
-    sections = [
-        answer_section(result),
-        warnings_section(result),
+    drawn = pictures(result, cross_check, found.comparison, None if folded else ("rig",))
+    drawings = {stem: drawing(stem, picture) for stem, picture in drawn.items()}
+    shown, further = split_cautions(result.cautions)
+    sheets = [first_sheet(result, verdict, drawings), second_sheet(result, drawings, shown)]
+    sections: list[Section] = []
+    if further:
+        sections.append(Section("further", "Further cautions", [caution_points(further)], folded=True))
+    if folded:
+        sections += _folded_sections(result, drawings, found, cross_check, date)
+    *sheets, sections = edited([*sheets, sections])
+    data = f"{result.n_poses:,} poses" if result.n_poses is not None else f"{result.n_pairs:,} motions"
+    facts = [result.setup or "motions without poses", data, f"method {result.method}", f"report of {date}"]
+    return rendered(
+        "Hand-eye calibration",
+        result.frame,
+        facts,
+        sections,
+        sheets=sheets,
+        fields=title_fields(result),
+        foot=_foot(result, sections),
+        full=details,
+    )
+
+
+def _folded_sections(
+    result: Calibration,
+    drawings: Mapping[str, Drawing],
+    found: Compared,
+    cross_check: CrossCheck | None,
+    date: str,
+) -> list[Section]:
+    """Return what follows the two pages, in the order of the contents."""
+    return [
+        full_section(result),
         *arm_sections(result, drawings),
         ellipses_section(result, drawings, cross_check),
-        rig_section(result, drawings),
-        *camera_sections(result),
         residuals_section(result, drawings),
         budget_section(result, drawings),
         shared_section(result, drawings),
         task_space_section(result, drawings),
-        methods_section(found.comparison, found.reason, found.note, drawings.get("methods")),
+        *camera_sections(result),
         observability_section(result),
         noise_section(result),
         covariances_section(result),
+        methods_section(found.comparison, found.reason, found.note, drawings.get("methods")),
+        scope_section(result, CONVENTION),
         forms_section(result),
         repeat_section(result, date, __version__),
-        scope_section(result, CONVENTION),
     ]
-    data = f"{result.n_poses:,} poses" if result.n_poses is not None else f"{result.n_pairs:,} motions"
-    facts = [result.setup or "motions without poses", data, f"method {result.method}", date]
-    return rendered("Hand-eye calibration", result.frame, facts, sections)
+
+
+def _foot(result: Calibration, sections: Sequence[Section]) -> str:
+    """Return the last line of page two: what made the report, of which data, and what is not printed."""
+    text = f"uq-handeye {__version__}. Standard deviations are 1 sigma."
+    if result.provenance is not None:
+        text += f" SHA-256 of the data: {result.provenance.data_sha256[:16]}..."
+    if sections:
+        text += f" Not printed: {'; '.join(section.title for section in sections)}."
+    return text

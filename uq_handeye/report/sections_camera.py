@@ -35,7 +35,7 @@ def camera_sections(result: Calibration) -> list[Section]:
         blocks.append(Paragraph(words))
     if cam.warnings:
         blocks.append(Points(cam.warnings, frozenset(range(len(cam.warnings)))))
-    return [Section("camera", "The camera", blocks)]
+    return [Section("camera", "The camera", blocks, folded=True)]
 
 
 def shares_words(result: Calibration) -> str:

@@ -13,6 +13,7 @@ from ..calibration.report.analysis import (
     noise_blocks,
     pair_table,
     pose_table,
+    tests_not_run,
     worst_words,
 )
 from ..calibration.report.shared_errors import included_words, shared_blocks
@@ -28,23 +29,10 @@ MOST_LISTED, MOST_FLAGGED, WORST = 40, 30, 12
 _DEG, _MM = 180 / np.pi, 1e3
 
 
-def rig_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
-    """The rig in three dimensions."""
-    blocks: list[Block]
-    if "rig" in drawings:
-        blocks = [drawings["rig"]]
-    elif result.setup is None:
-        blocks = [Paragraph("Nothing to draw: the motions A and B came without poses.", empty=True)]
-    else:
-        text = "Not drawn: this result was read from a file that holds no poses. Calibrate again, and store the result."
-        blocks = [Paragraph(text, empty=True)]
-    return Section("rig", "The rig", blocks)
-
-
 def needs(what: str, result: Calibration) -> str:
     """Why ``what``, e.g. "Diagnostics are known", is missing from a result without analysis."""
     if result.covariance is None:
-        return f"{what} where there is noise, given or estimated; here there is none."
+        return f"{what} where the noise of the poses is given or can be estimated; here it is not."
     return f"{what} by the methods efficient and ml, not by {result.method}."
 
 
@@ -70,24 +58,27 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
                 which += f" ({len(table.flagged) - len(flagged)} more are flagged)"
         blocks.append(pose_table(table, shown, f"{which}. Numbers count from 0."))
     blocks.append(pair_table(result))
-    return Section("residuals", "Residuals", blocks)
+    return Section("residuals", "Residuals in full", blocks, folded=True)
 
 
 def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
     """Which noise makes which share of the variance."""
-    title = "Where the uncertainty comes from"
+    title = "Uncertainty budget in full"
     table = budget_table(result)
     if table is None or "budget" not in drawings:
-        text = needs("The budget is worked out", result)
-        return Section("budget", title, [Paragraph(text, empty=True)])
-    return Section("budget", title, [drawings["budget"], table, Paragraph(worst_words(result))])
+        text = needs("The budget is computed", result)
+        return Section("full-budget", title, [Paragraph(text, empty=True)], folded=True)
+    return Section("full-budget", title, [drawings["budget"], table, Paragraph(worst_words(result))], folded=True)
 
 
 def shared_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
     """Errors that all poses share: what was assumed, what was found."""
     blocks: list[Block] = [drawings[stem] for stem in ("shared",) if stem in drawings]
     return Section(
-        "shared", "Errors that all poses share", [Paragraph(included_words(result)), *blocks, *shared_blocks(result)]
+        "shared",
+        "Errors that all poses share",
+        [Paragraph(included_words(result)), *blocks, *shared_blocks(result)],
+        folded=True,
     )
 
 
@@ -95,7 +86,7 @@ def methods_section(comparison: Comparison | None, reason: str, note: str, drawi
     """The published methods on the same data; ``reason`` says why there is none."""
     title = "Other methods on the same data"
     if comparison is None:
-        return Section("methods", title, [Paragraph(reason, empty=True)])
+        return Section("methods", title, [Paragraph(reason, empty=True)], folded=True)
     rows: list[list[Cell]] = []
     for row in comparison.rows:
         cells: list[Cell] = [row.method, str(row.year) if row.year else ""]
@@ -127,7 +118,7 @@ def methods_section(comparison: Comparison | None, reason: str, note: str, drawi
     blocks.append(table)
     if comparison.own_warnings:
         blocks.append(Points(_gathered(comparison)))
-    return Section("methods", title, blocks)
+    return Section("methods", title, blocks, folded=True)
 
 
 def _gathered(comparison: Comparison) -> list[str]:
@@ -145,10 +136,12 @@ def _optional(value: float | None, factor: float = 1.0) -> str:
 
 def observability_section(result: Calibration) -> Section:
     """What the data can tell about X, in numbers and in words."""
-    title = "What the data can and cannot tell"
+    title = "Observability and tests of the residuals"
+    not_run = tests_not_run(result)
+    skipped: list[Block] = [Paragraph("Tests that were not run:"), Points(not_run)] if not_run else []
     if result.analysis is None:
-        text = needs("Observability, influence and tests of the residuals are worked out", result)
-        return Section("observability", title, [Paragraph(text, empty=True)])
+        text = needs("Observability, influence and tests of the residuals are computed", result)
+        return Section("observability", title, [Paragraph(text, empty=True), *skipped], folded=True)
     found = result.analysis.diagnostics
     s = found.spectrum
     rows = []
@@ -166,7 +159,7 @@ def observability_section(result: Calibration) -> Section:
         rows,
     )
     sentences = Points.of_findings(found.findings)
-    return Section("observability", title, [table, sentences])
+    return Section("observability", title, [table, sentences, *skipped], folded=True)
 
 
 def _of_noise_alone(result: Calibration) -> str:
@@ -186,16 +179,16 @@ def noise_section(result: Calibration) -> Section:
     blocks = noise_blocks(result)
     if result.fit is None and result.noise is not None:
         blocks.append(Paragraph(needs("The chi-square test of the residuals is made", result), empty=True))
-    return Section("noise", "The noise", blocks)
+    return Section("noise", "The noise", blocks, folded=True)
 
 
 def covariances_section(result: Calibration) -> Section:
     """The covariances that need no noise model, and X of two halves of the data."""
-    title = "The same from other sides"
+    title = "Covariances without a noise model, and two halves of the data"
     analysis, table = result.analysis, covariance_table(result)
     if analysis is None or table is None:
-        text = needs("Other covariances and tests of two halves are worked out", result)
-        return Section("covariances", title, [Paragraph(text, empty=True)])
+        text = needs("Other covariances and tests of two halves are computed", result)
+        return Section("covariances", title, [Paragraph(text, empty=True)], folded=True)
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     points = Points.of_findings(halves)
-    return Section("covariances", title, [table, points])
+    return Section("covariances", title, [table, points], folded=True)

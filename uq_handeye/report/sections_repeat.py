@@ -23,7 +23,7 @@ def repeat_section(result: Calibration, date: str, version: str) -> Section:
     found = result.provenance
     if found is None:
         text = "Not known where this result comes from: it was not made by calibrate(), or by an older version."
-        return Section("repeat", title, [Paragraph(text, empty=True), written])
+        return Section("repeat", title, [Paragraph(text, empty=True), written], folded=True)
     blocks: list[Block] = []
     if found.sources:
         rows = [[s.name, s.format, f"{s.size:,}", s.sha256] for s in found.sources]
@@ -43,7 +43,7 @@ def repeat_section(result: Calibration, date: str, version: str) -> Section:
     facts += [[f"version of {name}", value] for name, value in found.versions.items()]
     caption = "Data as used (float64, little-endian, robot first), arguments of calibrate(), versions"
     blocks.append(Table(caption, ["what", "value"], facts, frozenset({1}), verbatim=True))
-    return Section("repeat", title, [*blocks, written])
+    return Section("repeat", title, [*blocks, written], folded=True)
 
 
 def _noise(result: Calibration) -> list[list[str]]:

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..calibration.points_ahead import ahead
-from ..calibration.report.analysis import tests_not_run
 from ..calibration.report.arm import arm_sentences
 from ..calibration.report.shared_errors import included_words
-from ..calibration.report.text import answer, directions, ellipsoid_words, parent_frame, source_words
+from ..calibration.report.text import directions, ellipsoid_words, parent_frame, source_words
 from ..formatting.numbers import concise, fixed
 from ..geometry.pose_numbers import pose_numbers
 from ..geometry.se3 import Array
@@ -21,22 +20,18 @@ from ..validation.cross_check.text import state, verdict
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..statement.included import not_included
-from ..validation.cross_check.result import CrossCheck
+    from ..validation.cross_check.result import CrossCheck
 
-NO_COVARIANCE = (
-    "Not determined: there is no covariance, because no noise was given and the residuals show none. Give the noise of "
-    "the poses (noise=PoseNoise.isotropic(...), or --robot-noise and --camera-noise)."
-)
+NO_COVARIANCE = "Not known: the noise of the poses was not given, and the residuals show none."
 _AXES = "xyz"
 # Correlations from here up are listed, at most so many.
 STRONG, MOST_CORRELATIONS = 0.5, 5
 _COMPONENTS = [f"{kind} {axis}" for kind in ("rotation", "translation") for axis in _AXES]
 
 
-def answer_section(result: Calibration) -> Section:
-    """X with standard deviations, and in words how well it is known."""
-    blocks: list[Block] = [Paragraph(" ".join([answer(result), *directions(result)]))]
+def full_section(result: Calibration) -> Section:
+    """X and W with their standard deviations, and the directions in which X is known least."""
+    blocks: list[Block] = [Paragraph(text) for text in directions(result)]
     if result.agreement is not None:
         blocks.append(Paragraph(result.agreement.sentence))
     head = ["", result.frame]
@@ -73,7 +68,7 @@ def answer_section(result: Calibration) -> Section:
                 lines,
             )
         )
-    return Section("answer", "The answer", blocks)
+    return Section("full", "X and the target", blocks, folded=True)
 
 
 def _of(frame: str) -> str:
@@ -94,52 +89,33 @@ def _pose_cells(T: Array, covariance: Array | None, opened: Array | None) -> lis
     return [concise(x, sd, unit) for x, sd, unit in zip(numbers.tolist(), known, units, strict=True)]
 
 
-def warnings_section(result: Calibration) -> Section:
-    """What looked wrong, or that nothing did."""
-    not_run = tests_not_run(result)
-    blocks: list[Block] = []
-    if result.warnings:
-        blocks.append(Points(result.warnings, frozenset(range(len(result.warnings)))))
-    else:
-        which = "No test of the data, of the residuals or of the two halves"
-        text = f"Nothing looked wrong. {which if not not_run else 'No test that was run'} gave a warning."
-        blocks.append(Paragraph(f"{text} What no test can show stands in the last section."))
-    beside_joints = (found for found in result.findings if found.code == "kinematics.against_controller")
-    blocks += [Paragraph(str(found)) for found in beside_joints]
-    if not_run:
-        blocks += [Paragraph("Tests that were not run, and say nothing:"), Points(not_run)]
-    return Section("warnings", "Warnings", blocks)
-
-
 def arm_sections(result: Calibration, drawings: Mapping[str, Drawing]) -> list[Section]:
     """The arm, and how far the tool misses over the workspace; none where the calibration knows no joints."""
     sentences = arm_sentences(result)
     if not sentences:
         return []
     drawn = [drawings["workspace"]] if "workspace" in drawings else []
-    return [Section("arm", "The arm", [*map(Paragraph, sentences), *drawn])]
+    beside_joints = [
+        Paragraph(str(found)) for found in result.findings if found.code == "kinematics.against_controller"
+    ]
+    return [Section("arm", "The arm", [*map(Paragraph, sentences), *beside_joints, *drawn], folded=True)]
 
 
 def ellipses_section(result: Calibration, drawings: Mapping[str, Drawing], cross_check: CrossCheck | None) -> Section:
     """Ellipses, correlations, and the relations of a cross-check."""
     if result.covariance is None:
-        return Section("ellipses", "Ellipses of the error of X", [Paragraph(NO_COVARIANCE, empty=True)])
+        return Section(
+            "ellipses", "All ellipses of the error of X", [Paragraph(NO_COVARIANCE, empty=True)], folded=True
+        )
     blocks: list[Block] = [drawings["ellipses"], _correlations(result)]
     if cross_check is None:
-        blocks.append(
-            Paragraph(
-                "No cross-check is laid over them: calibrate --with-cross-check, or report(path, cross_check="
-                "cross_check(poses, noise=noise)), compares with Monte Carlo, a sampled posterior, the Cramer-Rao "
-                "bound and other methods.",
-                empty=True,
-            )
-        )
+        blocks.append(Paragraph("No cross-check was run.", empty=True))
     else:
         blocks.append(Paragraph(f"Cross-check, {cross_check.trials:,} trials: {verdict(cross_check)}"))
         rows = [[r.statement, state(r), r.text + (f" {r.advice}" if r.advice else "")] for r in cross_check.relations]
         caption = "Relations of the cross-check: what must hold between the covariances, and whether it does"
         blocks.append(Table(caption, ["relation", "found", "in numbers"], rows, frozenset({1, 2})))
-    return Section("ellipses", "Ellipses of the error of X", blocks)
+    return Section("ellipses", "All ellipses of the error of X", blocks, folded=True)
 
 
 def _correlations(result: Calibration) -> Block:
@@ -159,12 +135,12 @@ def _correlations(result: Calibration) -> Block:
 
 def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
     """The uncertainty of points in front of the camera."""
-    title = "Points in front of the camera"
+    title = "Points in front of the camera, in full"
     if result.covariance is None:
-        return Section("task-space", title, [Paragraph(NO_COVARIANCE, empty=True)])
+        return Section("task-space", title, [Paragraph(NO_COVARIANCE, empty=True)], folded=True)
     if result.opened is not None:
         said = f"Points move without limit along what is open: {'; '.join(result.open_words)}."
-        return Section("task-space", title, [Paragraph(said)])
+        return Section("task-space", title, [Paragraph(said)], folded=True)
     points = ahead(result)
     rows = [[f"{z:g}", *(fixed(1e3 * x) for x in numbers)] for z, *numbers in zip(*points, strict=True)]
     table = Table(
@@ -173,16 +149,16 @@ def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> 
         ["distance (m)", "worst direction", "across the line of sight", "along it", "95 % radius"],
         rows,
     )
-    return Section("task-space", title, [drawings["task_space"], table])
+    return Section("task-space", title, [drawings["task_space"], table], folded=True)
 
 
 def forms_section(result: Calibration) -> Section:
     """X and its inverse for other programs."""
     from ..export import texts
 
-    blocks: list[Block] = [Paragraph("X and its inverse, ready to copy. Mind units and convention beside each.")]
+    blocks: list[Block] = [Paragraph("X and its inverse, ready to copy. Each states its units and convention.")]
     blocks += [Code(snippet.title, snippet.text, snippet.convention) for snippet in texts(result)]
-    return Section("forms", "X for your program", blocks)
+    return Section("forms", "X for other software", blocks, folded=True)
 
 
 def scope_section(result: Calibration, convention: str) -> Section:
@@ -205,4 +181,4 @@ def scope_section(result: Calibration, convention: str) -> Section:
     )
     blocks += [Paragraph("The numbers do not contain:"), Points(missing)]
     blocks.append(Paragraph(f"Convention of every covariance: {convention}."))
-    return Section("scope", "What the numbers cover", blocks)
+    return Section("scope", "What the numbers cover", blocks, folded=True)

@@ -229,11 +229,15 @@ def shown_budget(result: Calibration) -> Budget | None:
     return budget
 
 
-def budget_table(result: Calibration) -> Table | None:
-    """Standard uncertainties by source, combined and expanded, in the terms of JCGM 100; None where it is not known."""
+def budget_table(result: Calibration, most: int | None = None) -> Table | None:
+    """Return standard uncertainties by source, combined and expanded, in the terms of JCGM 100; None: not known.
+
+    Beyond ``most`` sources the smallest are one row.
+    """
     budget = shown_budget(result)
     if budget is None:
         return None
+    budget = _shortened(budget, most)
     factors = {"X translation": _MM, "X rotation": _DEG}
     standard, shares, whole = budget.standard, budget.group_shares, budget.expanded()
     rows: list[list[Cell]] = []
@@ -252,6 +256,18 @@ def budget_table(result: Calibration) -> Table | None:
         rows.append([title, "", *cells, "", "", ""])
     head = ["source", "type", "u (mm)", "u (deg)", "% of mm", "% of deg", "dof"]
     return Table(BUDGET_CAPTION, head, rows, frozenset({1}))
+
+
+def _shortened(budget: Budget, most: int | None) -> Budget:
+    """Return the budget with its smallest sources as one, so that ``most`` remain."""
+    if most is None or len(budget.sources) <= most:
+        return budget
+    sizes = np.max([budget.group_shares[f"X {kind}"] for kind in KINDS], axis=0)
+    small = set(np.argsort(-sizes, kind="stable")[most - 1 :].tolist())
+    names = [name for k, name in enumerate(budget.sources) if k in small]
+    merged = budget.merged(names)
+    whole = " + ".join(names)
+    return replace(merged, sources=tuple(f"{len(names)} others" if n == whole else n for n in merged.sources))
 
 
 BUDGET_CAPTION = (

@@ -1,0 +1,206 @@
+"""The two printed pages of a report: the answer with what it rests on, then cautions, ellipses, budget and rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..calibration.report.analysis import budget_table
+from ..calibration.report.text import parent_frame
+from ..files.about import ABOUT
+from ..findings import Finding
+from ..formatting.numbers import digits, fixed
+from ..geometry.pose_numbers import pose_numbers
+from ..geometry.se3 import Array
+from ..presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
+from .sections_data import needs
+from .sketches import ellipse_sketch, residual_sketch
+
+if TYPE_CHECKING:
+    from ..calibration.result import Calibration
+    from ..statement.accuracy import Accuracy
+    from ..statement.tolerance import Verdict
+
+# Characters of cautions that fit on the second page; the others are in a section of their own.
+MOST_OF_CAUTIONS = 1500
+# Distances of the small table of points, in distances of the target.
+_STEPS = (0.5, 1.0, 1.5, 2.0)
+# Sources of the budget on the second page; the smallest beyond are one row.
+MOST_SOURCES = 6
+_DEG, _MM = 180 / np.pi, 1e3
+
+
+def title_fields(result: Calibration) -> list[tuple[str, str]]:
+    """Return the names and texts of the title block; those without text are room to write on paper."""
+    return [(name, result.about.get(key, "")) for key, name in ABOUT.items() if key != "note" or key in result.about]
+
+
+def colour_of(result: Calibration, verdict: Verdict | None = None) -> str:
+    """Return "ok" where every check ran and none warned, "failed" where X is not usable or misses its tolerance."""
+    if not result.usable or (verdict is not None and verdict.word == "FAIL"):
+        return "failed"
+    green = result.accuracy is not None and all(check.status == "ok" for check in result.checks)
+    return "ok" if green and (verdict is None or verdict.word == "PASS") else "caution"
+
+
+def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[str, Drawing]) -> list[Section]:
+    """Return the sections of page one: number, verdict, checks, a picture, X, and points ahead of the camera."""
+    number: list[Block] = [Answer(result.headline, colour_of(result))]
+    if verdict is not None:
+        number.append(Badge(verdict.word, verdict.sentence, colour_of(result, verdict)))
+    if result.usable:
+        number += [Paragraph(text) for text in _contents_of(result.accuracy)]
+    elif len(result.reasons) > 1:
+        number.append(Paragraph(f"Also: {'; '.join(result.reasons[1:])}."))
+    checks = Checks([(check.status, check.name, check.text) for check in result.checks])
+    return [
+        Section("answer", "Result", number, wide=True),
+        Section("checks", "Checks", [checks]),
+        _picture(result, drawings),
+        Section("x", _title_of_x(result), _x_blocks(result)),
+        Section("ahead", "A point in front of the camera", _point_blocks(result)),
+    ]
+
+
+def _contents_of(accuracy: Accuracy | None) -> list[str]:
+    """Return what the number is made of, what it includes, and what it does not."""
+    if accuracy is None:
+        return []
+    parts = [f"{part.name} {_both(part.translation, part.rotation)}" for part in accuracy.parts]
+    return [
+        *([f"Made of: {'; '.join(parts)}."] if parts else []),
+        f"Includes {', '.join(accuracy.included)}. Does not include {', '.join(accuracy.not_included)}.",
+    ]
+
+
+def _both(move: float, turn: float) -> str:
+    return f"{digits(_MM * move, 2)} mm, {digits(_DEG * turn, 2)} deg"
+
+
+def _picture(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """Return the residuals by pose; the rig where there are none."""
+    table = result.table
+    if table is not None and len(table):
+        return Section("by-pose", f"Residuals by {table.item}", [residual_sketch(table)])
+    if "rig" in drawings:
+        return Section("by-pose", "The rig", [replace(drawings["rig"], small=True)])
+    text = needs("Residuals of each pose are found", result)
+    return Section("by-pose", "Residuals", [Paragraph(text, empty=True)])
+
+
+def _title_of_x(result: Calibration) -> str:
+    if "_T_" not in result.frame:
+        return "X of AX = XB"
+    parent, child = result.frame.split("_T_")
+    return f"X: the {child} in the {parent} frame"
+
+
+def _x_blocks(result: Calibration) -> list[Block]:
+    """Return X as a table with its standard deviations."""
+    numbers, deviations = pose_numbers(result.X, result.covariance, opened=result.open_of_X)
+    names = [f"{kind} {axis}" for kind in ("translation", "rotation vector") for axis in "xyz"]
+    rows = []
+    for k, name in enumerate(names):
+        sd = None if deviations is None else float(deviations[k])
+        rows.append([name, *_with_deviation(float(numbers[k]), sd), "mm" if k < 3 else "deg"])
+    caption = "Value and standard deviation (1 sigma)" + ("" if deviations is not None else "; ? is not determined")
+    return [Table(f"{caption}.", [result.frame, "value", "\N{PLUS-MINUS SIGN} 1 sigma", "unit"], rows, frozenset({3}))]
+
+
+def _with_deviation(value: float, sd: float | None) -> tuple[str, str]:
+    """Return both with two digits of the deviation, the value to the same place."""
+    if sd is None or not np.isfinite(sd) or sd <= 0:
+        return f"{value + 0.0:.4f}", "?" if sd is None else "open" if sd > 0 else "0"
+    decimals = int(np.clip(1 - np.floor(np.log10(sd)), 0, 9))
+    return f"{value + 0.0:.{decimals}f}", f"{sd:.{decimals}f}"
+
+
+def _point_blocks(result: Calibration) -> list[Block]:
+    """Return the uncertainty of points straight ahead of the camera, by their distance."""
+    accuracy = result.accuracy
+    if accuracy is None:
+        return [Paragraph("Not known: the noise of the poses was not given and could not be estimated.", empty=True)]
+    if not result.usable:
+        return [Paragraph("Not stated, because X is not usable.", empty=True)]
+    if result.opened is not None:
+        return [Paragraph(f"Not determined: {'; '.join(result.open_words)}.", empty=True)]
+    rows = []
+    for step in _STEPS:
+        z = step * accuracy.distance
+        one, expanded = (accuracy.point, accuracy.point_95) if step == 1 else _point_at(result, accuracy, z)
+        name = f"{fixed(z)} m" + (" (target)" if step == 1 and accuracy.distance_known else "")
+        rows.append([name, fixed(_MM * one, 2), fixed(_MM * expanded, 2)])
+    caption = (
+        f"Uncertainty that X gives a point on the optical axis, in the worst direction, in the {parent_frame(result)}. "
+        "The camera's own error of the point is not part of it."
+    )
+    return [Table(caption, ["distance", "1 sigma (mm)", "95 % (mm)"], rows)]
+
+
+def _point_at(result: Calibration, accuracy: Accuracy, z: float) -> tuple[float, float]:
+    """Return the standard and the expanded uncertainty (m) of a point z (m) ahead, in the worst direction."""
+    point: Array = np.array([0.0, 0.0, z])
+    if result.analysis is not None and result.covariance_kind in ("model", "sigma-points"):
+        k = result.analysis.budget.budget_at(point).expanded(worst=True)["point"].k
+    else:
+        k = accuracy.translation_95 / accuracy.translation
+    one = float(np.sqrt(np.linalg.eigvalsh(result.uncertainty_at(point).covariance)[-1]))
+    return one, k * one
+
+
+# ------------------------------------------------------------------------------------------------------- page two
+
+
+def second_sheet(result: Calibration, drawings: Mapping[str, Drawing], cautions: Sequence[Finding]) -> list[Section]:
+    """Return the sections of page two: cautions in full, ellipses, budget, rig."""
+    sections = []
+    if cautions:
+        sections.append(Section("cautions", "Cautions", [caution_points(cautions)], wide=True))
+    sketch = ellipse_sketch(result)
+    if sketch is None:
+        why = Paragraph("Not known, because the accuracy of X is not known.", empty=True)
+        sections += [Section("error", "Error of X", [why]), Section("budget", "Uncertainty budget", [why])]
+    else:
+        sections += [Section("error", "Error of X", [sketch]), Section("budget", "Uncertainty budget", _budget(result))]
+    if "rig" in drawings and result.table is not None:
+        sections.append(Section("rig", "The rig", [drawings["rig"]], wide=True))
+    elif "rig" not in drawings:
+        text = "Not drawn: the motions came without poses."
+        if result.setup is not None:
+            text = "Not drawn: the stored result holds no poses. Calibrate again and store the result."
+        sections.append(Section("rig", "The rig", [Paragraph(text, empty=True)], wide=True))
+    return sections
+
+
+def caution_points(cautions: Sequence[Finding]) -> Points:
+    """Return cautions as a list in which each stands out."""
+    return Points([str(finding) for finding in cautions], frozenset(range(len(cautions))))
+
+
+def split_cautions(cautions: Sequence[Finding]) -> tuple[list[Finding], list[Finding]]:
+    """Return the cautions that fit on page two, and the others."""
+    shown: list[Finding] = []
+    size = 0
+    for finding in cautions:
+        size += len(str(finding)) + 60
+        if size > MOST_OF_CAUTIONS and shown:
+            break
+        shown.append(finding)
+    return shown, list(cautions[len(shown) :])
+
+
+def _budget(result: Calibration) -> list[Block]:
+    table = budget_table(result, MOST_SOURCES)
+    if table is None:
+        return [Paragraph(needs("The budget is computed", result), empty=True)]
+    columns = [0, 2, 3, 4, 5]
+    rows: list[Any] = [[row[k] for k in columns] if row else row for row in table.rows]
+    head = [table.head[k] for k in columns]
+    caption = (
+        "Standard uncertainties u of translation and rotation per axis (root mean square), and shares of the variance "
+        "(JCGM 100)."
+    )
+    return [replace(table, caption=caption, head=head, rows=rows, text_columns=frozenset())]
