@@ -137,9 +137,9 @@ def _ellipses(result: Calibration, check: CrossCheck | None) -> Picture | None:
         f"of the translation, nine of rotation against translation. {' '.join(directions(result))}"
     )
     caption = (
-        f"The error of X, seen in pairs of its six components. The ellipses hold {held} of the errors. A narrow tilted "
-        "ellipse says that the two errors come together (correlation above each panel); a long one that this direction "
-        "is known least."
+        f"Errors of X in pairs of its six components. The ellipses hold {held} of the errors. A narrow, tilted ellipse "
+        "means that the two errors are correlated (coefficient above each panel). A long ellipse marks the least "
+        "certain direction."
     )
     if others:
         caption += " Where lines of different style coincide, independent computations agree."
@@ -157,9 +157,9 @@ def _rig(result: Calibration) -> Picture | None:
     one = "cameras and one target" if poses.setup == "eye-in-hand" else "targets and one camera"
     alt = f"The rig in the base frame, from the side and from above: {poses.n:,} gripper poses with their {one}."
     caption = (
-        "Everything in the base frame, in metres. Pyramids are cameras and open where they look; squares are targets; "
-        "grey lines join the gripper to what it carries. "
-        "If cameras do not look at the target here, a frame or a unit is wrong."
+        "All poses in the base frame, in metres. Pyramids are cameras, open in the viewing direction; rectangles are "
+        "targets; grey lines connect each gripper to what it carries. "
+        "If the cameras do not look at the target, a frame or a unit is wrong."
     )
     if poses.n > MOST_FRAMES:
         caption += f" {MOST_FRAMES} of the {poses.n:,} poses are drawn in full, the others as dots."
@@ -181,9 +181,9 @@ def _residuals(result: Calibration) -> Picture | None:
         f"{'None is' if not flagged else f'{flagged} are' if flagged > 1 else 'One is'} flagged."
     )
     caption = (
-        f"How far each {table.item} is from where X and all others put it. d² measures this by the noise: 6 in the "
-        f"mean, beyond {table.limit:.3g} in one good {table.item} of 1,000. Bows, steps or trends over the numbers are "
-        "no noise but drift, kinematics or intrinsics."
+        f"Residual of each {table.item} from the prediction of X and all other {table.item}s. d² is the squared "
+        f"distance in standard deviations: 6 on average, above {table.limit:.3g} for one good {table.item} in 1,000. A "
+        "curve, step or trend is not noise: it points to drift, kinematics or intrinsics."
     )
     return Picture(residual_figure(table), alt, caption)
 
@@ -197,8 +197,8 @@ def _budget(result: Calibration) -> Picture | None:
     parts = "; ".join(f"{name} {100 * a:.0f} % and {100 * b:.0f} %" for name, (a, b) in shares.items())
     alt = f"Bars of the share that each noise source has in the variance of X's rotation and translation: {parts}."
     caption = (
-        "Where the uncertainty of X comes from. The longest bar is what to improve first: halving that noise takes "
-        "away three quarters of its share. (A) is evaluated from the data, (B) declared or assumed."
+        "Where the uncertainty of X comes from. The longest bar is what to improve first: halving that noise "
+        "removes three quarters of its share. (A) is evaluated from the data, (B) is declared or assumed."
     )
     return Picture(budget_figure(shares), alt, caption)
 
@@ -209,11 +209,11 @@ def _shared(result: Calibration) -> Picture | None:
     groups = shared_groups(result)
     alt = f"Errors that all poses share, assumed and found: {', '.join(group.name for group in groups)}."
     caption = (
-        "What was assumed of each error (grey, one standard deviation to each side) and what is known of it after the "
-        "fit (blue). Where blue is as wide as grey the data say nothing of it."
+        "Each error before the fit (grey, one standard deviation to each side) and after it (blue). Where blue is as "
+        "wide as grey, the data say nothing about the error."
     )
     if any(group.count > 1 for group in groups):
-        caption += " Of an error of many numbers, each estimate is a dot."
+        caption += " The estimates of an error with several numbers are dots."
     return Picture(shared_figure(groups), alt, caption)
 
 
@@ -227,12 +227,12 @@ def _task_space(result: Calibration) -> Picture | None:
         f"camera. At {typical:.2g} m it is {digits(1e3 * at.worst[0])} mm in the worst direction."
     )
     caption = (
-        f"How uncertain a point is that the camera sees, once X carries it to the {parent_frame(result)}. Only the "
-        "error of X is in it: the camera's own error of the point comes on top. Left on the optical axis, right in the "
-        "plane y = 0, up to 30 degrees from the axis."
+        f"Uncertainty of a point that the camera sees, transformed by X to the {parent_frame(result)}. Only the error "
+        "of X is included; the camera's own error of the point comes in addition. Left: points on the optical axis. "
+        "Right: the plane y = 0, up to 30 degrees from the axis."
     )
     if known:
-        caption += f" The target was {typical:.2g} m away (RMS): beyond, the numbers are extrapolated."
+        caption += f" The target was {typical:.2g} m away (RMS); beyond that, the numbers are extrapolated."
     return Picture(task_space_figure(result), alt, caption)
 
 
