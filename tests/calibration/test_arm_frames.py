@@ -47,7 +47,7 @@ def test_frames_of_the_controller_are_in_X_and_W(rng, setup):
     np.testing.assert_allclose(np.sort(result.std[:3]), np.sort(same.std[:3]), rtol=0.3)
     np.testing.assert_allclose(result.kinematics.e, same.kinematics.e, rtol=0, atol=2e-5)
     assert said(result) == ["kinematics.against_controller"]
-    text = " ".join(result.summary().split())
+    text = " ".join(result.summary(verbose=True).split())
     assert "after a tool frame of 150 mm, 45.8 deg and a base frame of 900 mm, 115 deg" in text
     q = poses.joints[:2] + 0.1
     ahead = result.predict_camera(joints=q)

@@ -46,7 +46,7 @@ def test_exact_data_say_nothing_about_the_noise():
     assert result.method == "efficient"
     assert result.covariance is result.std is result.correlation is result.covariance_inverse is None
     assert result.covariance_sigma is result.weakest_rotation is None
-    assert "not determined" in result.summary()
+    assert "not determined" in result.summary(verbose=True)
     with pytest.raises(uq.InputError, match="not determined"):
         result.covariance_in("ros")
     for value in ("diagnostics", "covariances", "split_half", "budget"):
@@ -201,7 +201,7 @@ def test_no_damage_passes_that_shows_up_later(options, bad):
             refused += 1
             continue
         assert "X" not in path or bad == -1, path
-        assert found.summary() and found.to_json()
+        assert found.summary(verbose=True) and found.to_json()
     assert refused > 0.3 * len(paths)
     if isinstance(bad, float | str | list | dict):
         assert refused > 0.7 * len(paths)
@@ -268,8 +268,10 @@ def test_parallel_axes_are_answered_and_named(seed):
     noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
     with pytest.warns(uq.InputWarning, match="gripper's z axis together with the target along the base's z axis"):
         found = uq.calibrate(planar(20, None if seed is None else noise, seed or 0), noise=noise)
-    assert "nearly parallel" not in found.summary()  # it is said once, and better
-    (row,) = [line for line in found.summary().splitlines() if line.strip().startswith("model (the noise) *")]
+    assert "nearly parallel" not in found.summary(verbose=True)  # it is said once, and better
+    (row,) = [
+        line for line in found.summary(verbose=True).splitlines() if line.strip().startswith("model (the noise) *")
+    ]
     assert row.split()[-1] == "open" and row.split().count("open") == 1
     np.testing.assert_allclose(np.abs(found.open_directions), [[0, 0, 0, 0, 0, 0.5**0.5] * 2], atol=1e-6)
     assert np.isinf(found.std).tolist() == [False] * 5 + [True] and found.reference.components == 5

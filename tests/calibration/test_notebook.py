@@ -176,7 +176,7 @@ def test_table_has_the_numbers_and_their_deviations(result):
 
 def test_summary_has_the_pieces_of_a_fit_report(result):
     """Variables with deviations, how many data and variables, chi-square and reduced, sorted correlations."""
-    text = result.summary(threshold=0.1)
+    text = result.summary(verbose=True, threshold=0.1)
     assert "Data: 90 residuals (6 of each pose), 12 variables (of X and W)." in text
     fit = result.fit
     start = f"Fit: chi-square {fit.chi2:.1f} with 78 degrees of freedom (reduced: {fit.chi2 / 78:.2f})"

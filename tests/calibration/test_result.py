@@ -45,7 +45,7 @@ def test_json_round_trip_and_summary(name):
     text = result.to_json()
     again = uq.Calibration.from_dict(json.loads(text))
     assert again.to_json() == text
-    assert again.summary() == result.summary()
+    assert again.summary(verbose=True) == result.summary(verbose=True)
     for field in ("X", "covariance", "W", "covariance_W", "bound", "efficiency"):
         value, read = getattr(result, field), getattr(again, field)
         assert (value is None) == (read is None)
@@ -57,8 +57,8 @@ def test_json_round_trip_and_summary(name):
         assert again.diagnostics.sentences() == result.diagnostics.sentences()
         np.testing.assert_allclose(again.budget.shares, result.budget.shares)
         assert again.budget.sources == result.budget.sources
-    assert max(map(len, result.summary().splitlines())) <= 120
-    assert "nan" not in result.summary().lower().split() and "None" not in result.summary()
+    assert max(map(len, result.summary(verbose=True).splitlines())) <= 120
+    assert "nan" not in result.summary(verbose=True).lower().split() and "None" not in result.summary(verbose=True)
 
 
 def test_damaged_parts_are_refused(estimated):
@@ -206,21 +206,25 @@ def test_the_summary_has_every_section(given, estimated, poses):
     )
     for result in (given, estimated):
         for part in everywhere:
-            assert part in result.summary(), part
-        assert "Not covered: " in " ".join(result.summary().split())
-    assert "Noise as given" in given.summary() and "robot           0.0200            0.0500" in given.summary()
-    assert "chi-square with 6 degrees of freedom" in given.summary()
-    assert "Noise, estimated from the residuals" in estimated.summary() and "6 F(6, " in estimated.summary()
-    assert "to first order, of the noise given" in given.summary()
-    assert "to first order, of the noise estimated" in estimated.summary()
-    spoiled = quietly(with_wrong(poses, 4)).summary()
+            assert part in result.summary(verbose=True), part
+        assert "Not covered: " in " ".join(result.summary(verbose=True).split())
+    assert "Noise as given" in given.summary(
+        verbose=True
+    ) and "robot           0.0200            0.0500" in given.summary(verbose=True)
+    assert "chi-square with 6 degrees of freedom" in given.summary(verbose=True)
+    assert "Noise, estimated from the residuals" in estimated.summary(verbose=True) and "6 F(6, " in estimated.summary(
+        verbose=True
+    )
+    assert "to first order, of the noise given" in given.summary(verbose=True)
+    assert "to first order, of the noise estimated" in estimated.summary(verbose=True)
+    spoiled = quietly(with_wrong(poses, 4)).summary(verbose=True)
     assert "CAUTION: " in spoiled and "stand out (numbered from 0" in spoiled and "CAUTION: 1 of 20 poses" in spoiled
-    assert "No pose stands out" in quietly(uq.simulate(8, noise=NOISE, seed=1), noise=NOISE).summary()
+    assert "No pose stands out" in quietly(uq.simulate(8, noise=NOISE, seed=1), noise=NOISE).summary(verbose=True)
 
 
 def test_the_summary_answers_first_and_says_each_thing_once(poses):
     result = quietly(with_wrong(poses, 4))
-    lines = result.summary().splitlines()
+    lines = result.summary(verbose=True).splitlines()
     assert lines[1].startswith("gripper_T_camera is known ")
     first = [k for k, line in enumerate(lines) if line.startswith("CAUTION: ")]
     matrix = next(k for k, line in enumerate(lines) if line.startswith("   "))
@@ -234,7 +238,7 @@ def test_the_summary_answers_first_and_says_each_thing_once(poses):
 def test_the_summary_of_joint_noise():
     n = 12
     noise = uq.PoseNoise(NOISE.robot, np.kron(np.eye(n) + 0.5, NOISE.camera))
-    flat = " ".join(quietly(uq.simulate(n, noise=noise, seed=1), noise=noise).summary().split())
+    flat = " ".join(quietly(uq.simulate(n, noise=noise, seed=1), noise=noise).summary(verbose=True).split())
     assert flat.count("The noise is joint over the poses") == 1
     assert "sandwich, hac, jackknife, bootstrap not determined: " in flat
     assert "camera (rotation and translation) " in flat and "camera rotation " not in flat

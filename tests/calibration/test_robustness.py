@@ -46,7 +46,7 @@ def test_a_wrong_detection_is_found_and_named(options, setup):
     assert np.sqrt(nees(difference(result.X, clean.truth.X)[None], result.covariance))[0] < 6
     data_out = json.loads(result.to_json())
     assert data_out["poses"]["flag"][4] == "rejected" and any("pose 4 (" in text for text in data_out["warnings"])
-    assert re.search(r"^  4 .* rejected$", result.summary(), re.MULTILINE)
+    assert re.search(r"^  4 .* rejected$", result.summary(verbose=True), re.MULTILINE)
     assert result.to_dict()["n_poses"] == 20
 
 

@@ -42,13 +42,15 @@ def flat(text):
 
 def test_the_total_says_what_it_includes(poses, by_default):
     sigma = 1e3 * by_default.weakest_translation[1]
-    first = flat(by_default.summary())
+    first = flat(by_default.summary(verbose=True))
     assert f"is known to {sigma:.2g} mm and " in first
     said = "This total includes what all poses share: focal length 0.1 %, principal point 1 mrad, target scale 0.02"
     assert said in first and "% (defaults)." in first
     without = quietly(poses, shared=[])
     assert included_words(without) == "Errors that all poses share are not included."
-    assert included_words(without) in flat(without.summary()) and included_words(without) in flat(without._repr_html_())
+    assert included_words(without) in flat(without.summary(verbose=True)) and included_words(without) in flat(
+        without._repr_html_()
+    )
     assert without.weakest_rotation[1] < by_default.weakest_rotation[1]
     in_pixels = SHARED.principal_point("1px", focal_length_px=800)
     one = quietly(poses, noise=NOISE, shared=[SHARED.focal_length("0.05%"), in_pixels])
@@ -91,7 +93,7 @@ def test_numbers_of_one_error_are_one_row_and_one_source(poses):
     np.testing.assert_allclose(result.budget.covariance[:6, :6], result.bound, rtol=1e-6, atol=1e-14)
     assert "waves (8): 0.001" in result.provenance.options["shared"]
     read = uq.Calibration.from_dict(json.loads(result.to_json()))
-    assert read.summary() == result.summary()
+    assert read.summary(verbose=True) == result.summary(verbose=True)
     park = quietly(poses, noise=NOISE, shared=[waves(poses)], method="park")
     assert included_words(park).endswith("share: waves.")
 
@@ -115,7 +117,7 @@ def test_numbers_of_one_error_are_tested_together(poses, times, expected):
 def test_a_side_without_noise_has_a_table_and_a_budget(side):
     noise = uq.PoseNoise(**{side: getattr(NOISE, side)})
     result = quietly(uq.simulate(20, noise=noise, seed=SEED), noise=noise)
-    assert "not declared" in result.summary() and "expanded, U = k u_c" in result.summary()
+    assert "not declared" in result.summary(verbose=True) and "expanded, U = k u_c" in result.summary(verbose=True)
 
 
 def test_one_table_has_those_assumed_and_those_that_are_not(by_default, poses):
@@ -138,14 +140,14 @@ def test_a_wrong_size_is_said_with_its_way_and_that_scales_look_alike(poses, fac
     assert len(cautions) == 1 and f"% {'smaller' if factor > 1 else 'larger'} than assumed" in cautions[0]
     error = next(error for error in result.shared if error.name == "target scale")
     assert error.wide > 0.99 and abs(error.estimate - (factor - 1)) < 5 * error.sd
-    assert "the data cannot tell which is wrong" in flat(result.summary())
+    assert "the data cannot tell which is wrong" in flat(result.summary(verbose=True))
 
 
 def test_what_is_not_declared_is_asked_for_once(poses):
     result = quietly(with_size(poses, 1.01), noise=NOISE)
     said = [text for text in result.warnings if "not declared" in text]
     assert len(said) == 1 and "target scale +1.0" in said[0] and "robot scale -1.0" in said[0]
-    assert flat(result.summary()).count("shared errors that were not declared") == 1
+    assert flat(result.summary(verbose=True)).count("shared errors that were not declared") == 1
     assert "diagnostics.undeclared" not in codes(quietly(poses, noise=NOISE))
 
 
@@ -170,7 +172,9 @@ def test_a_prior_that_the_data_contradict_is_said(poses):
 def test_what_X_cannot_be_told_from_is_named_with_its_direction(by_default, poses):
     assert codes(by_default)["calibration.shared_confounded"] == "note"
     said = "The principal point cannot be separated from the rotation of X about the camera's y and x axes. Its assumed"
-    assert said in flat(by_default.summary()) and not any("rincipal" in text for text in by_default.warnings)
+    assert said in flat(by_default.summary(verbose=True)) and not any(
+        "rincipal" in text for text in by_default.warnings
+    )
     wide = quietly(poses, noise=NOISE, shared=[SHARED.principal_point("5deg")])
     assert codes(wide)["calibration.shared_opens"] == "caution"
     assert any("its declared standard deviation, 87 mrad, this leaves X uncertain by" in text for text in wide.warnings)
@@ -180,7 +184,7 @@ def test_shared_errors_and_their_table_survive_a_file(by_default, poses):
     px = quietly(poses, noise=NOISE, shared=[SHARED.principal_point("1px", focal_length_px=800)])
     for result in (by_default, px, quietly(with_size(poses, 1.01))):
         again = uq.Calibration.from_dict(json.loads(result.to_json()))
-        assert again.to_json() == result.to_json() and again.summary() == result.summary()
+        assert again.to_json() == result.to_json() and again.summary(verbose=True) == result.summary(verbose=True)
         assert shared_table(again) == shared_table(result)
 
 

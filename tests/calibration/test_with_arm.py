@@ -29,7 +29,7 @@ def test_parallel_axes_leave_open_what_predictions_need(rng, setup):
     poses, _, _ = measured(arm, rng, 20, setup=setup, camera=(1e-3, 1e-3), joint_sd=2e-4)
     result = quietly(poses, kinematics=arm)
     assert result.opened is not None
-    text = result.summary()
+    text = result.summary(verbose=True)
     assert "errors of the arm (joint offsets, joint tilts" in " ".join(text.split())
     assert "wrong robot kinematics" not in text and "declared)" not in text
     for predict in (result.predict_camera, lambda joints: result.predict([0, 0, 0.3], joints)):
@@ -56,9 +56,9 @@ def test_a_group_of_one_number_is_estimated_like_the_others(rng):
     arm = random_chain(rng, "RRPR")
     poses, _, _ = measured(arm, rng, 20, camera=(1e-3, 1e-3), joint_sd=2e-4)
     row = re.compile(r"joint offsets: j1 .*\((\w+)\)")
-    assert row.search(quietly(poses, kinematics=arm).summary())[1] == "estimated"
+    assert row.search(quietly(poses, kinematics=arm).summary(verbose=True))[1] == "estimated"
     declared = uq.KinematicErrors("declared", robot_class="industrial")
-    assert row.search(quietly(poses, kinematics=arm, kinematic_errors=declared).summary())[1] == "declared"
+    assert row.search(quietly(poses, kinematics=arm, kinematic_errors=declared).summary(verbose=True))[1] == "declared"
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_noise_of_all_robot_poses_together_says_nothing_of_a_new_one(rng):
     errors = uq.KinematicErrors("declared", robot_class="industrial")
     result = quietly(found.poses, kinematics=ARM, kinematic_errors=errors, noise=noise)
     assert result.over_workspace is None
-    assert "The arm:" in result.summary()
+    assert "The arm:" in result.summary(verbose=True)
     with pytest.raises(uq.InputError, match="joint array of the robot poses"):
         result.predict_camera(found.near)
 

@@ -53,7 +53,7 @@ def test_nothing_but_poses_from_corners(recording, result):
     assert result.reference.kind == "F" and np.isfinite(result.reference.dof)
     off = error(result.X, X)
     assert off @ np.linalg.solve(result.covariance, off) < result.quantile(0.9999)
-    text = result.summary()
+    text = result.summary(verbose=True)
     assert "beside that of the camera" in text and "come" in text
     assert "a wrong model of the camera" in text and "wrong intrinsics" not in text
 
@@ -64,7 +64,7 @@ def test_noise_of_the_robot_alone_is_completed(recording):
     found = calibrate(poses, noise=uq.PoseNoise(ROBOT))
     expected = calibrate(poses, noise=uq.PoseNoise(ROBOT, S))
     np.testing.assert_array_equal(found.covariance, expected.covariance)
-    assert found.noise_estimate is None and "correlated over the poses" in found.summary()
+    assert found.noise_estimate is None and "correlated over the poses" in found.summary(verbose=True)
     given = calibrate(poses, noise=uq.PoseNoise(ROBOT, marginals(S)))  # as given
     assert given.noise.camera.shape == (poses.n, 6, 6)
     motions = uq.relative_motions(poses, "all")
@@ -105,7 +105,7 @@ def test_bundle(rng, setup):
     away = error(found.X, X)
     assert away @ np.linalg.solve(found.covariance, away) < found.quantile(0.9999)
     assert calibrate(poses, method="bundle").to_json() == found.to_json()  # nothing in it is of the run
-    assert found.agreement.sentence.split()[0] in found.summary()
+    assert found.agreement.sentence.split()[0] in found.summary(verbose=True)
 
 
 def test_a_wrong_robot_row_is_found(rng):
@@ -141,7 +141,7 @@ def test_files_and_reports(recording, tmp_path, method):
     found = calibrate(recording[0], method=method)
     found.to_json(tmp_path / "x.json")
     again = uq.Calibration.from_json(tmp_path / "x.json")
-    assert again.summary() == found.summary() and again.to_dict() == found.to_dict()
+    assert again.summary(verbose=True) == found.summary(verbose=True) and again.to_dict() == found.to_dict()
     np.testing.assert_array_equal(again.noise_estimate.noise.camera.own, found.noise.camera.own)
     found.report(tmp_path / "x.html", comparison=False)
     text = (tmp_path / "x.html").read_text(encoding="utf-8")

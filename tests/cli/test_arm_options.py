@@ -104,7 +104,7 @@ def test_poses_of_the_controller_and_joints_beside(cell, files):
     folder, X, _ = cell
     found = found_in(folder, *files, *CHAIN, *GIVEN)
     assert close(found, np.linalg.inv(TOOL) @ X) < FAR
-    text = run("calibrate", *files, *CHAIN, *GIVEN, cwd=folder).stdout
+    text = run("calibrate", *files, *CHAIN, *GIVEN, "-v", cwd=folder).stdout
     assert "after a tool frame of 100 mm, 45.8 deg" in " ".join(text.split())
     alone = found_in(folder, "camera.csv", *CHAIN, *GIVEN)
     assert np.trace(np.array(found["covariance"])[:3, :3]) == pytest.approx(
@@ -262,5 +262,5 @@ def test_a_real_arm_by_its_joints():
     arguments = (*chain, *given, "--camera-noise", "0.11deg,0.43mm", "--shared", "none")
     found = found_in(folder, "camera.csv", *arguments)
     np.testing.assert_allclose(1e3 * np.array(found["X"])[:3, 3], [94.6, -11.4, 39.1], atol=1.5)
-    text = run("calibrate", "tcp.csv", "camera.csv", *arguments, cwd=folder).stdout
+    text = run("calibrate", "tcp.csv", "camera.csv", *arguments, "-v", cwd=folder).stdout
     assert "after a tool frame of 45 deg" in " ".join(text.split())

@@ -270,6 +270,6 @@ def test_a_board_in_millimetres_is_said_and_how_to_mend_it(table, tmp_path):
     options = ("mm.csv", "--image-size", "640x480", "--model", "pinhole")
     done = run("camera", *options, "-o", "camera", cwd=tmp_path)
     assert done.returncode == 0 and "look like millimetres" in done.stderr and "--units mm" in done.stderr
-    done = run("calibrate", folder / "robot.csv", "camera", cwd=tmp_path)
+    done = run("calibrate", folder / "robot.csv", "camera", "--json", cwd=tmp_path)
     assert "Calibrate the camera again with the board in its unit (--units mm" in done.stderr
     assert "look like millimetres" not in run("camera", *options, "--units", "mm", cwd=tmp_path).stderr

@@ -46,7 +46,8 @@ def test_report_of_calibrate(session, tmp_path):
         "calibrate", "robot.csv", "camera.csv", *NOISE, "--report", tmp_path / "r.html", "--no-compare", cwd=session
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith("gripper_T_camera by efficient from 12 poses")
+    assert done.stdout.startswith("gripper_T_camera from robot.csv, camera.csv: 12 poses, eye-in-hand, efficient\n")
+    assert f"Wrote {tmp_path}/r.html." in done.stdout.replace("\n  ", " ").replace("\n", "")
     html = unescape((tmp_path / "r.html").read_text(encoding="utf-8"))
     typed = f"uq-handeye calibrate robot.csv camera.csv {' '.join(NOISE)} --report {tmp_path}/r.html --no-compare"
     assert typed in html and "gripper_T_camera" in html
@@ -102,8 +103,10 @@ def test_cross_check_in_the_report(session, tmp_path, asked, monkeypatch):
 
 def test_report_of_a_stored_result(session, tmp_path, asked):
     done = run("report", "result.json", tmp_path / "again.html", cwd=session)
-    assert (done.returncode, done.stdout) == (0, f"Wrote {tmp_path / 'again.html'}\n")
+    assert done.returncode == 0 and f"Wrote {tmp_path}/again.html" in done.stdout.replace("\n  ", " ")
     ((result, path, comparison, check),) = asked
+    assert done.stdout.startswith(result.headline[:60]) and done.stdout.count("\n") <= 5
+    assert run("report", "result.json", cwd=session).stdout.startswith(result.summary()[:-1])
     assert (path, comparison, check) == (tmp_path / "again.html", True, None)
     assert result.to_json() == (session / "result.json").read_text()
     run("report", "result.json", tmp_path / "again.html", "--no-compare", cwd=session)

@@ -61,7 +61,7 @@ def test_board_and_camera_matrix_give_the_noise(rig):
     finished = uq.PosePairs(poses.robot, poses.camera)
     noise = uq.camera_noise(finished, board(), [float(value) for value in K.split(",")])
     np.testing.assert_allclose(uq.calibrate(finished, noise=noise).covariance, found["covariance"], rtol=1e-3)
-    text = run("calibrate", "robot.csv", "camera.csv", *BOARD, "--camera-matrix", K, cwd=folder).stdout
+    text = run("calibrate", "robot.csv", "camera.csv", *BOARD, "--camera-matrix", K, "-v", cwd=folder).stdout
     assert "geometry of the views" in text and " px " in text
 
 

@@ -111,7 +111,7 @@ def test_many_poses_are_diagnosed_on_some_pairs():
     result = uq.calibrate(uq.simulate(1000, noise=noise, seed=1), noise=noise, method="4dpa")
     assert result.n_pairs == 499_500
     assert result.residuals.pairs < 250_000
-    assert f"over {result.residuals.pairs:,} of the 499,500 pairs" in result.summary()
+    assert f"over {result.residuals.pairs:,} of the 499,500 pairs" in result.summary(verbose=True)
     assert np.degrees(result.residuals.rotation_rms) == pytest.approx(0.1 * np.sqrt(6), rel=0.05)
 
 

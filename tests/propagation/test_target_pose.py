@@ -35,7 +35,7 @@ def test_exact_poses(method, setup):
     assert result.std_W.shape == (6,) and "covariance_W" in result.to_dict()
     again = uq.Calibration.from_dict(result.to_dict())
     np.testing.assert_array_equal(again.covariance_W, result.covariance_W)
-    assert f"{result.frame_W} (" in result.summary()
+    assert f"{result.frame_W} (" in result.summary(verbose=True)
 
 
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")  # random poses are no usual rig

@@ -92,7 +92,7 @@ def test_one_row_and_one_source_of_type_B():
     assert dict(zip(result.budget.sources, result.budget.types, strict=True))["robot accuracy"] == "B"
     assert result.provenance.options["shared"] == ["robot accuracy: 0.5 mm, 0.05 deg"]
     assert (result.std > quietly(poses, noise=NOISE).std).all()
-    text = " ".join(result.summary().split())
+    text = " ".join(result.summary(verbose=True).split())
     assert "a robot that is less accurate than declared" in text and "wrong robot kinematics" not in text
 
 

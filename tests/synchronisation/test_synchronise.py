@@ -157,7 +157,7 @@ def test_an_offset_taken_as_exact(plain):
     given = uq.synchronise(robot, camera, offset=OFFSET)
     assert given.offset == OFFSET and given.offset_std == 0 and given.origin == "given"
     result = calibrated(given.poses)
-    assert "taken as exact" in result.summary()
+    assert "taken as exact" in result.summary(verbose=True)
     assert np.array_equal(result.covariance, result.bound)
     assert uq.synchronise(robot, some(camera, slice(0, None, 100)), offset=OFFSET).poses.n >= 3
 
@@ -340,7 +340,7 @@ def test_one_averaged_pose_for_each_stop():
     assert sync.stops == sync.poses.n == 15 and not sync.left_out
     assert "15 stops" in sync.summary() and "hardly matters" in sync.summary()
     result = calibrated(sync.poses)
-    assert "stands still" in result.summary()
+    assert "stands still" in result.summary(verbose=True)
     assert np.array_equal(result.covariance, result.bound)
     xi = difference(result.X, X)
     assert xi @ np.linalg.solve(result.covariance, xi) < result.quantile(0.9999)
@@ -408,7 +408,7 @@ def test_calibrate_takes_the_offset_in(plain, method, robust, tmp_path):
     for kind, S in result.covariances.items():  # all of them
         assert move @ np.linalg.solve(S, move) > 0.05 * offset.share, kind
     assert np.array_equal(result.covariances["model"], result.covariance)
-    assert "Time offset: 12" in result.summary() and "makes up" in result.summary()
+    assert "Time offset: 12" in result.summary(verbose=True) and "makes up" in result.summary(verbose=True)
     result.to_json(tmp_path / "result.json")
     back = uq.Calibration.from_json(tmp_path / "result.json")
     assert back.time_offset == offset and np.array_equal(back.covariance, result.covariance)

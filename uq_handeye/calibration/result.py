@@ -42,7 +42,7 @@ from ..prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from ..prediction.fitted_kinematics import FittedKinematics
 from ..prediction.predict import CameraPrediction, predict_camera, predict_points
 from ..prediction.workspace import WorkspacePrediction, over_workspace
-from ..presentation.document import document_of, to_text
+from ..presentation.document import COLUMNS, document_of, to_text
 from ..presentation.notebook import html_of
 from ..runtime.read_only import ReadOnlyArrays
 from ..statement.accuracy import Accuracy, accuracy_of
@@ -381,9 +381,15 @@ class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
             known = f"NOT USABLE, {self.reasons[0]}"
         return f"Calibration({self.frame} by {self.method}, {data}: {known})"
 
-    def summary(self, threshold: float = 0.5) -> str:
-        """The result as text; correlations at or above ``threshold`` are listed."""
-        return to_text(document_of(self, threshold=threshold))
+    def summary(self, verbose: bool = False, threshold: float = 0.5) -> str:
+        """Return the result as text: the first screen, or with ``verbose`` everything that is known.
+
+        The first screen has at most 25 lines of 80 columns. The long text lists correlations at or above ``threshold``.
+        """
+        if not isinstance(verbose, bool):
+            raise InputError(f"Expected `verbose` to be True or False, got {verbose!r}; `threshold` goes by its name.")
+        document = document_of(self, verbose=verbose, threshold=threshold)
+        return to_text(document) if verbose else to_text(document, COLUMNS)
 
     def _repr_html_(self) -> str:
         """The result in a notebook: X with its standard deviations, warnings, and the numbers behind them."""

@@ -113,6 +113,19 @@ def concise(value: float, std: float | None, unit: str = "") -> str:
     return f"{text}{scale} {unit}".rstrip()
 
 
+def plus_minus(value: float, std: float) -> str:
+    """Return a value and its standard deviation, of two digits, to the same decimal place.
+
+    >>> plus_minus(12.3452, 0.0668), plus_minus(-0.0001, 0.3), plus_minus(12345, 123)
+    ('12.345 +- 0.067', '0.00 +- 0.30', '12340 +- 120')
+    """
+    if not (isfinite(value) and isfinite(std)) or std <= 0 or not 1e-6 <= std < 1e6:
+        return f"{digits(value, 6)} +- {digits(std, 2)}"
+    decimals = 1 - int(f"{std:.1e}".partition("e")[2])
+    shown = round(value, decimals) + 0.0
+    return f"{shown:.{max(decimals, 0)}f} +- {round(std, decimals):.{max(decimals, 0)}f}"
+
+
 def signed(number: str) -> str:
     """A number as text, with a plus where it has no minus."""
     return number if number.startswith("-") else f"+{number}"

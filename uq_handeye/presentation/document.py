@@ -16,6 +16,8 @@ from ..findings import Finding
 
 # Longest line of text, in characters, unless the caller says otherwise.
 WIDTH = 118
+# Columns of a first screen.
+COLUMNS = 80
 
 # Make a piece of text look like its role: "answer", "heading", or the status of a check.
 Style = Callable[[str, str], str]
@@ -220,12 +222,18 @@ def _wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -
 
 
 def _check_lines(checks: Checks, width: int, style: Style) -> list[str]:
-    """Status and name in columns of their own, the text beside them."""
-    names = max((len(name) for _, name, _ in checks.rows), default=0)
+    """Status and name in columns of their own, the text beside them; a list of names is no column."""
+    names = max((len(name) for _, name, _ in checks.rows if "," not in name), default=0)
     lines = []
     for status, name, text in checks.rows:
-        start = f"{status:<{STATUS_WIDTH}}  {name:<{names}}  "
-        first, *rest = _wrapped(start + text, width, "", " " * len(start))
+        start = f"{status:<{STATUS_WIDTH}}  "
+        hang = " " * len(start)
+        if "," in name:
+            start += f"{name}: "
+        else:
+            start += f"{name:<{names}}  "
+            hang = " " * len(start)
+        first, *rest = _wrapped(start + text, width, "", hang)
         lines += [style(status, status) + first[len(status) :], *rest]
     return lines
 

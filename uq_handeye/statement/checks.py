@@ -126,7 +126,8 @@ def _without_findings(name: str, result: Stated) -> Check:
         return Check(name, "ok", "rows, units and frames fit together")
     if name == OUTLIERS:
         if result.table is None:
-            return Check(name, "not run", f"needs the methods efficient or ml, not {result.method}")
+            why = f"needs the methods efficient or ml, not {result.method}"
+            return Check(name, "not run", "no noise, given or estimated" if result.covariance is None else why)
         return Check(name, "ok", f"none of {len(result.table)} {result.table.item}s")
     if name == NOISE:
         return _of_noise(result)
@@ -141,7 +142,7 @@ def _without_findings(name: str, result: Stated) -> Check:
         spectrum, turning = result.analysis.diagnostics.spectrum, result.analysis.diagnostics.diversity.share
         shares = " / ".join(f"{100 * share:.0f}" for share in turning)
         condition = f", condition {digits(spectrum.condition, 2)}" if np.isfinite(spectrum.condition) else ""
-        return Check(name, "ok", f"rotation about three axes ({shares} %){condition}")
+        return Check(name, "ok", f"about three axes ({shares} %){condition}")
     assert name == SHARED
     if not included(result):
         return Check(name, "not run", "none declared or assumed")

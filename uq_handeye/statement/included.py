@@ -47,13 +47,13 @@ def not_included(result: Stated) -> list[str]:
     """Return the systematic errors that the covariance of X does not include."""
     names = column_names(result)
     known = of_camera(result) or FOCAL_LENGTH in names
-    camera = "a wrong camera model" if known else "errors of the camera's intrinsics"
-    target = "a target of another shape" if TARGET_SCALE in names or of_camera(result) else "a wrong target size"
-    robot = "errors of the robot's kinematics"
+    camera = "camera model" if known else "camera intrinsics"
+    target = "target shape" if TARGET_SCALE in names or of_camera(result) else "target size"
+    robot = "robot kinematics"
     if any(error.error == ROBOT_ACCURACY for error in result.shared):
-        robot = "a robot less accurate than declared"
+        robot = "robot errors beyond those declared"
     if set(DECLARED_AS) & set(map(group_of, names)):
-        robot = "errors that the arm's model lacks"
+        robot = "arm errors outside its model"
     return [camera, robot, target]
 
 

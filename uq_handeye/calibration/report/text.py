@@ -16,6 +16,7 @@ from ...geometry.principal_axes import principal_axes
 from ...geometry.se3 import Array
 from ...presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
 from ...statement.included import not_included
+from ...statement.tolerance import Verdict
 from ..result import Calibration
 from .analysis import (
     beside_blocks,
@@ -28,7 +29,11 @@ from .analysis import (
     worst_words,
 )
 from .arm import arm_blocks
+from .first_screen import accuracy_blocks, answer_blocks, checks_block, first_screen, title_of
 from .shared_errors import included_words, shared_blocks
+
+# Columns of the title of the long text.
+LONG_TITLE = 118
 
 _SOURCES = {
     "model": "the noise given",
@@ -41,20 +46,22 @@ _SOURCES = {
 
 
 @document_of.register(Calibration)
-def calibration_document(result: Calibration, threshold: float = 0.5) -> Document:
-    """How well X is known and what is wrong first; then X, noise, fit, poses, diagnostics; other forms of X last.
+def calibration_document(result: Calibration, verbose: bool = False, threshold: float = 0.5) -> Document:
+    """Return the first screen, or with ``verbose`` all that is known (`long_document`)."""
+    return long_document(result, threshold) if verbose else first_screen(result)
+
+
+def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict | None = None) -> Document:
+    """Return all that is known: the statement, cautions, X, noise, fit, poses, diagnostics, other forms of X.
 
     Correlations at or above ``threshold`` are listed.
     """
-    origin = "" if result.n_poses is None else f" of {result.n_poses} poses"
-    scale = "" if result.scale is None else f", d = {result.scale:g}"
-    setup = "" if result.setup is None else f", {result.setup}"
-    on_poses = (result.fourdpa is not None or result.fit is not None) and result.W is not None
-    data = f"{result.n_poses} poses" if on_poses else f"{result.n_pairs} pairs{origin}"
     tables = [table for table in (covariance_table(result), budget_table(result)) if table is not None]
     return [
-        [Heading(f"{result.frame} by {result.method}{scale} from {data}{setup}"), Paragraph(answer(result))],
-        *map(Caution, result.warnings),
+        [Heading(title_of(result, LONG_TITLE)), *answer_blocks(result, verdict)],
+        accuracy_blocks(result),
+        checks_block(result),
+        *(Caution(str(found)) for found in result.cautions),
         *(Paragraph(str(found)) for found in result.findings if found.code == "kinematics.against_controller"),
         *_numbers(result, threshold),
         *([arm] if (arm := arm_blocks(result)) else []),
@@ -177,21 +184,17 @@ def _other_forms(result: Calibration) -> list[Block | list[Block]]:
 
 
 def against_truth(result: Calibration, truth: Array) -> str:
-    """The error of X against a known one (4, 4), and whether it lies inside the ellipsoid."""
+    """Return the error of X against a known one (4, 4) in a sentence, and whether it lies inside the ellipsoid."""
     turn = Rotation.from_matrix(result.X[:3, :3] @ truth[:3, :3].T).as_rotvec()
     xi = np.concatenate([turn, result.X[:3, 3] - truth[:3, 3]])
-    lines = [
-        f"Truth: X is off by {digits(np.degrees(float(np.linalg.norm(turn))))} deg and "
-        f"{digits(1e3 * float(np.linalg.norm(xi[3:])))} mm."
-    ]
-    if result.covariance is not None:
-        distance = float(xi @ np.linalg.solve(result.covariance, xi))
-        limit = result.quantile(0.95)
-        lines.append(
-            f"Against the covariance: d^2 = {distance:.1f} with 6 degrees of freedom "
-            f"({'inside' if distance <= limit else 'outside'} the 95 % ellipsoid, d^2 <= {limit:.1f})."
-        )
-    return "\n".join(lines) + "\n"
+    text = (
+        f"Truth: X is off by {digits(1e3 * float(np.linalg.norm(xi[3:])))} mm and "
+        f"{digits(np.degrees(float(np.linalg.norm(turn))))} deg"
+    )
+    if result.covariance is None:
+        return f"{text}."
+    inside = float(xi @ np.linalg.solve(result.covariance, xi)) <= result.quantile(0.95)
+    return f"{text}, {'inside' if inside else 'outside'} its 95 % ellipsoid."
 
 
 def _lines(lines: Sequence[str]) -> Code:

@@ -1,17 +1,17 @@
 """Commands ``calibrate`` and ``demo``: X with its uncertainty, as text, files and report."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ...errors import InputError
+from ...errors import InputError, NotConvergedError
 from ...runtime.progress import working
 from ..arm_options import Arm, arm_of
 from ..groups import ESTIMATION
-from ..messages import command_line, progress_wanted, timed
+from ..messages import LOG, command_line, progress_wanted, quiet, timed, withheld
 from ..noise_options import Given, given_of, pose_prior_of, prior_of
 from ..options import (
     AT_THE_BOUND,
@@ -23,7 +23,6 @@ from ..options import (
     JsonOption,
     PairsOption,
     cores,
-    emit,
     flag,
     folder_option,
     made_of,
@@ -31,6 +30,7 @@ from ..options import (
     option,
     require_writable,
 )
+from ..outcome import Wanted, emit_refusal, emit_result, json_of, wanted_of
 from ..pose_files import PoseFiles, problem_for
 from ..report_options import ReportOptions, report_options_of
 from ..views import pictures_of
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ...comparison.of_result import Compared
     from ...comparison.result import Comparison
     from ...noise.estimate import NoisePrior
+    from ...statement.tolerance import Verdict
     from ...validation.cross_check.result import CrossCheck
     from ..pictures import Pictures
     from ..views import Views
@@ -48,6 +49,9 @@ METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
 
 # The noise that the embedded data set was simulated with; data/README.md has the command.
 DEMO_NOISE = {"robot": ("0.02deg", "0.05mm"), "camera": ("0.1deg", "0.5mm")}
+
+# Written by the demo where no other report is asked for.
+DEMO_REPORT = Path("demo_report.html")
 
 # X for other programs, beside a result: file by the format of `export`.
 EXPORTS = {"ros": "x_ros.yaml", "urdf": "x.urdf", "opencv": "x_opencv.yaml", "npz": "x.npz"}
@@ -79,6 +83,7 @@ NoCompare = Annotated[bool, flag("--no-compare", panel=OUTPUT, help="Report with
     pictures=pictures_of,
     arm=arm_of,
     wishes=report_options_of,
+    wanted=wanted_of,
 )
 def calibrate_command(
     files: "PoseFiles",
@@ -88,6 +93,7 @@ def calibrate_command(
     beforehand: "dict[str, Any]",
     arm: "Arm | None",
     wishes: "ReportOptions",
+    wanted: "Wanted",
     method: Annotated[
         str | None,
         option(
@@ -166,7 +172,7 @@ def calibrate_command(
     ] = False,
     as_json: JsonOption = False,
     output: ResultFolder = None,
-) -> None:
+) -> int:
     r"""Estimate the camera pose X and its uncertainty.
 
     Examples:
@@ -193,8 +199,8 @@ def calibrate_command(
     part of the covariance. Add --robot robot.csv to compare with the controller.
     """
     require_writable(report, "--report", REPORTS)
-    for name, wanted in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
-        if wanted and report is None:
+    for name, asked in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
+        if asked and report is None:
             raise InputError(f"{name} needs --report FILE. Add it.")
     if method is not None:
         method = one_of(method, "--method", METHODS)
@@ -204,37 +210,44 @@ def calibrate_command(
         if prior is not None:
             raise InputError("The noise and a prior of it are both given. Give one of them.")
         prior = given.one_side
-    poses, noise, shared = files.read_open(given, pictures, prior, arm)
-
-    with timed("calibrating"):
-        result = calibrate(
-            poses,
-            noise=noise,
-            method=method,
-            pairs=pairs,
-            scale=scale,
-            kind=kind,
-            covariance=one_of(covariance, "--covariance", COVARIANCE_NAMES),
-            robust=robust,
-            prior=prior,
-            seed=seed,
-            correlation=one_of(correlation, "--correlation", ("auto", "none")),
-            shared=shared,
-            **beforehand,
-            **({} if arm is None else arm.of_calibrate),
-        )
+    with withheld() as shown:
+        poses, noise, shared = files.read_open(given, pictures, prior, arm)
+        try:
+            with timed("calibrating"):
+                result = calibrate(
+                    poses,
+                    noise=noise,
+                    method=method,
+                    pairs=pairs,
+                    scale=scale,
+                    kind=kind,
+                    covariance=one_of(covariance, "--covariance", COVARIANCE_NAMES),
+                    robust=robust,
+                    prior=prior,
+                    seed=seed,
+                    correlation=one_of(correlation, "--correlation", ("auto", "none")),
+                    shared=shared,
+                    **beforehand,
+                    **({} if arm is None else arm.of_calibrate),
+                )
+            shown += [] if as_json else result.warnings
+        except (InputError, NotConvergedError) as error:
+            return emit_refusal(error, as_json, shown)
     result = replace(result, about=wishes.about)
     check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
-    _deliver(result, as_json, output, report, threshold, not no_compare, check, wishes)
+    files_wanted = Files(output, report, not no_compare, check, wishes.of_report)
+    return _deliver(result, files_wanted, wanted, as_json, threshold)
 
 
-def demo_command(as_json: JsonOption = False, output: ResultFolder = None, report: ReportFile = None) -> None:
+def demo_command(as_json: JsonOption = False, output: ResultFolder = None, report: ReportFile = None) -> int:
     """Calibrate an embedded data set whose true X is known.
 
     Examples:
       uq-handeye demo
       # Write result.json, figures and exports too
       uq-handeye demo --report demo.html -o demo/
+
+    Without --report the report is demo_report.html.
     """
     from importlib import resources
 
@@ -244,13 +257,17 @@ def demo_command(as_json: JsonOption = False, output: ResultFolder = None, repor
     from ...noise.models import PoseNoise
 
     require_writable(report, "--report", REPORTS)
+    if report is None and not as_json and not quiet():
+        try:
+            require_writable(DEMO_REPORT, "--report", REPORTS)
+            report = DEMO_REPORT
+        except InputError as error:
+            LOG.warning("No report is written here. %s", error)
     with resources.as_file(resources.files("uq_handeye") / "data") as data:
         poses = read_poses(data / "robot.csv", data / "camera.csv")
         _, truth = read_pose_file(data / "truth.csv")
     result = calibrate(poses, noise=PoseNoise.isotropic(**DEMO_NOISE))
-    _deliver(result, as_json, output, report, 0.5, True, None)
-    if not as_json:
-        emit("\n" + against_truth(result, truth[0]))
+    return _deliver(result, Files(output, report), Wanted(None), as_json, truth=against_truth(result, truth[0]))
 
 
 def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
@@ -263,30 +280,51 @@ def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
     return check
 
 
+@dataclass(frozen=True)
+class Files:
+    """What is to be written of a calibration, and what the report holds beside it."""
+
+    output: Path | None = None
+    report: Path | None = None
+    comparison: bool = True
+    check: "CrossCheck | None" = None
+    of_report: dict[str, Any] = field(default_factory=dict)
+
+    def write(self, result: "Calibration", verdict: "Verdict | None") -> str:
+        """Write the files, and return their names as a sentence."""
+        methods: Compared | bool = self.comparison
+        if self.report is not None and self.comparison:
+            from ...comparison.of_result import compare_beside
+
+            with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
+                methods = compare_beside(result)
+        names = []
+        if self.output is not None:
+            comparison = None if isinstance(methods, bool) else methods.comparison
+            with timed(f"writing {self.output}"), working(f"writing {self.output}", progress_wanted()):
+                names.append(_write_result(result, verdict, self.output, self.check, comparison))
+        if self.report is not None:
+            write_report(result, self.report, methods, self.check, verdict=verdict, **self.of_report)
+            names.append(str(self.report))
+        return f"Wrote {' and '.join(names)}." if names else ""
+
+
 def _deliver(
     result: "Calibration",
+    files: Files,
+    wanted: Wanted,
     as_json: bool,
-    output: Path | None,
-    report: Path | None,
-    threshold: float,
-    comparison: bool,
-    check: "CrossCheck | None",
-    wishes: ReportOptions | None = None,
-) -> None:
+    threshold: float = 0.5,
+    truth: str = "",
+) -> int:
     """Write the files, then print: if a file cannot be written, nothing is printed."""
-    result = _with_command(result)
-    methods: Compared | bool = comparison
-    if report is not None and comparison:
-        from ...comparison.of_result import compare_beside
+    from ...calibration.report.next_step import next_step
 
-        with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
-            methods = compare_beside(result)
-    if output is not None:
-        with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
-            _write_result(result, output, check, None if isinstance(methods, bool) else methods.comparison)
-    if report is not None:
-        write_report(result, report, methods, check, **({} if wishes is None else wishes.of_report))
-    emit(result.to_json() if as_json else result.summary(threshold))
+    result = _with_command(result)
+    verdict = wanted.verdict(result)
+    written = files.write(result, verdict)
+    last = (written, f"Next: {next_step(result, None if files.report is None else str(files.report))}.", truth)
+    return emit_result(result, verdict, as_json=as_json, last=tuple(filter(None, last)), threshold=threshold)
 
 
 def write_report(
@@ -304,13 +342,18 @@ def _with_command(result: "Calibration") -> "Calibration":
 
 
 def _write_result(
-    result: "Calibration", directory: Path, check: "CrossCheck | None", comparison: "Comparison | None"
-) -> None:
+    result: "Calibration",
+    verdict: "Verdict | None",
+    directory: Path,
+    check: "CrossCheck | None",
+    comparison: "Comparison | None",
+) -> str:
+    """Write the folder of -o, and return what was written."""
     from ...io import write_files
     from ...presentation.ellipses import render  # Matplotlib is slow to import
     from ...report.figures import figures
 
-    files: dict[str, Any] = {"result.json": result.to_json(), **_exports(result)}
+    files: dict[str, Any] = {"result.json": json_of(result, verdict), **_exports(result)}
     if result.table is not None:
         files["poses.csv"] = result.table.to_dataframe().to_csv(index=False, lineterminator="\n")
     for stem, figure in figures(result, check, comparison).items():
@@ -319,6 +362,7 @@ def _write_result(
     possible = {"poses.csv", *EXPORTS.values(), *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg"))}
     for name in possible - set(files):  # those of an earlier run are not of this result
         (directory / name).unlink(missing_ok=True)
+    return f"{directory / 'result.json'} with {len(files) - 1} more files"
 
 
 def _exports(result: "Calibration") -> dict[str, bytes]:

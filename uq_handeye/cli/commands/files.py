@@ -9,6 +9,7 @@ from ...errors import InputError
 from ...runtime.progress import working
 from ..messages import progress_wanted, timed
 from ..options import OUTPUT, emit, made_of, one_of, option, require_writable
+from ..outcome import Wanted, emit_answer, emit_result, wanted_of
 from ..report_options import ReportOptions, report_options_of
 from .calibrate import REPORTS, NoCompare
 
@@ -65,27 +66,36 @@ def export_command(
     emit(f"Wrote {Calibration.from_json(result).export(file, name)}\n")
 
 
-@made_of(wishes=report_options_of)
+@made_of(wishes=report_options_of, wanted=wanted_of)
 def report_command(
     result: ResultFile,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, .html or .pdf.")],
     wishes: "ReportOptions",
+    wanted: "Wanted",
+    file: Annotated[
+        Path | None, typer.Argument(metavar="FILE", help="What to write, .html or .pdf. Default: only print.")
+    ] = None,
     no_compare: NoCompare = False,
-) -> None:
-    """Write a report from a stored result.
+) -> int:
+    """Print a stored result, or write its report.
 
     Examples:
       uq-handeye report result/result.json report.html
       uq-handeye report result/result.json report.pdf
 
-    The report equals that of calibrate --report, except for the cross-check: the
-    result file holds the poses. A result file of an older version holds none;
-    its report lacks the rig and the comparison of methods.
+    Without FILE the text of calibrate is printed. The report equals that of
+    calibrate --report, except for the cross-check: the result file holds the
+    poses. A result file of an older version holds none; its report lacks the
+    rig and the comparison of methods.
     """
     from ...calibration.result import Calibration
 
     require_writable(file, "FILE", REPORTS)
     stored = Calibration.from_json(result)
+    verdict = wanted.verdict(stored)
+    if file is None:
+        return emit_result(stored, verdict)
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
-        written = stored.report(file, comparison=not no_compare, about=wishes.about, **wishes.of_report)
-    emit(f"Wrote {written}\n")
+        written = stored.report(
+            file, comparison=not no_compare, about=wishes.about, verdict=verdict, **wishes.of_report
+        )
+    return emit_answer(stored, verdict, f"Wrote {written}")

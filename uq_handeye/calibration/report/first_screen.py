@@ -1,0 +1,236 @@
+"""The first screen of a calibration: the answer, its parts, the checks and X, on 25 lines of 80 columns.
+
+It is made of the statement of the calibration (`statement`); all else is in the long text (`text`) and the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby
+from math import isinf
+
+import numpy as np
+
+from ...formatting.numbers import concise, digits, fixed, plus_minus
+from ...geometry.pose_numbers import pose_numbers
+from ...geometry.se3 import Array
+from ...presentation.document import COLUMNS, Answer, Block, Checks, Code, Document, Heading, Paragraph, Table, to_text
+from ...statement.accuracy import Accuracy, Part
+from ...statement.tolerance import Verdict
+from ..result import Calibration
+
+LINES = 25
+# Lines of the table of parts; smaller parts are combined.
+MOST_PARTS = 4
+# Status of the answer by the word of a verdict.
+STATUS_OF = {"PASS": "ok", "FAIL": "failed", "NOT SHOWN": "caution"}
+# Names of files are shortened to so many characters at least.
+_SHORTEST = 12
+# Longest list of names of combined parts.
+_LONGEST = 48
+
+
+def first_screen(
+    result: Calibration,
+    *,
+    verdict: Verdict | None = None,
+    last: Sequence[str] = (),
+    width: int = COLUMNS,
+    lines: int | None = LINES,
+) -> Document:
+    """Return the first screen as a document, shortened until it fits.
+
+    Parameters
+    ----------
+    verdict : Verdict or None
+        Shown below the headline where a tolerance was asked for.
+    last : sequence of str
+        Paragraphs below all else: what was written and what to do next.
+    width, lines : int
+        Size of the text; ``lines=None``: as long as it is.
+    """
+    title, answer = [Heading(title_of(result, width))], answer_blocks(result, verdict)
+    checks, X = checks_block(result), x_blocks(result, width)
+    end = [Paragraph(text, hang="  ") for text in last]
+    document: Document = []
+    groups: list[Sequence[Block]] = []
+    for most, expanded, gaps in _SHORTER:
+        groups = [title, answer, accuracy_blocks(result, most, expanded), [checks], X, end]
+        document = _joined(groups, gaps)
+        if lines is None or height(document, width) <= lines:
+            return document
+    groups[3] = [_folded(checks)]
+    return _joined(groups, 0)
+
+
+# Parts shown, whether the expanded uncertainty is, and empty lines: from the longest form to the shortest.
+_SHORTER = [(4, True, 4), (4, True, 3), (3, True, 3), (3, True, 2), (3, False, 2), (3, False, 1), (2, False, 1)]
+_SHORTER += [(2, False, 0), (1, False, 0), (0, False, 0)]
+# Groups of the first screen that an empty line follows, the most useful one first: before X, below the answer, ...
+_GAPS = (3, 1, 2, 4)
+
+
+def height(document: Document, width: int) -> int:
+    """Return the lines of a document as text."""
+    return to_text(document, width).count("\n")
+
+
+def _joined(groups: Sequence[Sequence[Block]], gaps: int) -> Document:
+    """Return groups with as many empty lines between them."""
+    joined: list[list[Block]] = [[]]
+    for k, group in enumerate(groups):
+        joined[-1] += group
+        if k in _GAPS[:gaps] and group:
+            joined.append([])
+    return joined
+
+
+def _folded(checks: Checks) -> Checks:
+    """Return checks with those that passed on one line."""
+    passed = ", ".join(name for status, name, _ in checks.rows if status == "ok")
+    rest = [row for row in checks.rows if row[0] != "ok"]
+    return Checks([*rest, *([("ok", passed, "passed")] if passed else [])])
+
+
+# -------------------------------------------------------------------------------------------------------- the parts
+
+
+def title_of(result: Calibration, width: int = COLUMNS) -> str:
+    """Return what was estimated from what, on one line: ``gripper_T_camera from robot.csv, camera.csv: 25 poses``."""
+    data = f"{result.n_pairs} motions" if result.n_poses is None else f"{result.n_poses} poses"
+    parts = [data, *([] if result.setup is None else [result.setup]), _method(result)]
+    sources = () if result.provenance is None else result.provenance.sources
+    names = list(dict.fromkeys(source.name for source in sources))
+    start, end = f"{result.frame} from ", f": {', '.join(parts)}"
+    if not names:
+        return _cut(start + end[2:], width)
+    room = width - len(start) - len(end)
+    shown = ", ".join(names)
+    for count in range(len(names) - 1, 0, -1):
+        if len(shown) <= room:
+            break
+        shown = f"{', '.join(names[:count])} + {len(names) - count} more"
+    return _cut(start + _cut(shown, max(room, _SHORTEST)) + end, width)
+
+
+def _method(result: Calibration) -> str:
+    return result.method + ("" if result.scale is None else f" (d = {result.scale:g})")
+
+
+def _cut(text: str, width: int) -> str:
+    """Return text with its middle left out where it is too long."""
+    if len(text) <= width:
+        return text
+    left = (width - 3 + 1) // 2
+    return f"{text[:left]}...{text[len(text) - (width - 3 - left) :]}"
+
+
+def status_of(result: Calibration) -> str:
+    """Return the status of the headline: "failed" where X is not usable, "caution" where a check is not ok, or "ok"."""
+    if not result.usable:
+        return "failed"
+    if result.accuracy is None or result.accuracy.lower_limit or result.cautions:
+        return "caution"
+    return "ok"
+
+
+def answer_blocks(result: Calibration, verdict: Verdict | None = None) -> list[Block]:
+    """Return the headline, the verdict on a tolerance, and the whole sentence of what makes X not usable."""
+    blocks: list[Block] = [Answer(result.headline, status_of(result))]
+    if verdict is not None:
+        blocks.append(Answer(str(verdict), STATUS_OF[verdict.word]))
+    decisive = [str(finding) for finding in result.cautions[:1] if finding.severity == "failure"]
+    if len(result.reasons) > 1:
+        blocks.append(Paragraph(f"Also: {'; '.join(result.reasons[1:])}."))
+    return blocks + [Paragraph(sentence) for sentence in decisive]
+
+
+def accuracy_blocks(result: Calibration, most: int = MOST_PARTS, expanded: bool = True) -> list[Block]:
+    """Return the parts of the accuracy, at most so many, and what is not included; nothing where X is not usable."""
+    accuracy = result.accuracy
+    if accuracy is None or not result.usable:
+        return []
+    blocks: list[Block] = []
+    if accuracy.parts and most:
+        blocks.append(parts_table(accuracy, most, expanded))
+    else:
+        blocks.append(Paragraph(f"Includes {', '.join(accuracy.included)}.", hang="  "))
+    if accuracy.not_included:
+        blocks.append(Paragraph(f"Not included: {', '.join(accuracy.not_included)}.", hang="  "))
+    return blocks
+
+
+def parts_table(accuracy: Accuracy, most: int = MOST_PARTS, expanded: bool = True) -> Table:
+    """Return the parts of the accuracy, largest first and those beyond ``most`` combined, with the total for 95 %."""
+    sizes = {
+        part.name: next((text for text in accuracy.included if text.startswith(part.name)), part.name)
+        for part in accuracy.parts
+    }
+    shown = [Part(sizes[part.name], part.translation, part.rotation) for part in accuracy.parts]
+    if len(shown) > most:
+        rest = accuracy.parts[most - 1 :]
+        size = np.sqrt(np.sum([[part.translation**2, part.rotation**2] for part in rest], axis=0))
+        names = ", ".join(part.name for part in rest)
+        if len(names) > _LONGEST:
+            names = f"{len(rest)} others" if most > 1 else "all errors"
+        shown = [*shown[: most - 1], Part(names, float(size[0]), float(size[1]))]
+    rows = [[part.name, *_sizes(part.translation, part.rotation)] for part in shown]
+    if expanded:
+        rows.append(["total, expanded (95 %)", *_sizes(accuracy.translation_95, accuracy.rotation_95)])
+    return Table("", ["1 sigma, worst direction", "mm", "deg"], rows)
+
+
+def _sizes(translation: float, rotation: float) -> list[str]:
+    turn = float(np.degrees(rotation))
+    return [fixed(1e3 * translation, 2) if translation >= 1e-7 else "0", fixed(turn, 2) if turn >= 1e-5 else "0"]
+
+
+def checks_block(result: Calibration) -> Checks:
+    """Return the checks: first those that are not ok, by their effect on X; those that say the same on one line.
+
+    What the headline says is not said again.
+    """
+    order = {id(finding): k for k, finding in enumerate(result.cautions)}
+    ranks = {
+        check.name: min((order.get(id(f), len(order)) for f in check.findings), default=len(order))
+        for check in result.checks
+    }
+    rows = []
+    for (status, text), alike in groupby(
+        sorted(result.checks, key=lambda check: ranks[check.name]), lambda check: (check.status, check.text)
+    ):
+        said = not result.usable and any(reason in text for reason in result.reasons)
+        rows.append((status, ", ".join(check.name for check in alike), "see above" if said else text))
+    return Checks(rows)
+
+
+def x_blocks(result: Calibration, width: int = COLUMNS) -> list[Block]:
+    """Return X: its six numbers with standard uncertainties, and the 4x4."""
+    values, std = pose_numbers(result.X, result.covariance, opened=result.open_of_X)
+    known: list[float | None] = [None] * 6 if std is None else std.tolist()
+    numbers = list(zip(values.tolist(), known, strict=True))
+    lines: list[str] = []
+    for form, gap in ((_plus_minus, "   "), (_plus_minus, "  "), (concise, "  "), (concise, " ")):
+        lines = [
+            f"{label}  {gap.join(f'{axis} {form(*number)}' for axis, number in zip('xyz', part, strict=True))} {unit}"
+            for label, part, unit in (
+                ("translation    ", numbers[:3], "mm"),
+                ("rotation vector", numbers[3:], "deg"),
+            )
+        ]
+        if max(map(len, lines)) <= width:
+            break
+    return [Code("", "\n".join(lines), ""), matrix_block(result.X, width)]
+
+
+def _plus_minus(value: float, std: float | None) -> str:
+    if std is None:
+        return digits(value, 6)
+    return f"{digits(value, 6)} (open)" if isinf(std) else plus_minus(value, std)
+
+
+def matrix_block(T: Array, width: int = COLUMNS) -> Code:
+    """Return the 4x4 as lines of numbers (m), with nine decimals where they fit."""
+    small = np.where(np.abs(T) < 5e-10, 0.0, T) + 0.0
+    places = 9 if width >= 60 else 6
+    return Code("", "\n".join(" ".join(f"{x:{places + 5}.{places}f}" for x in line) for line in small), "")

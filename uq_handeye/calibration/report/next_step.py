@@ -1,0 +1,124 @@
+"""The most useful next step after a calibration, in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ...findings import Finding
+from ...statement.accuracy import Accuracy
+from ..result import Calibration
+
+# Poses below which more of them are the first thing to try where noise limits X.
+FEW = 25
+
+# Findings that explain others of more effect.
+_FIRST = ("input_checks.far", "input_checks.long_bracket")
+_REPORT = "look at the residuals by pose in the report: --report report.html"
+_AXES = "add poses that rotate about another axis: uq-handeye plan chooses them"
+_NOISE = "leave the noise out, it is then estimated; or correct it"
+_DECLARE = {
+    "focal length": "--focal-sd 0.1%",
+    "principal point": "--principal-point-sd 0.001",
+    "target scale": "--target-scale-sd 0.02%",
+    "robot scale": "--robot-scale-sd 0.01%",
+    "robot accuracy": "--robot-accuracy 0.5mm,0.05deg",
+    "clock offset": "--offset-sd 1ms",
+}
+# What to do about a finding, by its code.
+_STEPS = {
+    "input_checks.same_file": "give the file of the camera poses as the second one",
+    "input_checks.shifted_rows": "leave out the rows named above, or pair by timestamps: --pair time",
+    "input_checks.shifted_run": "pair the rows again, or by timestamps: --pair time",
+    "input_checks.angles_disagree": "pair by timestamps: --pair time, or --pair async for unsynchronised clocks",
+    "input_checks.motions_unexplained": "check the frames, units and pairing of both files",
+    "input_checks.long_bracket": "check which file is the robot's; it goes first",
+    "input_checks.parallel_axes": _AXES,
+    "input_checks.small_rotations": "add poses that rotate by 30 deg and more, about different axes",
+    "input_checks.outliers": _REPORT,
+    "input_checks.noise_too_small": _NOISE,
+    "kinematics.another_arm": "give the URDF of this robot, or leave --joints and --urdf out",
+    "diagnostics.noise_too_small": _NOISE,
+    "diagnostics.flagged": "look at the flagged poses in the report: --report report.html",
+    "diagnostics.halves": _REPORT,
+    "diagnostics.pattern": _REPORT,
+    "diagnostics.needed_rows": _AXES,
+    "calibration.open": _AXES,
+    "calibration.data_sheet_contradicted": _NOISE,
+    "calibration.target_size": "measure the target and give its true size",
+    "calibration.robot_undeclared": f"declare the robot's accuracy, e.g. {_DECLARE['robot accuracy']}",
+    "calibration.robust_skipped": _AXES,
+    "calibration.few_for_outliers": "take more poses: uq-handeye plan chooses them",
+}
+
+
+def next_step(result: Calibration, report: str | None = None) -> str:
+    """Return the next step: what to do about the finding of most effect, else about the largest part of the accuracy.
+
+    ``report`` is the name of the report that was written.
+    """
+    first = [finding for finding in result.cautions if finding.code in _FIRST]  # explain the others
+    if found := step_after([*first, *result.cautions[:1]]):
+        return found.replace("--report report.html", report) if report else found
+    accuracy = result.accuracy
+    if accuracy is None:
+        return "give the noise: --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm"
+    if report is not None:
+        return f"open {report}"
+    return (
+        _about_largest(accuracy, result.n_poses or result.n_pairs) or "add --report report.html for two pages to file"
+    )
+
+
+def step_after(findings: Sequence[Finding]) -> str | None:
+    """Return what to do about the first of some findings that asks for something."""
+    return next(filter(None, (_about(finding.code, finding.values) for finding in findings)), None)
+
+
+def _about(code: str, values: Mapping[str, Any]) -> str | None:
+    """Return what to do about a finding."""
+    reading = values.get("reading") or next(iter(sorted(values.get("readings") or (), key=_length)), None)
+    if code in ("input_checks.poses_unexplained", "input_checks.wrong_scale"):
+        return "check the frames, units and pairing of both files" if reading is None else _try(reading)
+    if code == "input_checks.far":
+        return f"run again with --{values.get('file', 'camera')}-units {values.get('unit', 'mm')}"
+    if code in ("calibration.shared_contradicted", "calibration.group_contradicted"):
+        return f"correct the {values.get('name', 'error')}, or declare it wider"
+    if code == "diagnostics.undeclared" and values.get("errors"):
+        name = values["errors"][0]["name"]
+        return f"measure the {name}, or declare its uncertainty: {_DECLARE.get(name, '--shared defaults')}"
+    return _STEPS.get(code)
+
+
+def _length(reading: Mapping[str, Any]) -> float:
+    return float(reading.get("length") or float("inf"))
+
+
+def _try(reading: Mapping[str, Any]) -> str:
+    """Return the option by which the files would fit."""
+    kind, file = reading["kind"], reading.get("file")
+    side = "" if file is None else f"{file}-"
+    if kind == "inverse camera":
+        option = "--camera-frame target_T_camera"
+    elif kind == "inverse robot":
+        option = f"--setup {reading['setup']}, or with --robot-frame gripper_T_base"
+    elif kind == "scale":
+        if reading.get("unit") is None or file is None:
+            return "check the units of both files (--robot-units, --camera-units) and the size of the target"
+        option = f"--{side}units {reading['unit']}"
+    else:
+        option = f"--{side}quaternion {reading['order']}"
+    return f"run again with {option}"
+
+
+def _about_largest(accuracy: Accuracy, count: int) -> str | None:
+    """Return what to do about the largest part of the accuracy."""
+    if not accuracy.parts:
+        return None
+    name = accuracy.parts[0].name
+    if name.startswith("noise of") and count < FEW:
+        return "take more poses to reduce the noise: uq-handeye plan chooses them"
+    assumed = any(text.startswith(name) and text.endswith("(assumed)") for text in accuracy.included)
+    if assumed and name in _DECLARE:
+        return f"declare the {name}, which limits X, as well as you know it: {_DECLARE[name]}"
+    return None
