@@ -183,7 +183,7 @@ def test_budget_does_not_split_what_is_not_known(given, estimated):
 
 def test_the_summary_has_every_section(given, estimated, poses):
     everywhere = (
-        "gripper_T_camera by efficient from 20 poses, eye-in-hand",
+        "gripper_T_camera from 20 poses, eye-in-hand, efficient",
         "translation (mm)",
         "gripper_T_camera is known ",
         "sigma_0: 1 before the fit (prior), ",
@@ -207,7 +207,7 @@ def test_the_summary_has_every_section(given, estimated, poses):
     for result in (given, estimated):
         for part in everywhere:
             assert part in result.summary(verbose=True), part
-        assert "Not covered: " in " ".join(result.summary(verbose=True).split())
+        assert "Not included: " in " ".join(result.summary(verbose=True).split())
     assert "Noise as given" in given.summary(
         verbose=True
     ) and "robot           0.0200            0.0500" in given.summary(verbose=True)

@@ -55,7 +55,7 @@ def test_nothing_but_poses_from_corners(recording, result):
     assert off @ np.linalg.solve(result.covariance, off) < result.quantile(0.9999)
     text = result.summary(verbose=True)
     assert "beside that of the camera" in text and "come" in text
-    assert "a wrong model of the camera" in text and "wrong intrinsics" not in text
+    assert "Not included: camera model" in text and "camera intrinsics" not in text
 
 
 def test_noise_of_the_robot_alone_is_completed(recording):

@@ -93,7 +93,7 @@ def test_one_row_and_one_source_of_type_B():
     assert result.provenance.options["shared"] == ["robot accuracy: 0.5 mm, 0.05 deg"]
     assert (result.std > quietly(poses, noise=NOISE).std).all()
     text = " ".join(result.summary(verbose=True).split())
-    assert "a robot that is less accurate than declared" in text and "wrong robot kinematics" not in text
+    assert "robot errors beyond those declared" in text and "wrong robot kinematics" not in text
 
 
 def test_a_plan_does_not_take_it():

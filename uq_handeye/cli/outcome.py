@@ -33,8 +33,9 @@ def wanted_of(
             "--tolerance",
             metavar="MM,DEG",
             panel=OUTPUT,
-            help="Largest accepted error of X, e.g. 1mm,0.1deg, 1mm or 0.1deg: adds PASS, FAIL or NOT SHOWN with the "
-            "probability; exit status 5 unless PASS.",
+            common=True,
+            help="Accepted error of X, e.g. 1mm,0.1deg: PASS or FAIL. A length, an angle or both. Where the data do "
+            "not say, NOT SHOWN. Exit status 5 unless PASS.",
         ),
     ] = None,
     at: Annotated[
@@ -43,7 +44,7 @@ def wanted_of(
             "--at",
             metavar="LENGTH",
             panel=OUTPUT,
-            help="Distance ahead of the camera of the point that --tolerance is about, e.g. 0.5m (default: X itself).",
+            help="Distance (e.g. 0.5m) ahead of the camera of the point that --tolerance is about. Default: X itself.",
         ),
     ] = None,
 ) -> Wanted:

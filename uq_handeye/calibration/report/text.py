@@ -15,7 +15,6 @@ from ...geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...geometry.principal_axes import principal_axes
 from ...geometry.se3 import Array
 from ...presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
-from ...statement.included import not_included
 from ...statement.tolerance import Verdict
 from ..result import Calibration
 from .analysis import (
@@ -158,7 +157,7 @@ def _scope(result: Calibration) -> list[Block]:
         within += " Moves of X above are such a d, in standard deviations."
     shared = " and of the shared errors in the table" if result.shared else ""
     scope = f"The standard deviations are 1 sigma, to first order, of {source_words(result)}{shared}."
-    return [Paragraph(within), Paragraph(f"{scope} Not covered: {', '.join(not_included(result))}.")]
+    return [Paragraph(within), Paragraph(f"{scope} {included_words(result)}")]
 
 
 def _other_forms(result: Calibration) -> list[Block | list[Block]]:

@@ -282,7 +282,7 @@ def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
 
 @dataclass(frozen=True)
 class Files:
-    """What is to be written of a calibration, and what the report holds beside it."""
+    """Output of a calibration: a folder, a report and its contents."""
 
     output: Path | None = None
     report: Path | None = None
