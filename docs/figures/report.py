@@ -2,9 +2,9 @@
 
     python docs/figures/report.py [FOLDER]
 
-Writes report_demo.png, report_demo_dark.png (the first screen in a browser) and report_pages.png (pages of the PDF) to
-FOLDER, docs/images if left out: the report of the embedded data set. Needs Chromium with its driver, Selenium (extra
-`test`) and pdftoppm.
+Writes report_demo.png, report_demo_dark.png (the first screen in a browser) and report_pages.png (the two pages of the
+PDF) to FOLDER, docs/images if left out: the report of the embedded data set. Needs Chromium with its driver, Selenium
+(extra `test`) and pdftoppm.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -29,7 +30,9 @@ from uq_handeye.io import write_files
 from uq_handeye.presentation.pdf import FLAGS, found_browser, to_pdf
 from uq_handeye.report.page import report_html
 
-WIDTH, HEIGHT, PAGES, COLUMNS, GAP = 1180, 1130, 8, 4, 10
+WIDTH, HEIGHT, PAGES, COLUMNS, GAP = 1280, 860, 2, 2, 10
+ABOUT = {"cell": "Demo", "robot": "simulated arm", "camera": "simulated camera", "operator": "uq-handeye demo"}
+TOLERANCE = "2mm,0.2deg"
 
 
 def png(image: Image.Image) -> bytes:
@@ -59,7 +62,7 @@ def screen(page: Path, profile: str, dark: bool, size: tuple[int, int] = (WIDTH,
 
 def pages(pdf: Path) -> Image.Image:
     """The first pages beside each other."""
-    subprocess.run(["pdftoppm", "-png", "-r", "50", "-l", str(PAGES), pdf, pdf.with_suffix("")], check=True)
+    subprocess.run(["pdftoppm", "-png", "-r", "72", "-l", str(PAGES), pdf, pdf.with_suffix("")], check=True)
     images = [Image.open(file) for file in sorted(pdf.parent.glob(f"{pdf.stem}-*.png"))]
     width, height = images[0].size
     rows = -(-len(images) // COLUMNS)
@@ -73,11 +76,14 @@ def main(folder: Path) -> None:
     with resources.as_file(resources.files("uq_handeye") / "data") as data:
         poses = uq.read_poses(data / "robot.csv", data / "camera.csv")
     result = uq.calibrate(poses, noise=uq.PoseNoise.isotropic(**DEMO_NOISE))
-    html = report_html(result, comparison=compare_beside(result))
+    result = replace(result, about=ABOUT)
+    verdict = result.verdict(TOLERANCE)
+    html = report_html(result, comparison=compare_beside(result), verdict=verdict)
+    printed = report_html(result, verdict=verdict, folded=False)
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
         page, pdf = Path(scratch) / "report.html", Path(scratch) / "report.pdf"
         page.write_text(html, encoding="utf-8")
-        pdf.write_bytes(to_pdf(html))
+        pdf.write_bytes(to_pdf(printed))
         found = {
             f"report_demo{'_dark' if dark else ''}.png": png(screen(page, f"{scratch}/{dark}", dark))
             for dark in (False, True)
