@@ -322,7 +322,7 @@ def test_compare_keeps_its_table_if_every_method_fails(session, tmp_path):
     assert f"None of the {1 + len(uq.METHODS)} methods gave a result" in done.stdout
     assert all(f"\n{name} " in done.stdout for name in uq.METHODS)
     errors = [line for line in done.stderr.splitlines() if not line.startswith("uq-handeye: warning: ")]
-    assert errors == ["uq-handeye: error: Every method failed; the table says why."]
+    assert errors == ["uq-handeye: error: Every method failed. The table lists the reasons."]
     assert (tmp_path / "out" / "comparison.png").exists()
 
 

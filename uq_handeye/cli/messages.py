@@ -186,7 +186,7 @@ def fail_internally(error: Exception) -> int:
     LOG.debug("".join(traceback.format_exception(error)).rstrip())
     where = "the log file has" if _logs() else "run it again with --log-file uq-handeye.log, which keeps"
     LOG.error(
-        "internal error: %s: %s; this is a fault of the program: please report it (%s the details).",
+        "internal error: %s: %s. This is a fault of the program; please report it (%s the details).",
         type(error).__name__,
         " ".join(str(error).split()) or "no message",
         where,

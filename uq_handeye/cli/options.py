@@ -158,7 +158,7 @@ def named_folder(directory: Path | None) -> Path | None:
     if directory is None:
         return None
     if str(directory) == ".":
-        raise InputError("Expected -o to name a folder, got an empty name or '.'; write for example -o result.")
+        raise InputError("Expected -o to name a folder, got an empty name or '.'. Write, for example, -o result.")
     from ..files.atomic import require_writable_folder
 
     require_writable_folder(directory)

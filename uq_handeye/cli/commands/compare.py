@@ -106,7 +106,8 @@ def compare_command(
             emit(said)
     if result.reference is None:
         some = any(row.X is not None for row in result.rows)
-        return fail(f"{'No method gave a result to rely on' if some else 'Every method failed'}; the table says why.")
+        what = "No method gave a usable result" if some else "Every method failed"
+        return fail(f"{what}. The table lists the reasons.")
     return 0
 
 

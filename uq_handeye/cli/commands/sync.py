@@ -94,5 +94,5 @@ def sync_command(
         }
         said = deliver(output, written, {"sync": found.figure()})
         if found.offset_std > 0:
-            LOG.info("The files hold no uncertainty of the offset; uq-handeye calibrate --pair async takes it in.")
+            LOG.info("The files hold no uncertainty of the offset. uq-handeye calibrate --pair async includes it.")
     emit(found.to_json() if as_json else found.summary() + said)
