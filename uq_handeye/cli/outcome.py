@@ -34,8 +34,8 @@ def wanted_of(
             metavar="MM,DEG",
             panel=OUTPUT,
             common=True,
-            help="Accepted error of X, e.g. 1mm,0.1deg: PASS or FAIL. A length, an angle or both. Where the data do "
-            "not say, NOT SHOWN. Exit status 5 unless PASS.",
+            help="Accepted error of X, e.g. 1mm,0.1deg: PASS or FAIL. A length, an angle or both. NOT SHOWN if "
+            "the data cannot decide. Exit status 5 unless PASS.",
         ),
     ] = None,
     at: Annotated[
@@ -44,14 +44,16 @@ def wanted_of(
             "--at",
             metavar="LENGTH",
             panel=OUTPUT,
-            help="Distance (e.g. 0.5m) ahead of the camera of the point that --tolerance is about. Default: X itself.",
+            common=True,
+            help="Point distance for --tolerance. The length applies to a point so far ahead of the camera, e.g. 0.5m. "
+            "Default: X itself.",
         ),
     ] = None,
 ) -> Wanted:
     """Read the tolerance."""
     if tolerance is None:
         if at is not None:
-            raise InputError("--at is the distance for a tolerance: give --tolerance, too, e.g. --tolerance 1mm.")
+            raise InputError("--at needs a tolerance. Add, for example, --tolerance 1mm.")
         return Wanted(None)
     from ..statement.tolerance import Tolerance
 

@@ -180,7 +180,7 @@ def calibrate_command(
       uq-handeye calibrate robot.csv --images 'img/*.png' --board 9x6 \
           --square 20mm --report report.html -o result/
       # Camera poses from another program
-      uq-handeye calibrate robot.csv camera.csv -o result/
+      uq-handeye calibrate robot.csv camera.csv --tolerance 1mm,0.1deg
       uq-handeye calibrate robot.csv camera.csv --camera-noise 0.1deg,0.5mm
       # Joint values and robot model in place of robot poses
       uq-handeye calibrate camera.csv --joints joints.csv --urdf robot.urdf
