@@ -54,12 +54,12 @@ def test_report_of_calibrate(session, tmp_path):
 
 
 def test_what_goes_into_the_report(session, tmp_path, asked):
-    files = ("robot.csv", "camera.csv", *NOISE, "--report", tmp_path / "r.pdf")
+    files = ("robot.csv", "camera.csv", *NOISE, "--report", tmp_path / "r.html")
     run("calibrate", *files, cwd=session)
     run("calibrate", *files, "--no-compare", cwd=session)
     run("demo", "--report", tmp_path / "demo.html")
     for (result, path, comparison, check), name, wanted in zip(
-        asked, ("r.pdf", "r.pdf", "demo.html"), (True, False, True), strict=True
+        asked, ("r.html", "r.html", "demo.html"), (True, False, True), strict=True
     ):
         assert (path, comparison is not False, check) == (tmp_path / name, wanted, None)
         if wanted:  # compared before, and handed over
@@ -72,6 +72,7 @@ def test_the_title_block_goes_into_the_result_and_the_report(session, tmp_path, 
     about = ("--about", tmp_path / "cell.toml", "--about", "operator=M. Roe")
     done = run("calibrate", "robot.csv", "camera.csv", *NOISE, *about, "--report", tmp_path / "r.pdf", cwd=session)
     assert done.returncode == 0 and asked[0][0].about == {"cell": "B7", "operator": "M. Roe"}
+    assert asked[0][2] is True  # two pages show no comparison, and none was made
     for wrong in ("colour=red", "cell.tml", ""):
         done = run("report", "result.json", tmp_path / "r.pdf", "--about", wrong, cwd=session)
         assert done.returncode == 2 and done.stderr.count("\n") == 1

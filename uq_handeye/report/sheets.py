@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..calibration.report.analysis import budget_table
+from ..calibration.report.first_screen import STATUS_OF, status_of
 from ..calibration.report.text import parent_frame
 from ..files.about import ABOUT
 from ..findings import Finding
@@ -40,10 +42,11 @@ def title_fields(result: Calibration) -> list[tuple[str, str]]:
 
 def colour_of(result: Calibration, verdict: Verdict | None = None) -> str:
     """Return "ok" where every check ran and none warned, "failed" where X is not usable or misses its tolerance."""
-    if not result.usable or (verdict is not None and verdict.word == "FAIL"):
-        return "failed"
-    green = result.accuracy is not None and all(check.status == "ok" for check in result.checks)
-    return "ok" if green and (verdict is None or verdict.word == "PASS") else "caution"
+    found = status_of(result)
+    if found == "ok" and any(check.status != "ok" for check in result.checks):
+        found = "caution"
+    of_verdict = "ok" if verdict is None else STATUS_OF[verdict.word]
+    return max(found, of_verdict, key=("ok", "caution", "failed").index)
 
 
 def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[str, Drawing]) -> list[Section]:
@@ -53,8 +56,8 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
         number.append(Badge(verdict.word, verdict.sentence, colour_of(result, verdict)))
     if result.usable:
         number += [Paragraph(text) for text in _contents_of(result.accuracy)]
-    elif len(result.reasons) > 1:
-        number.append(Paragraph(f"Also: {'; '.join(result.reasons[1:])}."))
+    elif also := list({re.sub(r"[\d.]+", "", text): text for text in reversed(result.reasons[1:])}.values()):
+        number.append(Paragraph(f"Also: {'; '.join(reversed(also))}."))  # those that differ by more than numbers
     checks = Checks([(check.status, check.name, check.text) for check in result.checks])
     return [
         Section("answer", "Result", number, wide=True),

@@ -293,7 +293,8 @@ class Files:
     def write(self, result: "Calibration", verdict: "Verdict | None") -> str:
         """Write the files, and return their names as a sentence."""
         methods: Compared | bool = self.comparison
-        if self.report is not None and self.comparison:
+        folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or self.of_report.get("details"))
+        if self.comparison and (folded or (self.report is not None and self.output is not None)):  # two pages have none
             from ...comparison.of_result import compare_beside
 
             with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
