@@ -184,6 +184,70 @@ def test_ctrl_c_while_the_program_is_being_loaded():
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "uq-handeye: interrupted\n")
 
 
+@pytest.mark.parametrize(
+    ("options", "status", "said"),
+    [
+        (NOISE, 0, "Next: take more poses"),
+        ((*NOISE, "--tolerance", "5mm,1deg"), 0, "PASS: X lies within 5 mm and 1 deg with a probability of"),
+        ((*NOISE, "--tolerance", "5mm", "--at", "0.5m"), 0, "PASS: a point 0.5 m ahead of the camera lies within 5 mm"),
+        ((*NOISE, "--tolerance", "0.001mm"), 5, "FAIL: X lies within 0.001 mm"),
+        ((*NOISE, "--tolerance", "1mm,0.1deg"), 5, "NOT SHOWN: X lies within 1 mm and 0.1 deg with a probability of"),
+        ((*NOISE, "--camera-frame", "target_T_camera"), 3, "NOT USABLE: the camera file seems to hold inverse poses."),
+        (
+            ("--camera-frame", "target_T_camera", "--tolerance", "9mm"),
+            3,
+            "Next: run again with --camera-frame target_T",
+        ),
+    ],
+    ids=str,
+)
+def test_the_outcome_of_calibrate(session, tmp_path, options, status, said):
+    """The status with each way to print; findings are on stdout or on stderr, and nothing is there twice."""
+    files = ("calibrate", "robot.csv", "camera.csv", *options)
+    done = run(*files, cwd=session)
+    assert done.returncode == status and said in " ".join(done.stdout.split())
+    assert done.stdout.count("\n") <= 25 and max(map(len, done.stdout.splitlines())) <= 80
+    refused = "NOT USABLE" in done.stdout and "gripper_T_camera" not in done.stdout  # no X at all
+    assert done.stderr.count("\n") == refused and ("error: " in done.stderr) == refused
+    quiet = run(*files, "-q", cwd=session)
+    assert quiet.returncode == status and (quiet.stderr == "") == (status != 3)
+    assert np.loadtxt(quiet.stdout.splitlines()).shape == (4, 4) if not refused else quiet.stdout == ""
+    found = run(*files, "--json", cwd=session)
+    data = json.loads(found.stdout)
+    assert found.returncode == status and data["headline"] in " ".join(done.stdout.split())
+    if "--tolerance" in options and not refused:
+        assert said.startswith(data["verdict"]["verdict"]) and data["verdict"]["sentence"].startswith(said)
+
+
+def test_a_stored_result_meets_a_tolerance_or_not(session, tmp_path):
+    stored = tmp_path / "result.json"
+    stored.write_text(
+        run("calibrate", "robot.csv", "camera.csv", *NOISE, "--json", "--tolerance", "1m", cwd=session).stdout
+    )
+    assert run("report", stored).stdout == uq.Calibration.from_json(stored).summary()
+    assert "Uncertainty budget" in run("report", stored, "-v").stdout
+    for tolerance, status, word in (("5mm", 0, "PASS"), ("0.001mm", 5, "FAIL")):
+        done = run("report", stored, "--tolerance", tolerance)
+        assert done.returncode == status and done.stdout.splitlines()[3].startswith(f"{word}: ")
+    for wrong in (("--tolerance", "5"), ("--tolerance", "mm"), ("--at", "1m"), ("--tolerance", "1deg", "--at", "1m")):
+        done = run("report", stored, *wrong)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+
+
+def test_the_demo_writes_its_report_and_ends_with_the_truth(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(uq.Calibration, "report", lambda self, path, **_: asked.append(path))
+    done = run("demo", cwd=tmp_path)
+    lines = done.stdout.splitlines()
+    assert (done.returncode, done.stderr, [str(path) for path in asked]) == (0, "", ["demo_report.html"])
+    assert len(lines) <= 25 and "Wrote demo_report.html." in lines
+    assert re.fullmatch(r"Truth: X is off by 0\.\d+ mm and 0\.\d+ deg, inside its 95 % ellipsoid\.", lines[-1])
+    run("demo", "--report", "mine.html", cwd=tmp_path)
+    run("demo", "-q", cwd=tmp_path)
+    run("demo", "--json", cwd=tmp_path)
+    assert [str(path) for path in asked[1:]] == ["mine.html"]
+
+
 # -------------------------------------------------------------------------------------------- colours, progress
 
 
@@ -298,7 +362,12 @@ def test_roles_are_styled_only_where_there_are_colours(monkeypatch, capsys):
 def test_a_tolerance_in_seconds_goes_under_its_new_name(session):
     assert renamed(["calibrate", "--tolerance", "0.02"]) == ["calibrate", "--time-tolerance", "0.02"]
     assert renamed(["compare", "--tolerance=.5"]) == ["compare", "--time-tolerance=.5"]
-    for other in (["--tolerance", "1mm,0.1deg"], ["--tolerance"], ["--time-tolerance", "2"]):
+    for other in (
+        ["report", "--tolerance", "5"],
+        ["calibrate", "--tolerance", "1mm,0.1deg"],
+        ["--tolerance"],
+        ["--time-tolerance", "2"],
+    ):
         assert renamed(other) == other
     done = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--pair", "time", "--tolerance", "0.02", cwd=session)
     assert done.returncode == 0 and "warning: --tolerance in seconds is now --time-tolerance" in done.stderr

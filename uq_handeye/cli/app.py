@@ -34,6 +34,8 @@ from .help import Command, Program, with_help_all
 from .messages import LOG, fail, fail_internally, messages
 from .options import with_messages
 
+# Commands with --time-tolerance.
+_PAIRING = {"calibrate", "compare", "plan", "validate", "posterior", "cross-check"}
 # Seconds without a unit.
 _NUMBER = re.compile(r"\d+\.?\d*(e[+-]?\d+)?|\.\d+")
 
@@ -167,6 +169,8 @@ def renamed(arguments: list[str]) -> list[str]:
     A tolerance of X has units: ``--tolerance 1mm,0.1deg``.
     """
     found = list(arguments)
+    if not _PAIRING & set(found):
+        return found
     for k, argument in enumerate(found):
         name, given, value = argument.partition("=")
         if name != "--tolerance" or not _NUMBER.fullmatch(value if given else "".join(found[k + 1 : k + 2])):

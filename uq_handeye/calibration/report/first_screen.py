@@ -60,11 +60,13 @@ def first_screen(
         if lines is None or height(document, width) <= lines:
             return document
     groups[3] = [_folded(checks)]
+    if lines is not None and height(_joined(groups, 0), width) > lines:
+        groups[1] = answer_blocks(result, verdict, why=False)
     return _joined(groups, 0)
 
 
 # Parts shown, whether the expanded uncertainty is, and empty lines: from the longest form to the shortest.
-_SHORTER = [(4, True, 4), (4, True, 3), (3, True, 3), (3, True, 2), (3, False, 2), (3, False, 1), (2, False, 1)]
+_SHORTER = [(4, True, 4), (4, True, 3), (3, True, 3), (3, True, 2), (3, False, 2), (3, False, 1), (3, False, 0)]
 _SHORTER += [(2, False, 0), (1, False, 0), (0, False, 0)]
 # Groups of the first screen that an empty line follows, the most useful one first: before X, below the answer, ...
 _GAPS = (3, 1, 2, 4)
@@ -134,15 +136,15 @@ def status_of(result: Calibration) -> str:
     return "ok"
 
 
-def answer_blocks(result: Calibration, verdict: Verdict | None = None) -> list[Block]:
-    """Return the headline, the verdict on a tolerance, and the whole sentence of what makes X not usable."""
+def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool = True) -> list[Block]:
+    """Return the headline, the verdict on a tolerance, and with ``why`` the sentence of what makes X not usable."""
     blocks: list[Block] = [Answer(result.headline, status_of(result))]
     if verdict is not None:
-        blocks.append(Answer(str(verdict), STATUS_OF[verdict.word]))
-    decisive = [str(finding) for finding in result.cautions[:1] if finding.severity == "failure"]
-    if len(result.reasons) > 1:
-        blocks.append(Paragraph(f"Also: {'; '.join(result.reasons[1:])}."))
-    return blocks + [Paragraph(sentence) for sentence in decisive]
+        text = str(verdict) if result.usable else f"{verdict.word}: X is not usable."
+        blocks.append(Answer(text, STATUS_OF[verdict.word]))
+    if why:
+        blocks += [Paragraph(str(one)) for one in result.cautions[:1] if one.severity == "failure"]
+    return blocks
 
 
 def accuracy_blocks(result: Calibration, most: int = MOST_PARTS, expanded: bool = True) -> list[Block]:
@@ -199,7 +201,7 @@ def checks_block(result: Calibration) -> Checks:
     for (status, text), alike in groupby(
         sorted(result.checks, key=lambda check: ranks[check.name]), lambda check: (check.status, check.text)
     ):
-        said = not result.usable and any(reason in text for reason in result.reasons)
+        said = any(reason in text for reason in result.reasons[:1])
         rows.append((status, ", ".join(check.name for check in alike), "see above" if said else text))
     return Checks(rows)
 

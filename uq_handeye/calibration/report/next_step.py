@@ -53,12 +53,12 @@ _STEPS = {
 
 
 def next_step(result: Calibration, report: str | None = None) -> str:
-    """Return the next step: what to do about the finding of most effect, else about the largest part of the accuracy.
+    """Return the next step: about the finding of most effect that asks for one, else about the largest part.
 
     ``report`` is the name of the report that was written.
     """
     first = [finding for finding in result.cautions if finding.code in _FIRST]  # explain the others
-    if found := step_after([*first, *result.cautions[:1]]):
+    if found := step_after([*first, *result.cautions]):
         return found.replace("--report report.html", report) if report else found
     accuracy = result.accuracy
     if accuracy is None:
