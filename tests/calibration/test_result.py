@@ -193,7 +193,7 @@ def test_the_summary_has_every_section(given, estimated, poses):
         "camera_T_gripper (inverse of X)",
         "base_T_target (the target, as all poses see it)",
         "Fit: chi-square",
-        "4DPA alone, on the same data:",
+        "4DPA only, on the same data:",
         "times the Cramer-Rao bound",
         "Standard deviations of X by every covariance",
         "  model (the noise) *  ",

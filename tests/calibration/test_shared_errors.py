@@ -126,7 +126,7 @@ def test_one_table_has_those_assumed_and_those_that_are_not(by_default, poses):
     focal = by_default.shared[0]
     assert rows["focal length"][0] == "0.1 % (default)" and rows["focal length"][2] == f"{100 * focal.share:.1f} %"
     assert rows["focal length"][1].endswith(") %") and rows["principal point x"][0] == "1 mrad (default)"
-    assert rows["robot scale"][0][0].startswith("not declared: the residuals ask for ")
+    assert rows["robot scale"][0][0].startswith("not declared: the residuals indicate ")
     declared = quietly(poses, noise=NOISE, shared=[SHARED.robot_scale("0.01%")])
     found = {row[0]: row[1:] for row in shared_table(declared).rows}
     assert found["robot scale"][0] == "0.01 % (declared)" and found["focal length"][0][0].startswith("not declared")
@@ -140,7 +140,7 @@ def test_a_wrong_size_is_said_with_its_way_and_that_scales_look_alike(poses, fac
     assert len(cautions) == 1 and f"% {'smaller' if factor > 1 else 'larger'} than assumed" in cautions[0]
     error = next(error for error in result.shared if error.name == "target scale")
     assert error.wide > 0.99 and abs(error.estimate - (factor - 1)) < 5 * error.sd
-    assert "the data cannot tell which is wrong" in flat(result.summary(verbose=True))
+    assert "the data cannot separate them" in flat(result.summary(verbose=True))
 
 
 def test_what_is_not_declared_is_asked_for_once(poses):

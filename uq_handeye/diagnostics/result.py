@@ -140,7 +140,7 @@ class Diagnostics:
 
     @property
     def asked_for(self) -> tuple[ScaleError, ...]:
-        """Shared errors that were not declared and that the residuals ask for."""
+        """Shared errors that were not declared and that the residuals indicate."""
         return tuple(probe for probe in self.probes if probe.asked_for)
 
     @property

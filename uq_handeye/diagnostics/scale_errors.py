@@ -49,7 +49,7 @@ class ScaleError(ReadOnlyArrays):
 
     @property
     def asked_for(self) -> bool:
-        """True if the residuals ask for it beyond chance."""
+        """True if the residuals indicate it beyond chance."""
         return not self.covered and self.visible and abs(self.z) > SCORE
 
 

@@ -23,7 +23,7 @@ from .models import Noise, PairNoise, PoseNoise
 # Units of components, and the factor to those that people read.
 SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
 
-# Errors that the corners of a picture share: what residuals ask for beside a known robot (`beside_camera`).
+# Errors that the corners of a picture share: what residuals indicate beside a known robot (`beside_camera`).
 CAMERA_EXCESS = "camera beyond its corners"
 
 PartlyKnown = tuple[str | float | None, str | float | None]
@@ -131,7 +131,7 @@ class Component:
 
 @dataclass(frozen=True)
 class CameraFactor:
-    """Factor on the covariance of the camera poses that the residuals ask for: 1 if it is valid (`beside_camera`)."""
+    """Factor on the covariance of the camera poses that the residuals indicate: 1 if it is valid (`beside_camera`)."""
 
     value: float  # kappa, of variances
     dof: float  # kappa times it is chi-square with so many degrees of freedom, if the covariance is true

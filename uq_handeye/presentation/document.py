@@ -30,7 +30,7 @@ Cell = str | tuple[str, int]
 
 
 class Block:
-    """What a document is made of."""
+    """Part of a document."""
 
     kind: ClassVar[str]
 
@@ -73,7 +73,7 @@ class Checks(Block):
 
 @dataclass(frozen=True)
 class Caution(Block):
-    """What looks wrong, said before the numbers."""
+    """Caution about what looks wrong, stated before the numbers."""
 
     text: str
     kind: ClassVar[str] = "caution"
@@ -112,7 +112,7 @@ class Table(Block):
 
     @property
     def worded(self) -> bool:
-        """Whether a heading of a row is longer than a short word or number, and needs room on a narrow screen."""
+        """True if a heading of a row is longer than a short word or number, and needs room on a narrow screen."""
         return any(len(row[0]) > 12 for row in self.rows if isinstance(row[0], str))
 
     @property
@@ -176,7 +176,7 @@ def groups_of(document: Document) -> Iterable[Sequence[Block]]:
 
 @singledispatch
 def document_of(result: Any, **options: Any) -> Document:
-    """What a result says. Each topic registers the function that makes the document of its own result."""
+    """Return the document of a result. Each topic registers the function that makes the document of its own result."""
     raise TypeError(f"Expected a result with a document, got {type(result).__name__}.")
 
 

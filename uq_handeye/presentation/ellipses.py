@@ -260,7 +260,7 @@ def limited(axis: Axes, reach: tuple[float, float]) -> None:
 
 
 def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, truth: bool, pose: Array) -> None:
-    """What the lines mean, what the ellipses hold, and where the origin is."""
+    """Explain what the lines mean, what the ellipses hold, and where the origin is."""
     handles: list[Any] = []
     for name, (colour, style) in zip(covariances, STYLES, strict=False):
         handles.append(Line2D([], [], color=colour, linestyle=style, linewidth=WIDTHS[0], label=name))

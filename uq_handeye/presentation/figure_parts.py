@@ -1,4 +1,5 @@
-"""What the figures of the report share: their width, colours, canvas, and SVG that stands beside others in one page.
+"""Common parts of the figures of the report: their width, colours, canvas, and SVG that stands beside others in one
+page.
 
 All are drawn on white, 6.9 inches wide, the width of an A4 page between its margins, with text of 7.5 points or more.
 Colours are those of Okabe and Ito; hatches, markers or line styles say the same once more, for greyscale and

@@ -137,7 +137,7 @@ def _place(
 
 
 def _inside(points: Array, low: Array, high: Array) -> Array:
-    """How many points (m, 2) lie in each box, ``low`` to ``high`` (k, 2)."""
+    """Count the points (m, 2) that lie in each box, ``low`` to ``high`` (k, 2)."""
     x, y = ((points[:, axis] > low[:, axis, None]) & (points[:, axis] < high[:, axis, None]) for axis in (0, 1))
     return np.asarray((x & y).sum(axis=1), dtype=float)
 
@@ -150,7 +150,7 @@ def _distances(point: Array, start: Array, ends: Array) -> Array:
 
 
 def _crosses(start: Array, ends: Array, a: Array, b: Array) -> Array:
-    """Whether the segments between ``start`` and ``ends`` (k, 2) cross that from a to b."""
+    """Return whether the segments between ``start`` and ``ends`` (k, 2) cross that from a to b."""
 
     def turn(p: Array, q: Array, r: Array) -> Array:
         d, e = q - p, r - p

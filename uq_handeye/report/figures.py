@@ -98,7 +98,7 @@ def pictures(
 
 
 def poses_of(result: Calibration) -> PosePairs | None:
-    """Return the poses that a result was made of; None for motions alone, and where its file holds no poses."""
+    """Return the poses that a result was made of; None for motions only, and where its file holds no poses."""
     return result.data.poses if isinstance(result.data, Motions) else result.data
 
 

@@ -129,7 +129,7 @@ def report_html(
     details : bool
         Open the folded sections.
     folded : bool
-        False: the two pages alone.
+        False: the two pages only.
     date : str or None
         Written into the report; None is now (UTC).
 

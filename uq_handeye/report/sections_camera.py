@@ -39,7 +39,7 @@ def camera_sections(result: Calibration) -> list[Section]:
 
 
 def shares_words(result: Calibration) -> str:
-    """Which share of the variance of X the intrinsics have, and which the corners; empty where it is not known."""
+    """Say which share of the variance of X the intrinsics have, and which the corners; empty where it is not known."""
     if result.analysis is None or f"camera {SHARED}" not in result.analysis.budget.sources:
         return ""
     budget = result.analysis.budget

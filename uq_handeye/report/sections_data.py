@@ -30,7 +30,7 @@ _DEG, _MM = 180 / np.pi, 1e3
 
 
 def needs(what: str, result: Calibration) -> str:
-    """Why ``what``, e.g. "Diagnostics are known", is missing from a result without analysis."""
+    """Say why ``what``, e.g. "Diagnostics are known", is missing from a result without analysis."""
     if result.covariance is None:
         return f"{what} where the noise of the poses is given or can be estimated; here it is not."
     return f"{what} by the methods efficient and ml, not by {result.method}."
@@ -62,7 +62,7 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
 
 
 def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
-    """Which noise makes which share of the variance."""
+    """Section of the shares of the variance by noise."""
     title = "Uncertainty budget in full"
     table = budget_table(result)
     if table is None or "budget" not in drawings:
@@ -135,7 +135,7 @@ def _optional(value: float | None, factor: float = 1.0) -> str:
 
 
 def observability_section(result: Calibration) -> Section:
-    """What the data can tell about X, in numbers and in words."""
+    """Section of what the data can tell about X, in numbers and in words."""
     title = "Observability and tests of the residuals"
     not_run = tests_not_run(result)
     skipped: list[Block] = [Paragraph("Tests that were not run:"), Points(not_run)] if not_run else []
@@ -163,7 +163,9 @@ def observability_section(result: Calibration) -> Section:
 
 
 def _of_noise_alone(result: Calibration) -> str:
-    """What the covariance of the result has and the diagnostics, which are those of the noise model, have not."""
+    """Say what the covariance of the result includes and the diagnostics, which are those of the noise model, do
+    not.
+    """
     offset = result.time_offset
     if offset is not None and offset.share > 0:
         return (

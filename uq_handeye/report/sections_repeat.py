@@ -47,7 +47,7 @@ def repeat_section(result: Calibration, date: str, version: str) -> Section:
 
 
 def _noise(result: Calibration) -> list[list[str]]:
-    """The noise that was given: its deviations where they are all there is to it, else a hash."""
+    """The noise that was given: its standard deviations where they are all there is to it, else a hash."""
     if result.noise is None or result.noise_estimate is not None:
         return [["noise", "not given"]]
     facts = []

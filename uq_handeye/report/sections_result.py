@@ -80,7 +80,7 @@ def _of(frame: str) -> str:
 
 
 def _pose_cells(T: Array, covariance: Array | None, opened: Array | None) -> list[str]:
-    """Translation (mm) and rotation vector (deg), each with its deviation."""
+    """Translation (mm) and rotation vector (deg), each with its standard deviation."""
     numbers, deviations = pose_numbers(T, covariance, opened=opened)
     if deviations is None:
         numbers = numbers.round(9)  # what is exact ends in rounding errors
@@ -162,7 +162,7 @@ def forms_section(result: Calibration) -> Section:
 
 
 def scope_section(result: Calibration, convention: str) -> Section:
-    """What the numbers mean, and what they do not contain."""
+    """Section of what the numbers mean, and what they do not contain."""
     blocks: list[Block] = []
     if result.std is not None:
         order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"

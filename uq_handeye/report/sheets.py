@@ -114,7 +114,7 @@ def _x_blocks(result: Calibration) -> list[Block]:
 
 
 def _with_deviation(value: float, sd: float | None) -> tuple[str, str]:
-    """Return both with two digits of the deviation, the value to the same place."""
+    """Return both with two digits of the standard deviation, the value to the same place."""
     if sd is None or not np.isfinite(sd) or sd <= 0:
         return f"{value + 0.0:.4f}", "?" if sd is None else "open" if sd > 0 else "0"
     decimals = int(np.clip(1 - np.floor(np.log10(sd)), 0, 9))

@@ -24,7 +24,7 @@ Effect = Callable[[Mapping[str, Any]], float]
 
 
 class Phrase(NamedTuple):
-    """What a code says in short."""
+    """Short text of a code."""
 
     check: str
     words: Words
@@ -118,7 +118,7 @@ def _halves(v: Mapping[str, Any]) -> str:
 
 def _asked(v: Mapping[str, Any]) -> str:
     one = v["errors"][0]
-    return f"the residuals ask for a {one['name']} error of {digits(100 * one['estimate'], 2)} %"
+    return f"the residuals indicate a {one['name']} error of {digits(100 * one['estimate'], 2)} %"
 
 
 def _size(v: Mapping[str, Any]) -> str:
@@ -243,7 +243,7 @@ _PHRASES: dict[str, Phrase] = {
     ),
     "input_checks.half_turns": Phrase(MOTION, _text("many rotations above 150 deg, little weight in 4dpa")),
     "calibration.open": Phrase(MOTION, _open, _constant(5)),
-    "calibration.near_half_turn": Phrase(MOTION, _text("X is near a half turn"), _constant(1.2)),
+    "calibration.near_half_turn": Phrase(MOTION, _text("X rotates by about 180 deg"), _constant(1.2)),
     "diagnostics.needed_rows": Phrase(
         MOTION, lambda v: f"without {v['item']} {v['rows'][0]} the data do not determine X", _constant(2)
     ),

@@ -1,4 +1,4 @@
-r"""Whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
+r"""Test whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
 
 Model: the error ``xi = (theta, tau)`` of X is Gaussian with the covariance S of the calibration, or where the noise was
 estimated Student's t with the degrees of freedom of its `reference`: ``xi = L z sqrt(nu / c)``, ``L L^T = S``, z
@@ -110,7 +110,7 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """Whether the word is PASS."""
+        """True if the word is PASS."""
         return self.word == PASS
 
     def __str__(self) -> str:
@@ -118,7 +118,7 @@ class Verdict:
 
     @property
     def sentence(self) -> str:
-        """What the word stands for, with the probability."""
+        """Meaning of the word, with the probability."""
         of, tolerance = "X lies", str(self.tolerance)
         if self.tolerance.at is not None:
             of = f"a point {digits(self.tolerance.at, 3)} m ahead of the camera lies"

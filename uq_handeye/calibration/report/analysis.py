@@ -1,4 +1,4 @@
-"""What a calibration knows beyond X, as blocks of text and page: noise, fit, 4DPA, poses, budget, diagnostics."""
+"""Analysis of a calibration beyond X, as blocks of text and page: noise, fit, 4DPA, poses, budget, diagnostics."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _given(noise: Noise) -> list[list[str]]:
 
 
 def _counts(result: Calibration) -> str:
-    """How many numbers were fitted by how many."""
+    """Say how many numbers were fitted by how many."""
     variables = "6 variables (of X)" if result.W is None else "12 variables (of X and W)"
     n = result.n_pairs if result.table is None else len(result.table)
     of = "motion" if result.table is None else result.table.item
@@ -135,7 +135,7 @@ def beside_blocks(result: Calibration) -> list[Block]:
         f"{result.method} attains",
     ]
     text = "\n".join(f"  {line}" for line in numbers)
-    return [*blocks, Heading("4DPA alone, on the same data:"), Code("", text, "")]
+    return [*blocks, Heading("4DPA only, on the same data:"), Code("", text, "")]
 
 
 def pair_table(result: Calibration) -> Table:

@@ -26,7 +26,7 @@ def arm_blocks(result: Calibration) -> list[Block]:
 
 
 def arm_sentences(result: Calibration) -> list[str]:
-    """What is known of the arm, what X means, and what a prediction is worth."""
+    """Describe what is known of the arm, what X means, and what a prediction is worth."""
     fitted = result.kinematics
     if fitted is None:
         return []
@@ -41,13 +41,13 @@ def arm_sentences(result: Calibration) -> list[str]:
 
 
 def told_words(fitted: FittedKinematics) -> str:
-    """How much of what was assumed of each group the data took away."""
+    """Say how much of what was assumed of each group the data took away."""
     told = [f"{group} {100 * share:.0f} %" for group, share in fitted.told().items()]
     return f"Share of the assumed variance that the data resolved: {', '.join(told)}." if told else ""
 
 
 def meaning_words(result: Calibration, fitted: FittedKinematics) -> str:
-    """Which flange (or base) X is of, and what it is to be used with."""
+    """Say which flange (or base) X belongs to, and what it is to be used with."""
     frame = result.frame.split("_T_")[0]
     if fitted.flange == PHYSICAL:
         return f"X is the camera in the machined {frame}; errors of the first and last joint are in its covariance."
@@ -59,7 +59,9 @@ def meaning_words(result: Calibration, fitted: FittedKinematics) -> str:
 
 
 def prediction_words(result: Calibration) -> str:
-    """How far the tool misses what the camera sees, near the calibrated poses and anywhere; and with nominal poses."""
+    """Say how far the tool misses what the camera sees, near the calibrated poses and anywhere; and with nominal
+    poses.
+    """
     found = result.over_workspace
     if found is None:
         return ""
@@ -76,7 +78,7 @@ def prediction_words(result: Calibration) -> str:
 
 
 def workspace_caption(result: Calibration) -> str:
-    """How to read the figure of the workspace."""
+    """Explain how to read the figure of the workspace."""
     reached = "the flange is brought to a point that the camera sees"
     if result.setup == "eye-in-hand" and result.over_workspace is not None:
         reached += f" {result.over_workspace.distance:.2g} m ahead"

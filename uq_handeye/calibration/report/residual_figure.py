@@ -74,7 +74,7 @@ def residual_figure(table: PoseTable) -> Figure:
 
 
 def _wide(value: Array) -> bool:
-    """Whether a few values hide all others on a linear scale."""
+    """Return whether a few values hide all others on a linear scale."""
     return bool(value.max() > 12 * max(float(np.median(value)), 1e-12))
 
 

@@ -1,11 +1,11 @@
-r"""The rig in three dimensions, as a figure and as a scene to be turned: base, grippers, cameras, target, ellipsoid.
+r"""The rig in three dimensions, as a figure and as a scene to be rotated: base, grippers, cameras, target, ellipsoid.
 
 Model: everything stands in the base frame, by ``base_T_gripper`` of the poses and the X and W of the result.
 
     eye-in-hand    cameras G X, one target W
     eye-to-hand    one camera X, targets G W
 
-The ellipsoid holds 95 % of the errors of X's translation. It stands about one of the cameras, its axes turned into the
+The ellipsoid holds 95 % of the errors of X's translation. It stands about one of the cameras, its axes rotated into the
 base frame, enlarged by a round factor. This module imports Matplotlib; import it where it is used.
 """
 
@@ -42,7 +42,7 @@ _SMALL = 0.05
 
 
 class Rig(NamedTuple):
-    """What is drawn, in the base frame."""
+    """Content of the figure, in the base frame."""
 
     setup: str
     grippers: Array  # (n, 4, 4)

@@ -48,7 +48,7 @@ def shared_table(result: Calibration) -> Table | None:
 
 
 def _of_population(result: Calibration) -> set[str]:
-    """The groups of errors of an arm whose deviations were estimated, at least those of such arms."""
+    """The groups of errors of an arm whose standard deviations were estimated, at least those of such arms."""
     parts = () if result.noise_estimate is None else result.noise_estimate.components
     return {part.name for part in parts if part.status == "population"}
 
@@ -58,14 +58,14 @@ def shared_blocks(result: Calibration) -> list[Block]:
     table = shared_table(result)
     notes = [str(found) for found in result.findings if found.code in SHARED_CODES and found.severity == "note"]
     if look_alike(result):
-        notes.append("Target scale and robot scale act on the residuals alike: the data cannot tell which is wrong.")
+        notes.append("Target scale and robot scale act on the residuals alike: the data cannot separate them.")
     if text := offset_sentence(result):
         notes.append(text)
     return [*([] if table is None else [table]), *([Points(notes)] if notes else [])]
 
 
 def look_alike(result: Calibration) -> bool:
-    """Whether the residuals ask for a scale, of which they cannot say whether it is the target's or the robot's."""
+    """Return whether the residuals indicate a scale that may be the target's or the robot's."""
     asked = {probe.name for probe in _probes(result) if probe.asked_for}
     asked |= {error.name for error in result.shared if error.wide is not None and error.wide > 0.5}
     return bool(asked & {TARGET_SCALE, ROBOT_SCALE})
@@ -103,7 +103,7 @@ def _undeclared(probe: ScaleError) -> str:
     move = f"0.1 % moves X by {digits(probe.shift_sd, 2)} of its standard deviations"
     if not probe.visible:
         return f"not declared: the residuals do not show it; {move}"
-    return f"not declared: the residuals ask for {relative(probe.estimate, probe.sd)}; {move}"
+    return f"not declared: the residuals indicate {relative(probe.estimate, probe.sd)}; {move}"
 
 
 def amount(error: SharedEstimate) -> str:
@@ -116,7 +116,7 @@ def amount(error: SharedEstimate) -> str:
 
 
 def included_words(result: Calibration) -> str:
-    """Which shared errors the covariance of X includes, as a sentence."""
+    """Say which shared errors the covariance of X includes, as a sentence."""
     parts = included(result)
     defaults = sum(default for _, default in parts)
     if not parts:

@@ -22,7 +22,7 @@ WIDEST = 6.0
 def shared_figure(errors: Sequence[SharedGroup]) -> Figure:
     """A bar of +- one assumed standard deviation for each error, and its estimate with the one after the fit.
 
-    Of an error of many numbers the estimates are dots, without their deviations.
+    Of an error of many numbers the estimates are dots, without their standard deviations.
     """
     count = len(errors)
     figure = canvas(1.0 + 0.42 * count)

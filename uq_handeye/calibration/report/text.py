@@ -78,7 +78,7 @@ def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict 
 
 
 def answer(result: Calibration) -> str:
-    """In a sentence or two: how well X is known."""
+    """Say in a sentence or two how well X is known."""
     if result.weakest_rotation is None or result.weakest_translation is None:
         return (
             f"How well {result.frame} is known is not determined: no noise was given (--robot-noise, --camera-noise), "
@@ -106,17 +106,17 @@ def answer(result: Calibration) -> str:
 
 
 def source_words(result: Calibration) -> str:
-    """What the standard deviations are of, e.g. "the noise given"."""
+    """Name the source of the standard deviations, e.g. "the noise given"."""
     if result.noise_estimate is not None and result.covariance_kind in ("model", "sigma-points"):
         return "the noise estimated"
     return _SOURCES[result.covariance_kind]
 
 
 def _numbers(result: Calibration, threshold: float) -> list[list[Block]]:
-    """X and its deviations, correlations and directions."""
+    """X and its standard deviations, correlations and directions."""
     numbers: list[Block] = [_lines(pose_rows(*pose_numbers(result.X, result.covariance, opened=result.open_of_X)))]
     if result.std is not None:
-        turn = row("turn about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
+        turn = row("about the axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
         numbers += [_lines([turn]), *map(Paragraph, directions(result)), _lines(_correlations(result, threshold))]
     return [[_matrix(result.X)], numbers]
 
@@ -141,7 +141,7 @@ def directions(result: Calibration) -> list[str]:
 
 
 def ellipsoid_words(result: Calibration) -> str:
-    """How far the 95 % ellipsoid of X reaches."""
+    """Say how far the 95 % ellipsoid of X reaches."""
     limit = result.quantile(0.95)
     if np.isfinite(limit):
         return f"95 % of all errors lie within d^2 = {limit:.1f} ({result.reference})."
@@ -149,7 +149,7 @@ def ellipsoid_words(result: Calibration) -> str:
 
 
 def _scope(result: Calibration) -> list[Block]:
-    """What the standard deviations mean."""
+    """Say what the standard deviations mean."""
     if result.std is None:
         return []
     within = ellipsoid_words(result)

@@ -9,7 +9,7 @@ from ..result import Calibration
 
 
 def offset_sentence(result: Calibration) -> str:
-    """What the time offset of the poses adds to the covariance of X; empty where there is none."""
+    """Say what the time offset of the poses adds to the covariance of X; empty where there is none."""
     found = result.time_offset
     if found is None:
         return ""

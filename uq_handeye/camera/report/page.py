@@ -173,7 +173,7 @@ def _poses(cam: Calibrated) -> Section:
         column(whole[shown, 2]),
     )
     caption = (
-        f"{which}. 1 sigma of the distance: by the corners of the picture alone, and with the intrinsics, whose error "
+        f"{which}. 1 sigma of the distance: by the corners of the picture only, and with the intrinsics, whose error "
         "all pictures share"
     )
     head = [

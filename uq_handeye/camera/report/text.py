@@ -192,7 +192,7 @@ def pattern_words(cam: Calibrated, short: bool = False) -> str:
         more += "No other model that was tried is better." if several else "Use another model ('auto')."
     elif found.p_value < RARE:
         text = f"The residuals have a pattern over the picture of {share}: too small to matter."
-        more = f" With so many corners it is told from chance ({probability(found.p_value, 2)})."
+        more = f" With this many corners it is significant ({probability(found.p_value, 2)})."
     else:
         text = f"The residuals have no pattern over the picture ({probability(found.p_value, 2)})."
         more = f" The model {cam.model} explains the corners."

@@ -102,13 +102,13 @@ def _sampled_equals(e: Evidence, name: str, statement: str, method: str, key: st
         beyond = f"the noise is beyond first order for this method on these motions. {SWEEP}."
         advice = (
             f"The errors are really {number(worst)} times what is reported in {where}: {beyond} Report the sampled "
-            "covariance in its place, reduce the noise, or add motions that turn about other axes."
+            "covariance in its place, reduce the noise, or add motions that rotate about other axes."
         )
         if r.shapeless:
             advice = (
                 f"The errors are really {number(r.overall)} times what is reported over all directions, and rare "
                 f"large ones make up much of that: {beyond} Use another method, reduce the noise, or add motions that "
-                "turn about other axes; no covariance in its place would do."
+                "rotate about other axes; no covariance in its place would do."
             )
         return r.equal, text, advice
 
