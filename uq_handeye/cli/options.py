@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from .groups import ESTIMATION, common_in
-from .groups import OUTPUT as OUTPUT
+from .groups import ESTIMATION, OUTPUT, common_in
 from .messages import Messages, styled, terminal_width
 
 if TYPE_CHECKING:

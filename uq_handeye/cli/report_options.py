@@ -5,7 +5,8 @@ from typing import Annotated, Any
 
 from ..errors import InputError
 from ..files.about import ABOUT, read_about
-from .options import OUTPUT, flag, one_of, option
+from .groups import OUTPUT
+from .options import flag, one_of, option
 
 PAPERS = ("a4", "letter")
 

@@ -10,14 +10,13 @@ import typer
 from ...errors import InputError, NotConvergedError
 from ...runtime.progress import working
 from ..arm_options import Arm, arm_of
-from ..groups import ESTIMATION
+from ..groups import ESTIMATION, OUTPUT
 from ..messages import LOG, command_line, progress_wanted, quiet, timed, withheld
 from ..noise_options import Given, given_of, pose_prior_of, prior_of
 from ..options import (
     AT_THE_BOUND,
     BUNDLE,
     COVARIANCE_NAMES,
-    OUTPUT,
     PUBLISHED,
     ROBOT_WORLD,
     JsonOption,
@@ -244,10 +243,11 @@ def demo_command(as_json: JsonOption = False, output: ResultFolder = None, repor
 
     Examples:
       uq-handeye demo
-      # Write result.json, figures and exports too
+      # Also write result.json, figures and exports
       uq-handeye demo --report demo.html -o demo/
 
-    Without --report the report is demo_report.html.
+    Prints the estimate, compares it with the true X, and writes the report,
+    demo_report.html unless --report names another file.
     """
     from importlib import resources
 

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 from ...errors import InputError
 from ..arm_options import Arm, arm_of
 from ..delivery import deliver
-from ..groups import ESTIMATION
+from ..groups import ESTIMATION, OUTPUT
 from ..messages import fail, progress_wanted, timed
 from ..noise_options import Given, given_of
 from ..options import (
     EVERY_METHOD,
-    OUTPUT,
     JsonOption,
     PairsOption,
     emit,

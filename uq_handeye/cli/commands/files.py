@@ -7,8 +7,9 @@ import typer
 
 from ...errors import InputError
 from ...runtime.progress import working
+from ..groups import OUTPUT
 from ..messages import progress_wanted, timed
-from ..options import OUTPUT, emit, made_of, one_of, option, require_writable
+from ..options import emit, made_of, one_of, option, require_writable
 from ..outcome import Wanted, emit_answer, emit_result, wanted_of
 from ..report_options import ReportOptions, report_options_of
 from .calibrate import REPORTS, NoCompare
@@ -72,7 +73,7 @@ def report_command(
     wishes: "ReportOptions",
     wanted: "Wanted",
     file: Annotated[
-        Path | None, typer.Argument(metavar="FILE", help="What to write, .html or .pdf. Default: only print.")
+        Path | None, typer.Argument(metavar="FILE", help="Report to write, .html or .pdf. Default: none, print only.")
     ] = None,
     no_compare: NoCompare = False,
 ) -> int:
@@ -80,9 +81,10 @@ def report_command(
 
     Examples:
       uq-handeye report result/result.json report.html
-      uq-handeye report result/result.json report.pdf
+      # Print the result again, and whether it meets a tolerance
+      uq-handeye report result/result.json --tolerance 1mm,0.1deg
 
-    Without FILE the text of calibrate is printed. The report equals that of
+    Without FILE, prints what calibrate prints. The report equals that of
     calibrate --report, except for the cross-check: the result file holds the
     poses. A result file of an older version holds none; its report lacks the
     rig and the comparison of methods.

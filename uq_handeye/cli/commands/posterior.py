@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ...errors import InputError
 from ..arm_options import Arm, arm_of
 from ..delivery import deliver, wrote
-from ..groups import ESTIMATION
+from ..groups import ESTIMATION, OUTPUT
 from ..messages import progress_wanted, timed
 from ..noise_options import Given, given_of, pose_prior_of
-from ..options import OUTPUT, JsonOption, emit, flag, folder_option, made_of, option
+from ..options import JsonOption, emit, flag, folder_option, made_of, option
 from ..pose_files import PoseFiles, calibrated, problem_for
 from ..views import views_of
 

@@ -1,19 +1,47 @@
 """Command ``simulate``: pose files of a simulated rig."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from ...errors import InputError
+from ..groups import NOISE, OUTPUT
 from ..noise_options import NoiseOptions, exact_beside
-from ..options import OUTPUT, SETUP_NAMES, emit, made_of, option
+from ..options import SETUP_NAMES, emit, made_of, option
 
 RIG = "Rig"
 MAX_POSES = 1_000_000  # about 1 GB of memory
 
 
-@made_of(options=NoiseOptions)
+@dataclass(frozen=True)
+class SimulatedNoise(NoiseOptions):
+    """Options of the noise that is simulated."""
+
+    robot_noise: Annotated[
+        str | None,
+        option(
+            "--robot-noise",
+            metavar="ROT,TRANS",
+            panel=NOISE,
+            common=True,
+            help="Robot noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.02deg,0.05mm. Default: none.",
+        ),
+    ] = None
+    camera_noise: Annotated[
+        str | None,
+        option(
+            "--camera-noise",
+            metavar="ROT,TRANS",
+            panel=NOISE,
+            common=True,
+            help="Camera noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.1deg,0.5mm. Default: none.",
+        ),
+    ] = None
+
+
+@made_of(options=SimulatedNoise)
 def simulate_command(
-    options: "NoiseOptions",
+    options: "SimulatedNoise",
     output: Annotated[
         Path, option("-o", "--output", metavar="DIR", panel=OUTPUT, common=True, help="Folder to write.")
     ],

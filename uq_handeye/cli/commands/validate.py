@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ...errors import InputError
 from ..arm_options import Arm, arm_of
 from ..delivery import deliver, wrote
+from ..groups import OUTPUT
 from ..messages import LOG, progress_wanted
 from ..noise_options import Given, given_of, pose_prior_of
 from ..options import (
     EVERY_METHOD,
-    OUTPUT,
     JsonOption,
     PairsOption,
     WorkersOption,
