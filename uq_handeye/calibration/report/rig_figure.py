@@ -121,10 +121,10 @@ def _board(poses: PosePairs, size: float) -> Array:
 
 def rig_figure(scene: Rig) -> Figure:
     """The scene from the side, and from above."""
-    figure = NamedFigure(figsize=(WIDTH, 4.2))
+    figure = NamedFigure(figsize=(WIDTH, 3.5))
     strokes = _strokes(scene)
-    side: Any = figure.add_axes((0.0, 0.14, 0.57, 0.82), projection="3d", proj_type="ortho", computed_zorder=False)
-    above = figure.add_axes((0.69, 0.26, 0.3, 0.62))
+    side: Any = figure.add_axes((0.0, 0.13, 0.6, 0.84), projection="3d", proj_type="ortho", computed_zorder=False)
+    above = figure.add_axes((0.7, 0.27, 0.29, 0.62))
     for points, style in strokes:
         side.plot(*points.T, **style)
         above.plot(*points[:, :2].T, **style)
@@ -143,7 +143,8 @@ def rig_figure(scene: Rig) -> Figure:
     low, high = _limits(scene)
     side.view_init(22.0, -58.0)
     side.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    side.set_box_aspect(high - low, zoom=0.93)
+    tall = (high - low)[2] > 1.2 * (high - low)[:2].max()
+    side.set_box_aspect(high - low, zoom=0.84 if tall else 1.0)
     side.tick_params(labelsize=SMALL, pad=-2)
     for direction, name in ((side.xaxis, "x"), (side.yaxis, "y"), (side.zaxis, "z")):
         length = float((high - low)["xyz".index(name)] / (high - low).max())
@@ -161,7 +162,7 @@ def rig_figure(scene: Rig) -> Figure:
         line.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
         line.set_label_text(f"{name} (m)", fontsize=SMALL)
     for axis, x, title in ((side, 0.28, "from the side"), (above, 0.84, "from above")):
-        figure.text(x, 0.955, title, fontsize=TEXT, ha="center", color=INK)
+        figure.text(x, 0.95, title, fontsize=TEXT, ha="center", color=INK)
         axis.set_label(title)
     _legend(figure, scene)
     return figure
