@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ...formatting.numbers import concise, digits, fixed
+from ...formatting.numbers import concise, digits
 from ...geometry.pose_numbers import POSE_NUMBERS, pose_numbers
 from ...presentation.document import Answer, Block, Checks, Document, Paragraph, Points, Table
 from ...presentation.notebook import blocks_html, heat_html, html_of, matrix_html, to_html
-from ...statement.accuracy import Accuracy
 from ..result import Calibration
 from .arm import arm_sentences
+from .first_screen import accuracy_blocks, status_of
 from .shared_errors import included_words, shared_blocks
 from .text import directions
 
-# Parts below this (mm, deg) are nothing.
-_SMALLEST = 1e-4
+# Parts of the accuracy; smaller ones are combined.
+MOST_PARTS = 12
 
 
 @html_of.register(Calibration)
@@ -24,7 +22,7 @@ def calibration_html(result: Calibration) -> str:
     origin = f"{result.n_pairs} pairs" if result.n_poses is None else f"{result.n_poses} poses"
     setup = "" if result.setup is None else f", {result.setup}"
     checks = Checks([(check.status, check.name, check.text) for check in result.checks])
-    document: Document = [[Answer(result.headline, _status(result))], [checks], [_numbers(result)]]
+    document: Document = [[Answer(result.headline, status_of(result))], [checks], [_numbers(result)]]
     folded = [(title, blocks_html(blocks)) for title, blocks in _folds(result).items() if blocks]
     folded.append(("Matrix X (translation in m)", matrix_html(result.X)))
     if result.covariance is not None and result.correlation is not None:
@@ -35,13 +33,6 @@ def calibration_html(result: Calibration) -> str:
         ]
     title = f"{result.frame} by {result.method}"
     return to_html(title, document, beside=f"{origin}{setup}", seen=len(document), folded=folded)
-
-
-def _status(result: Calibration) -> str:
-    if not result.usable:
-        return "failed"
-    doubtful = result.accuracy is None or result.accuracy.lower_limit or result.cautions
-    return "caution" if doubtful else "ok"
 
 
 def _numbers(result: Calibration) -> Table:
@@ -57,29 +48,10 @@ def _numbers(result: Calibration) -> Table:
 
 def _folds(result: Calibration) -> dict[str, list[Block]]:
     """Return what is folded away by title; what `calibrate` warned of is not opened again."""
-    count = len(result.cautions)
+    count, accuracy = len(result.cautions), accuracy_blocks(result, most=MOST_PARTS)
     return {
         f"Cautions in full ({count})": [Points([str(finding) for finding in result.cautions])] if count else [],
-        "Parts of the accuracy": [*_parts(result.accuracy), Paragraph(included_words(result))],
+        "Parts of the accuracy": [*accuracy, Paragraph(included_words(result))] if accuracy else [],
         "Directions": [Paragraph(text) for text in [*directions(result), *arm_sentences(result)]],
         "Shared errors": [*shared_blocks(result)] if result.shared else [],
     }
-
-
-def _parts(accuracy: Accuracy | None) -> list[Block]:
-    """Return a row for each part of the accuracy, and what is not included."""
-    if accuracy is None:
-        return []
-    rows = [
-        [name, *(fixed(size, 2) if size >= _SMALLEST else "0" for size in (1e3 * move, float(np.degrees(turn))))]
-        for name, move, turn in (
-            *((part.name, part.translation, part.rotation) for part in accuracy.parts),
-            ("total", accuracy.translation, accuracy.rotation),
-            ("total, expanded (95 %)", accuracy.translation_95, accuracy.rotation_95),
-        )
-    ]
-    head = ["1 sigma, worst direction", "translation", "rotation"]
-    blocks: list[Block] = [Table("", head, rows, units=["", "mm", "deg"])]
-    if accuracy.not_included:
-        blocks.append(Paragraph(f"Not included: {', '.join(accuracy.not_included)}."))
-    return blocks
