@@ -1,22 +1,18 @@
 """Help: two screens of 80 columns with examples first; every option with --help-all; examples that can be typed."""
 
-import ast
 import re
 import shlex
-from pathlib import Path
 
 import pytest
 import typer
 from cli_cases import run
 from pages import ROOT
 
-import uq_handeye as uq
 from uq_handeye.cli import app as cli
 from uq_handeye.cli.help import EXAMPLES, describe, rows
 
 PROGRAM = typer.main.get_command(cli.app)
 COMMANDS = PROGRAM.commands
-SOURCES = sorted((Path(uq.__file__).parent / "cli").rglob("*.py"))
 
 
 @pytest.fixture(autouse=True)
@@ -99,13 +95,3 @@ def test_texts_of_options(name):
         assert row.text.count("Default:") <= 1, row
     for value in COMMANDS[name].params:
         assert value.metavar is not None, value.name
-
-
-@pytest.mark.parametrize("file", SOURCES, ids=lambda file: file.stem)
-def test_docstrings_open_as_they_should(file):
-    for node in ast.walk(ast.parse(file.read_text())):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-            first = (ast.get_docstring(node) or "").partition("\n")[0]
-            assert not re.match(r"(Of|At|By|With|And|So|What|Whether|Within|From|That|Up|Files|The same)\b", first), (
-                first
-            )
