@@ -118,6 +118,8 @@ def test_the_long_text_has_everything(result):
     flat = " ".join(result.summary(verbose=True).split())
     for text in (result.headline, *map(str, result.cautions), *(check.name for check in result.checks)):
         assert " ".join(text.split()) in flat
+    for caution in result.cautions:
+        assert flat.count(" ".join(str(caution).split())) == 1, caution
     for part in ("Residuals of AX = XB", "as quaternion", "(inverse of X)", "Diagnostics"):
         assert part in flat
     assert (result.analysis is None) or "Uncertainty budget of X" in flat

@@ -191,7 +191,7 @@ def test_the_summary_has_every_section(given, estimated, poses):
         "The robot rotates about three axes, with shares ",
         "Residuals of AX = XB over the pairs",
         "camera_T_gripper (inverse of X)",
-        "base_T_target (the target, as all poses see it)",
+        "base_T_target (the target, from all poses)",
         "Fit: chi-square",
         "4DPA only, on the same data:",
         "times the Cramer-Rao bound",

@@ -54,7 +54,7 @@ def test_nothing_but_poses_from_corners(recording, result):
     off = error(result.X, X)
     assert off @ np.linalg.solve(result.covariance, off) < result.quantile(0.9999)
     text = result.summary(verbose=True)
-    assert "beside that of the camera" in text and "come" in text
+    assert "known from its corners" in text and "come" in text
     assert "Not included: camera model" in text and "camera intrinsics" not in text
 
 

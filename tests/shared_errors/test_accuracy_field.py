@@ -87,7 +87,7 @@ def test_one_row_and_one_source_of_type_B():
     poses = uq.simulate(20, noise=NOISE, seed=SEED)
     result = quietly(poses, noise=NOISE, shared=[SharedError.robot_accuracy("0.5mm,0.05deg")])
     row = next(row for row in shared_table(result).rows if row[0].startswith("robot accuracy"))
-    assert row[1] == "0.5 mm, 0.05 deg (declared)" and row[2] == "not asked of the data"
+    assert row[1] == "0.5 mm, 0.05 deg (declared)" and row[2] == "not estimated"
     assert included_words(result).endswith("share: robot accuracy 0.5 mm, 0.05 deg.")
     assert dict(zip(result.budget.sources, result.budget.types, strict=True))["robot accuracy"] == "B"
     assert result.provenance.options["shared"] == ["robot accuracy: 0.5 mm, 0.05 deg"]

@@ -35,10 +35,10 @@ def noise_blocks(result: Calibration) -> list[Block]:
     if estimate is not None:
         caption = "Noise, estimated from the residuals:"
         if estimate.from_corners:
-            caption = "Noise of the robot, estimated beside that of the camera, which corners give:"
+            caption = "Noise of the robot, estimated; the noise of the camera is known from its corners:"
         if estimate.by_geometry:
-            caption = "Noise, estimated from the residuals beside what the geometry of the views says of the camera:"
-        head = ["source", "1 sigma per axis", "95 % interval", "how it is known"]
+            caption = "Noise, estimated from the residuals and the geometry of the views:"
+        head = ["source", "1 sigma per axis", "95 % interval", "status"]
         blocks.append(Table(caption, head, list(map(_component, estimate.components)), frozenset({3})))
         if estimate.statement:
             blocks.append(Points(estimate.statement))
@@ -96,7 +96,7 @@ def _fit_sentences(fit: GoodnessOfFit) -> list[str]:
     """The chi-square test in words, sigma_0, and where it is so what the noise gets wrong."""
     start = f"Fit: chi-square {fit.chi2:.1f} with {fit.dof:.0f} degrees of freedom (reduced: {fit.chi2 / fit.dof:.2f})"
     if fit.p_value is None:
-        text = f"{start}; near their number by construction. {NO_TEST_OF_NOISE}"
+        text = f"{start}, near their number by construction. {NO_TEST_OF_NOISE}"
     else:
         verdict = "the noise explains the residuals" if fit.p_value > 0.01 else _misfit(fit.sigma0)
         text = f"{start}, {probability(fit.p_value, 2)}: {verdict}."
@@ -111,9 +111,7 @@ def _fit_sentences(fit: GoodnessOfFit) -> list[str]:
     off = [name for name, value in parts.items() if abs(value - 1) > least]
     if off and (fit.p_value is None or fit.p_value > 0.01):
         how = " and ".join(f"{name} {digits(parts[name])} times" for name in off)
-        sentences.append(
-            f"The residuals are not what this noise makes of them ({how} as large): the model of the noise is wrong."
-        )
+        sentences.append(f"The residuals do not match this noise ({how} as large): the noise model is wrong.")
     return sentences
 
 
@@ -172,8 +170,8 @@ def covariance_table(result: Calibration) -> Table | None:
         rows.append([name, *shown])
     rows += [[", ".join(kinds), (f"not determined: {reason}", 6)] for reason, kinds in without.items()]
     caption = (
-        "Standard deviations of X by every covariance (* that of the result). All but the first are made of the "
-        "residuals and need no model of the noise: where they are much larger, the noise is not as the model says."
+        "Standard deviations of X by every covariance (* that of the result). All but the first are "
+        "computed from the residuals, without a noise model. Where they are much larger, the noise model is wrong."
     )
     groups = [("", 1), ("rotation (deg)", 3), ("translation (mm)", 3)]
     return Table(caption, ["covariance", *"xyz", *"xyz"], rows, groups=groups)
@@ -289,7 +287,7 @@ def worst_words(result: Calibration) -> str:
     move, turn = found["X translation"], found["X rotation"]
     return (
         f"In the worst direction U is {digits(_MM * move.U, 2)} mm (k = {move.k:.2f}) and {digits(_DEG * turn.U, 2)} "
-        f"deg (k = {turn.k:.2f}), which holds 95 % of the errors."
+        f"deg (k = {turn.k:.2f}), which covers 95 % of the errors."
     )
 
 
@@ -320,7 +318,8 @@ def diagnosis_blocks(result: Calibration) -> list[Block]:
     found = [f for f in analysis.diagnostics.findings if f.code not in _SAID_ELSEWHERE]
     found.sort(key=lambda f: f.code != "diagnostics.joint_spectrum")  # that one first
     found += [analysis.split_half.finding, analysis.split_in_time.finding]
-    below = [f for f in found if f not in result.findings]
+    said = (*result.findings, *result.cautions)
+    below = [f for f in found if f not in said]
     title = f"Diagnostics{' (see the cautions above)' if len(below) < len(found) else ''}:"
     return [Heading(title), Points([str(f) for f in below])]
 

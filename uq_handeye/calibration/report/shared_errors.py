@@ -58,7 +58,7 @@ def shared_blocks(result: Calibration) -> list[Block]:
     table = shared_table(result)
     notes = [str(found) for found in result.findings if found.code in SHARED_CODES and found.severity == "note"]
     if look_alike(result):
-        notes.append("Target scale and robot scale act on the residuals alike: the data cannot separate them.")
+        notes.append("Target scale and robot scale have the same effect on the residuals and cannot be separated.")
     if text := offset_sentence(result):
         notes.append(text)
     return [*([] if table is None else [table]), *([Points(notes)] if notes else [])]
@@ -90,7 +90,7 @@ def found_of(group: SharedGroup) -> str:
     """RMS of the estimates of a group, and how much the data told of it."""
     sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
     if group.parts[0].stated:
-        return "not asked of the data"
+        return "not estimated"
     rms = ", ".join(size.rstrip() for size in sizes)
     return f"RMS {rms}; told {100 * group.told:.0f} %"
 

@@ -1,4 +1,4 @@
-"""A calibration in words: X with standard deviations, units on every number."""
+"""The long text of a calibration: everything that is known, with a unit on every number."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ _SOURCES = {
     "model": "the noise given",
     "sigma-points": "the noise given",
     "sandwich": "the residuals of the poses (sandwich)",
-    "hac": "the residuals of the poses, neighbours correlated (hac)",
-    "jackknife": "the poses left out one by one (jackknife)",
-    "bootstrap": "the poses drawn with replacement (bootstrap)",
+    "hac": "the residuals of the poses, with neighbours correlated (hac)",
+    "jackknife": "the poses, leaving out one at a time (jackknife)",
+    "bootstrap": "the poses, drawn with replacement (bootstrap)",
 }
 
 
@@ -57,7 +57,7 @@ def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict 
     """
     tables = [table for table in (covariance_table(result), budget_table(result)) if table is not None]
     return [
-        [Heading(title_of(result, LONG_TITLE)), *answer_blocks(result, verdict)],
+        [Heading(title_of(result, LONG_TITLE)), *answer_blocks(result, verdict, why=False)],
         accuracy_blocks(result),
         checks_block(result),
         *(Caution(str(found)) for found in result.cautions),
@@ -77,36 +77,8 @@ def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict 
     ]
 
 
-def answer(result: Calibration) -> str:
-    """Say in a sentence or two how well X is known."""
-    if result.weakest_rotation is None or result.weakest_translation is None:
-        return (
-            f"How well {result.frame} is known is not determined: no noise was given (--robot-noise, --camera-noise), "
-            "and the residuals show none."
-        )
-    move, turn = 1e3 * result.weakest_translation[1], np.degrees(result.weakest_rotation[1])
-    amounts = {"translation": f"{digits(move, 2)} mm", "rotation": f"{digits(turn, 2)} deg"}
-    for kind, part in (("rotation", slice(3)), ("translation", slice(3, 6))):
-        if result.opened is not None and np.linalg.matrix_rank(result.open_directions[:, part], 1e-3) == 3:
-            del amounts[kind]  # open along all axes
-    text = f"{' and '.join(amounts.values())} (1 sigma, worst axis)"
-    order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
-    source = f"{order} of {source_words(result)}"
-    text = f"{result.frame} is known to {text}, {source}. {included_words(result)}"
-    if result.opened is not None:
-        text = text.replace(" (1 sigma, worst axis)", " (1 sigma, worst axis that is not open)", 1)
-        text += f" Open: {'; '.join(result.open_words)}."
-    if result.analysis is not None and result.covariance_kind != "hac":
-        found = result.analysis.diagnostics
-        growth = found.autocorrelation.growth
-        if found.correlated and growth is not None and growth > 1.1:
-            times = digits(growth, 2)
-            text += f" Neighbouring poses are not independent: about {times} times as much is nearer the truth."
-    return text
-
-
 def source_words(result: Calibration) -> str:
-    """Name the source of the standard deviations, e.g. "the noise given"."""
+    """Return the source of the standard deviations, e.g. "the noise given"."""
     if result.noise_estimate is not None and result.covariance_kind in ("model", "sigma-points"):
         return "the noise estimated"
     return _SOURCES[result.covariance_kind]
@@ -116,7 +88,7 @@ def _numbers(result: Calibration, threshold: float) -> list[list[Block]]:
     """X and its standard deviations, correlations and directions."""
     numbers: list[Block] = [_lines(pose_rows(*pose_numbers(result.X, result.covariance, opened=result.open_of_X)))]
     if result.std is not None:
-        turn = row("about the axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
+        turn = row("rotation about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
         numbers += [_lines([turn]), *map(Paragraph, directions(result)), _lines(_correlations(result, threshold))]
     return [[_matrix(result.X)], numbers]
 
@@ -141,7 +113,7 @@ def directions(result: Calibration) -> list[str]:
 
 
 def ellipsoid_words(result: Calibration) -> str:
-    """Say how far the 95 % ellipsoid of X reaches."""
+    """Return the extent of the 95 % ellipsoid of X in words."""
     limit = result.quantile(0.95)
     if np.isfinite(limit):
         return f"95 % of all errors lie within d^2 = {limit:.1f} ({result.reference})."
@@ -149,12 +121,12 @@ def ellipsoid_words(result: Calibration) -> str:
 
 
 def _scope(result: Calibration) -> list[Block]:
-    """Say what the standard deviations mean."""
+    """Return what the standard deviations mean."""
     if result.std is None:
         return []
     within = ellipsoid_words(result)
     if result.analysis is not None:
-        within += " Moves of X above are such a d, in standard deviations."
+        within += " Shifts of X above are given as d, in standard deviations."
     shared = " and of the shared errors in the table" if result.shared else ""
     scope = f"The standard deviations are 1 sigma, to first order, of {source_words(result)}{shared}."
     return [Paragraph(within), Paragraph(f"{scope} {included_words(result)}")]
@@ -173,7 +145,7 @@ def _other_forms(result: Calibration) -> list[Block | list[Block]]:
     ]
     if result.W is not None:
         blocks += [
-            Heading(f"{result.frame_W} (the target, as all poses see it)"),
+            Heading(f"{result.frame_W} (the target, from all poses)"),
             _matrix(result.W),
             _lines(
                 pose_rows(*pose_numbers(result.W, result.covariance_W, opened=result.open_of_W)),
@@ -215,5 +187,5 @@ def _correlations(result: Calibration, threshold: float) -> list[str]:
         if abs(correlation[i, j]) >= threshold
     ]
     if not strong:
-        return [f"Correlations: none reaches {threshold:g}."]
-    return [f"Correlations from {threshold:g} up:", *(text for _, text in sorted(strong, reverse=True))]
+        return [f"No correlation is {threshold:g} or larger."]
+    return [f"Correlations of {threshold:g} and larger:", *(text for _, text in sorted(strong, reverse=True))]
