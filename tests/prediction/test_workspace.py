@@ -80,7 +80,7 @@ def test_words_and_figure(result, tmp_path):
         workspace_figure(over_workspace(result, result.over_workspace.distance)), "svg"
     )
     page = result.report(tmp_path / "report.html", comparison=False).read_text()
-    assert page.index('id="warnings"') < page.index('id="arm"') < page.index('id="ellipses"')
+    assert page.index('id="full"') < page.index('id="arm"') < page.index('id="ellipses"')
 
 
 def test_without_an_arm_there_is_none():
