@@ -100,7 +100,7 @@ def findings(tables: Tables) -> str:
     head = ["board", "shape", "mean NEES (6)", "truth inside the 95 % ellipsoid", "RMS error of X (mm)", "stated (mm)"]
     return (
         f"{n:,} simulated cameras of each kind, 20 pictures of a board 0.46 m long, {PIXEL} pixels. The mean NEES of a "
-        f"true covariance lies between {low:.2f} and {high:.2f} (99.9 %).\n\n{markdown(head, rows)}\n\n"
+        f"consistent covariance lies between {low:.2f} and {high:.2f} (99.9 %).\n\n{markdown(head, rows)}\n\n"
         f"Chosen by BIC for a board that is, or is\n\n" + "\n".join(f"- {text}" for text in shapes)
     )
 

@@ -16,7 +16,7 @@ from studies.efficiency.rig import METHODS, PUBLISHED, SWEEPS
 from studies.tables_2_3.findings import printed_share
 from uq_handeye.geometry.se3 import Array
 
-NEES = 6.0  # of a true covariance of X
+NEES = 6.0  # of a consistent covariance of X
 NEAR = 1.05  # as near the bound as the nearest published method, or within this factor
 TIED = 1.01  # no difference worth a word
 BREAKS = 2.0  # times the bound

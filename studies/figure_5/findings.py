@@ -33,8 +33,8 @@ def findings(tables: Tables) -> str:
         f"{int(tables['same_error']['pairs'].iloc[0])} motions, noise (70), {trials:,} trials of each method. *sd "
         "ratio* is the standard deviation that a row states over the one sampled from the trials of its own method (of "
         "`efficient` for the bound), over the six axes and over all directions; the sampled one is known to "
-        f"{100 * chance:.1f} % (99.9 %). The NEES is 6 and the coverage 95 % where a covariance is true; in brackets, "
-        "where 99.9 % of the means of a true NEES lie, and the 99.9 % interval of the coverage.",
+        f"{100 * chance:.1f} % (99.9 %). The NEES is 6 and the coverage 95 % where a covariance is consistent; in "
+        "brackets, where 99.9 % of the means of a true NEES lie, and the 99.9 % interval of the coverage.",
         _table(main),
         _correct(main),
         _smaller(tables["deviations"].query("geometry == 0"), tables["projections"]),

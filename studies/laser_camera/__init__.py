@@ -231,9 +231,9 @@ def predicted(tables: Tables) -> str:
     head = ("noise", "method", "NEES, of X and offset alone", "NEES, whole", "inside the 95 % ellipsoid")
     low, high = true_means(int(table["trials"].min()), 3)
     return (
-        "**Is the place at the end where it is said to be?** NEES of three coordinates, 3 if the covariance is true "
-        f"(99.9 % of means between {low:.1f} and {high:.1f}): that of the calibration alone, on a walk without noise, "
-        "and the "
+        "**Is the place at the end where it is said to be?** NEES of three coordinates, 3 if the covariance is "
+        f"consistent (99.9 % of means between {low:.1f} and {high:.1f}): that of the calibration alone, on a walk "
+        "without noise, and the "
         "whole, with the noise on the walk that the method was told of.\n\n" + markdown(head, rows)
     )
 
@@ -258,8 +258,8 @@ def drift(tables: Tables) -> str:
         wins += min(told, key=lambda row: float(row["translation error (mm)"]))["method"] == "efficient"
     low, high = true_means(int(table["trials"].min()), 6)
     return (
-        f"**Drift**, {int(table['trials'].min())} repeats, offset known: mean NEES of X, 6 if the covariance is true "
-        f"(99.9 % of means between {low:.1f} and {high:.1f}).\n\n"
+        f"**Drift**, {int(table['trials'].min())} repeats, offset known: mean NEES of X, 6 if the covariance is "
+        f"consistent (99.9 % of means between {low:.1f} and {high:.1f}).\n\n"
         + markdown(
             ("method", "noise assumed", *(f"drift x {level:g}" for level in levels)),
             [(*key, *cells) for key, cells in values.items()],

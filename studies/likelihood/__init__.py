@@ -222,7 +222,7 @@ def said(table: pd.DataFrame, estimator: str) -> str:
     largest = own["largest_sd_over_bound"]
     sentence = (
         f"- `{estimator}`: at the bound in {near.sum()} of {len(own)} rows (largest sd {largest.min():.2f} to "
-        f"{largest.max():,.2f} times the bound's); NEES of a true covariance in {true.sum()} of {len(own)}"
+        f"{largest.max():,.2f} times the bound's); NEES of a consistent covariance in {true.sum()} of {len(own)}"
     )
     wrong = own[~true]
     if wrong.empty:
@@ -252,8 +252,8 @@ def findings(tables: Tables) -> str:
     return "\n\n".join(
         [
             f"{draws:,} draws per row. sd / bound: smallest and largest of six, *at the bound* if all lie between "
-            f"{least:.3f} and {most:.3f}. NEES: its mean over the draws, that of a true covariance between {low:.2f} "
-            f"and {high:.2f}. Either range holds 99.9 %.",
+            f"{least:.3f} and {most:.3f}. NEES: its mean over the draws, that of a consistent covariance between "
+            f"{low:.2f} and {high:.2f}. Either range holds 99.9 %.",
             markdown(header, lines),
             "\n".join(said(table, name) for name in names),
             f"Beyond first order, mean NEES over {int(limits['draws'].iloc[0])} draws:",

@@ -218,20 +218,20 @@ def of_own(table: pd.DataFrame) -> list[str]:
         least, most = found["mean_nees_t"].min(), found["mean_nees_t"].max()
         lost = (found["converged"] < found["data_sets"]).sum()
         sentences.append(
-            f"- {kind}: NEES of t {least:.2f} to {most:.2f}, that of a true covariance in {holds.sum()} of "
+            f"- {kind}: NEES of t {least:.2f} to {most:.2f}, that of a consistent covariance in {holds.sum()} of "
             f"{len(found)} rows; data sets that do not converge in {lost} rows, at most "
             f"{100 * (1 - (found['converged'] / found['data_sets']).min()):.1f} %."
         )
     holds = true(derived, "mean_nees_X", 6)
     sentences.append(
-        f"- 6x6 covariance of X to first order (derived): NEES of X that of a true covariance in {holds.sum()} of "
-        f"{len(derived)} rows."
+        f"- 6x6 covariance of X to first order (derived): NEES of X that of a consistent covariance in {holds.sum()} "
+        f"of {len(derived)} rows."
     )
     ranges = [true_means(sets, freedom) for freedom in (3, 6)]
     return [
-        f"Each data set with a geometry of its own, {sets:,} per row. 99.9 % of the mean NEES of a true covariance lie "
-        f"between {ranges[0][0]:.2f} and {ranges[0][1]:.2f} for t, {ranges[1][0]:.2f} and {ranges[1][1]:.2f} for X "
-        "(wider where data sets did not converge).",
+        f"Each data set with a geometry of its own, {sets:,} per row. 99.9 % of the mean NEES of a consistent "
+        f"covariance lie between {ranges[0][0]:.2f} and {ranges[0][1]:.2f} for t, {ranges[1][0]:.2f} and "
+        f"{ranges[1][1]:.2f} for X (wider where data sets did not converge).",
         markdown(
             [
                 "pairs",

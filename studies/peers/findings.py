@@ -23,8 +23,8 @@ def findings(tables: Tables) -> str:
         low, high = true_means(int(rows.trials.max()))
         blocks += [
             f"**{str(noise).capitalize()}**, {int(rows.poses.iloc[0])} poses, {int(rows.trials.max()):,} draws of the "
-            f"noise. NEES of a true covariance: {low:.2f} to {high:.2f} (99.9 %; where there are fewer trials, wider). "
-            f"Time, on isotropic noise: times that of {_code(OURS)}.",
+            f"noise. NEES of a consistent covariance: {low:.2f} to {high:.2f} (99.9 %; where there are fewer trials, "
+            f"wider). Time, on isotropic noise: times that of {_code(OURS)}.",
             _table(rows, times),
         ]
     blocks += [

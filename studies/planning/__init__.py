@@ -113,7 +113,7 @@ def of_random(table: pd.DataFrame) -> list[str]:
         f"({planned['least_random_poses_as_good']:.0f} to {planned['largest_random_poses_as_good']:.0f} in 90 % of "
         f"orders); the translation sd is {planned['translation_sd_mm'] / random['translation_sd_mm']:.2f} times that "
         "of "
-        f"5 random ones. The predicted covariance is true in {true.sum()} of {len(table)} rows.",
+        f"5 random ones. The predicted covariance is consistent in {true.sum()} of {len(table)} rows.",
     ]
 
 

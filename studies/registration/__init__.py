@@ -62,7 +62,7 @@ def measure(full: bool) -> dict[str, pd.DataFrame]:
 
 # ---------------------------------------------------------------------------------------------------- what was found
 
-ROUNDING = 1e-10  # below which matrices of order 1 that are worked out in two ways count as equal
+ROUNDING = 1e-10  # below which matrices of order 1 that are computed in two ways count as equal
 UNIQUE = ("generic", "n - 1 directions", "mirrored", "noise only")
 
 

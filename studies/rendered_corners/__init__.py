@@ -148,9 +148,9 @@ def findings(tables: Tables) -> str:
     moved = ", ".join(f"{table.loc[table['lens'] == kind, 'largest'].mean():.3f} ({kind})" for kind in LENSES)
     flat = table["moved_model"].str.endswith("flat").mean()
     return (
-        f"{n} cameras of each lens, {PICTURES} pictures each; the mean d^2 of a true covariance lies between "
+        f"{n} cameras of each lens, {PICTURES} pictures each; the mean d^2 of a consistent covariance lies between "
         f"{low:.2f} and {high:.2f} (99.9 %).\n\n{markdown(head, rows)}\n\n"
-        f"The corners of a set were moved by at most {moved} pixels, in the mean over the sets. `auto` took the board "
+        f"The corners of a set were moved by at most {moved} pixels, on average over the sets. `auto` took the board "
         f"as flat, as it is, in {100 * flat:.0f} % of the sets."
     )
 

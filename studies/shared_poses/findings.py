@@ -64,7 +64,7 @@ def _nees_table(sampled: pd.DataFrame) -> str:
             lines.append([noise, NAMES[way], *(f"{c[INDEPENDENT]:.2f} / {c[AWARE]:.2f}" for c in cells)])
         cells = [_cell(sampled, noise=noise, data="poses", poses=n) for n in numbers_of_poses(sampled)]
         lines.append([noise, NAMES["poses"], *(f"{c[AWARE]:.2f}" for c in cells)])
-    text = "Mean NEES, 6 if the covariance is true: pairs taken as independent / pose-aware."
+    text = "Mean NEES, 6 if the covariance is consistent: pairs taken as independent / pose-aware."
     return f"{text}\n\n{markdown(['noise', 'data', *(f'{n} poses' for n in numbers_of_poses(sampled))], lines)}"
 
 
@@ -186,7 +186,7 @@ def _accuracy(sampled: pd.DataFrame, predicted: pd.DataFrame) -> str:
         f"**What it costs in accuracy.** Standard deviation over the Cramér-Rao bound, sampled (each to {chance:.1f} "
         f"%), over the six axes:\n\n{markdown(header, lines)}\n\n"
         f"To first order over {len(by_way)} geometries, noises and numbers of poses, disjoint pairs, whose independent "
-        f"covariance is true, have {number(cost.min())} to {number(cost.max())} times (median "
+        f"covariance is consistent, have {number(cost.min())} to {number(cost.max())} times (median "
         f"{number(cost.median())}) the standard deviation of all pairs (mean over the axes); all pairs are better in "
         f"{better}. All pairs in turn have {number(worse.min())} to {number(worse.max())} times (median "
         f"{number(worse.median())}) that of the bound, which `efficient` reaches on the poses."

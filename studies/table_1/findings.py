@@ -102,8 +102,8 @@ def _measured(table: pd.DataFrame, accuracy: pd.DataFrame) -> str:
         f"Exact data: largest error (rad, m) on {problems} problems without noise. Rotation, translation: RMS error "
         "of the draws over that of the Cramer-Rao bound, geometric mean over the cases "
         f"({accuracy['case'].nunique()}; `li` and `shah` need poses: {int(table['cases'].min())}). NEES: mean of "
-        f"`e^T Sigma^-1 e` over up to {draws:,} draws per case, 6 if the predicted covariance is true; 99.9 % of such "
-        f"means lie between {most['nees_low']:.2f} and {most['nees_high']:.2f} at {draws:,} draws (wider for the "
+        f"`e^T Sigma^-1 e` over up to {draws:,} draws per case, 6 if the predicted covariance is consistent; 99.9 % of "
+        f"such means lie between {most['nees_low']:.2f} and {most['nees_high']:.2f} at {draws:,} draws (wider for the "
         "fewer of `zhao` and `heller`); last column: in how many cases it does.\n\n"
         + markdown(
             ["method", "year", "structure", "form", "exact data", "rotation", "translation", "NEES", "inside"], rows

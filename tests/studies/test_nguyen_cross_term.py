@@ -35,7 +35,7 @@ def test_the_findings_turn_with_the_table(tables):
     text = "\n".join(of_own(swapped))
     derived = next(line for line in text.splitlines() if line.startswith("- derived"))
     assert "9 of 9 rows;" not in derived and "in 0 rows" not in derived
-    assert "NEES of X that of a true covariance in 0 of 9 rows" in text
+    assert "NEES of X that of a consistent covariance in 0 of 9 rows" in text
 
 
 def test_nothing_that_converged_is_said_to_have_no_answer(tables):

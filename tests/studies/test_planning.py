@@ -50,8 +50,8 @@ def test_planned_poses_are_better_than_random_ones(tables):
 
 def test_findings_turn_with_the_tables(tables):
     true = tables["random"].assign(mean_nees=6.0)
-    assert "true in 3 of 3 rows" in of_random(true)[-1]
-    assert "true in 0 of 3 rows" in of_random(true.assign(mean_nees=60.0))[-1]
+    assert "consistent in 3 of 3 rows" in of_random(true)[-1]
+    assert "consistent in 0 of 3 rows" in of_random(true.assign(mean_nees=60.0))[-1]
     subsets = tables["subsets"]
     assert "finds the optimum in 100.0 %" in of_subsets(subsets.assign(at_the_optimum=subsets["sessions"]))[-1]
     assert "finds the optimum in 0.0 %" in of_subsets(subsets.assign(at_the_optimum=0))[-1]
