@@ -42,7 +42,8 @@ def windows(lines: Sequence[str], longest: int) -> Iterator[tuple[int, int, list
         found: list[str] = []
         for end in range(first + 1, len(lines) + 1):
             found = found + words(lines[end - 1])
-            yield first, end, found
+            if lines[first].strip() and lines[end - 1].strip():
+                yield first, end, found
             if len(found) > longest:
                 break
 

@@ -185,9 +185,9 @@ def findings(tables: Tables) -> str:
     bundles = table["bundle_sd"].dropna()
     p = table["factor_p"].dropna()
     return (
-        f"{n:,} simulated cameras, 20 poses of up to 54 corners each, {PIXEL} pixels. The mean NEES of a "
-        f"consistent covariance lies between {low:.2f} and {high:.2f} (99.9 %). Where robot noise is estimated the ellipsoid is "
-        f"that of the F distribution, and its mean NEES a little larger.\n\n{markdown(head, rows)}\n\n"
+        f"{n:,} simulated cameras, 20 poses of up to 54 corners each, {PIXEL} pixels. The mean NEES of "
+        f"a consistent covariance lies between {low:.2f} and {high:.2f} (99.9 %). Where robot noise is estimated the "
+        f"ellipsoid is that of the F distribution, and its mean NEES a little larger.\n\n{markdown(head, rows)}\n\n"
         f"{' '.join(verdicts)}\n\n"
         f"Bundle adjustment of everything ({len(bundles)} sets) gives X within {bundles.max():.3f} standard deviations "
         f"of that with the joint covariance ({bundles.median():.3f} in the median), and variances within "
