@@ -1,0 +1,3 @@
+from studies import headline
+
+headline.STUDY.run(headline.__doc__)
