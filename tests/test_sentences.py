@@ -261,7 +261,7 @@ def test_a_file_of_format_3_is_read():
     old = json.loads(file.read_text(encoding="utf-8"))
     result = uq.Calibration.from_json(file)
     assert result.warnings == tuple(old["warnings"]) and result.shared == ()
-    assert "Errors that all poses share are not included." in result.summary(verbose=True)
+    assert "Errors that all poses share are not included." in " ".join(result.summary(verbose=True).split())
     assert result.noise_estimate.statement == tuple(old["noise_estimate"]["statement"])
     assert f"{result.split_half.d2:.1f}" in old["analysis"]["split_half"]["sentence"]
     assert result.split_half.sentence.startswith("The two halves of the data (interleaved, 4 and 4) agree")
