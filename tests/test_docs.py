@@ -78,7 +78,7 @@ def test_the_guide_through_a_real_cell_runs(tmp_path, monkeypatch):
         f.name for f in (tmp_path / "result").iterdir()
     }
     printed = "".join(block.printed for block in found)
-    assert "gripper_T_camera by efficient from 30 poses" in printed
+    assert "30 poses, eye-in-hand, efficient" in printed
     assert "robot translation + camera translation" in printed
 
 
