@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -47,14 +47,14 @@ from ..prediction.fitted_kinematics import FittedKinematics
 from ..prediction.local_joints import local_findings
 from ..propagation.published_fit import Published, fit_published
 from ..runtime.read_only import read_only
-from ..shared_errors.shared_error import CLOCK_OFFSET, shared_columns, with_shared, without_shared
+from ..shared_errors.shared_error import CLOCK_OFFSET, SharedError, shared_columns, with_shared, without_shared
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
 from .findings import against_corners, against_data_sheet, against_prior, said_open, shared_findings, wrong_poses
 from .request import FEWEST_FOR_ROBUST, OF_NOISE, Job
 from .result import Calibration
 from .result_file import FourDPA
-from .robot_accuracy import accuracy_findings
+from .robot_accuracy import scaled_by_residuals
 
 # Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
 EXACT = 1e-10
@@ -260,7 +260,8 @@ def _assembled(
     time_offset, move = _time_offset(poses, fit, covariance)
     if move is not None:
         beside[CLOCK_OFFSET] = move
-    carried = {} if poses is None else {e.name: carried_moves(fit, e, poses) for e in job.carried if not e.is_exact}
+    errors = _carried_errors(job, fit, poses)
+    carried = {} if poses is None else {error.name: carried_moves(fit, error, poses) for error in errors}
     beside |= carried
     for move in beside.values():
         covariance = covariance + of_moves(move[:6])
@@ -292,7 +293,7 @@ def _assembled(
         fit=judged,
         table=table,
         time_offset=time_offset,
-        shared=(*joint.estimates(resolved), *_carried_estimates(job, carried, covariance)),
+        shared=(*joint.estimates(resolved), *_carried_estimates(errors, carried, covariance)),
         analysis=analysis,
         opened=fit.opened,
         joint_posterior=posterior,
@@ -313,7 +314,6 @@ def _assembled(
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint)
-    findings += accuracy_findings(poses, (*job.shared, *job.carried), fit, fit.covariance_X, estimate is not None)
     findings += local_findings(result)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate)
@@ -323,10 +323,19 @@ def _assembled(
     return result, said + findings
 
 
-def _carried_estimates(job: Job, moves: Mapping[str, Array], covariance: Array) -> list[SharedEstimate]:
+def _carried_errors(job: Job, fit: Fit, poses: PosePairs | None) -> list[SharedError]:
+    """Return the errors that are carried to X and not fitted; an assumed one as large as the residuals leave it."""
+    if poses is None:
+        return []
+    found = [error for error in job.carried if not error.is_exact]
+    return [scaled_by_residuals(fit, error, poses) if error.default else error for error in found]
+
+
+def _carried_estimates(
+    errors: Sequence[SharedError], moves: Mapping[str, Array], covariance: Array
+) -> list[SharedEstimate]:
     """Return the estimates of the errors that are carried to X and not fitted."""
-    of = [(error, moves[error.name]) for error in job.carried if error.name in moves]
-    return [part for error, each in of for part in carried_estimates(error, each, covariance)]
+    return [part for error in errors for part in carried_estimates(error, moves[error.name], covariance)]
 
 
 def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:

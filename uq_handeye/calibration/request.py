@@ -34,6 +34,7 @@ from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     SharedError,
     add_columns,
+    assumed_accuracy,
     checked_errors,
     default_errors,
     listed_errors,
@@ -269,12 +270,17 @@ def request(
     declared = _shared_of(shared, motions.poses, noise, method, kind, camera)
     errors = tuple(error for error in declared if error.learned)
     carried = tuple(error for error in declared if not error.learned)
-    if carried and not bound:
-        raise InputError(f"Method {method!r} takes no {carried[0].name}; use efficient or ml.")
+    if not bound and (refused := [error.name for error in carried if not error.default]):
+        raise InputError(f"Method {method!r} takes no {refused[0]}; use efficient or ml.")
     measured, at = (motions.poses, None) if about is None else about
     arm = _arm_of(joints, kinematics, kinematic_errors, measured, noise, method)
     if arm is not None:
         arm = arm._replace(at=at)
+    robot_known = noise is not None or robot is not None or arm is not None or _known_robot(prior)
+    if not bound or robot_known or motions.poses is None or motions.poses.truth is not None:
+        carried = tuple(error for error in carried if not error.default)
+    if motions.poses is not None:
+        carried = tuple(error.bound(motions.poses) if error.needs_poses else error for error in carried)
     columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
     beside: PoseNoise | None = None
     if columns_of_arm is not None and noise is not None:
@@ -366,6 +372,11 @@ def take_offset(
     return (poses if isinstance(data, PosePairs) else replace(data, poses=poses)), rest
 
 
+def _known_robot(prior: NoisePrior | None) -> bool:
+    """Return whether the noise of the robot is given, beside that of the camera, which is to be estimated."""
+    return prior is not None and prior.factor == 1 and bool(np.isfinite(prior.values[:2]).all())
+
+
 def _shared_of(
     shared: Sequence[SharedError] | None,
     poses: PosePairs | None,
@@ -378,7 +389,8 @@ def _shared_of(
     if shared is None:
         if noise is not None or poses is None or method == BUNDLE or kind not in (None, "poses"):
             return ()
-        return default_errors(camera is not None or poses.camera_calibration is not None)
+        errors = default_errors(camera is not None or poses.camera_calibration is not None)
+        return (*errors, assumed_accuracy())
     errors = tuple(shared) if poses is None else checked_errors(shared, poses)
     if not errors:
         return ()

@@ -91,27 +91,6 @@ def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, An
     )
 
 
-@sentence("calibration.robot_undeclared")
-def _(
-    span: float,
-    angle: float,
-    move: float,
-    turn: float,
-    sd_move: float,
-    sd_turn: float,
-    accuracy_move: float,
-    accuracy_turn: float,
-) -> str:
-    return (
-        f"The robot's accuracy is not declared, and these poses span only {round(1e3 * span)} mm and "
-        f"{round(math.degrees(angle))} deg: errors of the arm do not show in the residuals. With "
-        f"{digits(1e3 * accuracy_move, 2)} mm and {digits(math.degrees(accuracy_turn), 2)} deg, good for an arm, X may "
-        f"be off by {digits(1e3 * move, 2)} mm and {digits(math.degrees(turn), 2)} deg (1 sigma, worst axis; stated: "
-        f"{digits(1e3 * sd_move, 2)} mm, {digits(math.degrees(sd_turn), 2)} deg). Declare it (--robot-accuracy), give "
-        "joint values and the URDF, or take poses over the whole workspace."
-    )
-
-
 @sentence("calibration.bundle_differs")
 def _(distance: float, largest: float, variance_low: float, variance_high: float) -> str:
     return (

@@ -150,7 +150,7 @@ def plan(
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
     warn_left_out("plan()", data)
     require_integer("k", k, 1)
-    if carried := [error.name for error in listed_errors(shared or ()) if not error.learned]:
+    if carried := [error.name for error in listed_errors(shared or ()) if not (error.learned or error.default)]:
         raise InputError(
             f"Expected `shared` without {carried[0]!r}: poses say nothing about it, so that none is better than "
             "another. Plan without it, or with joints and kinematics."

@@ -42,6 +42,8 @@ ROBOT_ACCURACY = "robot accuracy"
 LENGTH = 0.3  # of the reach
 ANGLE = 1.5  # rad
 MARGIN = 1.5
+# Accuracy (m, rad) of an arm of which nothing is known.
+TYPICAL = (0.5e-3, float(np.radians(0.07)))
 LEFT_OUT = 0.01
 MOST_FEATURES = 20
 MOST_CENTRES = 150

@@ -46,7 +46,7 @@ from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from ..runtime.read_only import ReadOnlyArrays
-from .accuracy_field import ROBOT_ACCURACY, deviations, field_columns, stated_accuracy
+from .accuracy_field import ROBOT_ACCURACY, TYPICAL, deviations, field_columns, stated_accuracy
 
 FOCAL_LENGTH = "focal length"
 PRINCIPAL_POINT = "principal point"
@@ -237,7 +237,7 @@ class SharedError(ReadOnlyArrays):
 
         `calibrate` binds an error to its poses where that has not been done.
         """
-        return self if self.bind is None else self.bind(poses)
+        return self if self.bind is None else replace(self.bind(poses), default=self.default)
 
     def at(self, poses: PosePairs) -> Array:
         """F (n, 6, k) at these poses; raises `InputError` where they do not tell it."""
@@ -274,9 +274,14 @@ def error_by_part(name: str) -> tuple[SharedError, int] | None:
     return None
 
 
+def assumed_accuracy() -> SharedError:
+    """Return the accuracy of a robot of which nothing is declared: at `TYPICAL`, to be scaled by the residuals."""
+    return replace(SharedError.robot_accuracy(*TYPICAL), default=True)
+
+
 def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
-    """The default errors, those declared in place of the ones of their names, and the other ones declared."""
-    by_name = {error.name: error for error in default_errors(intrinsics_known)}
+    """Return the default errors, those declared in place of the ones of their names, and the other ones declared."""
+    by_name = {error.name: error for error in (*default_errors(intrinsics_known), assumed_accuracy())}
     return list((by_name | {error.name: error for error in declared}).values())
 
 

@@ -260,9 +260,6 @@ _PHRASES: dict[str, Phrase] = {
         SHARED, lambda v: f"{v['name']} contradict what was assumed", lambda v: float(v["times"]), rejects=True
     ),
     "calibration.shared_opens": Phrase(SHARED, lambda v: f"{v['name']} as declared leaves X open", _constant(1.5)),
-    "calibration.robot_undeclared": Phrase(
-        SHARED, _text("robot accuracy not declared, and the poses are local"), lambda v: v["move"] / v["sd_move"], True
-    ),
     "prediction.local_joints": Phrase(SHARED, _local, _constant(1.3)),
     "calibration.prior_contradicted": Phrase(
         SHARED,
