@@ -9,9 +9,10 @@ from support import SEED
 import uq_handeye as uq
 from uq_handeye import InputError, SharedError
 from uq_handeye.calibration.report.shared_errors import included_words, shared_table
-from uq_handeye.geometry.se3 import inverse
-from uq_handeye.shared_errors.accuracy_field import LENGTH, MARGIN, MOST_FEATURES, features, kernel
-from uq_handeye.shared_errors.shared_error import shared_columns
+from uq_handeye.calibration.robot_accuracy import smooth_variance
+from uq_handeye.geometry.se3 import inverse, perturb
+from uq_handeye.shared_errors.accuracy_field import LENGTH, MARGIN, MOST_FEATURES, TYPICAL, features, kernel
+from uq_handeye.shared_errors.shared_error import assumed_accuracy, default_errors, shared_columns
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.03deg", "0.1mm"))
 # Standard Denavit-Hartenberg rows (theta, d, a, alpha) of a small arm with six joints.
@@ -196,53 +197,79 @@ def test_it_covers_an_arm_whose_kinematics_are_wrong():
 # ------------------------------------------------------------------------------------------ nothing is declared of it
 
 
-def one_region(n, noise, seed):
-    """Return those of many simulated poses that are next to the first."""
-    poses = uq.simulate(12 * n, noise=noise, seed=seed)
-    away = np.linalg.norm(poses.robot[:, :3, 3] - poses.robot[0, :3, 3], axis=1)
-    return poses.rows(np.sort(np.argsort(away)[:n]))
+def assumed(result):
+    return [error for error in result.shared if error.error == "robot accuracy"]
 
 
-def undeclared(result):
-    return [finding for finding in result.findings if finding.code == "calibration.robot_undeclared"]
+def without_truth(poses):
+    return uq.PosePairs(poses.robot, poses.camera, poses.setup)
 
 
-def test_local_poses_of_a_robot_of_which_nothing_is_declared():
-    """The move of X that is stated is the one which the budget has of that accuracy; silence where all is known."""
-    little = uq.PoseNoise.isotropic(robot=("0.002deg", "0.005mm"), camera=("0.01deg", "0.03mm"))
-    simulated = one_region(25, little, SEED)
-    poses = uq.PosePairs(simulated.robot, simulated.camera)
+def test_a_robot_of_which_nothing_is_declared_has_an_accuracy_that_is_assumed():
+    """X stays. Only where the noise of the robot is estimated, and no arm, accuracy or list of errors is given."""
+    poses = without_truth(uq.simulate(20, noise=NOISE, seed=SEED))
     result = quietly(poses)
-    (found,) = undeclared(result)
-    assert found.severity == "caution" and "--robot-accuracy" in str(found)
-    assert found.values["move"] > 3 * found.values["sd_move"]
-    truth = simulated.robot[:, :3, 3]
-    span = max(np.linalg.norm(a - b) for a in truth for b in truth)
-    assert found.values["span"] == pytest.approx(span, rel=1e-9)
-    draws = []
-    scale = MARGIN / np.sqrt(3) * np.array([np.radians(0.05)] * 3 + [0.5e-3] * 3)
-    rng = np.random.default_rng(1)
-    phi = features(poses.robot)(poses.robot)
-    for _ in range(40):
-        e = phi @ rng.normal(size=(phi.shape[1], 6)) * scale
-        robot = poses.robot.copy()
-        robot[:, :3, :3] = Rotation.from_rotvec(e[:, :3]).as_matrix() @ robot[:, :3, :3]
-        robot[:, :3, 3] += e[:, 3:]
-        moved = uq.efficient(uq.PosePairs(robot, poses.camera), result.noise)
-        draws.append(moved.X[:3, 3] - result.X[:3, 3])
-    assert found.values["move"] == pytest.approx(np.sqrt(np.linalg.eigvalsh(np.cov(np.array(draws).T))[-1]), rel=0.4)
-    assert undeclared(quietly(simulated)) == []
-    everywhere = uq.simulate(25, noise=NOISE, seed=SEED)
-    assert undeclared(quietly(uq.PosePairs(everywhere.robot, everywhere.camera))) == []
-    assert undeclared(quietly(poses, noise=NOISE)) == []
-    with_joints = uq.PosePairs(poses.robot, poses.camera, joints=np.zeros((25, 6)))
-    assert undeclared(quietly(with_joints)) == []
-    assert undeclared(quietly(poses, shared=[])) == []
-    assert undeclared(quietly(poses, shared=[SharedError.robot_accuracy("0.5mm,0.05deg")])) == []
+    found = assumed(result)
+    assert found and all(error.default for error in found)
+    assert "robot accuracy" in " ".join(result.accuracy.included)
+    assert any(part.name == "robot accuracy" for part in result.accuracy.parts)
+    declared = list(default_errors(False))
+    plain = quietly(poses, shared=declared)
+    assert assumed(plain) == [] and result.accuracy.translation > plain.accuracy.translation
+    np.testing.assert_allclose(result.X, plain.X, atol=1e-12)
+    assert assumed(quietly(uq.simulate(20, noise=NOISE, seed=SEED))) == []  # simulated: the robot is as it was said
+    assert assumed(quietly(poses, noise=NOISE)) == []
+    assert assumed(quietly(poses, method="tsai")) == []
+    robot = ("0.02deg", "0.05mm")
+    assert assumed(quietly(poses, prior=uq.NoisePrior(robot=robot, factor=1))) == []
+    one = [SharedError.robot_accuracy("0.5mm,0.05deg")]
+    assert not any(error.default for error in assumed(quietly(poses, shared=one)))
 
 
-def test_where_the_camera_decides_it_is_a_note():
-    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
-    simulated = one_region(20, noise, 1)
-    (found,) = undeclared(quietly(uq.PosePairs(simulated.robot, simulated.camera)))
-    assert found.severity == "note"
+@pytest.mark.parametrize("size", [0.0, 2.0])
+def test_the_variance_of_a_smooth_error_is_unbiased_and_its_error_true(size):
+    """Draws of the field itself at so many times its deviation, beside noise that is stated too large by half."""
+    true = uq.simulate(25, seed=SEED).truth
+    base = uq.PosePairs(true.robot, true.camera)
+    field = SharedError.robot_accuracy(*TYPICAL).bound(base)
+    F = field.at(base) * field.sd
+    rng = np.random.default_rng(SEED)
+    small = uq.PoseNoise.isotropic(robot=("0.02deg", "0.1mm"), camera=("0.05deg", "0.2mm"))
+    stated = uq.PoseNoise(2.25 * small.robot, 2.25 * small.camera)
+    draws, errors = [], []
+    for _ in range(60):
+        e = size * F @ rng.standard_normal(F.shape[-1])
+        camera = perturb(true.camera, rng.standard_normal((25, 6)) @ np.linalg.cholesky(small.camera).T)
+        robot = perturb(true.robot, e + rng.standard_normal((25, 6)) @ np.linalg.cholesky(small.robot).T)
+        poses = uq.PosePairs(robot, camera)
+        fit = uq.efficient(poses, stated)
+        s2, sd = smooth_variance(fit, field, poses)
+        draws.append(s2)
+        errors.append(sd)
+    spread = np.std(draws, ddof=1)
+    assert abs(np.mean(draws) - size**2) < 4 * spread / np.sqrt(60)
+    assert 0.6 < np.median(errors) / spread < 1.6
+
+
+def test_residuals_that_exclude_a_smooth_error_leave_little_of_it():
+    """A precise camera on an exact robot; and poses whose noise hides everything."""
+    exact = uq.PoseNoise.isotropic(robot=("0.001deg", "0.002mm"), camera=("0.002deg", "0.005mm"))
+    noisy = uq.PoseNoise.isotropic(robot=("0.5deg", "5mm"), camera=("1deg", "10mm"))
+    stated = {}
+    for name, noise in (("exact", exact), ("noisy", noisy)):
+        result = quietly(without_truth(uq.simulate(25, noise=noise, seed=SEED)))
+        stated[name] = assumed(result)[0].stated
+    assert stated["exact"] == "0.1 mm, 0.014 deg"  # the best that is assumed
+    move = float(stated["noisy"].split(" mm")[0])
+    assert 0.4 < move < 3.0  # at least what is typical, and not the noise
+
+
+def test_an_arm_with_errors_of_its_own_is_inside_what_is_stated():
+    """The same arms as with a declared accuracy, of which nothing is said."""
+    inside = []
+    for seed in range(100, 124):
+        poses, X, _ = session(np.random.default_rng(seed))
+        result = quietly(poses, shared=[assumed_accuracy()], correlation="none")
+        e = twists(X[None], result.X[None])[0]
+        inside.append(e @ np.linalg.solve(result.covariance, e) < result.quantile(0.95))
+    assert np.mean(inside) > 0.85

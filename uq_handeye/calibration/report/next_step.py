@@ -46,7 +46,6 @@ _STEPS = {
     "calibration.open": _AXES,
     "calibration.data_sheet_contradicted": _NOISE,
     "calibration.target_size": "measure the target and give its true size",
-    "calibration.robot_undeclared": f"declare the robot's accuracy, e.g. {_DECLARE['robot accuracy']}",
     "calibration.robust_skipped": _AXES,
     "calibration.few_for_outliers": "take more poses: uq-handeye plan chooses them",
 }
