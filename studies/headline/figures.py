@@ -28,6 +28,6 @@ def figures(tables: Tables) -> dict[str, Figure]:
     axes.set_xscale("log")
     axes.set_yticks(range(len(groups)), [str(kind) for kind, _ in groups])
     axes.set_ylim(len(groups) - 0.5, -0.5)
-    axes.set_xlabel("largest error / accuracy stated (1 sigma, worst direction); line: 3")
-    axes.legend(loc="lower right")
+    axes.set_xlabel("largest error / accuracy stated; line: 3")
+    axes.legend(loc="upper right")
     return {"ratios": figure}
