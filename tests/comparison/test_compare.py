@@ -140,7 +140,7 @@ def test_a_shifted_method_differs(poses, monkeypatch):
     result = compare(poses, noise=NOISE, methods=FEW)
     assert result["tsai"].agrees and not result["park"].agrees
     assert "1 differs: park" in result.verdict
-    assert "DIFFERS" in result.to_text()
+    assert "DIFFERS" in result.to_text(verbose=True)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_a_failing_method_says_why_in_its_row(poses, monkeypatch, error, text):
     row = result["park"]
     assert (row.failure, row.X, row.xi, row.d2, row.agrees, row.seconds) == (text, None, None, None, None, None)
     assert result["tsai"].agrees
-    assert f"park failed: {text}" in " ".join(result.to_text().split())
+    assert f"park failed: {text}" in " ".join(result.to_text(verbose=True).split())
     assert "1 failed: park" in result.verdict
     assert text in result.to_csv()
     assert json.loads(result.to_json())["methods"][1]["failure"] == text
@@ -168,7 +168,7 @@ def test_a_method_without_its_extra_is_not_run(poses, monkeypatch):
     replaced(monkeypatch, "park", solver=Failing(MissingExtraError("pip install 'uq-handeye[sdp]'.")))
     result = compare(poses, noise=NOISE, methods=FEW)
     assert (result["park"].status, result["park"].X) == ("not run", None)
-    assert "park not run: pip install 'uq-handeye[sdp]'." in " ".join(result.to_text().split())
+    assert "park not run: pip install 'uq-handeye[sdp]'." in " ".join(result.to_text(verbose=True).split())
     assert "1 not run: park" in result.verdict and "failed" not in result.verdict
     assert json.loads(result.to_json())["methods"][1]["status"] == "not run"
 
@@ -210,9 +210,9 @@ def test_an_iteration_without_end_keeps_what_it_reached(poses, monkeypatch):
     assert row.failure == "It did not converge."
     assert row.difference_translation > 0
     assert row.residuals.pairs == 66
-    assert "UNCONVERGED" in result.to_text()
-    assert "\ngwak *  " in result.to_text() and "* not converged" in result.to_text()
-    assert "It did not converge." in result.to_text()
+    assert "UNCONVERGED" in result.to_text(verbose=True)
+    assert "\ngwak *  " in result.to_text(verbose=True) and "* not converged" in result.to_text(verbose=True)
+    assert "It did not converge." in result.to_text(verbose=True)
     assert "1 did not converge: gwak" in result.verdict
     table = result.to_dataframe().set_index("method")
     assert not table.loc["gwak", "converged"]
@@ -227,14 +227,14 @@ def test_numbers_that_are_not_finite_are_a_failure(poses, monkeypatch, name):
     replaced(monkeypatch, "park", lambda: dataclasses.replace(good, **{name: bad}))
     result = compare(poses, noise=NOISE, methods=FEW)
     assert "not finite" in result["park"].failure
-    assert "nan" not in result.to_text().lower()
+    assert "nan" not in result.to_text(verbose=True).lower()
 
 
 def test_reference_that_fails(poses, monkeypatch):
     replaced(monkeypatch, "4dpa", raises(DegenerateMotionError("No.", np.eye(6))))
     result = compare(poses, noise=NOISE, methods=FEW)
     assert (result.reference, result.asked_reference) == ("tsai", "4dpa")
-    assert "4dpa gave no result: the reference is tsai" in result.to_text()
+    assert "4dpa gave no result: the reference is tsai" in result.to_text(verbose=True)
     assert result["tsai"].d2 == 0
 
 
@@ -247,7 +247,7 @@ def test_every_method_fails():
     assert len(result.rows) == len(uq.METHODS)
     assert all(row.failure for row in result.rows)
     assert result.verdict == f"None of the {len(uq.METHODS)} methods gave a result."
-    text = result.to_text()
+    text = result.to_text(verbose=True)
     assert all(f"\n{name} " in text for name in uq.METHODS)
     assert "failed: like tsai" in text
     assert len(result.to_dataframe()) == len(uq.METHODS)
@@ -294,7 +294,9 @@ def test_without_noise(poses):
         np.testing.assert_array_equal(row.X, other.X)
         np.testing.assert_array_equal(row.covariance, other.covariance)
         assert (row.d2, row.agrees) == (other.d2, other.agrees)
-    assert "noise estimated from them" in result.to_text() and "noise estimated from them" not in given.to_text()
+    assert "noise estimated from them" in result.to_text(
+        verbose=True
+    ) and "noise estimated from them" not in given.to_text(verbose=True)
     assert json.loads(result.to_json())["noise_estimated"] is True
 
 
@@ -305,7 +307,7 @@ def test_exact_data_show_no_noise():
     assert (row.covariance, row.std, row.d2, row.agrees) == (None, None, None, None)
     assert row.difference_translation >= 0
     assert "cannot be said without noise" in result.verdict
-    assert "+-" not in result.to_text()
+    assert "+-" not in result.to_text(verbose=True)
 
 
 def test_the_noise_is_estimated_once(poses, monkeypatch):
@@ -340,7 +342,7 @@ def test_many_poses_share_spread_pairs(monkeypatch):
     for row in result.rows:
         np.testing.assert_allclose(row.X, uq.solve(motions.A, motions.B, method=row.method), atol=1e-12)
         assert row.residuals.pairs == result.n_pairs
-    assert "Of 21,945 pairs all methods used the same" in result.to_text()
+    assert "Of 21,945 pairs all methods used the same" in result.to_text(verbose=True)
     assert compare(poses, methods=["4dpa"], pairs="consecutive").n_pairs_available == 209
 
 
@@ -351,7 +353,7 @@ def test_most_differ_points_to_the_central_method(poses, monkeypatch):
     result = compare(poses, noise=NOISE, methods=(*FEW, "horaud"))
     assert result.verdict.startswith("0 of 4 methods agree")
     assert result.most_central[1] == 3
-    assert f"agree with {result.most_central[0]}" in " ".join(result.to_text().split())
+    assert f"agree with {result.most_central[0]}" in " ".join(result.to_text(verbose=True).split())
 
 
 def test_warnings_come_once(poses):
@@ -360,9 +362,9 @@ def test_warnings_come_once(poses):
     texts = [str(warning.message) for warning in caught]
     assert len(texts) == len(set(texts)) == len(result.warnings) + len(result.own_warnings)
     assert any("do not belong together" in text for text in result.warnings)
-    assert "CAUTION" in result.to_text()
+    assert "CAUTION" in result.to_text(verbose=True)
     for text in texts:
-        assert " ".join(text.split()) in " ".join(result.to_text().split())
+        assert " ".join(text.split()) in " ".join(result.to_text(verbose=True).split())
 
 
 def test_warnings_of_one_method_stay_with_it(poses, monkeypatch):
@@ -376,7 +378,7 @@ def test_warnings_of_one_method_stay_with_it(poses, monkeypatch):
     with pytest.warns(InputWarning, match=r"^park: X is 3\.5 m long"):
         result = compare(poses, noise=NOISE, methods=FEW)
     assert (result.warnings, result["park"].warnings, result["tsai"].warnings) == ((), ("X is 3.5 m long.",), ())
-    assert "park !" in result.to_text()
+    assert "park !" in result.to_text(verbose=True)
 
 
 def undetermined(name, poses):
@@ -396,18 +398,20 @@ def test_an_undetermined_method_keeps_its_x(poses, monkeypatch):
     assert (row.status, row.d2, row.agrees, row.residuals) == ("undetermined", None, None, error.partial.residuals)
     assert row.difference_translation > 0 and row.seconds > 0
     assert result.verdict == "2 of 2 methods agree with 4dpa at 95 %; 1 undetermined: park."
-    text = result.to_text()
+    text = result.to_text(verbose=True)
     assert "UNDETERMINED" in text and "\npark ?  " in text
     assert re.search(r"^ +With this noise the motions do not determine X\.$", text, re.MULTILINE)
     assert compare(poses, noise=NOISE, methods=("park", "tsai", "gwak", "4dpa")).most_central[0] != "park"
     assert json.loads(result.to_json())["methods"][1]["status"] == "undetermined"
     # it is no reference, and alone it is no result
     other = compare(poses, noise=NOISE, methods=FEW, reference="park")
-    assert other.reference == "tsai" and "park gave no result to rely on: the reference is tsai" in other.to_text()
+    assert other.reference == "tsai" and "park gave no result to rely on: the reference is tsai" in other.to_text(
+        verbose=True
+    )
     alone = compare(poses, noise=NOISE, methods=["park"], reference="park")
     assert alone.reference is None
     assert alone.verdict == "park gave no result to rely on."
-    assert "UNDETERMINED" in alone.to_text() and "\npark ?  " in alone.to_text()
+    assert "UNDETERMINED" in alone.to_text(verbose=True) and "\npark ?  " in alone.to_text(verbose=True)
 
 
 def test_failures_are_worded_for_a_table(poses, monkeypatch):
@@ -429,7 +433,7 @@ def test_no_advice_of_a_minority(poses, monkeypatch):
         replaced(monkeypatch, name, lambda shifted=shifted: shifted)
     result = compare(poses, noise=NOISE, methods=(*FEW[:3], "4dpa"), reference="gwak")
     assert result.most_central[1] == 1
-    assert "--reference" not in result.to_text()
+    assert "--reference" not in result.to_text(verbose=True)
 
 
 def test_progress_is_silent_without_a_terminal(poses, capfd):

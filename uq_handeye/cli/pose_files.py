@@ -11,7 +11,7 @@ import typer
 from ..errors import InputError, InputWarning, NotConvergedError
 from .arm_options import Arm
 from .groups import POSE_FILES
-from .messages import LOG, command_line, timed
+from .messages import LOG, command_line, timed, verbose, withheld
 from .noise_options import EXACT, Given
 from .options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, one_of, option
 
@@ -425,8 +425,11 @@ def calibrated(
     """
     from ..calibration.calibrate import calibrate
 
-    with timed("calibrating"), suppress(*(() if beforehand else (InputError, NotConvergedError))):
-        return calibrate(poses, noise=noise, pairs=pairs, shared=shared, **beforehand)
+    with timed("calibrating"), suppress(*(() if beforehand else (InputError, NotConvergedError))), withheld() as shown:
+        result = calibrate(poses, noise=noise, pairs=pairs, shared=shared, **beforehand)
+        if result.noise is not None and not verbose():  # the text of what follows has them as checks
+            shown += result.warnings
+        return result
     return None
 
 

@@ -42,6 +42,7 @@ from ..propagation.noise_transport import noise_of_pairs
 from ..propagation.published_fit import fit_published
 from ..runtime.progress import progress_bar
 from ..shared_errors.shared_error import SharedError
+from ..statement.checks import Check
 from .result import Comparison
 from .row import CHI2_95, Row, against, squared_distance, without_numbers
 
@@ -130,8 +131,10 @@ def compare(
         motions = kept
     elif noise is None:
         used = _estimated(motions)
+    checks = answers[0].checks if answers else ()
+    estimated = noise is None and used is not None
     return compare_rows(
-        names, motions, used, {OWN: own}, reference, noise is None and used is not None, available, timed, progress
+        names, motions, used, {OWN: own}, reference, estimated, available, timed, progress, checks=checks
     )
 
 
@@ -145,6 +148,7 @@ def compare_rows(
     available: int,
     timed: bool,
     progress: bool,
+    checks: tuple[Check, ...] = (),
 ) -> Comparison:
     """The comparison of these methods on these motions; the rows that are ``found`` already are taken as they are."""
     poses = motions.poses
@@ -172,6 +176,7 @@ def compare_rows(
         noise=noise,
         noise_estimated=noise_estimated,
         warnings=common,
+        checks=checks,
     )
     for text in (*common, *result.own_warnings):
         warnings.warn(text, InputWarning, stacklevel=3)

@@ -13,8 +13,9 @@ from ..files.atomic import json_text, write_atomically
 from ..geometry.conventions import CONVENTION
 from ..noise.models import Noise
 from ..noise.to_dict import noise_to_dict
-from ..presentation.document import document_of, to_text
+from ..presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ..presentation.notebook import to_html
+from ..statement.checks import Check
 from .row import CHI2_95, Row, against, flat, without_numbers
 from .verdict import verdict
 
@@ -47,6 +48,7 @@ class Comparison:
     noise: Noise | None  # given or estimated
     noise_estimated: bool = False
     warnings: tuple[str, ...] = ()  # about the data, as calibrate() gives them for the reference
+    checks: tuple[Check, ...] = ()  # those of calibrate() on the data; empty where it gave no result
 
     def __getitem__(self, method: str) -> Row:
         for row in self.rows:
@@ -62,8 +64,8 @@ class Comparison:
         return f"Comparison({len(self.rows)} methods, reference {self.reference}, {self.n_pairs} pairs)"
 
     def _repr_html_(self) -> str:
-        """For notebooks."""
-        return to_html("Comparison of methods", document_of(self), seen=3 if self.warnings else 2)
+        """Return verdict and table, with everything else folded, for notebooks."""
+        return to_html("Comparison of methods", document_of(self, verbose=True), seen=3 if self.warnings else 2)
 
     @property
     def base(self) -> Row | None:
@@ -103,9 +105,17 @@ class Comparison:
         """Verdict in words: which methods agree, differ or failed."""
         return verdict(self.rows, self.reference, self.noise is not None)
 
-    def to_text(self) -> str:
-        """The table as plain text."""
-        return to_text(document_of(self))
+    @property
+    def doubts(self) -> tuple[Check, ...]:
+        """The checks that warn, failed ones first."""
+        return tuple(check for status in ("failed", "caution") for check in self.checks if check.status == status)
+
+    def to_text(self, verbose: bool = False) -> str:
+        """Return verdict and table as text of 80 columns; ``verbose``: all numbers, X, the legend and the warnings."""
+        return to_text(document_of(self, verbose=verbose), WIDTH if verbose else COLUMNS)
+
+    def __str__(self) -> str:
+        return self.to_text()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention."""
@@ -126,6 +136,7 @@ class Comparison:
             "agrees_up_to_d2": CHI2_95,
             "verdict": self.verdict,
             "warnings": list(self.warnings),
+            "checks": [check.to_dict() for check in self.checks],
             "methods": [row.to_dict() for row in self.rows],
         }
 

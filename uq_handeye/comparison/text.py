@@ -4,14 +4,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from textwrap import shorten
 
 import numpy as np
 
 from ..geometry.pose_numbers import pose_numbers
-from ..presentation.document import Block, Caution, Cell, Document, Heading, Paragraph, Table, document_of
+from ..presentation.document import (
+    COLUMNS,
+    Answer,
+    Block,
+    Caution,
+    Cell,
+    Checks,
+    Document,
+    Paragraph,
+    Table,
+    document_of,
+    to_text,
+)
 from .result import Comparison
 from .row import Row, without_numbers
-from .verdict import apart, digits, to_rely_on
+from .verdict import apart, digits, to_rely_on, verdict
 
 _MM, _DEG, _MS = 1e3, 180 / np.pi, 1e3
 
@@ -31,6 +44,14 @@ _COLUMNS: tuple[tuple[str, str, _Show], ...] = (
     ("iter.", "", lambda row: str(row.iterations or "-")),
 )
 _VERDICT = 3  # its place among the columns
+_SHORT = range(8)  # the columns of the first screen
+_SHORTER = range(6)  # where these are too wide for it
+# Methods that a verdict names on the first screen, and checks that warn there.
+MOST_NAMED, MOST_WARNINGS = 4, 3
+_SHORT_LEGEND = (
+    "agrees: the reference lies inside the method's 95 % ellipsoid. All methods see the same data: agreement does "
+    "not show that X is right."
+)
 
 _LEGEND = (
     ("difference", "angle between the rotations and distance between the translations of the method and the reference"),
@@ -38,8 +59,8 @@ _LEGEND = (
     (
         "agrees",
         "d^2 <= 12.6: the reference lies inside the 95 % ellipsoid of the method. All methods see the same noise: "
-        "agreement is expected and no test, and methods that agree may be wrong together, for example where the robot "
-        "or the camera has a systematic error",
+        "agreement is expected and is not a test, and methods that agree may be wrong together, for example where the "
+        "robot or the camera has a systematic error",
     ),
     ("DIFFERS", "outside of it: one of the two is biased, weights the data worse, or the noise is not as given"),
     ("UNDETERMINED", "the noise leaves X open to this method: standard deviations of first order mean nothing there"),
@@ -75,22 +96,80 @@ def notes(comparison: Comparison, of_pairs: bool = True) -> list[str]:
 
 
 @document_of.register(Comparison)
-def comparison_document(comparison: Comparison, warnings: bool = True) -> Document:
-    """Verdict, differences, residuals and times; X with standard deviations; what the columns mean; warnings."""
+def comparison_document(comparison: Comparison, verbose: bool = False) -> Document:
+    """Return verdict, what looks wrong, and differences per method; ``verbose``: all numbers, X, legend, warnings."""
     count = len(comparison.rows)
     found = [row for row in comparison.rows if row.X is not None]
+    doubts = comparison.doubts
+    apart = any(row.agrees is False or row.failure for row in comparison.rows) or bool(doubts or comparison.warnings)
+    status = "failed" if comparison.reference is None else "caution" if apart else "ok"
+    what = f"{comparison.frame} by {count} method{'s'[: count != 1]} from {comparison.origin}"
+    start: list[Block] = [Answer(comparison.verdict, status), *map(Paragraph, notes(comparison))]
+    if not verbose:
+        said = notes(comparison)
+        answer = verdict(comparison.rows, comparison.reference, comparison.noise is not None, MOST_NAMED)
+        start = [Answer(answer, status), *map(Paragraph, said), *_short_warnings(comparison, MOST_WARNINGS - len(said))]
+        end = f"{comparison.frame} from {comparison.origin}."
+        return [start, _short_table(comparison), [Paragraph(_SHORT_LEGEND), Paragraph(end)]]
     texts = [*(f"Warning: {text}" for text in comparison.warnings)]
     texts += [f"Warning (!), {text}" for text in comparison.own_warnings]
     cautions = [Caution(f"{len(comparison.warnings)} warning(s) say that something looks wrong.")]
     shown: list[Block | list[Block]] = [_poses(comparison, found), _legend(comparison)] if found else []
     return [
-        Heading(f"{comparison.frame} by {count} method{'s'[: count != 1]} from {comparison.origin}"),
+        [*start, Paragraph(f"{what}.")],
         *(cautions if comparison.warnings else []),
-        [Paragraph(text) for text in (comparison.verdict, *notes(comparison))],
         _table(comparison),
         *shown,
-        *(Paragraph(text, hang="  ") for text in texts if warnings),
+        *(Paragraph(text, hang="  ") for text in texts),
     ]
+
+
+def _short_warnings(comparison: Comparison, most: int) -> list[Block]:
+    """Return the checks of calibrate that warn, or else the warnings themselves, each cut to a line or two."""
+    blocks: list[Block] = []
+    if comparison.doubts:
+        blocks.append(Paragraph("On these data calibrate warns:"))
+        shown = comparison.doubts[: max(most, 1)]
+        blocks.append(Checks([(check.status, check.name, check.text) for check in shown]))
+        if more := len(comparison.doubts) - len(shown):
+            blocks.append(Paragraph(f"and {more} more (-v)"))
+    elif comparison.warnings:
+        first = shorten(comparison.warnings[0], 150, placeholder=" ...")
+        more = len(comparison.warnings) - 1
+        blocks.append(Caution(f"{first}{f' And {more} more.' if more else ''}"))
+    own = [row.method for row in comparison.rows if row.warnings]
+    if own:
+        blocks.append(Paragraph(f"! {len(own)} method{'s' * (len(own) > 1)} with warnings of their own (-v)."))
+    return blocks
+
+
+def _short_table(comparison: Comparison) -> Table:
+    """Return the differences, the verdict and the standard deviations of each method, within 80 columns if they fit."""
+    table = _table_of(comparison, _SHORT)
+    fits = max(map(len, to_text([table], COLUMNS).splitlines()), default=0) <= COLUMNS
+    return table if fits else _table_of(comparison, _SHORTER)
+
+
+def _table_of(comparison: Comparison, columns: range) -> Table:
+    rows: list[list[Cell]] = []
+    causes: dict[str, str] = {}
+    names = [row.method + (" !" if row.warnings else _MARKS.get(row.status, "")) for row in comparison.rows]
+    for row, text in zip(comparison.rows, names, strict=True):
+        name = text.ljust(max(map(len, names)))
+        if row.X is None:
+            like = causes.setdefault(without_numbers(row.failure or ""), row.method)
+            reason = row.failure if like == row.method else f"like {like}"
+            rows.append([name, (shorten(f"{row.status}: {reason}", 60, placeholder=" ..."), len(columns))])
+            continue
+        cells: list[Cell] = [_COLUMNS[k][2](row) for k in columns]
+        cells[_VERDICT] = word(row, comparison.reference)
+        rows.append([name, *cells])
+    if all(row.X is None for row in comparison.rows):
+        return Table("", ["", ""], [[row[0], (row[1][0], 1)] for row in rows])
+    groups = [("", 1), (f"difference from {comparison.reference or 'none'}", 3), ("", 1), ("1 sigma, worst", 2)]
+    groups += [("residuals", 2)] if columns == _SHORT else []
+    head, units = [_COLUMNS[k][0] for k in columns], [_COLUMNS[k][1] for k in columns]
+    return Table("", ["method", *head], rows, frozenset({_VERDICT + 1}), units=["", *units], groups=groups)
 
 
 def word(row: Row, reference: str | None) -> str:

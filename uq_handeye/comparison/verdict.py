@@ -12,7 +12,7 @@ from .row import Row
 _MM, _DEG = 1e3, 180 / np.pi
 
 
-def verdict(rows: Sequence[Row], reference: str | None, noise_known: bool) -> str:
+def verdict(rows: Sequence[Row], reference: str | None, noise_known: bool, most: int | None = None) -> str:
     """State which methods agree with the reference, which differ, and which failed."""
     if reference is None:
         if len(rows) == 1:
@@ -46,7 +46,8 @@ def verdict(rows: Sequence[Row], reference: str | None, noise_known: bool) -> st
         *((by_status[status], words) for status, words in _STATUS.items()),
     ):
         if names:
-            parts.append(f"{len(names)} {words}: {', '.join(names)}")
+            listed = "" if most is not None and len(names) > most else f": {', '.join(names)}"
+            parts.append(f"{len(names)} {words}{listed}")
     return "; ".join(parts) + "."
 
 

@@ -54,7 +54,7 @@ def poses():
 def test_a_healthy_problem_shows_no_broken_relation(paper, poses):
     assert paper.broken == poses.broken == ()
     assert [r.holds for r in paper.relations if r.law] == [True] * 8
-    assert paper.to_text().startswith("All 8 relations hold.\n")
+    assert paper.to_text().startswith("All 8 relations hold: the covariances are those that theory predicts for this")
     assert [row.key for row in paper.rows] == [
         "4dpa-pairs",
         "4dpa-literal",
@@ -146,7 +146,7 @@ def test_large_noise_is_named_in_the_text():
     S = np.diag(np.repeat([0.4, 0.1], 3) ** 2)
     check = cross_check(uq.Motions(A, B), noise=uq.PairNoise(S, S), trials=500, posterior=False)
     assert "4dpa-first-order" in check.broken
-    text = check.to_text()
+    text = check.to_text(verbose=True)
     assert text.startswith("BROKEN: ")
     assert "NOT SO" in text and "--sweep-noise" in text and "[BROKEN]" in text
     assert check.row("4dpa-pairs").consistent is False and "!" in text
@@ -178,7 +178,7 @@ def test_what_cannot_be_worked_out_says_why():
         assert row.covariance is None and "exact" in row.note and row.std is None and row.consistent is None
     assert check.relation("ml-bound").holds is None and "Cramer-Rao bound: none" in check.relation("ml-bound").text
     assert check.relation("4dpa-first-order").holds is True
-    text = check.to_text()
+    text = check.to_text(verbose=True)
     assert "none, see below" in text and "Not judged" in text
     json.loads(check.to_json())
 
@@ -204,7 +204,7 @@ def test_very_many_pairs(monkeypatch):
     assert check.row("nguyen-own").covariance is not None
     assert check.row("ml-sampled").trials == 166 and "166 trials in place of 300" in check.row("ml-sampled").note
     assert check.row("4dpa-pairs").covariance is not None and check.relation("4dpa-first-order").holds
-    assert "166 trials in place of 300" in check.to_text()
+    assert "166 trials in place of 300" in check.to_text(verbose=True)
     monkeypatch.setattr(cross_check_rows, "MOST_PAIRS_ONCE", 65)
     check = cross_check(data, noise=ON_POSES, trials=100, posterior=False)
     for key in ("4dpa-pairs", "4dpa-literal", "nguyen-own", "nguyen-first-order"):
@@ -235,14 +235,14 @@ def test_a_run_that_was_cut_short_says_so_first(monkeypatch):
 
     data = uq.simulate(12, noise=ON_POSES, seed=SEED)
     whole = cross_check(data, noise=ON_POSES, trials=100, posterior=False)
-    assert whole.complete and whole.reason == "" and "NOT COMPLETE" not in whole.to_text()
-    assert "; 100 trials, seed 0" in whole.to_text()
+    assert whole.complete and whole.reason == "" and "NOT COMPLETE" not in whole.to_text(verbose=True)
+    assert "; 100 trials, seed 0" in whole.to_text(verbose=True)
     monkeypatch.setattr(cross_check_rows, "monte_carlo", until_efficient)
     check = cross_check(data, noise=ON_POSES, trials=100)
     assert not check.complete and check.reason == "interrupted" and list(check.runs) == ["4dpa", "nguyen"]
     first = "NOT COMPLETE (interrupted). Trials, of 100 asked: 4dpa 100, nguyen 100, efficient 0, ml 0. No posterior."
-    assert check.to_text().startswith(first)
-    assert "; trials: 4dpa 100, nguyen 100, seed 0" in " ".join(check.to_text().split())
+    assert check.to_text(verbose=True).startswith(first)
+    assert "; trials: 4dpa 100, nguyen 100, seed 0" in " ".join(check.to_text(verbose=True).split())
     assert "not complete: interrupted" in repr(check) and json.loads(check.to_json())["complete"] is False
     monkeypatch.setattr(cross_check_rows, "monte_carlo", lambda *args, **kwargs: until_efficient(method="efficient"))
     with pytest.raises(KeyboardInterrupt):  # there is nothing to show
@@ -256,11 +256,13 @@ def test_ctrl_c_in_the_posterior_keeps_the_trials(monkeypatch):
     monkeypatch.setattr(posterior, "sample_posterior", pressed)
     check = cross_check(uq.simulate(12, noise=ON_POSES, seed=SEED), noise=ON_POSES, trials=100)
     assert not check.complete and len(check.runs) == 4 and check.posterior is None
-    assert check.to_text().startswith("NOT COMPLETE (interrupted). Trials, of 100 asked: 4dpa 100, nguyen 100,")
+    assert check.to_text(verbose=True).startswith(
+        "NOT COMPLETE (interrupted). Trials, of 100 asked: 4dpa 100, nguyen 100,"
+    )
 
 
 def test_words_and_units_of_the_text(poses):
-    text = poses.to_text()
+    text = poses.to_text(verbose=True)
     assert "rotation (deg)" in text and "deg^2" in text and "mrad" not in text
     line = next(line for line in text.splitlines() if line.startswith("Cramer-Rao bound"))
     std = poses.row("bound").std
@@ -281,7 +283,7 @@ def test_noise_on_pairs_of_poses_and_estimated_noise():
     measured = uq.PosePairs(data.robot, data.camera)
     check = cross_check(measured, trials=100, posterior=False)
     assert check.noise_estimated and check.origin == "fit to the data" and check.frame == "gripper_T_camera"
-    assert "estimated from the data" in check.to_text()
+    assert "estimated from the data" in check.to_text(verbose=True)
 
 
 @pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
@@ -309,8 +311,8 @@ def test_output(paper, tmp_path):
     assert list(table.index) == [row.key for row in paper.rows]
     assert np.allclose(table.loc["bound", "std_translation_z"], paper.row("bound").std[5])
     assert table.loc["4dpa-sampled", "trials"] == 800 and table.loc["bound", "nees_low"] < 6
-    text = paper.summary()
-    assert text == paper.to_text()
+    text = paper.summary(verbose=True)
+    assert text == paper.to_text(verbose=True)
     assert [line for line in text.splitlines() if len(line) > WIDTH] == []
     assert all(relation.statement in " ".join(text.split()) for relation in paper.relations)
     assert "12 rows" in repr(paper) and "no relation broken" in repr(paper)

@@ -326,7 +326,7 @@ def test_few_trials_say_what_they_cannot_tell(rng, P, count):
     assert (c.covariance is None) == (c.std_ratio_interval is None) == (count < 2)
     assert (c.eigenvalues is None) == (c.size is None) == (c.kurtosis is None) == (LR not in c.p_values) == (count < 30)
     if count == 0:
-        assert c.consistent is None and verdict(c).startswith("Nothing can be told") and "none of 120" in verdict(c)
+        assert c.consistent is None and verdict(c).startswith("Nothing can be said") and "none of 120" in verdict(c)
     else:
         assert not c.rejected and c.consistent is None
         assert verdict(c).startswith(f"Only {count} of 120 trials gave an estimate: all that follows is of these")
@@ -337,12 +337,14 @@ def test_few_trials_say_what_they_cannot_tell(rng, P, count):
 def test_trials_without_an_estimate_come_first_and_nothing_is_called_consistent(rng, P):
     errors = draw(rng, P, (500,))
     few = consistency(Sums.of(errors, np.arange(500) >= 4, P), P)  # 0.8 %
-    assert few.consistent is True and verdict(few).startswith("The covariance is true as far as 496 estimates can tell")
+    assert few.consistent is True and verdict(few).startswith(
+        "The covariance is consistent with this noise, as far as 496 estimates can tell"
+    )
     assert "4 of 500 trials (0.8 %) gave no estimate" in verdict(few)
     many = consistency(Sums.of(errors, np.arange(500) >= 20, P), P)
     assert many.consistent is None and not many.rejected and many.many_failed
     assert verdict(many).startswith("Only 480 of 500 trials gave an estimate: all that follows is of these, and the")
-    assert "says nothing about the other 20 (4 %)." in verdict(many)
+    assert "does not describe the other 20 (4 %)." in verdict(many)
     most = consistency(Sums.of(errors, np.arange(500) >= 487, P), P)
     assert most.consistent is None and "Only 13 estimates" in verdict(most) and "Only 13 trials" not in verdict(most)
     wrong = consistency(Sums.of(errors, np.arange(500) >= 20, 4 * P), 4 * P)
@@ -369,9 +371,9 @@ def test_without_prediction_or_with_own_covariances(rng, P):
     sums = sums_of(draw(rng, 1.2 * P, (5000,)), P)
     c = consistency(sums, None)
     assert c.eigenvalues is None and LR not in c.p_values and not c.consistent
-    assert verdict(c).startswith("The covariance is too small: mean NEES 7.")
+    assert verdict(c).startswith("The covariance is too small for this noise: mean NEES 7.")
     own = consistency(sums, P, own=True)
-    assert verdict(own).startswith("The covariances that the trials give of themselves are too small")
+    assert verdict(own).startswith("The covariances that the trials report are too small")
     assert "than they say" in verdict(own)
 
 

@@ -8,7 +8,7 @@ from matplotlib.text import Text
 from scipy import stats
 from support import SEED, draw
 
-from uq_handeye.presentation.document import to_text
+from uq_handeye.presentation.document import COLUMNS, to_text
 from uq_handeye.presentation.ellipses import render
 from uq_handeye.validation.monte_carlo.consistency import LEVELS, Sums, consistency
 from uq_handeye.validation.monte_carlo.figure import band, validation_figure
@@ -28,7 +28,14 @@ def run(rng, trials=10_000, truth=P, failures=0, predicted=P, **changes):
     errors = draw(rng, truth, (trials,))
     sums = Sums.of(errors, np.arange(trials) >= failures, P)
     values = {"frame": "gripper_T_camera", "origin": "fit to the data", "notes": ("one chunk was damaged",)}
-    values |= {"seconds": 0.9, "rate": 11111.1, "seed": 7, "complete": True, "reason": "all trials"} | changes
+    values |= {
+        "seconds": 0.9,
+        "rate": 11111.1,
+        "seed": 7,
+        "complete": True,
+        "reason": "all trials",
+        "noise_of_data": None,
+    } | changes
     return types.SimpleNamespace(
         experiment=types.SimpleNamespace(method="4dpa"), consistency=consistency(sums, predicted), **values
     )
@@ -57,10 +64,12 @@ def cases(rng):
 
 def test_the_text_says_the_verdict_first_and_every_number_with_its_unit(rng):
     result = run(rng, truth=1.21 * P)
-    text, c = to_text(monte_carlo_document(result)), result.consistency
+    text, c = to_text(monte_carlo_document(result, verbose=True)), result.consistency
     lines = text.splitlines()
-    assert lines[0] == "Monte Carlo of gripper_T_camera by 4dpa: 10,000 trials, seed 7"
-    assert " ".join(text.split()).startswith(" ".join(f"{lines[0]} {verdict(c)}".split()))
+    said = f"{verdict(c, '4dpa')} Monte Carlo cannot tell whether the noise is right."
+    assert " ".join(text.split()).startswith(said) and said.startswith(
+        "The covariance of 4dpa is too small for this noise"
+    )
     for k, name in enumerate(COMPONENTS):
         row = next(line.split() for line in lines if line.startswith(name))[3:]
         factor, unit = (180 / np.pi, "deg") if k < 3 else (1e3, "mm")
@@ -80,18 +89,21 @@ def test_the_text_says_the_verdict_first_and_every_number_with_its_unit(rng):
     assert "likelihood ratio" in text.lower() and "chi-square with 21 degrees" in " ".join(text.split())
     end = " ".join(text.split("\n\n")[-1].split())
     assert end.startswith(
-        "Noise was drawn around the fit to the data. All trials gave an estimate. 0.9 s, 11,111 trials/s."
+        "Monte Carlo of gripper_T_camera by 4dpa: 10,000 trials, seed 7. Noise was drawn around the fit to the data. "
+        "All trials gave an estimate. 0.9 s, 11,111 trials/s."
     )
     assert end.endswith("Ended: all trials. Note: one chunk was damaged")
 
 
 def test_every_run_has_a_text_without_nan(rng):
     for name, result in cases(rng).items():
-        text = to_text(monte_carlo_document(result))
+        text, short = to_text(monte_carlo_document(result, verbose=True)), to_text(monte_carlo_document(result), COLUMNS)
         assert "nan" not in text.lower().replace("nan-", "") and "inf" not in text.lower(), name
         assert max(map(len, text.splitlines())) <= 120
+        assert max(map(len, short.splitlines())) <= 80 and len(short.splitlines()) <= 30, name
     assert "NOT COMPLETE: interrupted" in to_text(monte_carlo_document(run(rng, complete=False, reason="interrupted")))
-    assert "120 of 10,000 trials (1.2 %) gave no estimate" in to_text(monte_carlo_document(run(rng, failures=120)))
+    words = " ".join(to_text(monte_carlo_document(run(rng, failures=120))).split())
+    assert "120 of 10,000 trials (1.2 %) gave no estimate" in words
 
 
 # ----------------------------------------------------------------------------------------------------- figure

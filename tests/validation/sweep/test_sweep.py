@@ -79,8 +79,8 @@ def test_heavy_tails_are_said():
     assert level.heavy and not second.holds
     assert abs(second.mean_nees[0] - 6) < 1e-9 and second.failure.code == "sweep.coverage"
     text = verdict(MethodSweep("m", (level,)))
-    assert text.startswith("m: your noise is outside of first order. The ") and "errors are 3." in text
-    assert "Sigma points do not hold at your noise. The 95 % ellipsoid holds" in text
+    assert text.startswith("m: first order is not valid at your noise. The ") and "errors are 3." in text
+    assert "Sigma points are not valid at your noise. The 95 % ellipsoid holds" in text
     assert "The errors have heavy tails" in text and "use another method" in text
     gaussian = rng.normal(size=(4000, 6))
     fine = judged("sigma points", gaussian, ok, gaussian.T @ gaussian / 4000, 0.1)
@@ -93,19 +93,19 @@ def heavy_errors(rng):
 
 
 def test_the_user_is_told_whether_the_noise_is_inside(found):
-    text = " ".join(found.summary().split())
+    text = " ".join(found.summary(verbose=True).split())
     limit = found["4dpa"].limit("first order")
-    assert f"4dpa: first order holds up to {np.sqrt(limit.holds):.2g} times your standard deviations (" in text
+    assert f"4dpa: first order is valid up to {np.sqrt(limit.holds):.2g} times your standard deviations (" in text
     assert limit.holds > 4 and "; your own noise is well inside." in text  # twice the deviations and more
-    assert "Beyond, it fails." in text and "Sigma points hold" in text
+    assert "Beyond, it fails." in text and "Sigma points are valid" in text
     motions, noise = star(0.5)
     outside = sweep(motions, noise=noise, methods=["4dpa"], factors=[0.001], trials=400, seed=SEED)
-    text = " ".join(outside.summary().split())
-    assert "4dpa: your noise is outside of first order." in text
+    text = " ".join(outside.summary(verbose=True).split())
+    assert "4dpa: first order is not valid at your noise." in text
     own = outside["4dpa"].own
     assert own.sigma_points.holds and not own.first_order.holds
-    assert "Use covariance='sigma-points', which holds at all levels tried, up to your noise." in text
-    assert "Sigma points do not hold" not in text
+    assert "Use covariance='sigma-points', which is valid at all levels tried, up to your noise." in text
+    assert "Sigma points are not valid" not in text
 
 
 def test_the_margin_of_the_noise_is_said():
@@ -197,7 +197,7 @@ def test_ctrl_c_leaves_as_it_is(monkeypatch):
 
 def test_factors_are_named_by_what_they_are_of(found):
     """Covariances times f are deviations times its root: both stand in the table and in the sentence."""
-    text = found.summary()
+    text = found.summary(verbose=True)
     row = next(line.split() for line in text.splitlines() if line.split()[:1] == ["10"])
     head = next(line for line in text.splitlines() if "cov x" in line)
     assert head.split()[:4] == ["cov", "x", "sd", "x"] and row[:2] == ["10", "3.16"]
@@ -220,7 +220,7 @@ def test_a_limit_among_heavy_tails_is_no_sharp_number():
     assert found.limit("sigma points") == Limit(29.37**2, 31.2**2, heavy=True)
     assert found.limit("first order") == Limit(1.0, 29.37**2, heavy=False)
     text = verdict(found)
-    assert "Sigma points hold up to about 29 times your standard deviations (860 times your covariances)" in text
+    assert "Sigma points are valid up to about 29 times your standard deviations (860 times your covariances)" in text
     assert "from about 31 times on errors have heavy tails, where it is chance whether a level passes" in text
     assert "29.3" not in text and "29.4" not in text
     assert verdict(MethodSweep("m", levels[:2])).count("about") == 0
@@ -247,8 +247,8 @@ def test_poses_and_several_methods():
     found = sweep(seen, noise=None, methods=["4dpa", "shah"], factors=[4], trials=1000, seed=SEED)
     assert found.noise_estimated and found.around == "fit to the data"
     assert all(one.own.first_order.holds for one in found.methods)
-    assert "first order holds at all levels tried, up to 2 times your standard deviations (4 " in " ".join(
-        found.summary().split()
+    assert "first order is valid at all levels tried, up to 2 times your standard deviations (4 " in " ".join(
+        found.summary(verbose=True).split()
     )
 
 
@@ -258,7 +258,7 @@ def test_points_without_an_estimate_fail_in_words():
     own = found["nguyen"].own
     assert own.first_order.failure.code == "sweep.no_estimate" and own.failed > 0.01
     assert own.sigma_points.covariance is None and own.sigma_points.failure.code == "sweep.no_sigma_points"
-    assert "Sigma points do not hold at your noise" in " ".join(found.summary().split())
+    assert "Sigma points are not valid at your noise" in " ".join(found.summary(verbose=True).split())
     json.loads(found.to_json())
 
 

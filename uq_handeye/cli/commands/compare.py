@@ -1,6 +1,5 @@
 """Command ``compare``: the published methods side by side."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,13 +7,14 @@ from ...errors import InputError
 from ..arm_options import Arm, arm_of
 from ..delivery import deliver
 from ..groups import ESTIMATION, OUTPUT
-from ..messages import fail, progress_wanted, timed
+from ..messages import fail, progress_wanted, timed, verbose, withheld
 from ..noise_options import Given, given_of
 from ..options import (
     EVERY_METHOD,
     JsonOption,
     PairsOption,
     emit,
+    emit_document,
     flag,
     folder_option,
     made_of,
@@ -82,10 +82,9 @@ def compare_command(
     (base,) = methods_of(reference, "--reference", COMPARED, most=1)
     poses, noise, shared = files.read(given, views, arm)
     from ...comparison.compare import compare
-    from ...comparison.text import comparison_document
-    from ...presentation.document import to_text
+    from ...presentation.document import document_of
 
-    with timed("comparing"):
+    with timed("comparing"), withheld() as shown:
         result = compare(
             poses,
             noise=noise,
@@ -95,10 +94,16 @@ def compare_command(
             progress=progress_wanted(),
             shared=shared,
         )
+        if not (as_json or as_csv):  # the text has them, in short or in full
+            shown += [
+                *result.warnings,
+                *result.own_warnings,
+                *(str(f) for check in result.checks for f in check.findings),
+            ]
     if as_json or as_csv:
         emit(result.to_json() if as_json else result.to_csv())
-    else:  # on a terminal the warnings stand above already
-        emit(to_text(comparison_document(result, warnings=not sys.stdout.isatty())))
+    else:
+        emit_document(document_of(result, verbose=verbose()))
     if output is not None:  # after the table, which is not to be lost if this fails
         said = _write_comparison(result, output)
         if not (as_json or as_csv):

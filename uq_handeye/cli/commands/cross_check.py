@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from ..arm_options import Arm, arm_of
 from ..delivery import deliver
-from ..messages import progress_wanted, timed
+from ..messages import progress_wanted, timed, verbose
 from ..noise_options import Given, given_of
 from ..options import (
     JsonOption,
@@ -13,6 +13,7 @@ from ..options import (
     WorkersOption,
     cores,
     emit,
+    emit_document,
     flag,
     folder_option,
     made_of,
@@ -64,6 +65,7 @@ def cross_check_command(
     """
     require_writable(report, "--report", REPORTS)
     poses, noise, shared = files.read(given, views, arm)
+    from ...presentation.document import document_of
     from ...validation.cross_check.run import cross_check
     from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
@@ -87,7 +89,11 @@ def cross_check_command(
         said = deliver(output, written, {"cross_check": cross_check_figure(check)})
     if report is not None and result is not None and check.complete:
         write_report(result, report, True, check)
-    emit(check.to_json() if as_json else check.to_text() + said)
+    if as_json:
+        emit(check.to_json())
+    else:
+        emit_document(document_of(check, verbose=verbose()))
+        emit(said)
     if check.ended is None:
         return 0
     return INTERRUPTED if check.ended.code == ENDED_BY_HAND else NOT_COMPLETE

@@ -8,7 +8,7 @@ from ...errors import InputError
 from ..arm_options import Arm, arm_of
 from ..delivery import deliver, wrote
 from ..groups import OUTPUT
-from ..messages import LOG, progress_wanted
+from ..messages import LOG, progress_wanted, verbose
 from ..noise_options import Given, given_of, pose_prior_of
 from ..options import (
     EVERY_METHOD,
@@ -17,6 +17,7 @@ from ..options import (
     WorkersOption,
     cores,
     emit,
+    emit_document,
     flag,
     folder_option,
     made_of,
@@ -199,7 +200,8 @@ def validate_command(
             )
             results[name] = result
             if not as_json:
-                emit(("\n" if len(results) > 1 else "") + result.summary())
+                emit("\n" if len(results) > 1 else "")
+                emit_document(result.document(verbose()))
             if folder is not None and (said := _deliver(result, folder)) and not as_json:
                 emit(said)
             if figure is not None:
@@ -228,10 +230,14 @@ def _sweep(
     as_json: bool,
     output: Path | None,
 ) -> int:
+    from ...presentation.document import document_of
     from ...validation.sweep.run import sweep
 
     result = sweep(**problem, methods=methods, factors=factors, progress=progress_wanted(), **options)
-    emit(result.to_json() if as_json else result.summary())
+    if as_json:
+        emit(result.to_json())
+    else:
+        emit_document(document_of(result, verbose=verbose()))
     if output is not None:
         from ...validation.sweep.figure import sweep_figure  # Matplotlib is slow to import
 

@@ -13,9 +13,10 @@ from ...findings import Finding
 from ...geometry.conventions import CONVENTION
 from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
-from ...presentation.document import document_of, to_text
+from ...presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...presentation.notebook import to_html
 from ..monte_carlo.run import MonteCarlo
+from ..noise_of_data import NoiseOfData
 from .relations import Relation
 from .rows import Row
 
@@ -46,6 +47,7 @@ class CrossCheck:
     trials: int  # asked of every method
     seed: int
     seconds: float
+    noise_of_data: NoiseOfData | None = None  # checks of the noise against the data
     ended: Finding | None = None  # how, if not all trials that were wanted, or not the posterior, were done
 
     @property
@@ -84,12 +86,15 @@ class CrossCheck:
         return f"CrossCheck({len(self.rows)} rows, {self.trials:,} trials, {state})"
 
     def _repr_html_(self) -> str:
-        """For notebooks."""
-        return to_html("Cross-check", document_of(self))
+        """Return the verdict, with everything else folded, for notebooks."""
+        return to_html("Cross-check", document_of(self, verbose=True))
 
-    def to_text(self) -> str:
-        """Return the text: which relations hold, the table, and the background."""
-        return to_text(document_of(self))
+    def to_text(self, verbose: bool = False) -> str:
+        """Return the verdict and the table as text of 80 columns; ``verbose``: also the relations with numbers."""
+        return to_text(document_of(self, verbose=verbose), WIDTH if verbose else COLUMNS)
+
+    def __str__(self) -> str:
+        return self.to_text()
 
     summary = to_text
 
@@ -111,6 +116,7 @@ class CrossCheck:
             "origin": self.origin,
             "noise": noise_to_dict(self.noise),
             "noise_estimated": self.noise_estimated,
+            "noise_of_data": None if self.noise_of_data is None else self.noise_of_data.to_dict(),
             "n": self.n,
             "pairs": self.pairs,
             "trials": self.trials,

@@ -62,7 +62,7 @@ class Row(ReadOnlyArrays):
     trials: int | None = None  # of a sampled row
     failures: int | None = None
     nees: float | None = None  # mean over the trials of the method; None of a sampled row, which is made of them
-    nees_interval: tuple[float, float] | None = None  # where that of a true covariance lies, 99 %
+    nees_interval: tuple[float, float] | None = None  # where that of a consistent covariance lies, 99 %
     note: str = ""  # why there is none, or what to know about it
 
     @property

@@ -32,6 +32,7 @@ from ...noise.models import Noise, PairNoise, PoseNoise
 from ...poses.motions import Motions, relative_motions
 from ...poses.pose_pairs import PosePairs
 from ...simulation.experiment import Fitted, experiment, problem_of
+from ..noise_of_data import noise_of_data
 from .relations import Evidence, relations
 from .result import CrossCheck
 from .rows import FEWEST_TRIALS, all_sampled, effective_samples, formulas, judged, of_posterior
@@ -101,7 +102,9 @@ def cross_check(
     started = time.monotonic()
     for name, value, least in (("trials", trials, FEWEST_TRIALS), ("seed", seed, 0), ("workers", workers, 1)):
         require_integer(name, value, least)
+    given = data
     data, noise, estimated = problem_of(data, noise)
+    measured = data
     if isinstance(data, PosePairs) and (isinstance(noise, PairNoise) or not isinstance(pairs, str) or pairs != "all"):
         data = relative_motions(data, pairs)
     if noise is not None and noise.prior is not None:
@@ -112,6 +115,7 @@ def cross_check(
     problem = experiment(data, noise)
     noise, poses = problem.noise, data if isinstance(data, PosePairs) else data.poses
     problem.predicted()  # raises where the data do not determine X
+    checked = noise_of_data(given, measured, noise, estimated)
     rows = formulas(data, problem)
     trial_rows, runs, ended = all_sampled(data, problem, int(trials), int(seed), int(workers), executor, progress)
     rows += trial_rows
@@ -148,5 +152,6 @@ def cross_check(
         trials=int(trials),
         seed=int(seed),
         seconds=time.monotonic() - started,
+        noise_of_data=checked,
         ended=ended,
     )

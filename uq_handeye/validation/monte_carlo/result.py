@@ -16,14 +16,15 @@ from ...geometry.conventions import CONVENTION
 from ...geometry.se3 import Array
 from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
-from ...presentation.document import to_text
+from ...presentation.document import COLUMNS, WIDTH, Document, to_text
 from ...presentation.notebook import to_html
 from ...runtime.read_only import ReadOnlyArrays
 from ...simulation.experiment import Experiment
+from ..noise_of_data import NoiseOfData, limit
 from .consistency import LEVELS, PARTS, Consistency
 from .sentences import ALL
 from .stopping import Summary
-from .text import monte_carlo_document, verdict
+from .text import WHO, monte_carlo_document, verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,6 +52,7 @@ class MonteCarlo(ReadOnlyArrays):
     seconds: float  # of this call
     resumed: int = 0  # trials that were there already
     notes: tuple[str, ...] = field(default=())  # what else happened, e.g. chunks that were damaged
+    noise_of_data: NoiseOfData | None = None  # checks of the noise that was drawn against the data
 
     @property
     def method(self) -> str:
@@ -160,23 +162,29 @@ class MonteCarlo(ReadOnlyArrays):
 
     @property
     def verdict(self) -> str:
-        """Verdict in words: whether the covariance is consistent, and if not, by how much it is wrong."""
+        """Whether the covariance is consistent with the noise, by how much it is wrong if not, and what limits this."""
         with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
-            return verdict(self.consistency)
+            return f"{verdict(self.consistency, self.method)} {limit(WHO, self.noise_of_data)}"
+
+    def document(self, verbose: bool = False) -> Document:
+        """Return the verdict, its limits and the table of the axes; ``verbose``: everything that is known."""
+        with np.errstate(over="ignore"):  # as above
+            return monte_carlo_document(self, verbose)
 
     def __repr__(self) -> str:
         what = {True: "consistent", False: "not consistent", None: "undecided"}[self.consistent]
         return f"MonteCarlo({self.method}, {self.trials:,} trials, {what}{'' if self.complete else ', incomplete'})"
 
     def _repr_html_(self) -> str:
-        """For notebooks."""
-        with np.errstate(over="ignore"):  # as above
-            return to_html("Monte Carlo", monte_carlo_document(self))
+        """Return the verdict, with everything else folded, for notebooks."""
+        return to_html("Monte Carlo", self.document(True))
 
-    def summary(self) -> str:
-        """The result as text."""
-        with np.errstate(over="ignore"):  # as above
-            return to_text(monte_carlo_document(self))
+    def summary(self, verbose: bool = False) -> str:
+        """Return the verdict and the table of the axes as text of 80 columns; ``verbose``: everything that is known."""
+        return to_text(self.document(verbose), WIDTH if verbose else COLUMNS)
+
+    def __str__(self) -> str:
+        return self.summary()
 
     def figure(self, path: str | Path) -> None:
         """Write a figure, .png or .svg: quantiles of the NEES, standard deviations, coverage.
@@ -224,6 +232,7 @@ class MonteCarlo(ReadOnlyArrays):
             "confidence": c.confidence,
             "consistent": self.consistent,
             "verdict": self.verdict,
+            "noise_of_data": None if self.noise_of_data is None else self.noise_of_data.to_dict(),
             "rejected": list(c.rejected),
             "p_values": c.p_values,
             "predicted": _plain(self.predicted),

@@ -21,6 +21,7 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ from ...poses.timing import warn_left_out
 from ...runtime.progress import progress_bar
 from ...runtime.threads import one_thread
 from ...simulation.experiment import Fitted, experiment, problem_of
+from ..noise_of_data import noise_of_data
 from .chunks import Chunk, Work, chunk_size, from_bytes, to_bytes
 from .consistency import Consistency, Sums, consistency
 from .result import MonteCarlo
@@ -134,6 +136,7 @@ def monte_carlo(
     >>> result.errors.shape, result.consistent
     ((2000, 6), True)
     """
+    given = data
     data, noise, estimated = problem_of(data, noise)
     warn_left_out("monte_carlo()", data)
     started = time.monotonic()
@@ -142,6 +145,7 @@ def monte_carlo(
         stack.enter_context(one_thread())
         problem = experiment(data, noise, method, pairs=pairs, scale=scale)
         tested, kind = _tested(covariance, problem.predicted)
+        checked = noise_of_data(given, data, problem.noise, estimated)
         message = to_bytes(Work(problem, int(seed), total, chunk_size(problem), tested))
         work = from_bytes(message)
         folder = None if directory is None else stack.enter_context(closing(RunFolder(directory, work, resume)))
@@ -153,6 +157,7 @@ def monte_carlo(
         own_mean = tally.own / sums.count if tested is None and sums.count else None
         judged = consistency(sums, own_mean if tested is None else tested, own=tested is None)
         result = _result(data, estimated, tally, folder, kind, judged, total, ended, started)
+        result = replace(result, noise_of_data=checked)
         if folder is not None:
             folder.write_result(result.to_json())
     for note in result.notes:

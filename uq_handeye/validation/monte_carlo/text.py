@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ...formatting.numbers import digits, probability
-from ...presentation.document import Block, Document, Heading, Paragraph, Table
+from ...formatting.numbers import digits, fixed, probability
+from ...presentation.document import Answer, Block, Document, Paragraph, Table
+from ..noise_of_data import NoiseOfData, limit_blocks
 from .consistency import HARMLESS, LIKELIHOOD_RATIO
 from .sums import COMPONENTS, LEVELS, PARTS, SIZES, in_words
 
 if TYPE_CHECKING:
     from .consistency import Consistency
 
+WHO = "Monte Carlo"
 FEW = 100  # estimates below which the verdict says first what they cannot tell
 _DEG, _MM = 180 / np.pi, 1e3
 _UNITS = np.array([_DEG] * 3 + [_MM] * 3)
@@ -45,23 +47,36 @@ class Run(Protocol):
     def complete(self) -> bool: ...
     @property
     def reason(self) -> str: ...
+    @property
+    def noise_of_data(self) -> NoiseOfData | None: ...
 
 
-def monte_carlo_document(result: Run) -> Document:
-    """The verdict, then standard deviations and bias per axis, NEES, coverage, directions, and how the run went."""
+def monte_carlo_document(result: Run, verbose: bool = False) -> Document:
+    """Return the verdict, its limits and the table of the axes; ``verbose``: everything that is known."""
     c = result.consistency
-    start: list[Block] = [Heading(heading(result))]
+    start: list[Block] = []
     if not result.complete:
         reason = f"NOT COMPLETE: {result.reason}".rstrip(" :")
-        start.append(Paragraph(f"{reason}. The numbers hold for the trials so far."))
-    ended = f" Ended: {result.reason}." if result.complete and result.reason else ""
-    how = f"Noise was drawn around the {result.origin}. {failures(c)} {digits(result.seconds)} s"
-    rate = f", {result.rate:,.0f} trials/s." if result.rate else "."
-    return [
-        [*start, Paragraph(verdict(c))],
-        *(section(c) for section in (_axes, _nees, _coverage, _directions, _tests)),
-        [Paragraph(f"{how}{rate}{ended}"), *(Paragraph(f"Note: {note}") for note in result.notes)],
-    ]
+        start.append(Paragraph(f"{reason}. The numbers are those of the trials so far."))
+    start.append(Answer(_answer(c, result.experiment.method), _status(result)))
+    start += [Paragraph(text) for text in (_details(c) if verbose else _caveats(c))]
+    start += limit_blocks(WHO, result.noise_of_data, verbose)
+    how = f"{heading(result)}. Noise was drawn around the {result.origin}. {failures(c)} {digits(result.seconds)} s"
+    how += f", {result.rate:,.0f} trials/s." if result.rate else "."
+    how += f" Ended: {result.reason}." if verbose and result.complete and result.reason else ""
+    end: list[Block] = [Paragraph(how), *(Paragraph(f"Note: {note}") for note in result.notes)]
+    if not verbose:
+        return [start, _few_axes(c), [*_few_numbers(c), *end]]
+    sections = (section(c) for section in (_axes, _nees, _coverage, _directions, _tests))
+    return [start, *sections, end]
+
+
+def _status(result: Run) -> str:
+    """Return the status of the verdict, for its colour."""
+    c, found = result.consistency, result.noise_of_data
+    if c.rejected and not c.harmless:
+        return "failed"
+    return "caution" if c.consistent is not True or not result.complete or (found and found.doubtful) else "ok"
 
 
 def heading(result: Run) -> str:
@@ -71,37 +86,46 @@ def heading(result: Run) -> str:
     return f"Monte Carlo of {result.frame} by {result.experiment.method}: {trials}, seed {result.seed}"
 
 
-def verdict(c: Consistency) -> str:
-    """Say whether the covariance is consistent, too small or too large, by how much, and which tests say so."""
+def verdict(c: Consistency, method: str | None = None) -> str:
+    """Return whether the covariance is consistent, too small or too large, by how much, and which tests reject it."""
+    return " ".join([_answer(c, method), *_details(c)])
+
+
+def _answer(c: Consistency, method: str | None) -> str:
+    """Return the verdict, after what limits it."""
     T = c.sums.count
     if T == 0:
         none = f"none of {c.trials:,} trials gave an estimate" if c.trials else "there was no trial"
-        return f"Nothing can be told about the covariance: {none}."
+        return f"Nothing can be said about the covariance: {none}."
     parts = []
     if c.many_failed:
         parts.append(
             f"Only {T:,} of {c.trials:,} trials gave an estimate: all that follows is of these, and the covariance "
-            f"says nothing about the other {c.failures:,} ({digits(100 * c.failures / c.trials, 2)} %)."
+            f"does not describe the other {c.failures:,} ({digits(100 * c.failures / c.trials, 2)} %)."
         )
     if T < FEW:
         parts.append(_few(c))
-    if c.rejected:
-        parts += [_false(c), f"Rejected at {_percent(c.confidence)} over all tests by {_listed(c.rejected)}."]
-    else:
-        parts.append(_true(c))
-    if c.failures and not c.many_failed:
-        parts.append(failures(c))
-    return " ".join(parts)
+    return " ".join([*parts, (_inconsistent if c.rejected else _consistent)(c, method)])
+
+
+def _details(c: Consistency) -> list[str]:
+    """Return which tests reject, and how many trials failed."""
+    rejected = [f"Rejected at {_percent(c.confidence)} over all tests by {_listed(c.rejected)}."] if c.rejected else []
+    return rejected + _caveats(c)
+
+
+def _caveats(c: Consistency) -> list[str]:
+    return [failures(c)] if c.failures and not c.many_failed and c.sums.count else []
 
 
 def failures(c: Consistency) -> str:
-    """Say how many trials gave no estimate."""
+    """Return how many trials gave no estimate."""
     if c.failures == 0:
         return "All trials gave an estimate."
     share = c.failures / c.trials
     return (
         f"{c.failures:,} of {c.trials:,} trials ({digits(100 * share, 2)} %) gave no estimate and are left out: the "
-        "covariance says nothing about them."
+        "covariance does not describe them."
     )
 
 
@@ -116,32 +140,63 @@ def _few(c: Consistency) -> str:
     )
 
 
-def _subject(c: Consistency) -> str:
-    return "The covariances that the trials give of themselves are" if c.own else "The covariance is"
+def _subject(c: Consistency, method: str | None) -> str:
+    of = "" if method is None else f" of {method}"
+    return f"The covariances that the trials{of} report are" if c.own else f"The covariance{of} is"
 
 
-def _true(c: Consistency) -> str:
-    """No test rejects."""
+def _few_axes(c: Consistency) -> list[Block]:
+    """Return the standard deviations per axis, predicted and sampled."""
+    if c.std is None or c.predicted_std is None or c.std_ratio_interval is None:
+        return []
+    predicted = "mean own" if c.own else "predicted"
+    head = ["1 sigma", "", predicted, "sampled", "ratio", f"{_percent(c.confidence)} interval"]
+    rows = []
+    for k, axis in enumerate(COMPONENTS):
+        numbers = [fixed(value * _UNITS[k]) for value in (c.predicted_std[k], c.std[k])]
+        low, high = c.std_ratio_interval[k]
+        ratio = f"{c.std[k] / c.predicted_std[k]:.3f}"
+        rows.append([axis, "deg" if k < 3 else "mm", *numbers, ratio, f"{low:.3f} to {high:.3f}"])
+    return [Table("", head, rows, frozenset({1}))]
+
+
+def _few_numbers(c: Consistency) -> list[Block]:
+    """Return the share of the errors in the 95 % ellipsoid, and whether X is biased."""
+    if c.coverage is None or c.coverage_interval is None:
+        return []
+    k = LEVELS.index(0.95)
+    share, low, high = (_share(x, c) for x in (c.coverage[0, k], *c.coverage_interval[0, k]))
+    text = f"The 95 % ellipsoid holds {share} % of the errors ({_percent(c.confidence)} interval: {low} to {high} %)."
+    if c.bias_p_value is not None:
+        found = "A" if c.bias_p_value < 1 - c.confidence else "No"
+        text += f" {found} bias of X was found ({probability(c.bias_p_value)})."
+    return [Paragraph(text)]
+
+
+def _consistent(c: Consistency, method: str | None) -> str:
+    """Return that no test rejects."""
     T = c.sums.count
-    start = f"{_subject(c)} true as far as {T:,} {'estimates' if c.failures else 'trials'} can tell"
+    count = f"{T:,} {'estimates' if c.failures else 'trials'}"
+    start = f"{_subject(c, method)} consistent with this noise, as far as {count} can tell"
     if T < FEW:
         start = "No test contradicts the covariance" if not c.own else "No test contradicts the trials' own covariances"
     if c.size is None or c.size_by_chance is None:
         return f"{start}: {_expected(c)}."
     return (
-        f"{start}: {_expected(c)}; in no direction is a standard deviation off by more than {_change(c.size)}, where "
-        f"chance explains {digits(100 * c.size_by_chance, 2)} %."
+        f"{start}: {_expected(c)}; no standard deviation is off by more than {_change(c.size)} in any direction "
+        f"({digits(100 * c.size_by_chance, 2)} % by chance)."
     )
 
 
-def _false(c: Consistency) -> str:
+def _inconsistent(c: Consistency, method: str | None) -> str:
     """Some test rejects: what is wrong, by how much."""
+    subject = _subject(c, method)
     assert c.mean_nees is not None and c.nees_interval is not None
     says = "than they say" if c.own else "than it says"
     if c.size is None or c.overall is None or c.eigenvalues is None or c.directions is None or c.worst is None:
         (low, high), nees = c.nees_interval[0], c.mean_nees[0]
         word = "too small" if nees > high else "too large" if nees < low else "wrong"
-        return f"{_subject(c)} {word}: {_expected(c)}{_holds(c)}."
+        return f"{subject} {word} for this noise: {_expected(c)}{_holds(c)}."
     assert c.kurtosis is not None and c.kurtosis_error is not None
     assert c.eigenvalue_interval is not None and c.size_error is not None
     where = in_words(c.directions[c.worst])
@@ -149,22 +204,22 @@ def _false(c: Consistency) -> str:
     if c.harmless:
         of = f"{c.sums.count:,} {'estimates' if c.failures else 'trials'}"
         return (
-            f"{_subject(c)} not exactly true: standard deviations differ by {_change(c.overall)} over all directions, "
-            f"by {_change(c.size)} (+- {error}) at most. That is significant with {of}, but of no "
+            f"{subject} not exactly consistent with this noise: standard deviations differ by {_change(c.overall)} "
+            f"over all directions, by {_change(c.size)} (+- {error}) at most. That is significant with {of}, but of no "
             f"practical weight below {_percent(HARMLESS)}."
         )
     tails = abs(c.kurtosis) > _CLEAR * c.kurtosis_error
     if c.same_spread and tails:
         heavy = "heavier" if c.kurtosis > 0 else "lighter"
         return (
-            f"{_subject(c)} right in size (standard deviations are {_change(c.overall)} off over all directions), but "
+            f"{subject} right in size (standard deviations are {_change(c.overall)} off over all directions), but "
             f"the errors are not Gaussian, their tails are {heavy}{_holds(c)}."
         )
     if c.same_spread and c.bias_p_value is not None and c.bias_p_value < 1 - c.confidence:
         assert c.bias is not None and c.predicted is not None
         added = float(c.bias @ np.linalg.solve(c.predicted, c.bias))
         return (
-            f"{_subject(c)} right in size, but the estimate is biased: {_expected(c)}; the mean error adds "
+            f"{subject} right in size, but the estimate is biased: {_expected(c)}; the mean error adds "
             f"{digits(added, 2)} to it{_holds(c)}."
         )
     low, high = c.eigenvalues[[0, 5]] / c.eigenvalue_interval
@@ -185,7 +240,7 @@ def _false(c: Consistency) -> str:
             f"standard deviations are {_change(c.overall, says)} over all directions, {_change(c.size, '')} "
             f"(+- {error}) in the worst, {where}"
         )
-    text = f"{_subject(c)} {word}: {text}{_axes_off(c)}{_holds(c)}"
+    text = f"{subject} {word} for this noise: {text}{_axes_off(c)}{_holds(c)}"
     if tails and c.kurtosis > 0:
         text += "; the errors have heavier tails than Gaussian ones"
     return f"{text}."
@@ -254,7 +309,7 @@ def _nees(c: Consistency) -> list[Block]:
     """Mean NEES with the interval of a consistent covariance."""
     if c.mean_nees is None or c.nees_interval is None:
         return []
-    head = ["NEES", "expected", "mean", f"{_percent(c.confidence)} interval if true", "p"]
+    head = ["NEES", "expected", "mean", f"{_percent(c.confidence)} interval", "p"]
     rows = []
     for part, size, mean, (low, high) in zip(PARTS, SIZES, c.mean_nees, c.nees_interval, strict=True):
         p = f"{c.p_values[f'mean NEES, {part}']:.1g}"

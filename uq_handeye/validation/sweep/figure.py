@@ -93,7 +93,7 @@ def sweep_figure(result: Drawn) -> Figure:
     for axis in axes.flat[len(result.methods) :]:
         axis.set_axis_off()
     for axis in axes[:, 0]:
-        axis.set_ylabel("mean NEES, joint (6 if true)", fontsize=8)
+        axis.set_ylabel("mean NEES, joint (6 if consistent)", fontsize=8)
     for k in range(columns):
         lowest = min(rows - 1, (len(result.methods) - 1 - k) // columns)
         axes[lowest, k].set_xlabel("noise, in your standard deviations", fontsize=8)

@@ -12,9 +12,10 @@ from ...files.atomic import json_text
 from ...geometry.conventions import CONVENTION
 from ...noise.models import Noise
 from ...noise.to_dict import noise_to_dict
-from ...presentation.document import document_of, to_text
+from ...presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...presentation.notebook import to_html
 from ..monte_carlo.consistency import PARTS
+from ..noise_of_data import NoiseOfData
 from .level import CONFIDENCE, KINDS, level_dict
 from .limits import MethodSweep, _ends
 
@@ -40,6 +41,7 @@ class Sweep:
     trials: int
     seed: int
     tolerance: float
+    noise_of_data: NoiseOfData | None = None  # checks of the noise against the data
 
     def __getitem__(self, method: str) -> MethodSweep:
         for found in self.methods:
@@ -53,12 +55,15 @@ class Sweep:
         return f"Sweep({self.trials:,} trials per level, covariance of the noise times a factor; first order: {ends})"
 
     def _repr_html_(self) -> str:
-        """For notebooks."""
-        return to_html("Sweep of the noise", document_of(self), seen=1 + len(self.methods))
+        """Return the verdict and the sentences of the methods, with their levels folded, for notebooks."""
+        return to_html("Sweep of the noise", document_of(self, verbose=True), seen=2 + len(self.methods))
 
-    def summary(self) -> str:
-        """Return up to which noise each covariance is valid, in words and as a table."""
-        return to_text(document_of(self))
+    def summary(self, verbose: bool = False) -> str:
+        """Return the noise that each covariance is valid for as text of 80 columns; ``verbose``: all levels, too."""
+        return to_text(document_of(self, verbose=verbose), WIDTH if verbose else COLUMNS)
+
+    def __str__(self) -> str:
+        return self.summary()
 
     def figure(self, path: str | Path) -> Path:
         """Write the mean NEES against the noise as ``.png`` or ``.svg``."""
@@ -84,6 +89,7 @@ class Sweep:
             "seed": self.seed,
             "tolerance": self.tolerance,
             "confidence": CONFIDENCE,
+            "noise_of_data": None if self.noise_of_data is None else self.noise_of_data.to_dict(),
             "methods": [
                 {
                     "method": found.method,

@@ -45,6 +45,7 @@ from ...poses.timing import warn_left_out
 from ...runtime.progress import progress_bar
 from ...runtime.threads import one_thread
 from ...simulation.experiment import Experiment, Fitted, experiment, problem_of
+from ..noise_of_data import noise_of_data
 from .level import KINDS, Level, Task, level_at
 from .limits import MethodSweep, limit_of
 from .result import Sweep
@@ -110,6 +111,7 @@ def sweep(
     >>> found["4dpa"].own.first_order.holds, found["4dpa"].at(900).first_order.holds
     (True, False)
     """
+    given = data
     data, noise, estimated = problem_of(data, noise)
     warn_left_out("sweep()", data)
     names, grid = _checked(methods, factors, trials, seed, tolerance)
@@ -140,6 +142,7 @@ def sweep(
         trials=trials,
         seed=seed,
         tolerance=tolerance,
+        noise_of_data=noise_of_data(given, data, problem.noise, estimated),
     )
 
 
