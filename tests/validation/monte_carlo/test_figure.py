@@ -97,7 +97,10 @@ def test_the_text_says_the_verdict_first_and_every_number_with_its_unit(rng):
 
 def test_every_run_has_a_text_without_nan(rng):
     for name, result in cases(rng).items():
-        text, short = to_text(monte_carlo_document(result, verbose=True)), to_text(monte_carlo_document(result), COLUMNS)
+        text, short = (
+            to_text(monte_carlo_document(result, verbose=True)),
+            to_text(monte_carlo_document(result), COLUMNS),
+        )
         assert "nan" not in text.lower().replace("nan-", "") and "inf" not in text.lower(), name
         assert max(map(len, text.splitlines())) <= 120
         assert max(map(len, short.splitlines())) <= 80 and len(short.splitlines()) <= 30, name
