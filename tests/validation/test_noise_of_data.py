@@ -1,4 +1,4 @@
-"""What a validation says of the noise: that it cannot judge it, next to what the data say about it."""
+"""Limits of a validation in its texts: it cannot judge the noise, and the data can."""
 
 import json
 

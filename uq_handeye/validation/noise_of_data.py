@@ -1,4 +1,4 @@
-"""What the data say about the noise that a validation draws.
+"""Checks of the noise that a validation draws, against its data.
 
 A validation draws the noise that is given or estimated and tests whether a covariance follows from it. It cannot tell
 whether that noise is the noise of these data; their residuals can. A calibration has tested them (its ``checks``). For
@@ -77,7 +77,7 @@ class NoiseOfData:
 
     @property
     def warns(self) -> str:
-        """What comes before the checks that warn."""
+        """Words before the checks that warn."""
         return f"On these data {'calibrate warns' if self.by == 'calibrate' else 'the residuals contradict it'}:"
 
     def to_dict(self) -> dict[str, Any]:

@@ -162,7 +162,7 @@ class MonteCarlo(ReadOnlyArrays):
 
     @property
     def verdict(self) -> str:
-        """Whether the covariance is consistent with the noise, by how much it is wrong if not, and what limits this."""
+        """Verdict: consistency of the covariance with the noise, by how much it is wrong, and the limits of the run."""
         with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
             return f"{verdict(self.consistency, self.method)} {limit(WHO, self.noise_of_data)}"
 
