@@ -8,7 +8,7 @@ shared errors, drift, arms without URDF, poses from corners, and files that are 
 distance of the target are divided by the accuracy stated for the worst direction (1 sigma). The headline holds where
 none of the three is beyond 3. ``chance`` is how often Gaussian errors of the stated covariance would be.
 
-Seed 2020. 20 rigs of each kind with ``--full``, 1 without.
+Seed 2020. 30 rigs of each kind with ``--full``, 1 without.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from studies.headline.rigs import KINDS, Rig
 from uq_handeye.geometry.se3 import Array
 from uq_handeye.runtime.progress import progress_bar
 
-SEED, RIGS = 2020, 20
+SEED, RIGS = 2020, 30
 BEYOND = 3.0
 SAMPLES = 2000
 

@@ -417,9 +417,13 @@ def calibrated(
     noise: "Noise | None",
     shared: "list[SharedError] | None",
     pairs: str = "all",
+    *,
+    shows_checks: bool = True,
     **beforehand: Any,
 ) -> "Calibration | None":
     """Calibrate, with its warnings: every other command starts from its poses, noise and X.
+
+    ``shows_checks``: the text of the command has the checks of the calibration, in place of warnings.
 
     Return None if `calibrate` refuses the data, unless X or W are known ``beforehand``: then raise its error.
     """
@@ -427,7 +431,7 @@ def calibrated(
 
     with timed("calibrating"), suppress(*(() if beforehand else (InputError, NotConvergedError))), withheld() as shown:
         result = calibrate(poses, noise=noise, pairs=pairs, shared=shared, **beforehand)
-        if result.noise is not None and not verbose():  # the text of what follows has them as checks
+        if result.noise is not None and shows_checks and not verbose():
             shown += result.warnings
         return result
     return None

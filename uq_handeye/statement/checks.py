@@ -33,6 +33,8 @@ Status = Literal["ok", "caution", "failed", "not run"]
 STATUSES: tuple[Status, ...] = get_args(Status)
 # Beyond these standard deviations X is not determined: a rotation (rad), a translation in distances of the target.
 _LOST_ROTATION, _LOST_TRANSLATION = np.radians(20.0), 0.5
+# Where more poses are rejected than this share of fewer than so many, the others are no proof of X.
+_FEW_WRONG, _MANY = 0.35, 20
 _PARTS = (slice(0, 3), slice(3, 6))  # rotation, translation
 
 
@@ -69,6 +71,10 @@ def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
 def reasons_of(result: Stated) -> tuple[str, ...]:
     """Return why X cannot be used, the decisive reason first; nothing where it can."""
     found = list(failures_in_words(_all_findings(result)))
+    if result.table is not None and len(result.table) < _MANY:
+        rejected, n = len(result.table.rejected), len(result.table)
+        if rejected > _FEW_WRONG * n:  # of few poses as many as are left may agree on a wrong X by chance
+            found.append(f"{rejected} of {n} {result.table.item}s contradict X")
     if result.covariance is not None:
         turn, move = (float(np.sqrt(np.linalg.eigvalsh(result.covariance[part, part])[-1])) for part in _PARTS)
         if turn > _LOST_ROTATION or move > _LOST_TRANSLATION * distance_of(result.analysis)[0]:

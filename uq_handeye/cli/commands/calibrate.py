@@ -355,6 +355,11 @@ def _write_result(
     from ...report.figures import figures
 
     files: dict[str, Any] = {"result.json": json_of(result, verdict), **_exports(result)}
+    seen = getattr(result.data, "camera_calibration", None)
+    if seen is not None:  # the intrinsics, with the poses and corners that belong to them
+        from ...camera.files.folder_writer import camera_files
+
+        files |= camera_files(seen)
     if result.table is not None:
         files["poses.csv"] = result.table.to_dataframe().to_csv(index=False, lineterminator="\n")
     for stem, figure in figures(result, check, comparison).items():

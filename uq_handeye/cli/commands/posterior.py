@@ -94,7 +94,9 @@ def posterior_command(
     from ...validation.posterior.sample import sample_posterior
 
     pairs = pairs if isinstance(noise, PairNoise) else "all"
-    problem = problem_for(calibrated(poses, noise, shared, pairs, **beforehand), poses, noise, shared, pairs)
+    problem = problem_for(
+        calibrated(poses, noise, shared, pairs, shows_checks=False, **beforehand), poses, noise, shared, pairs
+    )
     if output is not None:
         write_files(output, {})  # makes the folder, or says why not
         output.mkdir(parents=True, exist_ok=True)
