@@ -133,7 +133,7 @@ def test_what_corners_of_a_picture_share_is_carried_beside_a_known_robot():
     assert np.mean(found) < 9
     assert 0.05 < np.median(pixels) < 0.025 * np.sqrt(54)
     said = [one for one in result.findings if one.code == "noise_estimation.camera_excess"]
-    assert said[0].severity == "caution" and "those of one picture share errors" in str(said[0])
+    assert said[0].severity == "caution" and "the corners of one picture share errors" in str(said[0])
     again = uq.Calibration.from_dict(json.loads(result.to_json()))
     assert again.noise_estimate.to_dict() == result.noise_estimate.to_dict()
     assert not result.noise_estimate.tested and result.fit.p_value is None

@@ -108,7 +108,8 @@ def test_merged_sources_keep_the_whole(by_default):
 def test_coupled_errors_are_one_source(poses):
     rng = np.random.default_rng(SEED)
     A = rng.normal(size=(6, 6)) * np.array([1e-3] * 3 + [5e-4] * 3)[:, None]
-    summary = quietly(poses, noise=uq.PoseNoise(robot=NOISE.robot, camera=A @ A.T + 1e-8 * np.eye(6))).summary()
+    noise = uq.PoseNoise(robot=NOISE.robot, camera=A @ A.T + 1e-8 * np.eye(6))
+    summary = quietly(poses, noise=noise).summary(verbose=True)
     assert "camera (rotation and translation)" in summary and "robot rotation" in summary
     assert "effective degrees of freedom" in summary and "In the worst direction U is" in summary
 

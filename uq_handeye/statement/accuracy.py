@@ -87,12 +87,12 @@ def accuracy_of(result: Stated) -> Accuracy | None:
     factors = _factors(budget, result, distance)
     words = [f"{text} (assumed)" if default else text for text, default in included(result)]
     return Accuracy(
-        translation=sizes["X translation"],
-        rotation=sizes["X rotation"],
-        point=point,
-        translation_95=factors["X translation"] * sizes["X translation"],
-        rotation_95=factors["X rotation"] * sizes["X rotation"],
-        point_95=factors["point"] * point,
+        translation=_steady(sizes["X translation"]),
+        rotation=_steady(sizes["X rotation"]),
+        point=_steady(point),
+        translation_95=_steady(factors["X translation"] * sizes["X translation"]),
+        rotation_95=_steady(factors["X rotation"] * sizes["X rotation"]),
+        point_95=_steady(factors["point"] * point),
         distance=distance,
         distance_known=known,
         parts=() if budget is None else parts_of(budget),
@@ -112,7 +112,7 @@ def parts_of(budget: Budget) -> tuple[Part, ...]:
         squares[name] = squares.get(name, np.zeros(2)) + np.square([move, turn])
     scale = np.maximum(np.sum(list(squares.values()), axis=0), 1e-300)
     order = sorted(squares, key=lambda name: -float((squares[name] / scale).max()))
-    return tuple(Part(name, *np.sqrt(squares[name]).tolist()) for name in order)
+    return tuple(Part(name, *map(_steady, np.sqrt(squares[name]).tolist())) for name in order)
 
 
 def _part_name(source: str, together: bool) -> str:
@@ -137,6 +137,11 @@ def _factors(budget: Budget | None, result: Stated, distance: float) -> dict[str
     found: dict[str, Expanded] = budget.expanded(worst=True)
     found |= budget.budget_at(np.array([0.0, 0.0, distance])).expanded(worst=True)
     return {name: of.k for name, of in found.items()}
+
+
+def _steady(number: float) -> float:
+    """Return the number without the last digits, which differ when it is computed again from a file."""
+    return float(f"{number:.9g}")
 
 
 def _worst(S: Array) -> float:
