@@ -43,6 +43,7 @@ class _Run:
     no_color: bool = False
     said: set[str] = field(default_factory=set)  # warnings: several steps of a command may give the same
     held: list[tuple[str, type[Warning]]] | None = None  # warnings that may be part of the result
+    shown: list[str] = field(default_factory=list)  # ... and those that are
 
 
 _run = _Run()
@@ -141,6 +142,7 @@ def withheld() -> Iterator[list[str]]:
         for text, category in held:
             if text in shown:
                 LOG.warning("%s", text, extra={"shown": True})
+                _run.shown.append(text)
             else:
                 _warn(text, category)
 
@@ -177,6 +179,8 @@ def timed(what: str) -> Iterator[None]:
 
 def fail(message: str) -> int:
     """Print the one line of an error and return the exit status of bad input."""
+    for text in _run.shown:  # held back for a text that does not come
+        LOG.warning("%s", text)
     LOG.error(" ".join(message.split()))
     return 2
 

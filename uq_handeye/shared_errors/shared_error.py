@@ -237,7 +237,7 @@ class SharedError(ReadOnlyArrays):
 
         `calibrate` binds an error to its poses where that has not been done.
         """
-        return self if self.bind is None else replace(self.bind(poses), default=self.default)
+        return self if self.bind is None else replace(self.bind(poses), default=self.default, stated=self.stated)
 
     def at(self, poses: PosePairs) -> Array:
         """F (n, 6, k) at these poses; raises `InputError` where they do not tell it."""
@@ -276,7 +276,7 @@ def error_by_part(name: str) -> tuple[SharedError, int] | None:
 
 def assumed_accuracy() -> SharedError:
     """Return the accuracy of a robot of which nothing is declared: at `TYPICAL`, to be scaled by the residuals."""
-    return replace(SharedError.robot_accuracy(*TYPICAL), default=True)
+    return replace(SharedError.robot_accuracy(*TYPICAL), default=True, stated="by the residuals")
 
 
 def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:

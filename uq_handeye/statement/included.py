@@ -51,7 +51,8 @@ def not_included(result: Stated) -> list[str]:
     target = "target shape" if TARGET_SCALE in names or of_camera(result) else "target size"
     robot = "robot kinematics"
     if any(error.error == ROBOT_ACCURACY for error in result.shared):
-        robot = "robot errors beyond those declared"
+        assumed = all(error.default for error in result.shared if error.error == ROBOT_ACCURACY)
+        robot = f"robot errors beyond those {'assumed' if assumed else 'declared'}"
     if set(DECLARED_AS) & set(map(group_of, names)):
         robot = "arm errors outside its model"
     return [camera, robot, target]
