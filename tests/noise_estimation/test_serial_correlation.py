@@ -187,7 +187,7 @@ def test_calibrate_says_it_and_has_it_in_the_number(moved):
     shares = result.analysis.budget.shares[result.analysis.budget.sources.index("drift of the camera")]
     assert (shares[:6] > 0.5).all()
     np.testing.assert_allclose(result.analysis.budget.covariance[:6, :6], result.covariance, rtol=1e-6, atol=1e-12)
-    text = result.summary()
+    text = result.summary(verbose=True)
     assert "drift of the camera, translation" in text and text.count("drift of the camera") > 2
     stated = next(f for f in result.noise_estimate.findings if f.code == "noise_estimation.told_by_data")
     whole = result.noise_estimate["rotation, robot and camera together"]

@@ -269,7 +269,7 @@ class TestInCalibrate:
         np.testing.assert_array_equal(result.X, first_order.X)
         assert np.abs(whitened_eigenvalues(result.covariance, first_order.covariance) - 1).max() > 1e-4
         assert result.W is not None and result.covariance_W is None
-        assert "beyond first order of the noise given" in result.summary()
+        assert "beyond first order, of the noise given" in result.summary(verbose=True)
 
     def test_the_truth_of_simulated_poses_is_not_used(self):
         poses = self.poses()
@@ -287,7 +287,7 @@ class TestInCalibrate:
         result = uq.calibrate(self.poses(), noise=self.NOISE, covariance="sigma-points")
         result.to_json(tmp_path / "result.json")
         assert uq.Calibration.from_json(tmp_path / "result.json").covariance_kind == "sigma-points"
-        assert "beyond first order of the noise given" in result.summary()
+        assert "beyond first order, of the noise given" in result.summary(verbose=True)
 
     def test_refused_with_a_kind_of_first_order(self):
         with pytest.raises(uq.InputError, match="first order only"):

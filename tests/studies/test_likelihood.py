@@ -47,7 +47,7 @@ def test_verdicts_follow_the_table(least, largest, nees, near, true):
     joint = pd.concat([table(told=told) for told in ("joint", "independent")])
     text = findings({"bound": row, "limits": row, "joint": joint})
     assert f"at the bound in {int(near)} of 1 rows" in text
-    assert f"NEES of a true covariance in {int(true)} of 1" in text
+    assert f"NEES of a consistent covariance in {int(true)} of 1" in text
     assert ("60 pairs, 1 mrad: 5.0" in text) is not true
 
 

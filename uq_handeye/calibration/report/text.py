@@ -128,7 +128,8 @@ def _scope(result: Calibration) -> list[Block]:
     if result.analysis is not None:
         within += " Shifts of X above are given as d, in standard deviations."
     shared = " and of the shared errors in the table" if result.shared else ""
-    scope = f"The standard deviations are 1 sigma, to first order, of {source_words(result)}{shared}."
+    order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
+    scope = f"The standard deviations are 1 sigma, {order}, of {source_words(result)}{shared}."
     return [Paragraph(within), Paragraph(f"{scope} {included_words(result)}")]
 
 
