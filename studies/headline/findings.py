@@ -1,4 +1,4 @@
-"""What the study says, from its table."""
+"""Findings of the study, from its table."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.geometry.se3 import inverse, perturb
 from uq_handeye.likelihood.gauss_helmert import efficient
 from uq_handeye.shared_errors.camera_noise import _derivatives, _lens_of
+from uq_handeye.shared_errors.shared_error import default_errors
 
 K = np.array([[1100.0, 0, 640], [0, 1090, 470], [0, 0, 1]])
 POINTS = board()
@@ -135,7 +136,7 @@ def test_errors_are_consistent_and_with_exact_intrinsics_they_are_not():
     p, d2 = [], []
     for seed in range(sets):
         poses, rounded, X, _ = finished(np.random.default_rng([17, seed]))
-        result = calibrate(poses, noise=uq.camera_noise(poses, POINTS, rounded))
+        result = calibrate(poses, noise=uq.camera_noise(poses, POINTS, rounded), shared=list(default_errors(True)))
         p.append(result.reference.p_value(squared(result.X, result.covariance, X)))
         found = efficient(
             poses, uq.PoseNoise(ROBOT, uq.camera_noise(poses, POINTS, rounded, "exact", pixel_sd=PIXEL).covariance())

@@ -263,6 +263,7 @@ def test_defaults_and_what_replaces_them():
         ("focal length", 5e-3),
         ("principal point", 1e-3),
         ("target scale", 0.0),
+        ("robot accuracy", 1.0),  # in units of what `calibrate` makes of the residuals
         ("robot scale", 1e-4),
     ]
     assert errors[2].doubt is None

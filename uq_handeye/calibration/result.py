@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -19,7 +18,6 @@ from ..diagnostics.split_half import SplitHalf
 from ..diagnostics.task_space import PointUncertainty
 from ..errors import InputError
 from ..files.atomic import json_text
-from ..files.open import as_path, opened
 from ..findings import Finding, texts
 from ..formatting.numbers import concise, digits
 from ..geometry import conventions
@@ -45,27 +43,22 @@ from ..prediction.workspace import WorkspacePrediction, over_workspace
 from ..presentation.document import COLUMNS, document_of, to_text
 from ..presentation.notebook import html_of
 from ..runtime.read_only import ReadOnlyArrays
-from ..statement.accuracy import Accuracy, accuracy_of
-from ..statement.checks import Check, cautions_of, checks_of, reasons_of
-from ..statement.headline import headline_of
+from ..statement.of_result import Statement
 from ..statement.stated import distance_of
-from ..statement.tolerance import Tolerance, Verdict, verdict_of
 from .analysis import Analysis, StoredAnalysis
 from .estimated_poses import EstimatedPoses
 from .provenance import Provenance
 from .report.plotted import Plotted
-from .result_file import FORMAT, FourDPA, finite, from_dict, plain
+from .result_file import FORMAT, FourDPA, finite, from_dict, parsed, plain
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from ..report.page import CrossCheck, Methods
 
-MAX_BYTES = 500_000_000  # of a result's file
-
 
 @dataclass(frozen=True, eq=False)
-class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
+class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
     """X of AX = XB and what is known about it.
 
     Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,
@@ -216,56 +209,6 @@ class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
     def budget(self) -> Budget:
         """Shares of the variance by noise source."""
         return self._analysed().budget
-
-    @cached_property
-    def accuracy(self) -> Accuracy | None:
-        """The total standard uncertainty of X in the worst direction, and what it includes; None: not determined."""
-        return accuracy_of(self)
-
-    @cached_property
-    def checks(self) -> tuple[Check, ...]:
-        """The checks of data and fit, one line each: ok, caution, failed or not run."""
-        return checks_of(self)
-
-    @property
-    def cautions(self) -> tuple[Finding, ...]:
-        """The findings that are more than a note, those of the diagnostics too, in the order of their effect on X."""
-        return cautions_of(self)
-
-    @property
-    def usable(self) -> bool:
-        """True if X explains the poses and is determined by them; `reasons` says why not."""
-        return not self.reasons
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons why X cannot be used, the decisive one first; empty where it can."""
-        return reasons_of(self)
-
-    @property
-    def headline(self) -> str:
-        """Accuracy of X in one sentence; or ``NOT USABLE:`` and the decisive reason."""
-        return headline_of(self)
-
-    def verdict(
-        self, tolerance: str | tuple[float | None, float | None] | Tolerance, at: str | float | None = None
-    ) -> Verdict:
-        """Return whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability (`statement.tolerance`).
-
-        Parameters
-        ----------
-        tolerance : str, (m, rad) or Tolerance
-            Such as ``"1mm,0.1deg"``, ``"1mm"`` or ``"0.1deg"``: the largest errors that are accepted.
-        at : str, float or None
-            Distance (m, or text with its unit) of a point ahead of the camera, whose error the length is then of; None:
-            the length is of the translation of X.
-
-        Raises
-        ------
-        InputError
-            A tolerance that cannot be read.
-        """
-        return verdict_of(self, tolerance, at)
 
     def _analysed(self) -> Analysis | StoredAnalysis:
         if self.analysis is None:
@@ -547,17 +490,8 @@ class Calibration(EstimatedPoses, Plotted, ReadOnlyArrays):
     @classmethod
     def from_json(cls, path: str | Path) -> Calibration:
         """Read what `to_json` wrote."""
-        with opened(as_path(path), MAX_BYTES) as file:
-            text = file.read()
-        try:
-            data = json.loads(text.decode("utf-8"), parse_constant=_refuse)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{path} is not JSON: {error}.") from error
+        data = parsed(path)
         try:
             return cls.from_dict(data)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-
-
-def _refuse(constant: str) -> None:
-    raise ValueError(f"it holds {constant}")

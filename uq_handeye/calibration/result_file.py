@@ -6,6 +6,7 @@ Reading checks types, shapes, that all is finite, and that numbers which others 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
@@ -15,6 +16,7 @@ from ..diagnostics.pose_table import PoseTable
 from ..errors import InputError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..files.about import as_about
+from ..files.open import StrPath, as_path, opened
 from ..files.validate import misfit, not_finite, unequal
 from ..findings import Finding
 from ..geometry.checks import as_transforms, checked_covariance
@@ -83,6 +85,23 @@ class FourDPA(NamedTuple):
 
     X: Array  # (4, 4)
     covariance: Array | None  # (6, 6), to first order, at the same noise
+
+
+MAX_BYTES = 500_000_000
+
+
+def parsed(path: StrPath) -> Any:
+    """Return what the JSON of a file holds; raises `InputError` where it is no JSON, or larger than a result can be."""
+    with opened(as_path(path), MAX_BYTES) as file:
+        text = file.read()
+    try:
+        return json.loads(text.decode("utf-8"), parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is not JSON: {error}.") from error
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"it holds {constant}")
 
 
 def from_dict(kind: type[C], data: dict[str, Any]) -> C:
