@@ -1,6 +1,6 @@
 """Calibration, Monte Carlo, posterior and cross-check speak of one X: the same poses, weights and noise.
 
-The accuracy that is assumed of a robot is beside the noise: the covariance of the result has it, that of the fit has not.
+The accuracy assumed of a robot is beside the noise: the covariance of the result has it, that of the fit has not.
 """
 
 from dataclasses import replace
