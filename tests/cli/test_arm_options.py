@@ -12,7 +12,7 @@ from scipy import stats
 from support import CONFIDENCE, SEED, difference, moved, random_transforms
 
 import uq_handeye as uq
-from uq_handeye.cli import arm_options
+from uq_handeye.cli.options import arm as arm_options
 from uq_handeye.io import write_pose_file
 from uq_handeye.kinematics import kinematic_errors
 from uq_handeye.kinematics.chain import Kinematics

@@ -15,9 +15,9 @@ from cli_cases import NOISE, run, write_session
 import uq_handeye as uq
 from uq_handeye.calibration.request import BUNDLE, COVARIANCES
 from uq_handeye.cli import app as cli
-from uq_handeye.cli import options as cli_options
 from uq_handeye.cli.commands import files as cli_files
-from uq_handeye.cli.options import choices, made_of, methods_of, one_of
+from uq_handeye.cli.options import common as cli_options
+from uq_handeye.cli.options.common import choices, made_of, methods_of, one_of
 from uq_handeye.estimators import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.export import FORMATS as EXPORTED
 from uq_handeye.formatting.units import LENGTH_UNITS

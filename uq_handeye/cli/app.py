@@ -32,7 +32,7 @@ from .commands.sync import sync_command
 from .commands.validate import INTERRUPTED, validate_command
 from .help import Command, Program, with_help_all
 from .messages import LOG, fail, fail_internally, messages
-from .options import with_messages
+from .options.common import with_messages
 
 # Commands with --time-tolerance.
 _PAIRING = {"calibrate", "compare", "plan", "validate", "posterior", "cross-check"}

@@ -8,7 +8,7 @@ import typer
 
 from .groups import OUTPUT, common_in
 from .messages import LOG
-from .options import named_folder, require_writable
+from .options.common import named_folder, require_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from .groups import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, position
 from .messages import coloured, terminal_width
-from .options import with_parameters
+from .options.common import with_parameters
 
 # Largest width of a page and of a name, in columns.
 WIDE, NAME = 100, 28

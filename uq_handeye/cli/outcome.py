@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ..errors import InputError, NotConvergedError
 from .groups import OUTPUT
 from .messages import LOG, fail, quiet, styled, terminal_width, verbose
-from .options import emit, emit_document, option
+from .options.common import emit, emit_document, option
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration

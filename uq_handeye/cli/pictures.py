@@ -8,7 +8,7 @@ from ..errors import InputError
 from ..runtime.progress import working
 from .groups import CAMERA_MODEL, PICTURES
 from .messages import LOG, progress_wanted, timed
-from .options import one_of, option
+from .options.common import one_of, option
 
 if TYPE_CHECKING:
     from ..camera.board import Board

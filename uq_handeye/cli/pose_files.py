@@ -1,22 +1,20 @@
 """Options of the pose files, and how they are read."""
 
 import warnings
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import InputError, InputWarning, NotConvergedError
-from .arm_options import Arm
+from ..errors import InputError, InputWarning
 from .groups import POSE_FILES
-from .messages import LOG, command_line, timed, verbose, withheld
-from .noise_options import EXACT, Given
-from .options import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, one_of, option
+from .messages import LOG, command_line, timed
+from .options.arm import Arm
+from .options.common import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, one_of, option
+from .options.noise import EXACT, Given
 
 if TYPE_CHECKING:
-    from ..calibration.result import Calibration
     from ..noise.camera_noise import CameraNoise
     from ..noise.estimate import NoisePrior
     from ..noise.models import Noise, PoseNoise
@@ -410,50 +408,6 @@ def missing_robot(instead: str = ", or --joints and --urdf") -> InputError:
     """Return the error of missing robot poses."""
     command = " ".join(command_line().split()[:2])
     return InputError(f"Missing argument 'ROBOT'{instead} (see {command} --help).")
-
-
-def calibrated(
-    poses: "PosePairs",
-    noise: "Noise | None",
-    shared: "list[SharedError] | None",
-    pairs: str = "all",
-    *,
-    shows_checks: bool = True,
-    **beforehand: Any,
-) -> "Calibration | None":
-    """Calibrate, with its warnings: every other command starts from its poses, noise and X.
-
-    ``shows_checks``: the text of the command has the checks of the calibration, in place of warnings.
-
-    Return None if `calibrate` refuses the data, unless X or W are known ``beforehand``: then raise its error.
-    """
-    from ..calibration.calibrate import calibrate
-
-    with timed("calibrating"), suppress(*(() if beforehand else (InputError, NotConvergedError))), withheld() as shown:
-        result = calibrate(poses, noise=noise, pairs=pairs, shared=shared, **beforehand)
-        if result.noise is not None and shows_checks and not verbose():
-            shown += result.warnings
-        return result
-    return None
-
-
-def problem_for(
-    result: "Calibration | None",
-    poses: "PosePairs",
-    noise: "Noise | None",
-    shared: "list[SharedError] | None",
-    pairs: str,
-) -> dict[str, Any]:
-    """Return the arguments ``data`` and ``noise`` of a question about X: the calibration, or else what was read."""
-    from ..noise.models import PairNoise, PoseNoise
-    from ..poses.motions import relative_motions
-    from ..shared_errors.shared_error import shared_columns, with_shared
-
-    if result is not None and result.noise is not None:
-        return {"data": result}
-    if isinstance(noise, PoseNoise) and shared:
-        noise = with_shared(noise, shared_columns(shared, poses))
-    return {"data": relative_motions(poses, pairs) if isinstance(noise, PairNoise) else poses, "noise": noise}
 
 
 def _complete_noise(

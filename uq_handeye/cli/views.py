@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError
 from .groups import CAMERA_MODEL, PICTURES, VIEWS
-from .options import made_of, option
+from .options.common import made_of, option
 from .pictures import BoardOptions, LensOptions, Pictures, read_length
 
 if TYPE_CHECKING:

@@ -9,11 +9,10 @@ import typer
 
 from ...errors import InputError, NotConvergedError
 from ...runtime.progress import working
-from ..arm_options import Arm, arm_of
 from ..groups import ESTIMATION, OUTPUT
 from ..messages import LOG, command_line, progress_wanted, quiet, timed, withheld
-from ..noise_options import Given, given_of, pose_prior_of, prior_of
-from ..options import (
+from ..options.arm import Arm, arm_of
+from ..options.common import (
     AT_THE_BOUND,
     BUNDLE,
     COVARIANCE_NAMES,
@@ -29,9 +28,11 @@ from ..options import (
     option,
     require_writable,
 )
+from ..options.noise import Given, given_of, pose_prior_of, prior_of
+from ..options.report import ReportOptions, report_options_of
 from ..outcome import Wanted, emit_refusal, emit_result, json_of, wanted_of
-from ..pose_files import PoseFiles, problem_for
-from ..report_options import ReportOptions, report_options_of
+from ..pose_files import PoseFiles
+from ..starting_point import problem_for
 from ..views import pictures_of
 
 if TYPE_CHECKING:

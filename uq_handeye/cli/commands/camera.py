@@ -8,7 +8,7 @@ import typer
 from ...errors import InputError
 from ...runtime.progress import working
 from ..messages import progress_wanted, timed
-from ..options import UNITS, JsonOption, emit, folder_option, made_of, one_of, option
+from ..options.common import UNITS, JsonOption, emit, folder_option, made_of, one_of, option
 from ..pictures import BoardOptions, LensOptions, read_two_numbers
 
 TABLES = (".csv", ".txt", ".tsv")

@@ -9,7 +9,7 @@ import typer
 
 from ...errors import InputError
 from ..messages import LOG
-from ..options import emit, flag, folder_option, one_of, option
+from ..options.common import emit, flag, folder_option, one_of, option
 
 # Names of symbolic.codegen.COMMENTS, repeated here so that help and completion load quickly.
 LANGUAGE_NAMES = ("c", "cpp", "octave", "julia", "rust", "fortran", "javascript", "python", "latex")

@@ -4,12 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ...errors import InputError
-from ..arm_options import Arm, arm_of
 from ..delivery import deliver
 from ..groups import ESTIMATION, OUTPUT
 from ..messages import fail, progress_wanted, timed, verbose, withheld
-from ..noise_options import Given, given_of
-from ..options import (
+from ..options.arm import Arm, arm_of
+from ..options.common import (
     EVERY_METHOD,
     JsonOption,
     PairsOption,
@@ -21,6 +20,7 @@ from ..options import (
     methods_of,
     option,
 )
+from ..options.noise import Given, given_of
 from ..pose_files import PoseFiles
 from ..views import views_of
 

@@ -3,11 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ..arm_options import Arm, arm_of
 from ..delivery import deliver
 from ..messages import progress_wanted, timed, verbose
-from ..noise_options import Given, given_of
-from ..options import (
+from ..options.arm import Arm, arm_of
+from ..options.common import (
     JsonOption,
     PairsOption,
     WorkersOption,
@@ -20,7 +19,9 @@ from ..options import (
     option,
     require_writable,
 )
-from ..pose_files import PoseFiles, calibrated, problem_for
+from ..options.noise import Given, given_of
+from ..pose_files import PoseFiles
+from ..starting_point import calibrated, problem_for
 from ..views import views_of
 from .calibrate import REPORTS, ReportFile, write_report
 from .validate import INTERRUPTED, NOT_COMPLETE

@@ -9,9 +9,9 @@ from ...errors import InputError
 from ...runtime.progress import working
 from ..groups import OUTPUT
 from ..messages import progress_wanted, timed
-from ..options import emit, made_of, one_of, option, require_writable
+from ..options.common import emit, made_of, one_of, option, require_writable
+from ..options.report import ReportOptions, report_options_of
 from ..outcome import Wanted, emit_answer, emit_result, wanted_of
-from ..report_options import ReportOptions, report_options_of
 from .calibrate import REPORTS, NoCompare
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.

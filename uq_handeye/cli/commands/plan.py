@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ...errors import InputError
-from ..arm_options import Arm, arm_of
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..groups import JOINTS
 from ..messages import timed
-from ..noise_options import Given, given_of
-from ..options import JsonOption, emit, flag, made_of, option
+from ..options.arm import Arm, arm_of
+from ..options.common import JsonOption, emit, flag, made_of, option
+from ..options.noise import Given, given_of
 from ..pose_files import PoseFiles
 
 # The poses to take, in the folder of -o.

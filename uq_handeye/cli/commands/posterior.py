@@ -4,13 +4,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..arm_options import Arm, arm_of
 from ..delivery import deliver, wrote
 from ..groups import ESTIMATION, OUTPUT
 from ..messages import progress_wanted, timed
-from ..noise_options import Given, given_of, pose_prior_of
-from ..options import JsonOption, emit, flag, folder_option, made_of, option
-from ..pose_files import PoseFiles, calibrated, problem_for
+from ..options.arm import Arm, arm_of
+from ..options.common import JsonOption, emit, flag, folder_option, made_of, option
+from ..options.noise import Given, given_of, pose_prior_of
+from ..pose_files import PoseFiles
+from ..starting_point import calibrated, problem_for
 from ..views import views_of
 
 if TYPE_CHECKING:

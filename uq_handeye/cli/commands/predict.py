@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..arm_options import JointUnits
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
-from ..options import UNITS, JsonOption, emit, flag, option
+from ..options.arm import JointUnits
+from ..options.common import UNITS, JsonOption, emit, flag, option
 from .files import ResultFile
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from ...errors import InputError
 from ..groups import NOISE, OUTPUT
-from ..noise_options import NoiseOptions, exact_beside
-from ..options import SETUP_NAMES, emit, made_of, option
+from ..options.common import SETUP_NAMES, emit, made_of, option
+from ..options.noise import NoiseOptions, exact_beside
 
 RIG = "Rig"
 MAX_POSES = 1_000_000  # about 1 GB of memory

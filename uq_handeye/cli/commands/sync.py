@@ -5,7 +5,7 @@ from typing import Annotated
 
 from ..delivery import deliver
 from ..messages import LOG, timed
-from ..options import JsonOption, emit, flag, folder_option, made_of, one_of, option
+from ..options.common import JsonOption, emit, flag, folder_option, made_of, one_of, option
 from ..pose_files import StreamFiles
 
 CLOCKS = "Synchronisation"

@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..arm_options import Arm, arm_of
 from ..delivery import deliver, wrote
 from ..groups import OUTPUT
 from ..messages import LOG, progress_wanted, verbose
-from ..noise_options import Given, given_of, pose_prior_of
-from ..options import (
+from ..options.arm import Arm, arm_of
+from ..options.common import (
     EVERY_METHOD,
     JsonOption,
     PairsOption,
@@ -25,7 +24,9 @@ from ..options import (
     option,
     require_writable,
 )
-from ..pose_files import PoseFiles, calibrated, problem_for
+from ..options.noise import Given, given_of, pose_prior_of
+from ..pose_files import PoseFiles
+from ..starting_point import calibrated, problem_for
 from ..views import views_of
 
 if TYPE_CHECKING:

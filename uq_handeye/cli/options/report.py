@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from ..errors import InputError
-from ..files.about import ABOUT, read_about
-from .groups import OUTPUT
-from .options import flag, one_of, option
+from ...errors import InputError
+from ...files.about import ABOUT, read_about
+from ..groups import OUTPUT
+from .common import flag, one_of, option
 
 PAPERS = ("a4", "letter")
 

@@ -4,15 +4,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ..errors import InputError
-from .groups import SHARED
-from .options import one_of, option
+from ...errors import InputError
+from ..groups import SHARED
+from .common import one_of, option
 
 if TYPE_CHECKING:
-    from ..noise.models import Noise
-    from ..poses.pose_pairs import PosePairs
-    from ..shared_errors.shared_error import SharedError
-    from .views import Views
+    from ...noise.models import Noise
+    from ...poses.pose_pairs import PosePairs
+    from ...shared_errors.shared_error import SharedError
+    from ..views import Views
 
 # Values of --shared.
 DEFAULTS = ("defaults", "none")
@@ -100,9 +100,9 @@ class SharedOptions:
         views: "Views | None" = None,
     ) -> "list[SharedError] | None":
         """Return the declared errors of options and noise file with the remaining defaults, or None."""
-        from ..io import read_shared_errors
-        from ..noise.models import PairNoise
-        from ..shared_errors.shared_error import SharedError, checked_errors, replace_defaults
+        from ...io import read_shared_errors
+        from ...noise.models import PairNoise
+        from ...shared_errors.shared_error import SharedError, checked_errors, replace_defaults
 
         focal_length_px = None if views is None else views.focal_length_px
         if poses.camera_calibration is not None:

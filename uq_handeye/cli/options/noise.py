@@ -4,14 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..errors import InputError
-from .groups import NOISE, PRIOR
-from .options import made_of, option
-from .shared_options import SharedOptions
+from ...errors import InputError
+from ..groups import NOISE, PRIOR
+from .common import made_of, option
+from .shared import SharedOptions
 
 if TYPE_CHECKING:
-    from ..noise.estimate import NoisePrior
-    from ..noise.models import Noise
+    from ...noise.estimate import NoisePrior
+    from ...noise.models import Noise
 
 BOTH_EXACT = "Robot and camera cannot both be exact. Give the standard deviations of one, or neither option."
 # Value in place of standard deviations: that side has no noise.
@@ -57,9 +57,9 @@ class NoiseOptions:
 
     def read(self) -> "Noise | NoisePrior | None":
         """Return the noise of the options, a prior if they name one side only, None if they name none."""
-        from ..io import read_noise_file
-        from ..noise.estimate import NoisePrior
-        from ..noise.models import PoseNoise
+        from ...io import read_noise_file
+        from ...noise.estimate import NoisePrior
+        from ...noise.models import PoseNoise
 
         if self.noise is not None:
             noise = read_noise_file(self.noise)
@@ -97,7 +97,7 @@ class Given:
 @made_of(options=NoiseOptions, shared=SharedOptions)
 def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
     """Return noise and shared errors of the options."""
-    from ..noise.estimate import NoisePrior
+    from ...noise.estimate import NoisePrior
 
     noise = options.read()
     one_side = noise if isinstance(noise, NoisePrior) else None
@@ -106,7 +106,7 @@ def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
 
 def exact_beside(known: "NoisePrior") -> "Noise":
     """Return the noise with the side that is not given taken as exact."""
-    from ..noise.models import PoseNoise
+    from ...noise.models import PoseNoise
 
     rotation, translation, *camera = known.values.tolist()
     if not any(value > 0 for value in known.values.tolist()):
@@ -145,7 +145,7 @@ def prior_of(
     ] = 2.0,
 ) -> "NoisePrior | None":
     """Return the prior of the data sheets, or None if none is given."""
-    from ..noise.estimate import NoisePrior
+    from ...noise.estimate import NoisePrior
 
     if robot_prior is None and camera_prior is None:
         return None
@@ -178,8 +178,8 @@ def pose_prior_of(
     ] = None,
 ) -> "dict[str, Any]":
     """Return the priors of X and W as arguments of `calibrate`."""
-    from ..io import read_prior
-    from ..noise.known_values import parse_known_values as known_values
+    from ...io import read_prior
+    from ...noise.known_values import parse_known_values as known_values
 
     found: dict[str, Any] = dict(known_values(*known)) if known else {}
     for path, name, of in ((prior_x, "prior_X", "X"), (prior_w, "prior_W", "W")):
@@ -193,7 +193,7 @@ def pose_prior_of(
 
 def _deviations(value: str, name: str) -> tuple[float, float]:
     """Return the standard deviations (rad, m) of an option ROTATION,TRANSLATION."""
-    from ..formatting.units import parse_deviations
+    from ...formatting.units import parse_deviations
 
     rotation, comma, translation = value.partition(",")
     if not comma or "," in translation:

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import InputError
-from .groups import ESTIMATION, OUTPUT, common_in
-from .messages import Messages, styled, terminal_width
+from ...errors import InputError
+from ..groups import ESTIMATION, OUTPUT, common_in
+from ..messages import Messages, styled, terminal_width
 
 if TYPE_CHECKING:
-    from ..presentation.document import Document
+    from ...presentation.document import Document
 
 # The names of likelihood.ESTIMATORS, METHODS, ROBOT_WORLD_METHODS, SETUPS, request.COVARIANCES and io.FORMATS.
 AT_THE_BOUND = ("efficient", "ml")
@@ -158,7 +158,7 @@ def named_folder(directory: Path | None) -> Path | None:
         return None
     if str(directory) == ".":
         raise InputError("Expected -o to name a folder, got an empty name or '.'. Write, for example, -o result.")
-    from ..files.atomic import require_writable_folder
+    from ...files.atomic import require_writable_folder
 
     require_writable_folder(directory)
     return directory
@@ -183,7 +183,7 @@ def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = (
         return
     if suffixes and path.suffix.lower() not in suffixes:
         raise InputError(f"Expected {option} to be named {' or '.join(suffixes)}, got {str(path)!r}.")
-    from ..files.atomic import require_writable_file
+    from ...files.atomic import require_writable_file
 
     require_writable_file(path)
 
@@ -211,7 +211,7 @@ def cores() -> int:
 
 def emit_document(document: "Document") -> None:
     """Print a document, wrapped to the terminal and with its colours."""
-    from ..presentation.document import to_text
+    from ...presentation.document import to_text
 
     emit(to_text(document, terminal_width(), styled))
 

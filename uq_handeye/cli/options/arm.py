@@ -5,13 +5,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..errors import InputError
-from .groups import JOINTS
-from .options import made_of, one_of, option
+from ...errors import InputError
+from ..groups import JOINTS
+from .common import made_of, one_of, option
 
 if TYPE_CHECKING:
-    from ..kinematics.chain import Kinematics
-    from ..kinematics.kinematic_errors import KinematicErrors
+    from ...kinematics.chain import Kinematics
+    from ...kinematics.kinematic_errors import KinematicErrors
 
 # Names of kinematics.kinematic_errors, repeated here so that help and completion load quickly.
 HOW = ("estimate", "declared", "exact")
@@ -118,7 +118,7 @@ class ChainOptions:
 
     def kinematics(self) -> "Kinematics":
         """Read the kinematic chain."""
-        from ..kinematics.chain import Kinematics
+        from ...kinematics.chain import Kinematics
 
         if self.dh is not None:
             return Kinematics.from_dh(self.dh)
@@ -243,7 +243,7 @@ class ErrorOptions:
 
     def errors(self) -> "KinematicErrors":
         """Return the errors as an argument of `calibrate`."""
-        from ..kinematics.kinematic_errors import KinematicErrors
+        from ...kinematics.kinematic_errors import KinematicErrors
 
         values: dict[str, Any] = {}
         for name, of in (("how", HOW), ("robot_class", ROBOT_CLASSES), ("flange", FLANGES)):

@@ -1,0 +1,1 @@
+"""The certificate of a calibration: its budget, coverage, conditions and traceability."""

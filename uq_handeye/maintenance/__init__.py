@@ -1,0 +1,1 @@
+"""A calibration in use: checks, updates, differences."""

@@ -1,0 +1,1 @@
+"""Points that were seen and touched, and other data, against a calibration."""
