@@ -47,7 +47,8 @@ def scaled_by_residuals(fit: Fit, error: SharedError, poses: PosePairs) -> Share
     size = float(np.sqrt(variance))
     move, turn = TYPICAL
     words = f"{digits(1e3 * size * move, 2)} mm, {digits(float(np.degrees(size * turn)), 2)} deg"
-    return replace(error, sd=size * error.sd, stated=words)
+    accuracy = None if error.accuracy is None else error.accuracy.times(size)
+    return replace(error, sd=size * error.sd, stated=words, accuracy=accuracy)
 
 
 def smooth_variance(fit: Fit, error: SharedError, poses: PosePairs) -> tuple[float, float]:

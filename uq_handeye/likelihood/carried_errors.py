@@ -38,6 +38,7 @@ def carried_estimates(error: SharedError, moves: Array, covariance: Array) -> tu
         SharedEstimate(
             f"{error.name}: {k + 1}", error.name, error.side, "", 1.0, 0.0, 1.0, None, None, move,
             float(np.clip(move @ to_unit @ move, 0.0, 1.0)), stated=error.stated, default=error.default,
+            accuracy=error.accuracy,
         )
         for k, move in enumerate(moves[:6].T)
     )  # fmt: skip

@@ -37,6 +37,7 @@ from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PoseNoise
 from ..noise.square_roots import pulled, whiten
 from ..runtime.read_only import ReadOnlyArrays
+from ..shared_errors.accuracy_field import RobotAccuracy
 from ..shared_errors.shared_error import OF_LENGTHS, SharedError
 from .gauss_helmert import Fit
 
@@ -73,6 +74,7 @@ class SharedEstimate(ReadOnlyArrays):
     wide: float | None = None  # where there was doubt: the probability of the wider prior
     focal_length_px: float | None = None  # of a principal point, where it is known
     stated: str = ""  # the prior in words, where the number is in units of it
+    accuracy: RobotAccuracy | None = None  # of a robot: the prior in numbers
 
     @property
     def shown(self) -> tuple[float, str]:
@@ -91,12 +93,17 @@ class SharedEstimate(ReadOnlyArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and text."""
-        return asdict(self) | {"effect": self.effect.tolist()}
+        accuracy = {} if self.accuracy is None else {"accuracy": list(self.accuracy)}
+        return {k: v for k, v in asdict(self).items() if k != "accuracy"} | {"effect": self.effect.tolist()} | accuracy
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SharedEstimate:
         """The inverse of `to_dict`."""
-        result = cls(**data | {"effect": array_of(data["effect"], (6,), "shared.effect")})
+        accuracy = data.get("accuracy")
+        if accuracy is not None:
+            accuracy = RobotAccuracy(*array_of(accuracy, (3,), "shared.accuracy").tolist())
+        effect = array_of(data["effect"], (6,), "shared.effect")
+        result = cls(**data | {"effect": effect, "accuracy": accuracy})
         known = (result.alone is None) == (result.alone_sd is None) and (result.alone_sd is None or result.alone_sd > 0)
         focal = result.focal_length_px is None or result.focal_length_px > 0
         sizes = result.prior_sd > 0 and result.sd >= 0 and 0 <= result.share <= 1 and 0 <= (result.wide or 0) <= 1

@@ -211,7 +211,7 @@ class JointFactor:
 
     def _reflected(self, values: Array) -> Array:
         """``(I - U diag(1 / (h (1 + h))) U^T)`` times (..., n, 6, p)."""
-        flat = values.reshape(*values.shape[:-3], 6 * values.shape[-3], values.shape[-1])
+        flat = values.reshape(*values.shape[:-3], values.shape[-3] * values.shape[-2], values.shape[-1])
         flat = flat - self.U @ ((1.0 / (self.h * (1.0 + self.h)))[..., None] * (self.U.mT @ flat))
         return np.asarray(flat.reshape(*flat.shape[:-2], *values.shape[-3:]))
 

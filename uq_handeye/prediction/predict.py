@@ -112,7 +112,7 @@ def predict_camera(
     """See `Calibration.predict_camera`."""
     posterior = _posterior(result)
     from_corners = isinstance(result.data, PosePairs) and result.data.camera_calibration is not None
-    if new_measurement and _of_intrinsics(posterior) and not from_corners:
+    if new_measurement and numbers_of_intrinsics(posterior) and not from_corners:
         raise InputError(
             "The effect of the intrinsics' errors on a new measurement follows from its corners, which this result "
             "does not hold: calibrate again with the camera folder; or predict without the noise of one measurement."
@@ -136,7 +136,7 @@ def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> C
     constraint = OnPoses(ahead.poses.reshape(-1, 4, 4), flat, result.setup == "eye-to-hand")
     linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
     D_G, D_C = linear.sides
-    F_C = _columns(result, "camera", ahead.poses.reshape(-1, 4, 4), flat)
+    F_C = shared_effects(result, "camera", ahead.poses.reshape(-1, 4, 4), flat)
     by_robot = -np.linalg.solve(D_C, D_G)
     by_all = np.concatenate(
         [-np.linalg.solve(D_C, linear.J), by_robot @ ahead.columns.reshape(F_C.shape) - F_C], axis=-1
@@ -267,12 +267,12 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
         noise = np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6))
         columns = np.zeros((*G.shape[:-2], 6, len(place)))
     flat = G.reshape(-1, 4, 4)
-    more = _columns(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
+    more = shared_effects(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
     G = perturb(flat, -(more @ posterior.estimate[:, None])[..., 0]).reshape(G.shape)
     return RobotAhead(G, columns + more.reshape(columns.shape), noise)
 
 
-def _columns(result: Predicting, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
+def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
     """(m, 6, q) what shared errors of a side do to m poses, where names or the camera's calibration tell; else 0."""
     posterior = _posterior(result)
     found = np.zeros((len(robot), 6, len(posterior.names)))
@@ -282,7 +282,7 @@ def _columns(result: Predicting, side: Literal["robot", "camera"], robot: Array,
             error, part = of
             found[..., k] = error.at(poses)[..., part]
     seen = result.data.camera_calibration if isinstance(result.data, PosePairs) else None
-    index = _of_intrinsics(posterior)
+    index = numbers_of_intrinsics(posterior)
     if side == "camera" and index and seen is not None and isinstance(result.noise, PoseNoise):
         S = result.noise.camera
         assert isinstance(S, JointCovariance)
@@ -291,7 +291,7 @@ def _columns(result: Predicting, side: Literal["robot", "camera"], robot: Array,
     return found
 
 
-def _of_intrinsics(posterior: JointPosterior) -> list[int]:
+def numbers_of_intrinsics(posterior: JointPosterior) -> list[int]:
     return [k for k, name in enumerate(posterior.names) if group_of(name) == INTRINSICS]
 
 

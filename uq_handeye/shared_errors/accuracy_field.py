@@ -30,6 +30,7 @@ mean variance is the whole. All of it is O(n). A pose far from U has columns nea
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,20 @@ MOST_FEATURES = 20
 MOST_CENTRES = 150
 # Share of the variance below which a further centre says nothing new.
 _NOTHING_NEW = 1e-6
+
+
+class RobotAccuracy(NamedTuple):
+    """What was declared or assumed of an arm, as numbers."""
+
+    translation: float  # m
+    rotation: float  # rad
+    reach: float  # m
+
+    def times(self, size: float) -> RobotAccuracy:
+        """Another accuracy of the same reach."""
+        return self._replace(translation=size * self.translation, rotation=size * self.rotation)
+
+
 _COMPONENTS = tuple(f"{kind} {axis}" for kind in ("rotation", "translation") for axis in "xyz")
 
 
@@ -76,8 +91,7 @@ def columns(phi: Array, scale: Array) -> Array:
 
 def features(poses: Array, reach: float | None = None) -> Callable[[Array], Array]:
     """phi of the module for poses (n, 4, 4): a function of other poses (k, 4, 4), which gives (k, m)."""
-    size = float(np.linalg.norm(poses[:, :3, 3], axis=-1).max()) if reach is None else reach
-    length = LENGTH * (size or 1.0)
+    length = LENGTH * ((reach_of(poses) if reach is None else reach) or 1.0)
     centres = poses[_spread(poses, length)]
     values, vectors = np.linalg.eigh(kernel(centres, centres, length))
     half = vectors / np.sqrt(np.maximum(values, _NOTHING_NEW))  # K^(-1/2), turned
@@ -89,6 +103,11 @@ def features(poses: Array, reach: float | None = None) -> Callable[[Array], Arra
     V = V[:, :m] * np.where(V[np.abs(V[:, :m]).argmax(axis=0), np.arange(m)] < 0, -1.0, 1.0)
     map_ = half @ V * np.sqrt(len(poses) / found[:m].sum())
     return lambda at: kernel(at, centres, length) @ map_
+
+
+def reach_of(poses: Array) -> float:
+    """Largest distance (m) of the flange from the base among the poses."""
+    return float(np.linalg.norm(poses[:, :3, 3], axis=-1).max())
 
 
 def kernel(first: Array, second: Array, length: float) -> Array:

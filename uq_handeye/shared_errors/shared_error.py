@@ -46,7 +46,7 @@ from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from ..runtime.read_only import ReadOnlyArrays
-from .accuracy_field import ROBOT_ACCURACY, TYPICAL, deviations, field_columns, stated_accuracy
+from .accuracy_field import ROBOT_ACCURACY, TYPICAL, RobotAccuracy, deviations, field_columns, reach_of, stated_accuracy
 
 FOCAL_LENGTH = "focal length"
 PRINCIPAL_POINT = "principal point"
@@ -94,6 +94,7 @@ class SharedError(ReadOnlyArrays):
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
     learned: bool = True  # the data may say something of it; False: it is carried to X as it is
+    accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
 
     @property
     def widest(self) -> Array:
@@ -218,7 +219,8 @@ class SharedError(ReadOnlyArrays):
         def bind(poses: PosePairs) -> SharedError:
             names, effect = field_columns(poses.robot, scale, length)
             sd = np.repeat((scale > 0).astype(float), len(names) // 6)
-            return replace(unbound, parts=names, sd=sd, effect=lambda at: effect(at.robot))
+            accuracy = RobotAccuracy(move, turn, reach_of(poses.robot) if length is None else length)
+            return replace(unbound, parts=names, sd=sd, effect=lambda at: effect(at.robot), accuracy=accuracy)
 
         words = f"{digits(1e3 * move, 2)} mm, {digits(np.degrees(turn), 2)} deg"
         sd = np.ones(1) if scale.any() else np.zeros(1)

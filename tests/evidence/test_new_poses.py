@@ -1,0 +1,140 @@
+"""New poses against a calibration: the covariance of their residuals, and the posterior that takes them in."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import uq_handeye as uq
+from uq_handeye.evidence.new_poses import evidence_of_poses
+from uq_handeye.evidence.state import state_of
+from uq_handeye.geometry.se3 import perturb
+from uq_handeye.shared_errors.shared_error import SharedError
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.1mm"), camera=("0.05deg", "0.4mm"))
+OLD, NEW, TRIALS = 8, 8, 50
+# Many draws: some look wrong by chance.
+pytestmark = pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
+
+
+def both(rng, setup, noise=NOISE, move=None):
+    """Return poses of one rig, drawn anew, as old and new."""
+    poses = uq.simulate(n_poses=OLD + NEW, noise=noise, setup=setup, seed=rng)
+    if move is not None:
+        poses = replace(poses, robot=perturb(poses.robot, move(poses)), truth=None)
+    return poses.rows(np.arange(OLD)), poses.rows(np.arange(OLD, OLD + NEW))
+
+
+def distances(rng, setup, move=None, **given):
+    """d^2 of new poses in many draws, and the same if the calibration counted as exact."""
+    found = []
+    for _ in range(TRIALS):
+        old, new = both(rng, setup, move=None if move is None else move())
+        result = uq.calibrate(old, noise=NOISE, robust=False, **given)
+        evidence = evidence_of_poses(result, new)
+        exact = replace(evidence, by_unit=0.0 * evidence.by_unit)
+        found.append((evidence.d2, exact.d2))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_d2_of_new_poses_is_chi_square(rng, setup):
+    d2, without = distances(rng, setup, shared=[]).T
+    error = np.sqrt(2 * 6 * NEW / TRIALS)
+    assert abs(d2.mean() - 6 * NEW) < 4 * error
+    assert without.mean() > 6 * NEW + 6 * error  # X and W are not exact
+
+
+def test_errors_in_common_with_the_calibration(rng):
+    scale = SharedError.target_scale(0.01)
+    found = []
+    for _ in range(TRIALS):
+        poses = uq.simulate(n_poses=OLD + NEW, noise=NOISE, seed=rng)
+        camera = poses.camera.copy()
+        camera[:, :3, 3] *= 1 + 0.01 * rng.standard_normal()
+        poses = replace(poses, camera=camera, truth=None)
+        result = uq.calibrate(poses.rows(np.arange(OLD)), noise=NOISE, robust=False, shared=[scale])
+        evidence = evidence_of_poses(result, poses.rows(np.arange(OLD, OLD + NEW)))
+        twice = replace(evidence, by_unit=0.5 * evidence.by_unit)
+        found.append((evidence.d2, twice.d2))
+    d2, smaller = np.mean(found, axis=0)
+    error = np.sqrt(2 * 6 * NEW / TRIALS)
+    assert abs(d2 - 6 * NEW) < 4 * error < smaller - 6 * NEW
+
+
+def test_the_accuracy_of_the_robot_is_that_of_old_poses_nearby(rng):
+    accuracy = SharedError.robot_accuracy("1mm", "0.1deg", reach=1.0)
+
+    def move():
+        draw = rng.standard_normal(10_000)
+
+        def errors(poses):
+            bound = accuracy.bound(poses)
+            F = bound.at(poses) * bound.widest
+            return F @ draw[: F.shape[-1]]
+
+        return errors
+
+    d2, without = distances(rng, "eye-in-hand", move, shared=[accuracy]).T
+    assert abs(d2.mean() - 6 * NEW) < 5 * np.sqrt(2 * 6 * NEW / TRIALS)
+    assert without.mean() > 3 * 6 * NEW
+
+
+def test_the_same_pose_again_tells_of_noise_only(rng):
+    """An accuracy that was carried is the same at the same pose: what the residual can show is its noise."""
+    accuracy = SharedError.robot_accuracy("1mm", "0.1deg")
+    old, _ = both(rng, "eye-in-hand")
+    result = uq.calibrate(old, noise=NOISE, shared=[accuracy])
+    near = evidence_of_poses(result, old)
+    apart = state_of(replace(result, data=None), old.robot)
+    alone = evidence_of_poses(replace(result, data=None), old, state=apart)
+    assert np.trace(near.covariance) < 0.75 * np.trace(alone.covariance)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_absorbed_is_the_fit_of_all_poses(rng, setup):
+    small = uq.PoseNoise.isotropic(robot=("4urad", 0.001e-3), camera=("9urad", 0.004e-3))
+    old, new = both(rng, setup, small)
+    shared = [SharedError.focal_length(1e-5)]
+    given = {"noise": small, "robust": False, "shared": shared, "method": "ml"}
+    result = uq.calibrate(old, **given)
+    together = uq.PosePairs(np.concatenate([old.robot, new.robot]), np.concatenate([old.camera, new.camera]), setup)
+    batch = uq.calibrate(together, **given)
+    after = evidence_of_poses(result, new).absorbed()
+    X = perturb(result.X, -after.mean[:6])
+    white = np.linalg.inv(np.linalg.cholesky(batch.covariance))
+    assert np.abs(X - batch.X)[:3, 3].max() < 1e-3 * np.sqrt(np.diag(batch.covariance)[3:]).min()
+    ratios = np.linalg.eigvalsh(white @ after.covariance[:6, :6] @ white.T)
+    np.testing.assert_allclose(ratios, 1.0, atol=2e-3)
+    assert np.linalg.eigvalsh(white @ result.covariance @ white.T).max() > 1.05
+
+
+def test_causes_power_and_joining(rng):
+    old, new = both(rng, "eye-in-hand")
+    result = uq.calibrate(old, noise=NOISE, shared=[])
+    evidence = evidence_of_poses(result, new)
+    J = evidence.linear.J[..., :6]
+    delta = np.array([0.01, 0, 0, 0, 0.02, 0])
+    moved = replace(evidence, r=evidence.r - J @ delta)
+    found = moved.explained_by(-J)
+    assert (np.abs(found.estimate - delta) < 5 * np.sqrt(np.diag(found.covariance))).all()
+    np.testing.assert_allclose(np.linalg.inv(found.covariance), moved.information(J), rtol=1e-6)
+    np.testing.assert_allclose(found.gain, found.estimate @ moved.information(J) @ found.estimate, rtol=1e-6)
+    np.testing.assert_allclose(moved.d2, moved.r.ravel() @ np.linalg.solve(moved.covariance, moved.r.ravel()))
+    first, second = evidence.rows(np.arange(1)), evidence.rows(np.arange(1, NEW))
+    joined = first.joined(second)
+    np.testing.assert_allclose(joined.d2, evidence.d2)
+    np.testing.assert_allclose(joined.absorbed().covariance, evidence.absorbed().covariance, rtol=1e-6, atol=1e-16)
+    with pytest.raises(uq.InputError, match="same state"):
+        first.joined(evidence_of_poses(result, new))
+
+
+def test_what_cannot_be_held_against_a_calibration(rng):
+    old, new = both(rng, "eye-in-hand")
+    result = uq.calibrate(old, noise=NOISE, shared=[])
+    with pytest.raises(uq.InputError, match="setup eye-in-hand"):
+        evidence_of_poses(result, uq.PosePairs(new.robot, new.camera, "eye-to-hand"))
+    with pytest.raises(uq.InputError, match="method '4dpa'"):
+        evidence_of_poses(uq.calibrate(old, noise=NOISE, method="4dpa"), new)
+    with pytest.raises(uq.InputError, match="PosePairs"):
+        evidence_of_poses(result, new.robot)

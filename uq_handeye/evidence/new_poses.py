@@ -1,0 +1,132 @@
+r"""New poses against a calibration: residuals of the constraint, with their covariance if nothing has changed.
+
+At the estimates, with robot and camera poses corrected by the estimates of the shared errors, the residual of a new
+pose (`likelihood.constraint`) is to first order in the errors
+
+    r = J (xi_X; xi_W) + D_G (F_G (e - estimate) + eta_G) + D_C (F_C (e - estimate) + eta_C)
+
+eta the noise of the new poses. If X was moved by delta after the calibration, ``E r = -J_X delta``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.se3 import Array, perturb
+from ..likelihood.constraint import Linearised, OnPoses, Unknowns
+from ..noise.joint_covariance import JointCovariance
+from ..noise.models import PoseNoise, is_joint, require_count
+from ..poses.pose_pairs import PosePairs
+from ..prediction.predict import numbers_of_intrinsics, own_noise, robot_ahead, shared_effects
+from .evidence import Evidence
+from .state import Calibrated, State, joint_posterior_of, state_of
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEvidence(Evidence):
+    """New poses against a calibration, with the derivatives that the columns of causes are made of."""
+
+    linear: Linearised  # J (m, 6, 12) by X and W, sides D_G and D_C (m, 6, 6), at the estimates
+    robot: Array  # (m, 4, 4) base_T_gripper, corrected by the estimates
+    camera: Array  # (m, 4, 4) camera_T_target, likewise
+
+    def rows(self, index: Array) -> PoseEvidence:
+        """Some of the poses, by their numbers or a mask."""
+        J, sides = self.linear.J[index], tuple(D[index] for D in self.linear.sides)
+        linear = Linearised(self.linear.r[index], J, (sides[0], sides[1]))
+        some = super().rows(index)
+        return PoseEvidence(some.r, some.by_unit, some.own, self.state, linear, self.robot[index], self.camera[index])
+
+
+def evidence_of_poses(
+    result: Calibrated,
+    poses: PosePairs,
+    noise: PoseNoise | None = None,
+    joints: Any = None,
+    state: State | None = None,
+) -> PoseEvidence:
+    """Hold new poses against a calibration.
+
+    Parameters
+    ----------
+    result : Calibration
+        With its joint posterior.
+    poses : PosePairs
+        m >= 1 poses of the same setup, in the frames of the calibration.
+    noise : PoseNoise or None
+        Of the new poses; None: that of the calibration's own, the mean where it differs from pose to pose, and for
+        camera poses from corners that of their own fit.
+    joints : (m, L) or None
+        For a calibration with the kinematics of its arm; None: ``poses.joints``.
+    state : State or None
+        The errors of the calibration, where other measurements are held against it as well (`Evidence.joined`).
+
+    Raises
+    ------
+    InputError
+        A calibration without joint covariance, of another setup, without noise; poses of several data sets, or without
+        the joints that this calibration needs.
+    SingularNoiseError
+        New poses whose residuals have no noise of their own.
+    """
+    posterior = joint_posterior_of(result)
+    assert result.W is not None
+    if not isinstance(poses, PosePairs) or poses.robot.ndim != 3:
+        raise InputError(f"Expected the new poses to be PosePairs of one data set, got {type(poses).__name__}.")
+    if poses.setup != result.setup:
+        raise InputError(f"Expected new poses of the setup {result.setup}, that of the calibration, got {poses.setup}.")
+    given = poses.joints if joints is None else joints
+    if result.kinematics is None:
+        ahead = robot_ahead(result, None, poses.robot)
+    else:
+        ahead = robot_ahead(result, given, poses.robot)
+    F_C, of_camera = _effects_on_camera(result, poses)
+    camera = perturb(poses.camera, -(F_C @ posterior.estimate[:, None])[..., 0])
+    constraint = OnPoses(ahead.poses, camera, poses.setup == "eye-to-hand")
+    linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
+    D_G, D_C = linear.sides
+    by_state = np.concatenate([linear.J, D_G @ ahead.columns + D_C @ F_C], axis=-1)
+    state = state_of(result, ahead.poses) if state is None else state
+    by_unit = by_state @ state.A + D_G @ state.robot_errors(ahead.poses)
+    robot_noise, more_G = _noise_of(poses, noise, "robot", ahead.noise)
+    camera_noise, more_C = _noise_of(poses, noise, "camera", of_camera)
+    own = D_G @ robot_noise @ D_G.mT + D_C @ camera_noise @ D_C.mT
+    by_unit = np.concatenate([by_unit, D_G @ more_G, D_C @ more_C], axis=-1)
+    return PoseEvidence(linear.r, by_unit, own, state, linear, ahead.poses, camera)
+
+
+def _effects_on_camera(result: Calibrated, poses: PosePairs) -> tuple[Array, Array | JointCovariance]:
+    """(m, 6, q) what the errors of the posterior do to the new camera poses, and the noise of these.
+
+    Pictures that were adjusted with a camera of their own have nothing of the intrinsics' errors of the calibration.
+    """
+    posterior, seen = joint_posterior_of(result), poses.camera_calibration
+    F = shared_effects(result, "camera", poses.robot, poses.camera)
+    if seen is None:
+        return F, own_noise(result, "camera")
+    before = result.data.camera_calibration if isinstance(result.data, PosePairs) else None
+    if before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters):
+        return F, np.asarray(seen.covariance.own)
+    F[..., numbers_of_intrinsics(posterior)] = 0.0
+    return F, seen.covariance
+
+
+def _noise_of(poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: Any) -> tuple[Array, Array]:
+    """Noise (m, 6, 6) of each new pose of a side, and what they share by themselves (m, 6, z)."""
+    S = otherwise if noise is None else getattr(noise, side)
+    m = poses.n
+    if S is None:
+        return np.zeros((m, 6, 6)), np.zeros((m, 6, 0))
+    require_count(S, m, side, "poses")
+    if isinstance(S, JointCovariance):
+        own = S.own if S.serial is None else S.own + S.serial.blocks
+        return np.asarray(own), np.asarray(S.shared)
+    if is_joint(S):
+        raise InputError(
+            f"Expected the noise of new {side} poses as (6, 6), (m, 6, 6) or JointCovariance, got an array."
+        )
+    return np.broadcast_to(S, (m, 6, 6)), np.zeros((m, 6, 0))
