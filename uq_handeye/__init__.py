@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
     from .likelihood.shared_estimates import SharedEstimate
+    from .maintenance.update import update
     from .noise.camera_noise import CameraNoise
     from .noise.estimate import NoiseEstimate, NoisePrior
     from .noise.joint_covariance import JointCovariance
@@ -173,6 +174,7 @@ __all__ = [
     "tag_points",
     "theta_from_paper",
     "to_convention",
+    "update",
 ]
 
 
@@ -240,6 +242,7 @@ _LATER = {
     ),
     "likelihood.rig_bundle": ("Agreement",),
     "likelihood.shared_estimates": ("SharedEstimate",),
+    "maintenance.update": ("update",),
     "noise.camera_noise": ("CameraNoise",),
     "noise.estimate": (
         "NoiseEstimate",

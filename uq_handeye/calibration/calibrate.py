@@ -25,12 +25,12 @@ from ..noise.models import Noise
 from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.threads import one_thread
-from ..shared_errors.shared_error import SharedError
+from ..shared_errors.shared_error import SharedError, listed_errors
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .findings import look_at, reasons, require_determined, shifted
-from .provenance import provenance
+from .provenance import provenance, requested
 from .request import BUNDLE, Job, request
 from .result import Calibration
 
@@ -153,7 +153,8 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.34, 0.34, 0.28])
     """
-    asked = (noise, method, pairs, scale, kind, covariance, robust, prior, seed, shared, correlation)
+    listed = None if shared is None else listed_errors(shared)
+    asked = (noise, method, pairs, scale, kind, covariance, robust, prior, seed, listed, correlation)
     of_arm = (joints, kinematics, kinematic_errors)
     job = request(data, *asked, prior_X, prior_W, *of_arm)
     findings = look_at(job) + ([] if job.arm is None else job.arm.against.findings)
@@ -201,7 +202,10 @@ def calibrate(
         "correlation": correlation,
         "shared": [line for error in (*job.shared, *job.carried) for line in error.described],
     }
-    result = replace(result, findings=tuple(findings), provenance=provenance(data, options))
+    about_errors = None if job.arm is None else job.arm.at
+    simulated = job.poses is not None and job.poses.truth is not None
+    given = requested(noise, robust, listed, *of_arm, about_errors, simulated)
+    result = replace(result, findings=tuple(findings), provenance=provenance(data, options, given))
     warn(findings)
     require_determined(result, job.motions)
     return result

@@ -11,6 +11,7 @@ calibration, which do not.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -38,6 +39,7 @@ class CameraNoise(ReadOnlyArrays):
     scales: NDArray[np.bool_]  # (q,) the shared columns that grow with s: F_1; the others are F_0
     pixel_sd: float | None = None  # s in pixels; None: to be estimated
     square: float | None = None  # m, between neighbouring points of the board; None: they have no one distance
+    views: Mapping[str, Any] | None = None  # plain numbers of the board and the camera, of which it was made
 
     def __post_init__(self) -> None:
         if self.scales.shape != self.joint.shared.shape[-1:] or self.joint.own.ndim != 3:

@@ -27,6 +27,7 @@ of the tangential ones with the centre's. Pictures that were calibrated as those
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -79,7 +80,7 @@ class Lens:
 def camera_noise(
     poses: PosePairs | ArrayLike,
     points: ArrayLike,
-    camera_matrix: ArrayLike | KnownIntrinsics | CameraCalibration,
+    camera_matrix: ArrayLike | KnownIntrinsics | CameraCalibration | Lens,
     intrinsics: str | ArrayLike | None = None,
     *,
     pixel_sd: float | str | None = None,
@@ -127,6 +128,7 @@ def camera_noise(
         raise InputError(f"Expected `poses` to be one set, (n, 4, 4), got {C.shape}.")
     P = _checked_points(points)
     lens = _lens_of(camera_matrix, image_size)
+    views = _views(P, lens, intrinsics)
     _require_scale(C, P)
     _require_in_view(C, P, lens)
     lens, directions, Sigma = _unknowns(lens, intrinsics, len(P))
@@ -142,7 +144,33 @@ def camera_noise(
             "These views do not determine the intrinsics, which they are said to be estimated from",
         )
     joint = JointCovariance(0.5 * (own + own.mT), G @ np.linalg.cholesky(Sigma), (INTRINSICS,) * len(Sigma))
-    return CameraNoise(joint, scales, None if pixel_sd is None else checked_pixels(pixel_sd), spacing_of(P))
+    return CameraNoise(joint, scales, None if pixel_sd is None else checked_pixels(pixel_sd), spacing_of(P), views)
+
+
+def _views(P: Array, lens: Lens, intrinsics: Any) -> dict[str, Any]:
+    """Return board and camera as plain numbers, which `camera_noise_at` takes."""
+    return {
+        "points": P.tolist(),
+        "model": lens.model.name,
+        "parameters": np.asarray(lens.parameters).tolist(),
+        "covariance": None if lens.covariance is None else np.asarray(lens.covariance).tolist(),
+        "image_size": None if lens.image_size is None else list(lens.image_size),
+        "intrinsics": intrinsics
+        if intrinsics is None or isinstance(intrinsics, str)
+        else np.asarray(intrinsics).tolist(),
+    }
+
+
+def camera_noise_at(poses: PosePairs, views: Mapping[str, Any], pixel_sd: float | None = None) -> CameraNoise:
+    """Return the noise of other poses of the same board and camera, by the ``views`` of a `CameraNoise`."""
+    size, covariance = views["image_size"], views["covariance"]
+    lens = Lens(
+        MODELS[views["model"]],
+        np.asarray(views["parameters"], dtype=float),
+        None if covariance is None else np.asarray(covariance, dtype=float),
+        None if size is None else (int(size[0]), int(size[1])),
+    )
+    return camera_noise(poses, views["points"], lens, views["intrinsics"], pixel_sd=pixel_sd)
 
 
 def _derivatives(lens: Lens, C: Array, P: Array) -> tuple[Array, Array]:
@@ -180,7 +208,9 @@ def _checked_points(points: ArrayLike) -> Array:
 
 
 def _lens_of(given: Any, image_size: tuple[int, int] | None) -> Lens:
-    if isinstance(given, CameraCalibration):
+    if isinstance(given, Lens):
+        lens = given
+    elif isinstance(given, CameraCalibration):
         size = image_size or given.image_size
         lens = Lens(given.bundle.model, given.bundle.intrinsics, given.bundle.intrinsics_covariance, size)
     elif isinstance(given, KnownIntrinsics):

@@ -94,7 +94,11 @@ class SharedError(ReadOnlyArrays):
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
     learned: bool = True  # the data may say something of it; False: it is carried to X as it is
+<<<<<<< HEAD
     accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
+=======
+    accuracy: tuple[float, float, float | None] | None = None  # of a robot: as stated (m, rad), and its reach (m)
+>>>>>>> 76e6ff9 (Update of a calibration by new poses: the fit of all with the options of the result, which its file now holds)
 
     @property
     def widest(self) -> Array:
@@ -225,8 +229,9 @@ class SharedError(ReadOnlyArrays):
         words = f"{digits(1e3 * move, 2)} mm, {digits(np.degrees(turn), 2)} deg"
         sd = np.ones(1) if scale.any() else np.zeros(1)
         unbound = cls(
-            ROBOT_ACCURACY, "", "robot", sd, (ROBOT_ACCURACY,), _unbound, stated=words, bind=bind, learned=False
-        )
+            ROBOT_ACCURACY, "", "robot", sd, (ROBOT_ACCURACY,), _unbound, stated=words, bind=bind, learned=False,
+            accuracy=(move, turn, length),
+        )  # fmt: skip
         return unbound
 
     @property
@@ -249,6 +254,33 @@ class SharedError(ReadOnlyArrays):
                 f"Expected the columns of the shared error {self.name!r} to cover {poses.n} poses, got {F.shape[0]}."
             )
         return F
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and text that `from_dict` makes the error of; not of the user's own columns."""
+        return {
+            "name": self.name,
+            "sd": self.sd.tolist(),
+            **({} if self.doubt is None else {"doubt": list(self.doubt)}),
+            **({"default": True} if self.default else {}),
+            **({} if self.focal_length_px is None else {"focal_length_px": self.focal_length_px}),
+            **({} if self.accuracy is None else {"accuracy": list(self.accuracy), "stated": self.stated}),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> SharedError:
+        """The inverse of `to_dict`; raises `InputError` for columns of the user's own, which it does not hold."""
+        name, focal_length = data["name"], data.get("focal_length_px")
+        known = (cls.focal_length, cls.principal_point, cls.target_scale, cls.robot_scale, cls.clock_offset)
+        if name == ROBOT_ACCURACY:
+            move, turn, reach = data["accuracy"]
+            error = replace(cls.robot_accuracy(move, turn, reach=reach), stated=data["stated"])
+        else:
+            made = [error for make in known if (error := make(float(data["sd"][0]))).name == name]
+            if not made:
+                raise InputError(f"The shared error {name!r} has columns of its own, which the file does not hold.")
+            error = replace(made[0], focal_length_px=focal_length)
+        doubt = None if data.get("doubt") is None else Doubt(*data["doubt"])
+        return replace(error, doubt=doubt, default=bool(data.get("default", False)))
 
     def __repr__(self) -> str:
         return (

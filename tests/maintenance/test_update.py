@@ -1,0 +1,171 @@
+"""Updates equal the fit of all poses, whatever the order, and refuse what is not of the same question."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly
+from rig_of_arm import ARM, rig
+
+import uq_handeye as uq
+from studies.camera_covariance import ROBOT, poses_of, recorded
+from uq_handeye.camera.corners import without_pictures
+from uq_handeye.geometry.se3 import logarithm
+
+GIVEN = {"noise": NOISE}
+SHARED = {
+    "shared": [
+        uq.SharedError.robot_accuracy("0.5mm,0.05deg", reach="1.2m"),
+        uq.SharedError.principal_point("1px", focal_length_px=900),
+        uq.SharedError.target_scale("0.1%"),
+    ]
+}
+KNOWN = {
+    "prior": uq.NoisePrior(robot=("0.02deg", None)),
+    "prior_X": (np.eye(4), np.diag([np.inf] * 3 + [0.1**2] * 3)),
+}
+ALL = 26
+
+
+def stored(result):
+    return uq.Calibration.from_dict(json.loads(result.to_json()))
+
+
+def updated(result, *parts, **options):
+    """Return the result after one update for each part."""
+    for poses in parts:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", uq.InputWarning)
+            result = uq.update(result, poses, **options)
+    return result
+
+
+def apart(one, other):
+    """Distance of two X in standard deviations, and of their covariances, whitened."""
+    L = np.linalg.inv(np.linalg.cholesky(other.covariance))
+    off = np.r_[logarithm(one.X[:3, :3] @ other.X[:3, :3].T), one.X[:3, 3] - other.X[:3, 3]]
+    return max(float(np.linalg.norm(L @ off)), float(np.abs(L @ one.covariance @ L.T - np.eye(6)).max()))
+
+
+def parts_of(poses, *sizes):
+    ends = np.cumsum([0, *sizes])
+    return [poses.rows(np.arange(*ends[k : k + 2])) for k in range(len(sizes))]
+
+
+@pytest.mark.parametrize(
+    ("setup", "options", "close"),
+    [
+        ("eye-in-hand", GIVEN, 1e-6),
+        ("eye-to-hand", GIVEN | SHARED | {"method": "ml"}, 1e-6),
+        ("eye-to-hand", {}, 0.1),
+        ("eye-in-hand", SHARED | KNOWN, 0.1),
+    ],
+    ids=["noise", "shared", "estimated", "known"],
+)
+def test_an_update_is_the_fit_of_all_poses_in_any_order(setup, options, close):
+    simulated = uq.simulate(ALL, noise=NOISE, setup=setup, seed=5)
+    poses = replace(simulated, truth=None)
+    first, second, third = parts_of(poses, 18, 7, 1)
+    whole, start = quietly(poses, **options), quietly(first, **options)
+    forward, backward = updated(start, second, third), updated(start, third, second)
+    assert forward.n_poses == ALL and apart(forward, whole) < 1e-9
+    assert apart(backward, whole) < close
+    assert [one.name for one in forward.shared] == [one.name for one in whole.shared]
+    assert [part["poses"] for part in forward.provenance.options["together"]] == [18, 7, 1]
+    assert apart(start, whole) > 0.1  # the new poses said something
+
+
+def test_poses_with_their_truth_are_asked_the_same_from_a_file():
+    """No accuracy of the robot is assumed of simulated poses, whose truth a file does not hold."""
+    poses = uq.simulate(ALL, noise=NOISE, seed=5)
+    first, second = parts_of(poses, 20, 6)
+    assert apart(updated(stored(quietly(first)), second), quietly(poses)) < 1e-9
+
+
+def test_noise_of_new_poses_counts_beside_that_of_the_old():
+    poses = uq.simulate(ALL, noise=NOISE, seed=6)
+    first, second = parts_of(poses, 20, 6)
+    worse = uq.PoseNoise(NOISE.robot, 9 * NOISE.camera)
+    camera = np.concatenate([np.tile(NOISE.camera, (20, 1, 1)), np.tile(9 * NOISE.camera, (6, 1, 1))])
+    both = uq.PoseNoise(NOISE.robot, camera)
+    found = updated(quietly(first, noise=NOISE), second, noise=worse)
+    assert apart(found, quietly(poses, noise=both)) < 1e-9
+    with pytest.raises(uq.InputError, match="differs from pose to pose"):
+        uq.update(found, uq.simulate(4, noise=NOISE, seed=7))
+
+
+def test_camera_noise_by_views_is_that_of_all_views():
+    poses = replace(uq.simulate(ALL, noise=NOISE, seed=8), truth=None)
+    first, second = parts_of(poses, 25, 1)
+    asked = lambda of: uq.camera_noise(of, uq.Board(9, 6, "20mm").points, (900, 900, 640, 480))  # noqa: E731
+    whole = quietly(poses, noise=asked(poses))
+    assert apart(updated(quietly(first, noise=asked(first)), second), whole) < 1e-9
+
+
+def test_an_arm_is_asked_again_by_its_joints():
+    large = {"joint offsets": 0.02, "joint tilts": 0.02, "link lengths": 5e-3}
+    poses = rig(np.random.default_rng(0), n=16, sd=large).poses
+    first, second = parts_of(poses, 12, 4)
+    declared = uq.KinematicErrors("declared", offset_sd=0.02, tilt_sd=0.02, length_sd=5e-3, joint_sd=1e-4)
+    options = {
+        "kinematics": ARM,
+        "kinematic_errors": declared,
+        "noise": uq.PoseNoise.isotropic(camera=(3e-4, 1e-4)),
+    }
+    start = quietly(first, **options)
+    assert start.provenance.request["arm"]["at"] is not None  # the poses of the result stand for those measured
+    assert apart(updated(start, second), quietly(poses, **options)) < 1e-6
+    with pytest.raises(uq.InputError, match="expected joints of the new poses"):
+        uq.update(start, replace(second, joints=None))
+
+
+@pytest.mark.parametrize("method", ["efficient", "bundle"])
+def test_the_camera_is_adjusted_with_all_pictures(method):
+    corners, robot, _ = recorded(np.random.default_rng(11), 12)
+
+    def part(rows):
+        kept = without_pictures(corners, ~np.isin(np.arange(12), rows))
+        return poses_of(replace(kept, row=kept.picture), robot[rows])
+
+    options = {"noise": uq.PoseNoise(robot=ROBOT), "method": method}
+    whole = quietly(poses_of(corners, robot), **options)
+    first, second = part(np.arange(8)), part(np.arange(8, 12))
+    assert apart(updated(quietly(first, **options), second), whole) < 1e-6
+    assert apart(updated(quietly(second, **options), first), whole) < 1e-6
+    for wrong, words in ((first, "already"), (replace(second, camera_calibration=None), "without corners")):
+        with pytest.raises(uq.InputError, match=words):
+            uq.update(quietly(first, **options), wrong)
+
+
+def test_what_is_not_of_the_same_question_is_refused():
+    poses = uq.simulate(ALL, noise=NOISE, seed=9)
+    first, second = parts_of(poses, 20, 6)
+    result = quietly(first, noise=NOISE)
+    twice, other = updated(result, second), replace(second, setup="eye-to-hand", truth=None)
+    far = uq.PosePairs(*(_in_mm(T) for T in (second.robot, second.camera)))
+    joint = uq.PoseNoise(NOISE.robot, np.kron(np.eye(20), NOISE.camera))
+    columns = [uq.SharedError.columns("sag", np.ones((20, 6)), 1e-4, "robot")]
+    for of, new, words in (
+        (result, first, "made with these poses already"),
+        (twice, second, "made with these poses already"),
+        (result, poses.rows(np.arange(18, 26)), "2 of 8 new poses are in the result already"),
+        (result, other, "new poses are eye-to-hand"),
+        (result, far, "expected both in metres"),
+        (quietly(first, noise=joint), second, "camera poses is joint over the poses"),
+        (quietly(first, noise=NOISE, shared=columns), second, "'sag' has columns of its own"),
+        (quietly(first, noise=NOISE, pairs=[[0, 1], [1, 2], [2, 3]]), second, "pairs that were listed"),
+        (quietly(motions_alone()[1], noise=PAIR_NOISE), second, "motions that came without poses"),
+    ):
+        with pytest.raises(uq.InputError, match=words) as error:
+            uq.update(of, new)
+        assert "\n" not in str(error.value)
+    with pytest.raises(uq.InputError, match="leave out that of the new poses"):
+        uq.update(quietly(first), second, noise=NOISE)
+
+
+def _in_mm(T):
+    T = T.copy()
+    T[:, :3, 3] *= 1e3
+    return T

@@ -1,0 +1,113 @@
+r"""`update`: a result and new poses together, as if all had been calibrated at once.
+
+A result that holds its poses is updated by the fit of all poses with the options that it was asked for with. The
+update then equals the calibration of all poses, and the order of updates does not matter, but for what the estimate
+itself makes of the order of poses (neighbours of a drift).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from ..calibration.calibrate import calibrate
+from ..calibration.provenance import Provenance
+from ..calibration.result import Calibration
+from ..errors import InputError
+from ..geometry.checks import as_numbers
+from ..noise.models import PoseNoise
+from ..poses.pose_pairs import PosePairs
+from ..poses.to_dict import sha256_of
+from .joined_poses import joined_poses, require_joinable
+from .request import arguments, holds_request, measured_poses
+
+# Name, among the options of a provenance, of what was put together: hash and number of poses of each part.
+TOGETHER = "together"
+
+
+def update(
+    result: Calibration,
+    poses: PosePairs,
+    *,
+    noise: PoseNoise | None = None,
+    joints: ArrayLike | None = None,
+    although_changed: bool = False,
+) -> Calibration:
+    """Return the calibration of the poses of a result and of new ones together.
+
+    Parameters
+    ----------
+    result : Calibration
+        It is asked again with its own options: method, noise as given or estimated, shared errors, priors, arm.
+    poses : PosePairs
+        New poses of the same rig, one or more; with corners where those of the result have them: the camera is then
+        adjusted with all pictures.
+    noise : PoseNoise or None
+        Noise of the new poses, where that of the result was given. None: as that of the old ones.
+    joints : (m, L) or None
+        Joint values of the new poses, where the result knows the arm; None: ``poses.joints``.
+    although_changed : bool
+        Update even if the new poses contradict the result.
+
+    Returns
+    -------
+    Calibration
+        Its provenance says what was put together.
+
+    Raises
+    ------
+    InputError
+        Another setup or unit, poses that the result holds already, poses that contradict it, a result that does not
+        hold what the same question needs.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> poses = uq.simulate(n_poses=24, noise=uq.PoseNoise.isotropic(camera=("1mrad", "0.5mm")), seed=1)
+    >>> first = uq.calibrate(poses.rows(range(20)))
+    >>> both = uq.update(first, poses.rows(range(20, 24)))
+    >>> both.n_poses, bool((both.std < 1.2 * first.std).all())
+    (24, True)
+    """
+    if not isinstance(result, Calibration):
+        raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
+    if not isinstance(poses, PosePairs):
+        raise InputError(f"Expected `poses` to be PosePairs, got {type(poses).__name__}.")
+    if noise is not None and not isinstance(noise, PoseNoise):
+        raise InputError(f"Expected `noise` to be PoseNoise or None, got {type(noise).__name__}.")
+    if result.setup is None:
+        raise InputError("The result is of motions that came without poses: an update needs poses.")
+    if joints is not None:
+        poses = replace(poses, joints=as_numbers(joints, "joints"))
+    parts = parts_of(result)
+    new = part_of(poses)
+    if any(part["sha256"] == new["sha256"] for part in parts):
+        raise InputError("The result was made with these poses already: a pose counts once.")
+    if not holds_request(result):
+        raise InputError("The result does not hold its poses, or what was asked of them: calibrate all poses together.")
+    old = measured_poses(result)
+    require_joinable(old, poses)
+    both = joined_poses(old, poses)
+    n_old = old.n if both.camera_calibration is None else both.n - poses.n
+    found = calibrate(both, **arguments(result, both, n_old, noise))
+    return replace(found, about=result.about, provenance=_together(found.provenance, [*parts, new]))
+
+
+def parts_of(result: Calibration) -> list[dict[str, Any]]:
+    """Return hash and number of poses of each data set that a result was made of."""
+    origin = result.provenance
+    if origin is None:
+        return []
+    return list(origin.options.get(TOGETHER, [{"sha256": origin.data_sha256, "poses": result.n_poses}]))
+
+
+def part_of(poses: PosePairs) -> dict[str, Any]:
+    """Return hash and number of poses of one data set."""
+    return {"sha256": sha256_of(poses.robot, poses.camera), "poses": poses.n}
+
+
+def _together(origin: Provenance | None, parts: list[dict[str, Any]]) -> Provenance:
+    assert origin is not None
+    return replace(origin, options=origin.options | {TOGETHER: parts})
