@@ -94,11 +94,10 @@ class SharedError(ReadOnlyArrays):
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
     learned: bool = True  # the data may say something of it; False: it is carried to X as it is
-<<<<<<< HEAD
     accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
-=======
-    accuracy: tuple[float, float, float | None] | None = None  # of a robot: as stated (m, rad), and its reach (m)
->>>>>>> 76e6ff9 (Update of a calibration by new poses: the fit of all with the options of the result, which its file now holds)
+    declared: tuple[float, float, float | None] | None = (
+        None  # accuracy of a robot (m, rad) and its reach (m), as given
+    )
 
     @property
     def widest(self) -> Array:
@@ -230,7 +229,7 @@ class SharedError(ReadOnlyArrays):
         sd = np.ones(1) if scale.any() else np.zeros(1)
         unbound = cls(
             ROBOT_ACCURACY, "", "robot", sd, (ROBOT_ACCURACY,), _unbound, stated=words, bind=bind, learned=False,
-            accuracy=(move, turn, length),
+            declared=(move, turn, length),
         )  # fmt: skip
         return unbound
 
@@ -263,7 +262,7 @@ class SharedError(ReadOnlyArrays):
             **({} if self.doubt is None else {"doubt": list(self.doubt)}),
             **({"default": True} if self.default else {}),
             **({} if self.focal_length_px is None else {"focal_length_px": self.focal_length_px}),
-            **({} if self.accuracy is None else {"accuracy": list(self.accuracy), "stated": self.stated}),
+            **({} if self.declared is None else {"accuracy": list(self.declared), "stated": self.stated}),
         }
 
     @classmethod
