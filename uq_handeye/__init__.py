@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
     from .likelihood.shared_estimates import SharedEstimate
+    from .maintenance.series.alarm import SeriesAlarm, series_alarm
+    from .maintenance.series.log import CheckSeries, log_check, read_checks
     from .maintenance.update import update
     from .noise.camera_noise import CameraNoise
     from .noise.estimate import NoiseEstimate, NoisePrior
@@ -93,6 +95,7 @@ __all__ = [
     "Calibration",
     "CameraCalibration",
     "CameraNoise",
+    "CheckSeries",
     "Comparison",
     "ControllerComparison",
     "Corners",
@@ -120,6 +123,7 @@ __all__ = [
     "PosePrior",
     "Posterior",
     "ScalePrior",
+    "SeriesAlarm",
     "SharedError",
     "SharedEstimate",
     "SigmaPoints",
@@ -139,6 +143,7 @@ __all__ = [
     "estimate_noise",
     "estimate_robot_noise",
     "from_convention",
+    "log_check",
     "maximum_likelihood",
     "monte_carlo",
     "nguyen",
@@ -151,6 +156,7 @@ __all__ = [
     "propagate",
     "read_board",
     "read_camera",
+    "read_checks",
     "read_corners",
     "read_intrinsics",
     "read_joints",
@@ -164,6 +170,7 @@ __all__ = [
     "resolve_board_rotation",
     "sample_posterior",
     "se3_from_so4",
+    "series_alarm",
     "sigma_points",
     "simulate",
     "so4_covariance",
@@ -242,6 +249,8 @@ _LATER = {
     ),
     "likelihood.rig_bundle": ("Agreement",),
     "likelihood.shared_estimates": ("SharedEstimate",),
+    "maintenance.series.alarm": ("SeriesAlarm", "series_alarm"),
+    "maintenance.series.log": ("CheckSeries", "log_check", "read_checks"),
     "maintenance.update": ("update",),
     "noise.camera_noise": ("CameraNoise",),
     "noise.estimate": (

@@ -26,11 +26,11 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chndtr, gammainc, ndtr
 
-from ..errors import InputError
-from ..geometry.se3 import Array
+from ...errors import InputError
+from ...geometry.se3 import Array
 
 K = 0.5  # finds a shift of one standard deviation fastest
-CELLS = 80
+CELLS = 40
 
 
 def cusum(scores: Array, reference: float = K) -> Array:
@@ -95,7 +95,7 @@ def limit_for(length: float, reference: float = K, components: int | None = None
     highest = 1.0
     while excess(highest) < 0:
         highest *= 1.5
-    return float(brentq(excess, 0.01, highest, xtol=1e-4))
+    return float(brentq(excess, 0.01, highest, xtol=1e-3))
 
 
 def _by_cells(limit: float, reference: float, components: int | None, shift: float, n: int) -> float:

@@ -1,0 +1,153 @@
+"""A log of checks: whole lines, one calibration, and an alarm that finds a slow drift."""
+
+import numpy as np
+import pytest
+from series_cases import NOISE, new_poses, plain_check, rig
+
+import uq_handeye as uq
+from uq_handeye.maintenance.series.alarm import RESIDUALS, TARGET, X, series_alarm
+from uq_handeye.maintenance.series.log import COLUMNS, hash_of_result, log_check, read_checks
+from uq_handeye.maintenance.series.text import series_sentences
+
+SETUP = "eye-in-hand"
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    return rig(SETUP)
+
+
+@pytest.fixture
+def log(calibrated, tmp_path):
+    """A log of four checks, with the random numbers for more."""
+    result, truth = calibrated
+    rng = np.random.default_rng(5)
+    path = tmp_path / "checks.csv"
+    for k in range(4):
+        poses = new_poses(truth, SETUP, 2, rng)
+        log_check(path, result, poses, plain_check(result, poses), time=f"2026-03-0{k + 1}T08:00:00+00:00")
+    return path, rng
+
+
+def test_a_log_is_read_as_it_was_written(calibrated, tmp_path, rng):
+    result, truth = calibrated
+    path = tmp_path / "checks.csv"
+    own = np.array([NOISE.camera * (1 + k) for k in range(3)])
+    shared = uq.PoseNoise(robot=NOISE.robot, camera=own)
+    poses = new_poses(truth, SETUP, 3, rng)
+    check = plain_check(result, poses, noise_dof=81.5, candidates=("X", "target"), status="changed")
+    log_check(path, result, poses, check, noise=shared, time="2026-03-02T08:00")
+    other = new_poses(truth, SETUP, 1, rng)
+    log_check(path, result, other, plain_check(result, other))
+    series = read_checks(path, result)
+    first, second = series.checks
+    assert (first.time, first.cause, first.answer, first.noise_dof) == (
+        "2026-03-02T08:00",
+        "X or target",
+        "changed",
+        81.5,
+    )
+    assert (first.d2, first.dof) == (pytest.approx(check.d2), 18) and second.noise_dof == np.inf
+    np.testing.assert_allclose(first.poses.robot, poses.robot, atol=1e-11)
+    np.testing.assert_allclose(first.poses.camera, poses.camera, atol=1e-11)
+    np.testing.assert_allclose(first.shift, check.causes["X"].estimate, rtol=1e-9)
+    np.testing.assert_allclose(first.shift_std, np.sqrt(np.diag(check.causes["X"].covariance)), rtol=1e-9)
+    np.testing.assert_allclose(first.noise.camera, own, rtol=1e-9)
+    assert second.noise is None and second.time.endswith("+00:00")
+    assert path.read_text().splitlines()[0].startswith("time,poses,d2,dof,p_value,answer,cause,X_x_mm")
+
+
+def test_damaged_lines_are_skipped_and_named(calibrated, log):
+    result, truth = calibrated
+    path, rng = log
+    lines = path.read_text().splitlines()
+    lines[2] = lines[2][: len(lines[2]) // 2]  # cut
+    lines[3] = lines[3].replace(",unchanged,", ",,", 1)
+    path.write_text("\n".join([*lines, "\0\0\0", ""]))
+    series = read_checks(path, result)
+    assert len(series) == 2
+    assert [number for number, _ in series.damaged] == [3, 4, 6]
+    assert "Line 3 of the log was skipped" in series_sentences(series)[0]
+    poses = new_poses(truth, SETUP, 2, rng)
+    longer = log_check(path, result, poses, plain_check(result, poses))
+    assert len(longer) == 3 and len(read_checks(path).damaged) == 3  # nothing is lost
+    path.write_text(path.read_text().rstrip("\n"))  # the last line without its end
+    assert len(read_checks(path)) == 3
+
+
+def test_refusals(calibrated, log, tmp_path):
+    result, truth = calibrated
+    path, rng = log
+    poses = new_poses(truth, SETUP, 2, rng)
+    check = plain_check(result, poses)
+    before = path.read_bytes()
+    other, _ = rig(SETUP, 8)
+    assert hash_of_result(other) != hash_of_result(result)
+    with pytest.raises(uq.InputError, match="log of another calibration"):
+        log_check(path, other, poses, check)
+    with pytest.raises(uq.InputError, match="log of another calibration"):
+        read_checks(path, other)
+    with pytest.raises(uq.InputError, match="calibration of the series"):
+        series_alarm(other, read_checks(path))
+    again = read_checks(path).checks[1].poses
+    with pytest.raises(uq.InputError, match="logged as check 2"):
+        log_check(path, result, again, plain_check(result, again))
+    with pytest.raises(uq.InputError, match="Expected a time such as"):
+        log_check(path, result, poses, check, time="yesterday")
+    table = tmp_path / "robot.csv"
+    table.write_text("timestamp,x,y,z\n1,2,3,4\n")
+    with pytest.raises(uq.InputError, match="expected a log of checks"):
+        log_check(table, result, poses, check)
+    assert path.read_bytes() == before and len(table.read_text()) == 24
+    with pytest.raises(uq.InputError, match="no such file"):
+        read_checks(tmp_path / "none.csv")
+
+
+def test_wrong_poses_are_logged_and_not_used(calibrated, log):
+    result, truth = calibrated
+    path, rng = log
+    poses = new_poses(truth, SETUP, 3, rng, shift=0.1)
+    found = uq.findings.Finding("maintenance.one_pose_wrong", "caution", {"row": 1, "n": 3})
+    series = log_check(path, result, poses, plain_check(result, poses, findings=(found,), status="cannot tell"))
+    alarm = series_alarm(result, series)
+    assert len(series) == 5 and len(alarm.times) == 4 and alarm.alarm is None
+    assert series_sentences(series) == ["The charts do not use check 5, with wrong or misread poses."]
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_a_slow_drift_raises_the_alarm_before_any_check_is_sure(setup, tmp_path):
+    """0.05 mm a check along one axis of X, from check 9 on; the noise of one check is 0.6 mm."""
+    result, truth = rig(setup)
+    rng = np.random.default_rng(3)
+    series = None
+    for k in range(34):
+        poses = new_poses(truth, setup, 2, rng, shift=max(k - 8, 0) * np.array([0, 0, 0, 5e-5, 0, 0]))
+        series = log_check(tmp_path / "checks.csv", result, poses, plain_check(result, poses))
+    alarm = series_alarm(result, series)
+    assert min(check.p_value for check in series.checks) > 1e-3
+    assert alarm.alarm is not None and alarm.alarm > 9 and alarm.since > 8
+    assert X in alarm.causes and alarm.shifts[X].estimate[3] == pytest.approx(1e-3, abs=5e-4)
+    assert {chart.name for chart in alarm.charts} == {X, TARGET, RESIDUALS}
+    text = str(alarm)
+    assert f"ALARM of the series, at check {alarm.alarm + 1} of 34" in text
+    assert "at most one in 500 checks" in text
+    rarer = series_alarm(result, series, every=5000)
+    assert rarer.alarm is None or rarer.alarm >= alarm.alarm
+
+
+def test_the_figure_shows_every_check(calibrated, log):
+    from uq_handeye.maintenance.series.figure import alt_text, series_figure
+
+    result, _ = calibrated
+    path, _ = log
+    series = read_checks(path, result)
+    alarm = series_alarm(result, series)
+    figure = series_figure(series, alarm)
+    charts, moved, _ = figure.axes
+    assert len(charts.lines[0].get_xdata()) == 4
+    assert "translation" in moved.get_ylabel() and "4 checks" in alt_text(alarm)
+    assert "Series of 4 checks: no alarm." in str(alarm)
+
+
+def test_the_columns_are_described():
+    assert len(COLUMNS) == len(set(COLUMNS)) == 7 + 12 + 8

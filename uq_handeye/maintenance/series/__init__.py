@@ -1,0 +1,1 @@
+"""Checks over days: their log, and an alarm with a stated false-alarm rate."""
