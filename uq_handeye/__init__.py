@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .camera.files.intrinsics_file import read_intrinsics
     from .camera.measured_board import MeasuredBoard
     from .camera.result import CameraCalibration
+    from .certificate.certificate import Certificate, make_certificate
     from .comparison.compare import compare
     from .comparison.result import Comparison
     from .errors import (
@@ -95,6 +96,7 @@ __all__ = [
     "Calibration",
     "CameraCalibration",
     "CameraNoise",
+    "Certificate",
     "CheckSeries",
     "Comparison",
     "ControllerComparison",
@@ -144,6 +146,7 @@ __all__ = [
     "estimate_robot_noise",
     "from_convention",
     "log_check",
+    "make_certificate",
     "maximum_likelihood",
     "monte_carlo",
     "nguyen",
@@ -203,6 +206,10 @@ _LATER = {
     "camera.files.intrinsics_file": ("read_intrinsics",),
     "camera.measured_board": ("MeasuredBoard",),
     "camera.result": ("CameraCalibration",),
+    "certificate.certificate": (
+        "Certificate",
+        "make_certificate",
+    ),
     "comparison.compare": ("compare",),
     "comparison.result": ("Comparison",),
     "errors": (

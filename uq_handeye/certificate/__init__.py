@@ -1,1 +1,1 @@
-"""The certificate of a calibration: its budget, coverage, conditions and traceability."""
+"""The certificate of a calibration: measurand, result, GUM budget, conditions, traceability and decision."""

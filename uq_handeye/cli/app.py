@@ -20,6 +20,7 @@ import typer
 from ..errors import InputError, NotConvergedError
 from .commands.calibrate import calibrate_command, demo_command
 from .commands.camera import camera_command
+from .commands.certificate import certificate_command
 from .commands.codegen import codegen_command
 from .commands.compare import compare_command
 from .commands.cross_check import cross_check_command
@@ -82,6 +83,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "report": report_command,
         "export": export_command,
         "predict": predict_command,
+        "certificate": certificate_command,
     },
     "Improve and compare": {
         "plan": plan_command,

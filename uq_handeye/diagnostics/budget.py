@@ -95,15 +95,21 @@ class Budget(ReadOnlyArrays):
         """For each group the uncertainty for a coverage of ``level``, per axis or in the worst direction."""
         if not 0 < level < 1:
             raise InputError(f"Expected `level` to lie between 0 and 1, got {level!r}.")
-        found = {}
-        for name, part in self.groups.items():
-            v = self._variances(part, worst)
-            spread = float(v @ self._relative @ v)
-            dof = 2.0 * float(v.sum()) ** 2 / spread if spread > 0 else float("inf")
-            k = float(stdtrit(dof, 0.5 + 0.5 * level)) if np.isfinite(dof) else float(ndtri(0.5 + 0.5 * level))
-            u = float(np.sqrt(v.sum()))
-            found[name] = Expanded(u, dof, k, k * u)
-        return found
+        return {name: self._expanded(self._variances(part, worst), level) for name, part in self.groups.items()}
+
+    def expanded_along(self, rows: Array, level: float = 0.95) -> tuple[Expanded, ...]:
+        """Return the uncertainty of each linear combination of the components, rows (m, p), for a coverage of
+        ``level``.
+        """
+        return tuple(self._expanded(self.covariances @ row @ row, level) for row in np.asarray(rows, dtype=float))
+
+    def _expanded(self, v: Array, level: float) -> Expanded:
+        """Return the expanded uncertainty of the sum of variances v (sources,)."""
+        spread = float(v @ self._relative @ v)
+        dof = 2.0 * float(v.sum()) ** 2 / spread if spread > 0 else float("inf")
+        k = float(stdtrit(dof, 0.5 + 0.5 * level)) if np.isfinite(dof) else float(ndtri(0.5 + 0.5 * level))
+        u = float(np.sqrt(max(v.sum(), 0.0)))
+        return Expanded(u, dof, k, k * u)
 
     def standard_in_worst_direction(self) -> dict[str, Array]:
         """Return for each group the standard uncertainties (sources,) along the direction of its largest variance."""

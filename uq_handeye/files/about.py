@@ -24,8 +24,14 @@ ABOUT = {
     "target": "Target",
     "operator": "Operator",
     "date": "Date of the data",
+    "environment": "Temperature, load",
+    "reference": "Reference standard",
+    "organisation": "Organisation",
+    "number": "Certificate number",
     "note": "Note",
 }
+# Keys that the report shows only where they have a text.
+WHERE_GIVEN = ("environment", "reference", "organisation", "number", "note")
 # Characters of a value; those of the note.
 MOST, MOST_OF_NOTE = 80, 300
 MAX_BYTES = 100_000  # of a TOML file

@@ -16,6 +16,8 @@ from .figure_parts import Picture, inline_svg
 
 # Later rules go before earlier ones.
 STYLES = ("report.css", "figures.css")
+# Further rules by the kind of page.
+_STYLE_OF = {"certificate": "certificate.css"}
 
 
 def pretty(text: str) -> str:
@@ -33,7 +35,9 @@ def rendered(
     sheets: Sequence[Sequence[Section]] = (),
     fields: Sequence[tuple[str, str]] = (),
     foot: str = "",
+    signed: int = 1,
     full: bool = False,
+    kind: str = "report",
 ) -> str:
     """Return one page as HTML text; the section with the anchor ``answer`` comes first.
 
@@ -51,8 +55,12 @@ def rendered(
         Title block. A field without text is room to write on paper, and not shown on the screen.
     foot : str
         Last line of the last sheet.
+    signed : int
+        Sheet, from 1, that ends with room for name, date and signature; 0: none.
     full : bool
         Open all that is folded.
+    kind : str
+        "report" or "certificate", which is denser in print.
     """
     from jinja2 import Environment, StrictUndefined
 
@@ -60,6 +68,7 @@ def rendered(
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["pretty"] = pretty
     template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
+    names = (*STYLES, *(style for name, style in _STYLE_OF.items() if name == kind))
     scripts = [_SCRIPT.strip()]
     every = [section for page in (*sheets, sections) for section in page]
     if any(isinstance(block, Drawing) and block.scene for section in every for block in section.blocks):
@@ -72,8 +81,10 @@ def rendered(
         sheets=sheets,
         fields=fields,
         foot=foot,
+        signed=signed,
         full=full,
-        style=Markup("".join((files / name).read_text(encoding="utf-8") for name in STYLES)),
+        style=Markup("".join((files / name).read_text(encoding="utf-8") for name in names)),
+        kind=kind,
         scripts=[Markup(script) for script in scripts],
         script_hashes=[base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts],
         version=__version__,

@@ -235,7 +235,7 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     budget = shown_budget(result)
     if budget is None:
         return None
-    budget = _shortened(budget, most)
+    budget = shorten_budget(budget, most)
     factors = {"X translation": _MM, "X rotation": _DEG}
     standard, shares, whole = budget.standard, budget.group_shares, budget.expanded()
     rows: list[list[Cell]] = []
@@ -256,7 +256,7 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     return Table(BUDGET_CAPTION, head, rows, frozenset({1}))
 
 
-def _shortened(budget: Budget, most: int | None) -> Budget:
+def shorten_budget(budget: Budget, most: int | None) -> Budget:
     """Return the budget with its smallest sources as one, so that ``most`` remain."""
     if most is None or len(budget.sources) <= most:
         return budget

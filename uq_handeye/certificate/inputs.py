@@ -1,0 +1,115 @@
+"""Input quantities of an uncertainty budget: what each source is, its distribution, its standard uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..calibration.result import Calibration
+from ..diagnostics.budget import EACH, IN_TIME
+from ..diagnostics.budget import SHARED as SHARED_SOURCE
+from ..formatting.numbers import digits
+from ..kinematics.kinematic_errors import JOINT_NOISE
+from ..noise.camera_noise import INTRINSICS
+from ..noise.estimate import SHOWN, Component, NoiseEstimate
+from ..noise.joint_covariance import group_of
+from ..noise.models import marginals
+from ..shared_errors.accuracy_field import ROBOT_ACCURACY
+from ..shared_errors.shared_error import CLOCK_OFFSET
+from ..statement.included import shared_groups, sizes_of
+
+KINDS = ("rotation", "translation")
+SIDES = ("robot", "camera", "A", "B")
+NORMAL = "normal"
+
+
+@dataclass(frozen=True)
+class Input:
+    """One input of a budget: its standard uncertainty in words, its distribution, and where both come from."""
+
+    uncertainty: str
+    distribution: str
+    origin: str
+
+
+def input_of(source: str, result: Calibration) -> Input:
+    """Return the input behind a source of the budget; sources that were merged have their names joined by `` + ``."""
+    names = source.split(" + ")
+    estimate = result.noise_estimate
+    if estimate is not None and (found := _estimated(names, estimate)) is not None:
+        return found
+    if all(name.partition(" ")[0] in SIDES for name in names) and not names[0].endswith(IN_TIME):
+        kind = names[0].partition(" ")[2]
+        if kind.startswith((*KINDS, EACH, SHARED_SOURCE, "coupling", "(rotation")):
+            return _of_noise(names, result)
+    name = names[0]
+    if name == CLOCK_OFFSET and result.time_offset is not None:
+        return Input(f"{digits(1e3 * result.time_offset.std, 2)} ms", NORMAL, "the two streams")
+    for group in shared_groups(result):
+        if name in (group.name, group_of(group.name), group.parts[0].error):
+            return _shared(group.parts[0].error, sizes_of(group), group.default, group.parts[0].wide is not None)
+    if name == JOINT_NOISE and result.kinematics is not None:
+        return Input(_sizes([(result.kinematics.joint_noise, "rad")]), NORMAL, "declared")
+    if group_of(name) == INTRINSICS:
+        return Input("covariance", NORMAL, "camera calibration")
+    if name.startswith("prior of "):
+        return Input("covariance", NORMAL, "declared")
+    return Input("covariance", NORMAL, "as given with the noise")
+
+
+def _shared(error: str, size: str, default: bool, doubt: bool) -> Input:
+    origin = "assumed" if default else "declared"
+    if error == ROBOT_ACCURACY:
+        return Input(f"{size} (RMS)", "normal, smooth over the pose", origin)
+    return Input(size, "normal, two widths" if doubt else NORMAL, origin)
+
+
+def _estimated(names: list[str], estimate: NoiseEstimate) -> Input | None:
+    """Return the input of noise components that belong to these sources; None where none does."""
+    parts = [part for part in estimate.components if any(_belongs(part, name) for name in names)]
+    if len(names) > 1:  # what cannot be separated is known as a sum
+        kind = names[0].partition(" ")[2]
+        parts = [part for part in estimate.components if part.name.startswith(f"{kind}, ")] or parts
+    if not parts:
+        return None
+    parts = parts[:2]
+    return Input(_sizes((part.value, part.unit) for part in parts), NORMAL, _ORIGIN.get(parts[0].status, _ESTIMATED))
+
+
+_ESTIMATED = "residuals (REML)"
+_ORIGIN = {
+    "prior": "data sheet and residuals",
+    "population": "population of arms and residuals",
+    "fixed": "declared",
+    "given": "declared",
+    "from corners": "corners of the target",
+    "by geometry": "residuals and geometry of the views",
+}
+
+
+def _belongs(part: Component, source: str) -> bool:
+    """Return whether a component is that of a source: of the same name, or one of its two kinds."""
+    side, _, kind = source.partition(" ")
+    of_both = kind.startswith((EACH, "(rotation")) and part.name in (f"{side} {KINDS[0]}", f"{side} {KINDS[1]}")
+    of_pixels = part.unit == "px" and (group_of(source) == INTRINSICS or side == "camera")
+    return part.name == source or part.name.startswith(f"{source}, ") or of_both or of_pixels
+
+
+def _of_noise(names: list[str], result: Calibration) -> Input:
+    """Return the noise of one side as given: standard deviations per axis, on average over axes and poses."""
+    squares = np.zeros(2)
+    for name in dict.fromkeys(name.partition(" ")[0] for name in names):
+        S = getattr(result.noise, name, None)
+        if S is not None:
+            squares += np.diagonal(marginals(S), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
+    sizes = [(float(size), unit) for size, unit in zip(np.sqrt(squares), ("rad", "m"), strict=True)]
+    kind = names[0].partition(" ")[2]
+    shown = [sizes[KINDS.index(kind)]] if kind in KINDS else sizes
+    corners = getattr(result.data, "camera_calibration", None) is not None and names[0].startswith("camera")
+    return Input(_sizes(shown), NORMAL, "corners of the target" if corners else "declared")
+
+
+def _sizes(sizes: Iterable[tuple[float, str]]) -> str:
+    return ", ".join(f"{digits(SHOWN[unit][0] * size, 2)} {SHOWN[unit][1]}" for size, unit in sizes)

@@ -1,0 +1,106 @@
+"""Command ``certificate``: the statement of a stored result for the file."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ...errors import InputError
+from ...files.about import ABOUT, read_about
+from ..delivery import deliver
+from ..groups import OUTPUT
+from ..messages import quiet, timed
+from ..options.common import (
+    JsonOption,
+    emit,
+    emit_document,
+    folder_option,
+    made_of,
+    one_of,
+    option,
+    require_writable,
+)
+from ..options.report import PAPERS
+from ..outcome import NOT_USABLE, Wanted, status_of, wanted_of
+from .files import ResultFile
+
+CERTIFICATES = (".html", ".pdf", ".json")
+NAME = "certificate"
+
+
+@made_of(wanted=wanted_of)
+def certificate_command(
+    result: ResultFile,
+    wanted: "Wanted",
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="FILE", help="Certificate to write, .html, .pdf or .json. Default: none, or -o."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        folder_option("Folder for certificate.html and certificate.json. With --pdf also certificate.pdf."),
+    ] = None,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", metavar="", help="Write certificate.pdf too, with -o.", rich_help_panel=OUTPUT)
+    ] = False,
+    about: Annotated[
+        list[str] | None,
+        option(
+            "--about",
+            panel=OUTPUT,
+            common=True,
+            metavar="KEY=VALUE",
+            help=f"Title block, or a TOML file. Keys: {', '.join(ABOUT)}. Repeatable.",
+        ),
+    ] = None,
+    paper: Annotated[
+        str, option("--paper", of=PAPERS, panel=OUTPUT, metavar="NAME", help="Paper of the PDF: a4 or letter.")
+    ] = "a4",
+    as_json: JsonOption = False,
+) -> int:
+    """Write the certificate of a stored result: X, GUM budget, traceability.
+
+    Examples:
+      uq-handeye certificate result/result.json certificate.pdf
+      # The page and the machine-readable form, with a decision on a tolerance
+      uq-handeye certificate result/result.json -o certificate/ \\
+          --tolerance 1mm,0.1deg --about cell.toml
+
+    A result that is not usable or has no uncertainty is not certified: the
+    files say so and state no X, and the exit status is 3.
+    """
+    from ...calibration.report.first_screen import status_of as colour_of
+    from ...calibration.result import Calibration
+    from ...certificate.certificate import make_certificate
+    from ...presentation.document import Answer, Paragraph
+    from ...presentation.pdf import to_pdf
+
+    one_of(paper, "--paper", PAPERS)
+    require_writable(file, "FILE", CERTIFICATES)
+    if pdf and output is None:
+        raise InputError("--pdf needs a folder. Add -o DIR, or name the file: certificate.pdf.")
+    found = make_certificate(Calibration.from_json(result), tolerance=wanted.tolerance, about=read_about(about or ()))
+    written = ""
+    if file is not None:
+        with timed(f"writing {file}"):
+            written = f"Wrote {found.write(file, paper=paper)}"
+    if output is not None:
+        page = found.to_html()
+        files: dict[str, str | bytes] = {f"{NAME}.html": page, f"{NAME}.json": found.to_json()}
+        if pdf:
+            files[f"{NAME}.pdf"] = to_pdf(page, paper)
+        written = f"{written}{deliver(output, files)}".strip()
+    if as_json:
+        emit(found.to_json())
+    elif not quiet():
+        verdict = None if found.decision is None else found.decision.verdict
+        blocks = [Answer(found.result.headline, colour_of(found.result))]
+        if not found.certified:
+            blocks = [Answer(f"NOT CERTIFIED. {found.result.headline}", "failed")]
+        elif verdict is not None:
+            blocks.append(Answer(str(verdict), {"PASS": "ok", "FAIL": "failed"}.get(verdict.word, "caution")))
+        number = f"Certificate {found.identifier}."
+        emit_document([[*blocks, Paragraph(f"{number} {written}".strip(), hang="  ")]])
+    if not found.certified:
+        return NOT_USABLE
+    return status_of(found.result, None if found.decision is None else found.decision.verdict)
