@@ -58,7 +58,7 @@ def certificate_command(
     ] = "a4",
     as_json: JsonOption = False,
 ) -> int:
-    """Write the certificate of a stored result: X, GUM budget, traceability.
+    """Write the certificate of a stored result, for the file.
 
     Examples:
       uq-handeye certificate result/result.json certificate.pdf
