@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     )
     from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .estimators.nguyen import nguyen
+    from .evidence.touches import Touches
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .geometry.nearest_rotation import orthonormalise
     from .io import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
@@ -84,6 +85,9 @@ if TYPE_CHECKING:
     from .validation.posterior.sample import sample_posterior
     from .validation.sweep.result import Sweep
     from .validation.sweep.run import sweep
+    from .verification.result import Verification
+    from .verification.touches_file import read_touches
+    from .verification.verify import verify
 
 from ._version import __version__ as __version__
 
@@ -133,6 +137,8 @@ __all__ = [
     "Stream",
     "Sweep",
     "Synchronised",
+    "Touches",
+    "Verification",
     "bound",
     "calibrate",
     "calibrate_camera",
@@ -168,6 +174,7 @@ __all__ = [
     "read_prior",
     "read_shared_errors",
     "read_stream",
+    "read_touches",
     "register",
     "relative_motions",
     "resolve_board_rotation",
@@ -185,6 +192,7 @@ __all__ = [
     "theta_from_paper",
     "to_convention",
     "update",
+    "verify",
 ]
 
 
@@ -227,6 +235,7 @@ _LATER = {
         "solve",
     ),
     "estimators.nguyen": ("nguyen",),
+    "evidence.touches": ("Touches",),
     "geometry.conventions": (
         "from_convention",
         "paper_from_theta",
@@ -313,6 +322,9 @@ _LATER = {
     "validation.posterior.sample": ("sample_posterior",),
     "validation.sweep.result": ("Sweep",),
     "validation.sweep.run": ("sweep",),
+    "verification.result": ("Verification",),
+    "verification.touches_file": ("read_touches",),
+    "verification.verify": ("verify",),
 }
 
 # Earlier names, which keep working.

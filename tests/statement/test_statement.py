@@ -127,7 +127,7 @@ def test_every_caution_of_the_program_has_a_phrase():
     """Codes that can be more than a note in a calibration; the others are of streams, sweeps and chains."""
     import uq_handeye.calibration.calibrate  # noqa: F401  registers the sentences
 
-    elsewhere = ("synchronisation.", "sweep.", "posterior.", "monte_carlo.", "stored.", "tests.")
+    elsewhere = ("synchronisation.", "sweep.", "posterior.", "monte_carlo.", "stored.", "tests.", "verification.")
     notes = {
         *("diagnostics.direction", "diagnostics.joint_spectrum", "diagnostics.turning", "diagnostics.information"),
         *("diagnostics.strong_row", "diagnostics.not_tested", "diagnostics.gaussian", "diagnostics.no_pattern"),

@@ -1,1 +1,4 @@
-"""Points that were seen and touched, and other data, against a calibration."""
+"""Verification of a calibration by points that were seen and touched."""
+
+from . import sentences as sentences
+from . import text as text  # registers the words of a verification
