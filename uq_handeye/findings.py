@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar, get_args
 
@@ -100,6 +100,40 @@ def sentence(code: str) -> Callable[[Words], Words]:
 def _(text: str) -> str:
     """Return the text of a file that was written before there were findings."""
     return text
+
+
+# Values that are numbers of rows, or lists of these, by code. A "row" is one in every finding.
+_ROWS = {
+    "diagnostics.needed_rows": ("rows",),
+    "kinematics.rows_apart": ("rows", "farthest"),
+    "input_checks.shifted_run": ("first", "last", "near"),
+    "input_checks.shifted_rows": ("robot_left_out", "camera_left_out"),
+}
+
+
+def renumbered(finding: Finding, numbers: Sequence[int]) -> Finding:
+    """Return a finding about some poses of a data set with their numbers in it: row k of these is ``numbers[k]``.
+
+    Findings about motions keep their numbers.
+    """
+    if "motion" in (finding.values.get("item"), finding.values.get("what")):
+        return finding
+    keys = _ROWS.get(finding.code, ())
+
+    def of_row(value: Any) -> Any:
+        return [of_row(part) for part in value] if isinstance(value, list) else int(numbers[value])
+
+    def walk(value: Any) -> Any:
+        if isinstance(value, list):
+            return [walk(part) for part in value]
+        if not isinstance(value, dict):
+            return value
+        return {key: of_row(part) if key == "row" or key in keys else walk(part) for key, part in value.items()}
+
+    values = walk(finding.values)
+    if "stretches" in values:  # first row, first one after it, shift
+        values["stretches"] = [[of_row(a), of_row(b - 1) + 1, shift] for a, b, shift in values["stretches"]]
+    return Finding(finding.code, finding.severity, values)
 
 
 def texts(findings: Iterable[Finding]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ noise sources. All of one data set and the `Fit` on it; poses that robust estima
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -46,12 +46,14 @@ class Analysis:
     beside: dict[str, Array] = field(default_factory=dict, repr=False)
     # Covariances (n, 6, 6) within what each robot pose has by itself, by name: of joint noise.
     within: dict[str, Array] = field(default_factory=dict, repr=False)
+    numbers: tuple[int, ...] | None = None  # of the rows in the data set, where some of it is excluded
 
     @cached_property
     def diagnostics(self) -> Diagnostics:
         """Observability, influence, tests of the residuals, systematic errors."""
         known = self.estimate is not None and self.estimate.correlation is not None
-        return diagnose(self.fit.gauged(), self.data, self.noise, correlation_estimated=known)
+        found = diagnose(self.fit.gauged(), self.data, self.noise, correlation_estimated=known)
+        return replace(found, numbers=self.numbers)
 
     @cached_property
     def covariances(self) -> dict[str, Array | None]:

@@ -9,23 +9,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
 from ..files.validate import plain
-from ..findings import Finding, warn
+from ..findings import Finding, renumbered, warn
 from ..kinematics.chain import Kinematics
 from ..kinematics.kinematic_errors import KinematicErrors
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
-from ..noise.models import Noise
+from ..noise.models import Noise, PairNoise, PoseNoise, require_count
+from ..poses.joint_values import as_joint_values
 from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
+from ..poses.selection import Selection, ranges, select_poses
+from ..prediction.excluded import residuals_against
 from ..runtime.threads import one_thread
 from ..shared_errors.shared_error import SharedError, listed_errors
+from .analysis import Analysis
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
@@ -57,6 +62,8 @@ def calibrate(
     joints: ArrayLike | None = None,
     kinematics: Kinematics | None = None,
     kinematic_errors: KinematicErrors | None = None,
+    exclude: Sequence[int] | str | None = None,
+    only: Sequence[int] | str | None = None,
 ) -> Calibration:
     """X with its covariance, residuals and warnings.
 
@@ -120,6 +127,10 @@ def calibrate(
         ``result.predict_camera``. By ``efficient`` and ``ml``.
     kinematic_errors : KinematicErrors or None
         What is known of the arm before the data; None: estimated, with the errors of industrial arms as the least.
+    exclude, only : sequence of int, text such as ``"12,14-16"``, or None
+        Numbers of poses to leave out, or of the only ones to use, counted from 0 in ``data``. The fit is that of the
+        rest. The excluded poses stay in ``result.data`` and ``result.table``, with their residuals against the fit and
+        the weight 0. A camera calibration from corners stays that of all its pictures.
 
     Motions that leave directions of X open (parallel axes of a SCARA or a vehicle, pure translations of a gantry) are
     answered by ``efficient`` and ``ml`` all the same: ``result.open_directions`` says which, X is one of all that fit,
@@ -153,6 +164,101 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.34, 0.34, 0.28])
     """
+    options: dict[str, Any] = {
+        "noise": noise, "method": method, "pairs": pairs, "scale": scale, "kind": kind, "covariance": covariance,
+        "robust": robust, "prior": prior, "prior_X": prior_X, "prior_W": prior_W, "seed": seed, "shared": shared,
+        "correlation": correlation, "joints": joints, "kinematics": kinematics, "kinematic_errors": kinematic_errors,
+    }  # fmt: skip
+    if exclude is None and only is None:
+        return _calibrate(data, None, **options)
+    if not isinstance(data, PosePairs) or data.robot.ndim != 3:
+        raise InputError("Expected PosePairs of one data set beside `exclude` or `only`: they count its poses.")
+    selection = select_poses(data.n, exclude, only)
+    if selection is None:
+        return _calibrate(data, None, **options)
+    result = _calibrate(data.rows(selection.kept), selection, **_of_kept(data, selection, options))
+    return _with_excluded(result, data, selection)
+
+
+def _of_kept(data: PosePairs, selection: Selection, options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of `calibrate` for the poses that count."""
+    kept, n, found = selection.kept, data.n, dict(options)
+    noise = options["noise"]
+    if isinstance(noise, PairNoise):
+        if any(S is not None and S.ndim > 2 for S in (noise.A, noise.B)):
+            raise InputError(
+                "Expected noise of poses, or one covariance for all motions, beside `exclude` or `only`: the motions "
+                "of the poses that are left are others."
+            )
+    elif isinstance(noise, PoseNoise | CameraNoise):
+        sides = (noise.robot, noise.camera) if isinstance(noise, PoseNoise) else (noise,)
+        for side, S in zip(("robot", "camera"), sides, strict=False):
+            if isinstance(S, CameraNoise):
+                if S.n != n:
+                    raise InputError(f"Expected camera noise of the data given, {n} poses, got that of {S.n} poses.")
+            else:
+                require_count(S, n, side, "poses")
+        found["noise"] = noise.rows(kept)
+    if options["shared"] is not None:
+        found["shared"] = [error.rows(kept, n) for error in listed_errors(options["shared"])]
+    if options["joints"] is not None:
+        found["joints"] = as_joint_values(options["joints"], n)[kept]
+    if not isinstance(options["pairs"], str):
+        pairs = relative_motions(data, options["pairs"]).pairs
+        assert pairs is not None
+        pairs = pairs[np.isin(pairs, kept).all(axis=1)]
+        if not len(pairs):
+            raise InputError("`exclude` or `only` leaves no pair of poses. Give others as `pairs`.")
+        found["pairs"] = np.searchsorted(kept, pairs)
+    return found
+
+
+def _with_excluded(result: Calibration, data: PosePairs, selection: Selection) -> Calibration:
+    """Return the result of the poses that count with the excluded ones in its data and in its table."""
+    excluded = tuple(selection.excluded.tolist())
+    table, analysis, whole = result.table, result.analysis, result.data
+    if isinstance(whole, PosePairs):
+        robot = data.robot.copy()
+        robot[selection.kept] = whole.robot  # those of an arm may stand for the ones measured
+        timing = data.timing
+        if timing is not None and whole.timing is not None:
+            timing = replace(timing, std=whole.timing.std)  # may have been given
+        whole = replace(data, robot=robot, timing=timing)
+    values: dict[str, Any] = {"excluded": list(excluded), "fit": None, "limit": None}
+    if table is not None and table.item == "pose" and result.W is not None:
+        found = residuals_against(result, data.rows(selection.excluded))
+        table = table.among(data.n, excluded, *found)
+        fits = found.distance2 <= table.limit
+        values |= {"fit": [k for k, fit in zip(excluded, fits, strict=True) if fit], "limit": table.limit}
+    if isinstance(analysis, Analysis):
+        analysis = replace(analysis, numbers=tuple(selection.kept.tolist()))
+    finding = Finding("calibration.excluded", "note", values | {"n": data.n})
+    return replace(
+        result, data=whole, table=table, analysis=analysis, excluded=excluded, findings=(*result.findings, finding)
+    )
+
+
+def _calibrate(
+    data: PosePairs | Motions,
+    selection: Selection | None,
+    noise: Noise | CameraNoise | None,
+    method: str | None,
+    pairs: str | ArrayLike,
+    scale: float | None,
+    kind: str | None,
+    covariance: str,
+    robust: bool | None,
+    prior: NoisePrior | None,
+    prior_X: tuple[ArrayLike, ArrayLike] | None,
+    prior_W: tuple[ArrayLike, ArrayLike] | None,
+    seed: int,
+    shared: Sequence[SharedError] | None,
+    correlation: str,
+    joints: ArrayLike | None,
+    kinematics: Kinematics | None,
+    kinematic_errors: KinematicErrors | None,
+) -> Calibration:
+    """See `calibrate`; ``selection``: the numbers that the poses have in the data set they are taken from."""
     listed = None if shared is None else listed_errors(shared)
     asked = (noise, method, pairs, scale, kind, covariance, robust, prior, seed, listed, correlation)
     of_arm = (joints, kinematics, kinematic_errors)
@@ -182,13 +288,13 @@ def calibrate(
             job = replace(job, robust=False)
             result, more = _run_undetermined(job, error) if undetermined else _run_given(job, error)
     except (InputError, NotConvergedError) as error:
-        error.findings = (*findings, *reasons(job))  # what looks wrong may well be the reason
-        warn(error.findings)
+        error.findings = tuple(_numbered((*findings, *reasons(job)), selection))  # may well be the reason
+        warn(error.findings, 3)
         raise
     findings += more
     if result.opened is not None:  # says what parallel axes leave open, and that nothing of it is stated
         findings = [finding for finding in findings if finding.code != "input_checks.parallel_axes"]
-    findings += shifted(job, result)
+    findings = _numbered([*findings, *shifted(job, result)], selection)
     options = {
         "method": result.method,
         "pairs": pairs if isinstance(pairs, str) else f"{len(job.motions)} given",
@@ -201,14 +307,20 @@ def calibrate(
         "seed": job.seed,
         "correlation": correlation,
         "shared": [line for error in (*job.shared, *job.carried) for line in error.described],
+        **({} if selection is None else {"exclude": ranges(selection.excluded.tolist())}),
     }
     about_errors = None if job.arm is None else job.arm.at
     simulated = job.poses is not None and job.poses.truth is not None
     given = requested(noise, robust, listed, *of_arm, about_errors, simulated)
     result = replace(result, findings=tuple(findings), provenance=provenance(data, options, given))
-    warn(findings)
+    warn(findings, 3)
     require_determined(result, job.motions)
     return result
+
+
+def _numbered(findings: Sequence[Finding], selection: Selection | None) -> list[Finding]:
+    """Return findings with the numbers of poses as in the whole data set."""
+    return list(findings) if selection is None else [renumbered(one, selection.kept.tolist()) for one in findings]
 
 
 def _run(job: Job) -> tuple[Calibration, list[Finding]]:

@@ -82,11 +82,11 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
     setup : str or None
         "eye-in-hand" or "eye-to-hand"; None for motions that came without poses.
     n_poses : int or None
-        None for motions that came without poses.
+        Poses that count, without the excluded ones. None for motions that came without poses.
     n_pairs : int
         Motions that were made of the poses.
     noise : PoseNoise, PairNoise or None
-        The noise that the covariance is of, given or estimated.
+        The noise that the covariance is of, given or estimated; of poses: of those in `counted`.
     residuals : Residuals
         How well X explains the pairs: RMS, median, maximum. It is not how accurate X is.
     findings : tuple of Finding
@@ -114,7 +114,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
     fit : GoodnessOfFit or None
         Chi-square test of the residuals against the noise.
     table : PoseTable or None
-        Residual, distance, leverage, weight and flag of each pose.
+        Residual, distance, leverage, weight and flag of each pose, also of the excluded ones.
     time_offset : TimeOffset or None
         Of interpolated poses: the offset and its share of the covariance.
     shared : tuple of SharedEstimate
@@ -125,7 +125,10 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
     provenance : Provenance or None
         Files, options, versions: enough to repeat the run.
     data : PosePairs, Motions or None
-        What it was made of. None when it was read from a file of a version that did not store poses.
+        What was given, with the excluded poses. None when it was read from a file of a version that did not store
+        poses.
+    excluded : tuple of int
+        Numbers of the poses that were left out by ``exclude`` or ``only``, counted from 0 in `data`.
     opened : OpenDirections or None
         What of X and W the motions leave open; None: nothing. `covariance` and `covariance_W` are then those of the
         other directions, and have the variance 0 along these: use them together with `open_directions`.
@@ -169,6 +172,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
     about: dict[str, str] = field(default_factory=dict)  # title block of the report, by the names of `files.about`
     data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of
+    excluded: tuple[int, ...] = ()  # numbers of poses in `data` that the fit left out as asked for
     analysis: Analysis | StoredAnalysis | None = field(
         default=None, repr=False
     )  # diagnostics, other covariances, split halves, budget
@@ -219,19 +223,28 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
         return self.analysis
 
     @property
+    def counted(self) -> PosePairs | Motions | None:
+        """Data of the fit: `data` without the excluded poses; `noise` is of these."""
+        if not self.excluded or not isinstance(self.data, PosePairs):  # motions were made without them
+            return self.data
+        return self.data.rows(np.setdiff1d(np.arange(self.data.n), self.excluded))
+
+    @property
     def used(self) -> tuple[PosePairs | Motions, Noise]:
         """Data and noise of which X is the plain fit: the poses that count, the noise of each divided by its weight.
 
         `monte_carlo`, `sweep`, `sample_posterior` and `cross_check`, given the calibration itself, start from these, so
         that all of them speak of this X. Raises `InputError` where there are no poses or there is no noise.
         """
-        if self.data is None or self.noise is None:
-            lacks = "no poses: its file holds none" if self.data is None else "no noise: none was found"
+        data = self.counted
+        if data is None or self.noise is None:
+            lacks = "no poses: its file holds none" if data is None else "no noise: none was found"
             raise InputError(f"This calibration holds {lacks}.")
-        if self.table is None or (self.table.weight == 1).all():
-            return self.data, self.noise
-        kept = np.flatnonzero(self.table.weight > 0)
-        return self.data.rows(kept), self.noise.rows(kept).weighted(self.table.weight[kept])
+        weight = None if self.table is None else self.table.weight[self.table.counted]
+        if weight is None or (weight == 1).all():
+            return data, self.noise
+        kept = np.flatnonzero(weight > 0)
+        return data.rows(kept), self.noise.rows(kept).weighted(weight[kept])
 
     def predict(
         self,
@@ -314,6 +327,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
 
     def __repr__(self) -> str:
         data = f"{self.n_pairs} pairs" if self.n_poses is None else f"{self.n_poses} poses"
+        data += f", {len(self.excluded)} excluded" if self.excluded else ""
         known = "uncertainty not determined"
         if self.weakest_translation is not None and self.weakest_rotation is not None:
             move, turn = 1e3 * self.weakest_translation[1], np.degrees(self.weakest_rotation[1])
@@ -459,6 +473,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
             "accuracy": None if self.accuracy is None else self.accuracy.to_dict(),
             "checks": [check.to_dict() for check in self.checks],
             **({} if self.data is None else {"data": data_to_dict(self.data)}),
+            **({"excluded": list(self.excluded)} if self.excluded else {}),
             "findings": [finding.to_dict() for finding in self.findings],
             "warnings": list(self.warnings),
         }

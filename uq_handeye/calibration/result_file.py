@@ -61,6 +61,10 @@ class Stored(Protocol):
     def noise(self) -> Noise | None: ...
     @property
     def data(self) -> PosePairs | Motions | None: ...
+    @property
+    def counted(self) -> PosePairs | Motions | None: ...
+    @property
+    def excluded(self) -> tuple[int, ...]: ...
     def _derived(self) -> dict[str, Any]: ...
 
 
@@ -142,12 +146,22 @@ def _require_whole(result: Stored) -> None:
     """Raise where the parts are not of one data set and one fit."""
     if (fit := result.fit) is not None and not (fit.dof > 0 and np.isclose(fit.sigma0**2, fit.chi2 / fit.dof)):
         raise ValueError(f"sigma0 {fit.sigma0!r} is not that of {fit.chi2!r} with {fit.dof!r} degrees of freedom")
-    if (data := result.data) is not None:
+    if result.excluded and list(result.excluded) != sorted({k for k in result.excluded if type(k) is int and k >= 0}):
+        raise ValueError(f"the excluded poses are {result.excluded!r:.60}")
+    if result.data is not None:
+        if isinstance(result.data, PosePairs) and result.excluded and result.excluded[-1] >= result.data.n:
+            raise ValueError(f"pose {result.excluded[-1]} of {result.data.n} is excluded")
+        data = result.counted
+        assert data is not None
         _require_one_data_set(data, result)
     if result.table is None:
         return
-    count = result.n_pairs if result.table.item == "motion" else result.n_poses
-    sizes = {len(result.table)} if result.analysis is None else {len(result.table), result.analysis.diagnostics.n}
+    of_motions = result.table.item == "motion"
+    count = result.n_pairs if of_motions else result.n_poses
+    if not of_motions and tuple(result.table.excluded) != result.excluded:
+        raise ValueError(f"poses {result.table.excluded} are excluded in the table, not {list(result.excluded)}")
+    rows = len(result.table.counted)
+    sizes = {rows} if result.analysis is None else {rows, result.analysis.diagnostics.n}
     if sizes != {count}:
         raise ValueError(f"{count} {result.table.item}s, and parts that are of {sorted(sizes)}")
 
@@ -187,6 +201,7 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "provenance": origin,
         "about": as_about(data.get("about", {})),
         "data": poses,
+        "excluded": tuple(data.get("excluded", ())),
         "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
         "shared": tuple(map(SharedEstimate.from_dict, data.get("shared", ()))),
         "opened": None if data.get("open") is None else OpenDirections.from_dict(data["open"]),

@@ -9,6 +9,7 @@ from typing import Any
 from ..diagnostics.sentences import along
 from ..findings import sentence
 from ..formatting.numbers import concise, digits, probability, signed
+from ..poses.selection import ranges
 
 
 @sentence("calibration.data_sheet_contradicted")
@@ -197,3 +198,23 @@ def _movement(xi: Sequence[float], frame: str) -> str:
         return f"{how} the {frame}'s {'xyz'[largest]} axis"
     sign = 1.0 if unit[largest] > 0 else -1.0
     return f"{how} ({', '.join(f'{sign * x:.2f}' for x in unit)}) of the {frame}"
+
+
+@sentence("calibration.excluded")
+def _(excluded: Sequence[int], fit: Sequence[int] | None, limit: float | None, n: int) -> str:
+    one = len(excluded) == 1
+    which = f"pose{'' if one else 's'} {ranges(excluded)} of {n}, counted from 0"
+    text = f"Excluded by request: {which}. X does not use {'it' if one else 'them'}."
+    if fit is None or limit is None:
+        return text
+    below = f"the others (d^2 below {limit:.3g})"
+    if not fit:
+        return f"{text} {'It does not fit' if one else 'None of them fits'} {below}."
+    if len(fit) == len(excluded):
+        return f"{text} {'It fits' if one else 'All of them fit'} {below}; including {_it(fit)} would add information."
+    some = f"pose {fit[0]} fits" if len(fit) == 1 else f"poses {ranges(fit)} fit"
+    return f"{text} Of these, {some} {below}; including {_it(fit)} would add information."
+
+
+def _it(rows: Sequence[int]) -> str:
+    return "it" if len(rows) == 1 else "them"

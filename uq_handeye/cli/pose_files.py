@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..noise.estimate import NoisePrior
     from ..noise.models import Noise, PoseNoise
     from ..poses.pose_pairs import PosePairs
+    from ..poses.selection import Selection
     from ..shared_errors.shared_error import SharedError
     from ..synchronisation.result import Synchronised
     from .pictures import Pictures
@@ -263,6 +264,25 @@ class PoseFiles(StreamFiles):
             help="Largest time difference of a pair (s), for --pair time. Default: 0.02.",
         ),
     ] = None
+    exclude: Annotated[
+        str | None,
+        option(
+            "--exclude",
+            metavar="POSES",
+            panel=POSE_FILES,
+            help="Poses to leave out, e.g. 12,14-16, numbered as in the report (paired poses, from 0). The report "
+            "shows them with their residuals. The intrinsics stay those of all pictures.",
+        ),
+    ] = None
+    only: Annotated[
+        str | None,
+        option(
+            "--only",
+            metavar="POSES",
+            panel=POSE_FILES,
+            help="Poses to use, all others being left out as by --exclude.",
+        ),
+    ] = None
 
     def read(
         self, given: Given, views: "Views | None" = None, arm: Arm | None = None
@@ -270,9 +290,13 @@ class PoseFiles(StreamFiles):
         """Return at least three pairs of poses, their noise if given, and the argument `shared` of `calibrate`.
 
         If the noise is given for one side, or by the views of the camera, the rest is estimated. The noise of an arm
-        includes its kinematic errors.
+        includes its kinematic errors. Poses of --exclude are left out.
         """
         poses, noise, shared = self.read_open(given, views, given.one_side, arm)
+        if (selection := self.selection(poses)) is not None:
+            kept, n = selection.kept, poses.n
+            poses, noise = poses.rows(kept), None if noise is None else noise.rows(kept)
+            shared = None if shared is None else [error.rows(kept, n) for error in shared]
         if arm is not None:
             return poses, _noise_of_arm(poses, given.one_side, noise, shared, arm), []
         if given.one_side is None and views is None:
@@ -302,6 +326,12 @@ class PoseFiles(StreamFiles):
             poses, noise = files._poses_and_noise(given.noise, seen, arm)
             shared = given.shared.errors(poses, noise, given.file)
         return poses, noise, shared
+
+    def selection(self, poses: "PosePairs") -> "Selection | None":
+        """Return which of the poses --exclude and --only leave; None: all."""
+        from ..poses.selection import select_poses
+
+        return select_poses(poses.n, self.exclude, self.only, ("--exclude", "--only"))
 
     def _beside_joints(self, arm: Arm, pictures: bool) -> "PoseFiles":
         """Return the files as their arguments are read with --joints: a single one is that of the camera."""

@@ -34,7 +34,7 @@ def compare_beside(result: Calibration) -> Compared:
 
     The noise is that of the result, given or estimated there. No time is measured.
     """
-    data, noise, note = result.data, result.noise, ""
+    data, noise, note = result.counted, result.noise, ""
     if data is None:
         return Compared(
             None,
@@ -43,7 +43,7 @@ def compare_beside(result: Calibration) -> Compared:
             "",
         )
     if result.table is not None and result.table.rejected:
-        kept = np.flatnonzero(result.table.weight > 0)
+        kept = np.flatnonzero(result.table.weight[result.table.counted] > 0)
         data, noise = (data.rows(kept), None) if noise is None else result.used
         count = len(result.table.rejected)
         note = f" Without the {f'{count} {result.table.item}s' if count > 1 else result.table.item} rejected here."

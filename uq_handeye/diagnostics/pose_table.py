@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-FLAGS = ("kept", "outlier", "downweighted", "rejected")
+FLAGS = ("kept", "outlier", "downweighted", "rejected", "excluded")
 # Poses that a finding names.
 MOST_NAMED = 5
 
@@ -33,7 +34,8 @@ class PoseTable(ReadOnlyArrays):
     The residual is that of ``G X C = W`` (of ``A X = X B`` for motions) after the fit. ``distance2`` is the squared
     Mahalanobis distance of the pose from where the other poses predict it: chi-square with 6 degrees of freedom for a
     good pose and true noise. ``flag`` is "kept", "outlier" (``distance2`` beyond its 99.9 % quantile, 22.5; no robust
-    estimation was asked for), "downweighted" (``weight`` says how far) or "rejected".
+    estimation was asked for), "downweighted" (``weight`` says how far), "rejected", or "excluded": left out by
+    request, with its residual against the fit to the others. An excluded pose has the weight and leverage 0.
     """
 
     item: str  # "pose" or "motion"
@@ -41,7 +43,7 @@ class PoseTable(ReadOnlyArrays):
     translation: Array  # length of the translation residual, m
     distance2: Array
     leverage: Array  # share in the information about all unknowns; the sum is 1
-    weight: Array  # in [0, 1]; 0: rejected
+    weight: Array  # in [0, 1]; 0: rejected or excluded
     flag: tuple[str, ...]
     limit: float = FULL  # of distance2, beyond which one is flagged
     scale: float = 1.0  # so many times the noise given was taken to judge by; 1 unless most residuals are that large
@@ -69,8 +71,18 @@ class PoseTable(ReadOnlyArrays):
 
     @property
     def flagged(self) -> list[int]:
-        """Numbers, from 0, of those that are not simply kept."""
-        return [k for k, flag in enumerate(self.flag) if flag != "kept"]
+        """Numbers, from 0, of those that stand out: neither simply kept nor excluded by the user."""
+        return [k for k, flag in enumerate(self.flag) if flag not in ("kept", "excluded")]
+
+    @property
+    def excluded(self) -> list[int]:
+        """Numbers, from 0, of those that the user left out."""
+        return [k for k, flag in enumerate(self.flag) if flag == "excluded"]
+
+    @property
+    def counted(self) -> list[int]:
+        """Numbers, from 0, of those that are not excluded: the data of the fit."""
+        return [k for k, flag in enumerate(self.flag) if flag != "excluded"]
 
     def status(self, row: int) -> str:
         """The flag, with the weight of what is down-weighted: "downweighted (0.40)"."""
@@ -79,8 +91,8 @@ class PoseTable(ReadOnlyArrays):
 
     @property
     def rejected(self) -> list[int]:
-        """Numbers, from 0, of those that take no part in the estimate."""
-        return [int(k) for k in np.flatnonzero(self.weight == 0)]
+        """Numbers, from 0, of the outliers that take no part in the estimate."""
+        return [k for k in self.counted if self.weight[k] == 0]
 
     @property
     def findings(self) -> list[Finding]:
@@ -101,7 +113,7 @@ class PoseTable(ReadOnlyArrays):
                 }
                 for k in rows[:MOST_NAMED]
             ]
-            values = {"item": self.item, "flag": flag, "n": len(self), "count": len(rows), "limit": self.limit}
+            values = {"item": self.item, "flag": flag, "n": len(self.counted), "count": len(rows), "limit": self.limit}
             found.append(Finding("diagnostics.flagged", "caution", values | {"worst": worst}))
         if self.scale > 1:
             severity: Severity = "failure" if self.scale > GROSS else "caution"
@@ -111,7 +123,31 @@ class PoseTable(ReadOnlyArrays):
     @property
     def limit_of_all(self) -> float:
         """The d^2 that the largest of so many good poses exceeds once in 1000 data sets."""
-        return largest_by_chance(len(self))
+        return largest_by_chance(len(self.counted))
+
+    def among(self, n: int, numbers: Sequence[int], rotation: Array, translation: Array, distance2: Array) -> PoseTable:
+        """Return the table of all n poses of a data set, of which this one has all but those ``numbers``.
+
+        Those are excluded; ``rotation``, ``translation`` and ``distance2`` are their residuals against the fit.
+        """
+        others = np.setdiff1d(np.arange(n), numbers)
+
+        def whole(own: Array, excluded: Array | float) -> Array:
+            column = np.empty(n)
+            column[others], column[list(numbers)] = own, excluded
+            return column
+
+        flag = np.full(n, "excluded", dtype=object)
+        flag[others] = self.flag
+        return replace(
+            self,
+            rotation=whole(self.rotation, rotation),
+            translation=whole(self.translation, translation),
+            distance2=whole(self.distance2, distance2),
+            leverage=whole(self.leverage, 0.0),
+            weight=whole(self.weight, 0.0),
+            flag=tuple(flag.tolist()),
+        )
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table, one row per pose, units in the names of the columns."""

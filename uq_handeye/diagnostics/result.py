@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.validate import plain, section
-from ..findings import Finding, texts
+from ..findings import Finding, renumbered, texts
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
 from .residual_patterns import RARE, RARE_PATTERN, Autocorrelation, Normality, Regression
@@ -125,10 +125,15 @@ class Diagnostics:
     normality: Normality
     regression: Regression
     probes: tuple[ScaleError, ...]
+    numbers: tuple[int, ...] | None = None  # of the rows in the data, where some of the data are excluded
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """Everything that was found; what a user should act upon is more than a note."""
+        found = self._findings()
+        return found if self.numbers is None else tuple(renumbered(finding, self.numbers) for finding in found)
+
+    def _findings(self) -> tuple[Finding, ...]:
         turning = _note("turning", share=self.diversity.share, axis=self.diversity.axes[0], frame=self.frame)
         return (
             *self.spectrum.findings,
@@ -165,7 +170,8 @@ class Diagnostics:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and text; None stands for an infinite number."""
-        return dict(plain(asdict(self)))
+        found = dict(plain(asdict(self)))
+        return found if self.numbers is not None else {name: part for name, part in found.items() if name != "numbers"}
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Diagnostics:
@@ -182,6 +188,10 @@ class Diagnostics:
         }
         parts = {name: section(kind, data[name], shapes, name, _INFINITE) for name, (kind, shapes) in sizes.items()}
         values = data | parts
+        if (numbers := data.get("numbers")) is not None:
+            values["numbers"] = tuple(numbers)
+            if len(numbers) != n or any(type(k) is not int or k < 0 for k in numbers):
+                raise InputError(f"Expected {n} row numbers among the diagnostics, got {numbers!r:.60}.")
         values["probes"] = tuple(section(ScaleError, probe, {"shift": (6,)}) for probe in data["probes"])
         if tuple(probe.name for probe in values["probes"]) != PROBED:
             raise InputError(f"Expected the errors of {', '.join(PROBED)} among the diagnostics.")

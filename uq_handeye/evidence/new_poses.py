@@ -108,7 +108,8 @@ def _effects_on_camera(result: Calibrated, poses: PosePairs) -> tuple[Array, Arr
     F = shared_effects(result, "camera", poses.robot, poses.camera)
     if seen is None:
         return F, own_noise(result, "camera")
-    before = result.data.camera_calibration if isinstance(result.data, PosePairs) else None
+    data = result.counted
+    before = data.camera_calibration if isinstance(data, PosePairs) else None
     if before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters):
         return F, np.asarray(seen.covariance.own)
     F[..., numbers_of_intrinsics(posterior)] = 0.0

@@ -38,6 +38,8 @@ class Weighted(Protocol):
 
     @property
     def weight(self) -> Array: ...
+    @property
+    def counted(self) -> list[int]: ...
 
 
 class Calibrated(Predicting, Protocol):
@@ -84,7 +86,8 @@ def state_of(result: Calibrated, robot: Array | None = None) -> State:
     """
     posterior = joint_posterior_of(result)
     P, accuracy = posterior.covariance, accuracy_of(result)
-    poses = result.data if isinstance(result.data, PosePairs) else getattr(result.data, "poses", None)
+    data = result.counted
+    poses = data if isinstance(data, PosePairs) else getattr(data, "poses", None)
     if accuracy is None or robot is None or not len(robot):
         return State(root(P), posterior.estimate, posterior.names)
     before = refitted(result)
@@ -107,7 +110,7 @@ def joint_posterior_of(result: Calibrated) -> JointPosterior:
     if result.opened is not None:
         raise InputError("The motions of this calibration leave a part of X or W open: nothing can be held against it.")
     if result.joint_posterior is None or result.W is None:
-        what = "of motions without poses" if isinstance(result.data, Motions) else f"by method {result.method!r}"
+        what = "of motions without poses" if isinstance(result.counted, Motions) else f"by method {result.method!r}"
         raise InputError(
             f"Expected a calibration with the joint covariance of X and W, got one {what} without it. Calibrate poses "
             "by method efficient or ml."
@@ -122,10 +125,11 @@ def accuracy_of(result: Calibrated) -> RobotAccuracy | None:
 
 def refitted(result: Calibrated) -> Fit | None:
     """Return the fit again at the stored estimate, with stored noise and weights; None where the result lacks these."""
-    if not isinstance(result.data, PosePairs) or not isinstance(result.noise, PoseNoise) or result.W is None:
+    data = result.counted
+    if not isinstance(data, PosePairs) or not isinstance(result.noise, PoseNoise) or result.W is None:
         return None
-    constraint = constraint_of(result.data, result.noise)
-    weights = None if result.table is None else np.asarray(result.table.weight)
+    constraint = constraint_of(data, result.noise)
+    weights = None if result.table is None else np.asarray(result.table.weight)[result.table.counted]
     try:
         return fit(constraint, result.noise, Unknowns(result.X, result.W), 1, weights)
     except SingularNoiseError:

@@ -23,11 +23,11 @@ from ..shared_errors.shared_error import SharedError, default_errors
 
 
 def measured_poses(result: Calibration) -> PosePairs:
-    """Return the poses of a result as they were measured, with their joints.
+    """Return the poses of a result as they were measured, with their joints; without the excluded ones.
 
     Where the errors of an arm were derived at their estimate, its poses stand for those measured (`linear_about`).
     """
-    data = result.data
+    data = result.counted
     assert isinstance(data, PosePairs)
     arm = _request(result)["arm"]
     if arm is None:

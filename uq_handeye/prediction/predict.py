@@ -58,7 +58,7 @@ class Predicting(Protocol):
     @property
     def joint_posterior(self) -> JointPosterior | None: ...
     @property
-    def data(self) -> PosePairs | Motions | None: ...
+    def counted(self) -> PosePairs | Motions | None: ...
     @property
     def opened(self) -> OpenDirections | None: ...
 
@@ -111,7 +111,7 @@ def predict_camera(
 ) -> CameraPrediction:
     """See `Calibration.predict_camera`."""
     posterior = _posterior(result)
-    from_corners = isinstance(result.data, PosePairs) and result.data.camera_calibration is not None
+    from_corners = isinstance(result.counted, PosePairs) and result.counted.camera_calibration is not None
     if new_measurement and numbers_of_intrinsics(posterior) and not from_corners:
         raise InputError(
             "The effect of the intrinsics' errors on a new measurement follows from its corners, which this result "
@@ -281,8 +281,8 @@ def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: 
         if (of := error_by_part(name)) is not None and of[0].side == side:
             error, part = of
             found[..., k] = error.at(poses)[..., part]
-    seen = result.data.camera_calibration if isinstance(result.data, PosePairs) else None
-    index = numbers_of_intrinsics(posterior)
+    data, index = result.counted, numbers_of_intrinsics(posterior)
+    seen = data.camera_calibration if isinstance(data, PosePairs) else None
     if side == "camera" and index and seen is not None and isinstance(result.noise, PoseNoise):
         S = result.noise.camera
         assert isinstance(S, JointCovariance)

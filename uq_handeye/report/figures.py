@@ -151,9 +151,11 @@ def _rig(result: Calibration) -> Picture | None:
     if poses is None:
         return None
     table = result.table
-    weight = None if table is None or table.item != "pose" else table.weight
+    weight = np.ones(poses.n) if table is None or table.item != "pose" else table.weight.copy()
+    if len(result.excluded) < poses.n == len(weight):
+        weight[list(result.excluded) if isinstance(result.data, PosePairs) else []] = 0.0
     W = mean_target(poses, result.X) if result.W is None else result.W
-    scene = rig(poses, result.X, W, result.covariance, weight)
+    scene = rig(poses, result.X, W, result.covariance, weight, excluded=result.excluded)
     one = "cameras and one target" if poses.setup == "eye-in-hand" else "targets and one camera"
     alt = f"The rig in the base frame, from the side and from above: {poses.n:,} gripper poses with their {one}."
     caption = (
@@ -176,15 +178,18 @@ def _residuals(result: Calibration) -> Picture | None:
     flagged = len(table.flagged)
     alt = (
         f"Residuals of {len(table):,} {table.item}s in three panels: rotation (median "
-        f"{digits(np.degrees(np.median(table.rotation)))} deg), translation (median "
-        f"{digits(1e3 * np.median(table.translation))} mm) and squared distance. "
+        f"{digits(np.degrees(np.median(table.rotation[table.counted])))} deg), translation (median "
+        f"{digits(1e3 * np.median(table.translation[table.counted]))} mm) and squared distance. "
         f"{'None is' if not flagged else f'{flagged} are' if flagged > 1 else 'One is'} flagged."
+        f"{f' {len(table.excluded):,} excluded, as open circles.' if table.excluded else ''}"
     )
     caption = (
         f"Residual of each {table.item} from the prediction of X and all other {table.item}s. d² is the squared "
         f"distance in standard deviations: 6 on average, above {table.limit:.3g} for one good {table.item} in 1,000. A "
         "curve, step or trend is not noise: it points to drift, kinematics or intrinsics."
     )
+    if table.excluded:
+        caption += f" Open circles are {table.item}s that were excluded by request: the fit does not use them."
     return Picture(residual_figure(table), alt, caption)
 
 

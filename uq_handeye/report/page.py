@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from .._version import __version__
+from ..calibration.report.first_screen import data_words
 from ..calibration.result import Calibration
 from ..comparison.of_result import Compared, compare_beside
 from ..comparison.result import Comparison
@@ -156,8 +157,12 @@ def report_html(
     if folded:
         sections += _folded_sections(result, drawings, found, cross_check, date)
     *sheets, sections = edited([*sheets, sections])
-    data = f"{result.n_poses:,} poses" if result.n_poses is not None else f"{result.n_pairs:,} motions"
-    facts = [result.setup or "motions without poses", data, f"method {result.method}", f"report of {date}"]
+    facts = [
+        result.setup or "motions without poses",
+        data_words(result),
+        f"method {result.method}",
+        f"report of {date}",
+    ]
     return rendered(
         "Hand-eye calibration",
         result.frame,

@@ -46,14 +46,17 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
     else:
         blocks.append(drawings["residuals"])
         if not table.flagged:
-            blocks.append(Paragraph(f"No {table.item} is flagged: none of the {len(table):,} stands out."))
+            blocks.append(Paragraph(f"No {table.item} is flagged: none of the {len(table.counted):,} stands out."))
+        blocks += [Paragraph(str(one)) for one in result.findings if one.code == "calibration.excluded"]
         order = np.argsort(-table.distance2, kind="stable").tolist()
         if len(table) <= MOST_LISTED:
             shown, which = list(range(len(table))), f"All {len(table)} {table.item}s"
         else:
-            flagged = [k for k in order if table.flag[k] != "kept"][:MOST_FLAGGED]
-            shown = sorted({*flagged, *order[:WORST]}, key=order.index)
-            which = f"{len(shown)} of {len(table):,} {table.item}s: flagged ones and those of largest d², worst first"
+            flagged = [k for k in order if table.flag[k] not in ("kept", "excluded")][:MOST_FLAGGED]
+            excluded = [k for k in order if table.flag[k] == "excluded"][:MOST_FLAGGED]
+            shown = sorted({*flagged, *excluded, *order[:WORST]}, key=order.index)
+            also = "flagged ones, excluded ones" if excluded else "flagged ones"
+            which = f"{len(shown)} of {len(table):,} {table.item}s: {also} and those of largest d², worst first"
             if len(flagged) < len(table.flagged):
                 which += f" ({len(table.flagged) - len(flagged)} more are flagged)"
         blocks.append(pose_table(table, shown, f"{which}. Numbers count from 0."))

@@ -5,7 +5,6 @@ They are written as SVG. Classes give them the colours of the page (``report.css
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,18 +36,23 @@ _PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
 def residual_sketch(table: PoseTable) -> Drawing:
-    """Return two panels over the number of the pose: residuals in mm and in deg; flagged poses are crosses."""
+    """Return two panels over the number of the pose: residuals in mm and in deg; flagged poses are crosses, excluded
+    ones open circles.
+    """
     step = -(-len(table) // MOST_DOTS)
     parts = [
-        *_panel(1e3 * table.translation, table.flagged, step, 8.0, "mm"),
-        *_panel(np.degrees(table.rotation), table.flagged, step, 108.0, "deg"),
+        *_panel(1e3 * table.translation, table, step, 8.0, "mm"),
+        *_panel(np.degrees(table.rotation), table, step, 108.0, "deg"),
         _text(50, 207, "0", "middle"),
         _text(398, 207, str(len(table) - 1), "middle"),
         _text(224, 207, f"number of the {table.item}", "middle"),
     ]
     count = len(table.flagged)
-    flagged = f"{count} of {len(table):,} flagged, as crosses" if count else f"none of the {len(table):,} flagged"
-    move, turn = 1e3 * np.median(table.translation), np.degrees(np.median(table.rotation))
+    counted, total = table.counted, f"{len(table.counted):,}"
+    flagged = f"{count} of {total} flagged, as crosses" if count else f"none of the {total} flagged"
+    if table.excluded:
+        flagged += f"; {len(table.excluded):,} excluded, as open circles"
+    move, turn = 1e3 * np.median(table.translation[counted]), np.degrees(np.median(table.rotation[counted]))
     median = f"{digits(move, 2)} mm, {digits(turn, 2)} deg"
     each = "" if step == 1 else f"; each dot is the largest of {step} neighbours"
     return Drawing(
@@ -60,33 +64,38 @@ def residual_sketch(table: PoseTable) -> Drawing:
     )
 
 
-def _panel(values: Array, flagged: Sequence[int], step: int, top: float, unit: str) -> list[str]:
+def _panel(values: Array, table: PoseTable, step: int, top: float, unit: str) -> list[str]:
     """Return one panel, 84 units high, with its axis from 44 to 404."""
     n, bottom = len(values), top + 84.0
     marked = np.zeros(n, dtype=bool)
-    marked[list(flagged)] = True
+    marked[table.flagged] = True
+    open_ = np.zeros(n, dtype=bool)
+    open_[table.excluded] = True
     shown = np.arange(n)
     if step > 1:
         shown = np.array([k + int(np.argmax(values[k : k + step])) for k in range(0, n, step)])
-    heights, ticks, logarithmic = _scale(values)
+    heights, ticks, logarithmic = _scale(values, float(np.median(values[table.counted])))
     x, y = 50.0 + 348.0 * np.arange(n) / max(n - 1, 1), bottom - 78.0 * heights
     parts = [_path("axis", f"M44 {top:g}V{bottom:g}H404")]
     for tick, height in ticks:
         at = bottom - 78.0 * height
         parts += [_path("grid", f"M44 {at:.1f}H404"), _text(40, at + 3.5, f"{tick:g}", "end")]
     parts.append(_text(50, top + 4, unit + (" (logarithmic)" if logarithmic else "")))
-    kept, bad = shown[~marked[shown]], shown[marked[shown]]
+    kept, bad, excluded = shown[~(marked | open_)[shown]], shown[marked[shown]], np.flatnonzero(open_)
     dots = "".join(f'<circle cx="{x[k]:.1f}" cy="{y[k]:.1f}" r="2.2"/>' for k in kept)
     parts.append(f'<g class="dots" fill="#0b5394">{dots}</g>')
+    if excluded.size:
+        rings = "".join(f'<circle cx="{x[k]:.1f}" cy="{y[k]:.1f}" r="2.6"/>' for k in excluded)
+        parts.append(f'<g class="axis" {_STYLES["axis"]}>{rings}</g>')
     if bad.size:
         parts.append(_path("crosses", "".join(f"M{x[k] - 3:.1f} {y[k] - 3:.1f}l6 6m0-6l-6 6" for k in bad)))
     return parts
 
 
-def _scale(values: Array) -> tuple[Array, list[tuple[float, float]], bool]:
+def _scale(values: Array, median: float) -> tuple[Array, list[tuple[float, float]], bool]:
     """Return heights in [0, 1], ticks with theirs, and whether the scale is logarithmic, since few values hide all."""
     largest = max(float(values.max()), 1e-9)
-    if largest > WIDE * max(float(np.median(values)), 1e-12):
+    if largest > WIDE * max(median, 1e-12):
         low = max(float(np.quantile(values, 0.05)), 1e-4 * largest)
         length = np.log(1.3 * largest / low)
         powers = range(int(np.ceil(np.log10(low))), int(np.floor(np.log10(largest))) + 1)

@@ -53,7 +53,7 @@ _NOTHING_NEW = 1e-6
 
 
 class RobotAccuracy(NamedTuple):
-    """What was declared or assumed of an arm, as numbers."""
+    """Accuracy that was declared or assumed of an arm, as numbers."""
 
     translation: float  # m
     rotation: float  # rad

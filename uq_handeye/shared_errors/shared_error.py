@@ -33,6 +33,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
@@ -280,6 +281,16 @@ class SharedError(ReadOnlyArrays):
             error = replace(made[0], focal_length_px=focal_length)
         doubt = None if data.get("doubt") is None else Doubt(*data["doubt"])
         return replace(error, doubt=doubt, default=bool(data.get("default", False)))
+
+    def rows(self, kept: NDArray[np.intp], n: int) -> SharedError:
+        """Return the error for some of n poses, by their numbers: columns that were given for all n lose the others."""
+        whole = self.effect
+
+        def effect(poses: PosePairs) -> Array:
+            F = whole(poses)
+            return F[kept] if len(F) == n != poses.n else F
+
+        return replace(self, effect=effect)
 
     def __repr__(self) -> str:
         return (

@@ -71,8 +71,8 @@ def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
 def reasons_of(result: Stated) -> tuple[str, ...]:
     """Return why X cannot be used, the decisive reason first; nothing where it can."""
     found = list(failures_in_words(_all_findings(result)))
-    if result.table is not None and len(result.table) < _MANY:
-        rejected, n = len(result.table.rejected), len(result.table)
+    if result.table is not None and len(result.table.counted) < _MANY:
+        rejected, n = len(result.table.rejected), len(result.table.counted)
         if rejected > _FEW_WRONG * n:  # of few poses as many as are left may agree on a wrong X by chance
             found.append(f"{rejected} of {n} {result.table.item}s contradict X")
     if result.covariance is not None:
@@ -134,7 +134,8 @@ def _without_findings(name: str, result: Stated) -> Check:
         if result.table is None:
             why = f"needs the methods efficient or ml, not {result.method}"
             return Check(name, "not run", "no noise, given or estimated" if result.covariance is None else why)
-        return Check(name, "ok", f"none of {len(result.table)} {result.table.item}s")
+        excluded = f"; {len(result.excluded)} excluded by request" if result.excluded else ""
+        return Check(name, "ok", f"none of {len(result.table.counted)} {result.table.item}s{excluded}")
     if name == NOISE:
         return _of_noise(result)
     if result.analysis is None:

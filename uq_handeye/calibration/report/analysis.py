@@ -200,15 +200,27 @@ def flagged_blocks(result: Calibration) -> list[Block]:
     if table is None:
         return []
     if not table.flagged:
-        return [Paragraph(f"No {table.item} stands out: all {len(table)} lie within their 99.9 % ellipsoids.")]
+        count = len(table.counted)
+        none = Paragraph(f"No {table.item} stands out: all {count} lie within their 99.9 % ellipsoids.")
+        return [none, *_excluded_blocks(table)]
     order = sorted(table.flagged, key=lambda k: -table.distance2[k])
     caption = (
-        f"{len(order)} of {len(table)} {table.item}s stand out (numbered from 0; d^2 is 6 on average, beyond "
+        f"{len(order)} of {len(table.counted)} {table.item}s stand out (numbered from 0; d^2 is 6 on average, beyond "
         f"{table.limit:.3g} rare):"
     )
     more = len(order) - MOST_LISTED
     rest = [Paragraph(f"and {more} more; see the table of the result", indent="  ")] if more > 0 else []
-    return [pose_table(table, order[:MOST_LISTED], caption), *rest]
+    return [pose_table(table, order[:MOST_LISTED], caption), *rest, *_excluded_blocks(table)]
+
+
+def _excluded_blocks(table: PoseTable) -> list[Block]:
+    """The poses that were excluded by request."""
+    if not table.excluded:
+        return []
+    caption = f"{len(table.excluded)} of {len(table)} {table.item}s are excluded, with residuals against the fit:"
+    more = len(table.excluded) - MOST_LISTED
+    rest = [Paragraph(f"and {more} more; see the table of the result", indent="  ")] if more > 0 else []
+    return [pose_table(table, table.excluded[:MOST_LISTED], caption), *rest]
 
 
 def shown_budget(result: Calibration) -> Budget | None:

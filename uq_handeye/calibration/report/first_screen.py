@@ -99,8 +99,7 @@ def _folded(checks: Checks) -> Checks:
 
 def title_of(result: Calibration, width: int = COLUMNS) -> str:
     """Return what was estimated from what, on one line: ``gripper_T_camera from robot.csv, camera.csv: 25 poses``."""
-    data = f"{result.n_pairs} motions" if result.n_poses is None else f"{result.n_poses} poses"
-    parts = [data, *([] if result.setup is None else [result.setup]), _method(result)]
+    parts = [data_words(result), *([] if result.setup is None else [result.setup]), _method(result)]
     sources = () if result.provenance is None else result.provenance.sources
     names = list(dict.fromkeys(source.name for source in sources))
     start, end = f"{result.frame} from ", f": {', '.join(parts)}"
@@ -113,6 +112,14 @@ def title_of(result: Calibration, width: int = COLUMNS) -> str:
             break
         shown = f"{', '.join(names[:count])} + {len(names) - count} more"
     return _cut(start + _cut(shown, max(room, _SHORTEST)) + end, width)
+
+
+def data_words(result: Calibration) -> str:
+    """Return how many data the fit is of: ``22 of 25 poses`` where some are excluded."""
+    if result.n_poses is None:
+        return f"{result.n_pairs:,} motions"
+    of = f" of {result.n_poses + len(result.excluded):,}" if result.excluded else ""
+    return f"{result.n_poses:,}{of} poses"
 
 
 def _method(result: Calibration) -> str:

@@ -8,7 +8,7 @@ from ...presentation.document import Answer, Block, Checks, Document, Paragraph,
 from ...presentation.notebook import blocks_html, heat_html, html_of, matrix_html, to_html
 from ..result import Calibration
 from .arm import arm_sentences
-from .first_screen import accuracy_blocks, status_of
+from .first_screen import accuracy_blocks, data_words, status_of
 from .shared_errors import included_words, shared_blocks
 from .text import directions
 
@@ -19,7 +19,7 @@ MOST_PARTS = 12
 @html_of.register(Calibration)
 def calibration_html(result: Calibration) -> str:
     """Return the headline, the checks and the six numbers; full sentences, parts and matrices folded away."""
-    origin = f"{result.n_pairs} pairs" if result.n_poses is None else f"{result.n_poses} poses"
+    origin = f"{result.n_pairs} pairs" if result.n_poses is None else data_words(result)
     setup = "" if result.setup is None else f", {result.setup}"
     checks = Checks([(check.status, check.name, check.text) for check in result.checks])
     document: Document = [[Answer(result.headline, status_of(result))], [checks], [_numbers(result)]]

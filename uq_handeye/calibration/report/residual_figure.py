@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ...diagnostics.pose_table import PoseTable
 from ...geometry.se3 import Array
-from ...presentation.figure_parts import BLUE, INK, ORANGE, SMALL, TEXT, canvas, finished, plain, plain_numbers
+from ...presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain, plain_numbers
 from ...presentation.label_placement import HALO
 
 # Marker and colour by the first word of the flag.
@@ -28,6 +28,9 @@ MARKS: dict[str, dict[str, Any]] = {
     },
     "outlier": {"marker": "s", "color": ORANGE, "markersize": 5.0, "markeredgewidth": 0},
     "rejected": {"marker": "X", "color": ORANGE, "markersize": 7.0, "markeredgecolor": "white", "markeredgewidth": 0.5},
+    "excluded": {
+        "marker": "o", "color": QUIET, "markersize": 4.6, "markerfacecolor": "white", "markeredgewidth": 1.1
+    },
 }  # fmt: skip
 # Flagged poses that a panel names.
 MOST_NAMED = 8
@@ -46,7 +49,7 @@ def residual_figure(table: PoseTable) -> Figure:
     for axis, value, name in zip(axes, values, names, strict=True):
         plain(axis)
         axis.set_ylabel(name, fontsize=TEXT)
-        _limits(axis, value, logarithmic=name == "$d^2$" or _wide(value))
+        _limits(axis, value, logarithmic=name == "$d^2$" or _wide(value, float(np.median(value[table.counted]))))
         for word, rows in groups.items():
             marks = MARKS[word] | ({"markersize": 1.8} if word == "kept" and len(table) > MANY else {})
             if word != "rejected":
@@ -73,9 +76,9 @@ def residual_figure(table: PoseTable) -> Figure:
     return finished(figure)
 
 
-def _wide(value: Array) -> bool:
+def _wide(value: Array, median: float) -> bool:
     """Return whether a few values hide all others on a linear scale."""
-    return bool(value.max() > 12 * max(float(np.median(value)), 1e-12))
+    return bool(value.max() > 12 * max(median, 1e-12))
 
 
 def _limits(axis: Axes, value: Array, logarithmic: bool) -> None:

@@ -12,6 +12,7 @@ base frame, enlarged by a round factor. This module imports Matplotlib; import i
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,7 +49,8 @@ class Rig(NamedTuple):
     grippers: Array  # (n, 4, 4)
     cameras: Array  # (n, 4, 4), or (1, 4, 4) for eye-to-hand
     targets: Array  # (1, 4, 4), or (n, 4, 4) for eye-to-hand
-    rejected: NDArray[np.bool_]  # (n,)
+    rejected: NDArray[np.bool_]  # (n,) no part of the fit
+    label: str  # of these: rejected, excluded by request, or both
     X: Array  # (4, 4)
     W: Array  # (4, 4)
     board: Array  # (4, 3) corners of the target in its own frame, m: of its points, or a symbol
@@ -74,7 +76,13 @@ class Rig(NamedTuple):
 
 
 def rig(
-    poses: PosePairs, X: Array, W: Array, covariance: Array | None, weight: Array | None, level: float = LEVEL
+    poses: PosePairs,
+    X: Array,
+    W: Array,
+    covariance: Array | None,
+    weight: Array | None,
+    level: float = LEVEL,
+    excluded: Sequence[int] = (),
 ) -> Rig:
     """The scene of one calibration.
 
@@ -85,9 +93,11 @@ def rig(
     covariance : (6, 6) or None
         Of X, rad and m, in its parent frame.
     weight : (n,) or None
-        Of the poses; 0 is a rejected one.
+        Of the poses; 0 is a rejected or excluded one.
     level : float
         Half axes of the ellipsoid, in standard deviations.
+    excluded : sequence of int
+        Numbers of the poses that were excluded by request.
     """
     in_hand = poses.setup == "eye-in-hand"
     cameras = poses.robot @ X if in_hand else X[None]
@@ -107,7 +117,8 @@ def rig(
         largest = float(np.linalg.norm(half, axis=0).max())
         factor = max(1.0, round_number(_VISIBLE * size / largest)) if largest > 0 else 1.0
     board = _board(poses, (2.2 if in_hand else 1.0) * _SMALL * size)
-    return Rig(poses.setup, poses.robot, cameras, targets, rejected, X, W, board, chosen, half, factor, size)
+    label = "rejected" if not len(excluded) else "excluded" if rejected.sum() == len(excluded) else "rejected, excluded"
+    return Rig(poses.setup, poses.robot, cameras, targets, rejected, label, X, W, board, chosen, half, factor, size)
 
 
 def _board(poses: PosePairs, size: float) -> Array:
@@ -254,7 +265,7 @@ def _legend(figure: Figure, scene: Rig) -> None:
         Line2D([], [], color=GREEN, linewidth=1.5, linestyle=(0, (4, 1)), label="targets" if one else "target"),
     ]
     if scene.rejected.any():
-        handles.append(Line2D([], [], marker="X", linestyle="", color=ORANGE, markersize=6, label="rejected"))
+        handles.append(Line2D([], [], marker="X", linestyle="", color=ORANGE, markersize=6, label=scene.label))
     if scene.half_axes.any():
         label = f"95 % of X's translation, {scene.enlarged}"
         handles.append(Line2D([], [], color="black", linewidth=1.3, label=label))

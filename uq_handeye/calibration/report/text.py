@@ -31,6 +31,8 @@ from .arm import arm_blocks
 from .first_screen import accuracy_blocks, answer_blocks, checks_block, first_screen, title_of
 from .shared_errors import included_words, shared_blocks
 
+# Notes that the long text shows beside the cautions.
+SHOWN_NOTES = ("calibration.excluded", "kinematics.against_controller")
 # Columns of the title of the long text.
 LONG_TITLE = 118
 
@@ -61,7 +63,7 @@ def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict 
         accuracy_blocks(result),
         checks_block(result),
         *(Caution(str(found)) for found in result.cautions),
-        *(Paragraph(str(found)) for found in result.findings if found.code == "kinematics.against_controller"),
+        *(Paragraph(str(found)) for found in result.findings if found.code in SHOWN_NOTES),
         *_numbers(result, threshold),
         *([arm] if (arm := arm_blocks(result)) else []),
         *([beside] if (beside := beside_blocks(result)) else []),

@@ -212,6 +212,7 @@ def calibrate_command(
         prior = given.one_side
     with withheld() as shown:
         poses, noise, shared = files.read_open(given, pictures, prior, arm)
+        selection = files.selection(poses)
         try:
             with timed("calibrating"):
                 result = calibrate(
@@ -227,6 +228,7 @@ def calibrate_command(
                     seed=seed,
                     correlation=one_of(correlation, "--correlation", ("auto", "none")),
                     shared=shared,
+                    exclude=None if selection is None else selection.excluded.tolist(),
                     **beforehand,
                     **({} if arm is None else arm.of_calibrate),
                 )
