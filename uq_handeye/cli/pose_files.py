@@ -270,7 +270,7 @@ class PoseFiles(StreamFiles):
             "--exclude",
             metavar="POSES",
             panel=POSE_FILES,
-            help="Poses to leave out, e.g. 12,14-16, numbered as in the report (paired poses, from 0). The report "
+            help="Poses to exclude, e.g. 12,14-16, numbered as in the report (paired poses, from 0). The report "
             "shows them with their residuals. The intrinsics stay those of all pictures.",
         ),
     ] = None
@@ -280,7 +280,7 @@ class PoseFiles(StreamFiles):
             "--only",
             metavar="POSES",
             panel=POSE_FILES,
-            help="Poses to use, all others being left out as by --exclude.",
+            help="Poses to use. All others are excluded, as by --exclude.",
         ),
     ] = None
 
