@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
     from .likelihood.shared_estimates import SharedEstimate
+    from .maintenance.check import check
+    from .maintenance.check_result import ChangeCheck
     from .maintenance.series.alarm import SeriesAlarm, series_alarm
     from .maintenance.series.log import CheckSeries, log_check, read_checks
     from .maintenance.update import update
@@ -101,6 +103,7 @@ __all__ = [
     "CameraCalibration",
     "CameraNoise",
     "Certificate",
+    "ChangeCheck",
     "CheckSeries",
     "Comparison",
     "ControllerComparison",
@@ -143,6 +146,7 @@ __all__ = [
     "calibrate",
     "calibrate_camera",
     "camera_noise",
+    "check",
     "compare",
     "compare_with_controller",
     "cross_check",
@@ -265,6 +269,8 @@ _LATER = {
     ),
     "likelihood.rig_bundle": ("Agreement",),
     "likelihood.shared_estimates": ("SharedEstimate",),
+    "maintenance.check": ("check",),
+    "maintenance.check_result": ("ChangeCheck",),
     "maintenance.series.alarm": ("SeriesAlarm", "series_alarm"),
     "maintenance.series.log": ("CheckSeries", "log_check", "read_checks"),
     "maintenance.update": ("update",),

@@ -30,6 +30,7 @@ from .state import Calibrated, State, joint_posterior_of, state_of
 class PoseEvidence(Evidence):
     """New poses against a calibration, with the derivatives that the columns of causes are made of."""
 
+    by_state: Array  # (m, 6, 12 + q) by the errors of the estimates
     linear: Linearised  # J (m, 6, 12) by X and W, sides D_G and D_C (m, 6, 6), at the estimates
     robot: Array  # (m, 4, 4) base_T_gripper, corrected by the estimates
     camera: Array  # (m, 4, 4) camera_T_target, likewise
@@ -39,7 +40,8 @@ class PoseEvidence(Evidence):
         J, sides = self.linear.J[index], tuple(D[index] for D in self.linear.sides)
         linear = Linearised(self.linear.r[index], J, (sides[0], sides[1]))
         some = super().rows(index)
-        return PoseEvidence(some.r, some.by_unit, some.own, self.state, linear, self.robot[index], self.camera[index])
+        by_state, robot, camera = self.by_state[index], self.robot[index], self.camera[index]
+        return PoseEvidence(some.r, some.by_unit, some.own, self.state, by_state, linear, robot, camera)
 
 
 def evidence_of_poses(
@@ -96,7 +98,7 @@ def evidence_of_poses(
     camera_noise, more_C = _noise_of(poses, noise, "camera", of_camera)
     own = D_G @ robot_noise @ D_G.mT + D_C @ camera_noise @ D_C.mT
     by_unit = np.concatenate([by_unit, D_G @ more_G, D_C @ more_C], axis=-1)
-    return PoseEvidence(linear.r, by_unit, own, state, linear, ahead.poses, camera)
+    return PoseEvidence(linear.r, by_unit, own, state, by_state, linear, ahead.poses, camera)
 
 
 def _effects_on_camera(result: Calibrated, poses: PosePairs) -> tuple[Array, Array | JointCovariance]:

@@ -1,0 +1,196 @@
+"""check(): false alarms, power, causes, and files that are misread."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import uq_handeye as uq
+from uq_handeye.evidence.new_poses import evidence_of_poses
+from uq_handeye.geometry.se3 import perturb
+from uq_handeye.maintenance.causes import columns_of_causes
+from uq_handeye.maintenance.noise_uncertainty import noise_derivatives, reference_of_poses
+from uq_handeye.maintenance.reference import PredictiveReference
+from uq_handeye.simulation.rig import RIGS
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+SETUPS = ("eye-in-hand", "eye-to-hand")
+
+
+def old_result(setup="eye-in-hand", n=20, **how):
+    return uq.calibrate(uq.simulate(n, noise=NOISE, setup=setup, seed=1), **how)
+
+
+@pytest.fixture(scope="module")
+def results():
+    return {setup: old_result(setup, noise=NOISE) for setup in SETUPS}
+
+
+def moved(setup, m=6, seed=7, X=(0,) * 6, W=(0,) * 6):
+    rig = RIGS[setup]
+    at = {"X": perturb(rig[0], np.array(X, float)), "W": perturb(rig[1], np.array(W, float))}
+    return uq.simulate(m, noise=NOISE, setup=setup, seed=seed, **at)
+
+
+def test_chi_square_where_noise_is_given(results):
+    """False alarms, also of half the covariance; power as the noncentral chi-square says."""
+    alarms, power, of_wrong = [], [], []
+    rng = np.random.default_rng(3)
+    delta = None
+    for _ in range(240):
+        old = uq.simulate(12, noise=NOISE, seed=rng)
+        fit = uq.efficient(old, NOISE)
+        posterior = replace(results["eye-in-hand"].joint_posterior, covariance=fit.covariance)
+        stored = replace(results["eye-in-hand"], X=fit.X, W=fit.W, data=old, table=None, joint_posterior=posterior)
+        new = uq.simulate(4, noise=NOISE, seed=rng)
+        evidence = evidence_of_poses(stored, new)
+        reference = PredictiveReference.given(evidence.dof)
+        alarms.append(reference.p_value(evidence.d2) < 0.05)
+        of_wrong.append(reference.p_value(2.0 * evidence.d2) < 0.05)
+        C = columns_of_causes(evidence, "eye-in-hand")["X"]
+        if delta is None:
+            delta = np.sqrt(reference.noncentrality(0.95) / evidence.information(C)[4, 4]) * np.eye(6)[4]
+        chance = reference.power(float(delta @ evidence.information(C) @ delta))
+        shifted = replace(evidence, r=evidence.r + C @ delta)
+        power.append((reference.p_value(shifted.d2) < 0.05) - chance)
+    assert abs(np.mean(alarms) - 0.05) < 3 * np.sqrt(0.05 * 0.95 / 240)
+    assert np.mean(of_wrong) > 0.5
+    assert abs(np.mean(power)) < 0.045
+
+
+def test_reference_of_one_unknown_factor_is_f():
+    from scipy.special import fdtrc
+
+    for size, nu in ((6, 12.0), (60, 24.0), (120, 40.0)):
+        reference = PredictiveReference.estimated([np.eye(size)], np.array([[2.0 / nu]]))
+        for F in (0.8, 1.2, 1.8):
+            assert reference.p_value(size * F) == pytest.approx(fdtrc(size, nu, F), abs=2e-3)
+        assert reference.noise_dof == pytest.approx(nu, rel=0.1)
+        assert reference.p_value(reference.quantile(0.95)) == pytest.approx(0.05, abs=1e-6)
+
+
+def test_reference_of_two_variances():
+    """Sums of two F distributions of different degrees of freedom; chi-square in its place raises false alarms."""
+    rng = np.random.default_rng(1)
+    for k in (6, 60):
+        ends = np.eye(k)[:, : k // 2] @ np.eye(k)[: k // 2], np.eye(k)[:, k // 2 :] @ np.eye(k)[k // 2 :]
+        nus = (20.0, 60.0)
+        reference = PredictiveReference.estimated(ends, np.diag(2.0 / np.array(nus)))
+        d2 = sum(rng.chisquare(k // 2, 20000) / (rng.chisquare(nu, 20000) / nu) for nu in nus)
+        assert np.mean(d2 > reference.quantile(0.95)) == pytest.approx(0.05, abs=0.006)
+        assert np.mean(d2 > PredictiveReference.given(k).quantile(0.95)) > 0.07
+
+
+@pytest.mark.parametrize("shared", [[], None])
+def test_covariance_is_linear_in_the_variances(shared):
+    """The parts by the variances add up to Sigma where nothing is shared, and to less where something is."""
+    result = old_result(n=12, shared=shared, robust=False, correlation="none")
+    if shared is None:  # the robot's accuracy is carried, and no part of it
+        result = replace(result, shared=tuple(one for one in result.shared if one.accuracy is None))
+    evidence = evidence_of_poses(result, uq.simulate(3, noise=NOISE, seed=5))
+    parts = noise_derivatives(result, result.noise_estimate, evidence)
+    total = sum(v * part for v, part in zip(result.noise_estimate.variances, parts, strict=True))
+    values = np.linalg.eigvalsh(total)
+    if shared == []:
+        assert np.allclose(values, 1.0, atol=1e-3)
+    else:
+        assert values.max() < 1.0 + 1e-3
+        assert values.min() > 0.1
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_estimated_noise_raises_the_limit(setup):
+    result = old_result(setup, n=10)
+    few, many = (evidence_of_poses(result, uq.simulate(m, noise=NOISE, setup=setup, seed=4)) for m in (1, 20))
+    for evidence in (few, many):
+        reference = reference_of_poses(result, evidence)
+        assert not reference.noise_given
+        assert 20 < reference.noise_dof < 200
+        assert reference.quantile(0.95) > 1.03 * PredictiveReference.given(evidence.dof).quantile(0.95)
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_what_has_changed(results, setup):
+    result = results[setup]
+    same = uq.check(result, moved(setup))
+    assert (same.status, same.changed, same.cause, same.candidates) == ("unchanged", False, None, ())
+    assert "UNCHANGED: 6 new poses agree with the calibration of 20 poses" in str(same)
+    delta = np.array([0, 0, 0.006, 0.003, -0.002, 0])
+    found = uq.check(result, moved(setup, X=delta))
+    assert (found.status, found.cause, found.shift_of) == ("changed", "X", "X")
+    error = found.shift - delta
+    assert error @ np.linalg.solve(found.covariance, error) < 20
+    found = uq.check(result, moved(setup, W=delta))
+    assert (found.cause, found.shift_of) == ("target", "W")
+    poses = moved(setup)
+    camera = poses.camera.copy()
+    camera[:, 2, 3] *= 1.01
+    found = uq.check(result, uq.PosePairs(poses.robot, camera, setup))
+    assert found.cause == "focal length"
+    assert "% shorter" in str(found)
+    assert found.causes.all[0].estimate[0] == pytest.approx(-0.01, abs=0.002)
+    turn = uq.SharedError.principal_point(1.0).at(poses) @ np.array([0.01, 0.0])
+    found = uq.check(result, uq.PosePairs(poses.robot, perturb(poses.camera, turn), setup))
+    assert found.cause == "image centre"
+    assert found.to_dict()["cause"] == "image centre"
+    assert len(str(found).splitlines()) <= 12
+
+
+def test_one_pose_does_not_separate_x_from_the_target(results):
+    result = results["eye-in-hand"]
+    found = uq.check(result, moved("eye-in-hand", m=1, X=[0, 0, 0.03, 0, 0, 0]))
+    assert (found.status, found.cause) == ("changed", None)
+    assert set(found.candidates) >= {"X", "target"}
+    assert "One pose cannot separate" in str(found)
+    assert uq.check(result, moved("eye-in-hand", m=1)).status == "unchanged"
+
+
+def test_a_wrong_pose_is_no_change(results):
+    poses = moved("eye-in-hand")
+    camera = poses.camera.copy()
+    camera[4, :3, 3] += 0.01
+    found = uq.check(results["eye-in-hand"], uq.PosePairs(poses.robot, camera))
+    assert (found.status, found.cause) == ("cannot tell", None)
+    assert "Only pose 4 of 6" in str(found)
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_files_that_are_misread(results, setup):
+    poses = moved(setup)
+    in_mm = poses.camera.copy()
+    in_mm[:, :3, 3] *= 1000
+    robot_mm = poses.robot.copy()
+    robot_mm[:, :3, 3] *= 1000
+    for robot, camera, option in (
+        (poses.robot, in_mm, "--camera-units mm"),
+        (robot_mm, poses.camera, "--robot-units mm"),
+        (robot_mm, in_mm, "--units mm"),
+        (np.linalg.inv(poses.robot), poses.camera, "--robot-frame gripper_T_base"),
+        (poses.robot, np.linalg.inv(poses.camera), "--camera-frame target_T_camera"),
+        (poses.robot, np.roll(poses.camera, 1, axis=0), "Pair the files again"),
+    ):
+        found = uq.check(results[setup], uq.PosePairs(robot, camera, setup))
+        assert found.status == "cannot tell"
+        assert option in str(found)
+        assert "Smallest change" not in str(found)
+
+
+def test_poses_that_would_miss_what_matters(results):
+    result = results["eye-in-hand"]
+    found = uq.check(result, moved("eye-in-hand", m=1), tolerance="0.5mm,0.1deg")
+    assert (found.status, found.changed) == ("cannot tell", False)
+    assert "with 0.5 mm accepted" in str(found)
+    assert uq.check(result, moved("eye-in-hand", m=1), tolerance="10mm").status == "unchanged"
+    one, many = (uq.check(result, moved("eye-in-hand", m=m)).detectable for m in (1, 20))
+    assert many.X_translation < 0.7 * one.X_translation
+    assert many.W_rotation < 0.7 * one.W_rotation
+
+
+def test_refused(results):
+    poses = moved("eye-in-hand")
+    with pytest.raises(uq.InputError, match="setup"):
+        uq.check(results["eye-to-hand"], poses)
+    with pytest.raises(uq.InputError, match="joint covariance"):
+        uq.check(uq.calibrate(poses, noise=NOISE, method="park"), poses)
+    with pytest.raises(uq.InputError, match="level"):
+        uq.check(results["eye-in-hand"], poses, level=2)

@@ -1,0 +1,174 @@
+"""check(): whether a calibration still holds, by one or more new poses.
+
+The residuals of the new poses against the stored result, with its joint covariance, are tested as a whole
+(`reference`). Whatever the answer, it says which change these poses would have shown (`power`); where something has
+changed, what it is, as far as the poses separate the causes (`causes`), and by how much.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InputError
+from ..evidence.new_poses import PoseEvidence, evidence_of_poses
+from ..findings import Finding
+from ..noise.models import PoseNoise
+from ..poses.pose_pairs import PosePairs
+from ..statement.tolerance import Tolerance
+from .causes import (
+    CAMERA_MOVED,
+    ONE_POSE,
+    TARGET_MOVED,
+    Causes,
+    columns_of_causes,
+    compare_causes,
+    distances,
+)
+from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck
+from .misread import misread
+from .noise_uncertainty import Estimated, reference_of_poses
+from .power import Detectable, detectable_changes
+
+# Level of the test: the share of false alarms.
+LEVEL = 0.05
+# Without a tolerance: poses that would miss a shift of this share of the distance of the target, or a rotation of this
+# angle (rad), cannot say that nothing has changed.
+BLIND = 0.01
+
+
+def check(
+    result: Estimated,
+    poses: PosePairs,
+    *,
+    noise: PoseNoise | None = None,
+    joints: ArrayLike | None = None,
+    tolerance: Any = None,
+    level: float = LEVEL,
+) -> ChangeCheck:
+    """Check whether a calibration still holds, by new poses of the same rig.
+
+    Parameters
+    ----------
+    result : Calibration
+        With the joint covariance of X and W: of poses, by ``efficient``, ``ml`` or ``bundle``.
+    poses : PosePairs
+        One or more new poses, of the same robot, camera and target. Three or more can separate a change from one
+        wrong pose, and X from the target.
+    noise : PoseNoise or None
+        Of the new poses. None: that of the calibration.
+    joints : (m, L) or None
+        Joint values, for a calibration with kinematics; None: ``poses.joints``.
+    tolerance : text, numbers or None
+        Change of X that matters, such as ``"1mm,0.1deg"``: poses that would miss it cannot tell. None: 1 % of the
+        distance of the target, and 0.01 rad.
+    level : float
+        Probability of a false alarm.
+
+    Returns
+    -------
+    ChangeCheck
+        ``status`` ("unchanged", "changed" or "cannot tell"), ``p_value``, ``cause``, ``shift`` with its ``covariance``,
+        and ``detectable``: the smallest change that these poses would have shown with 95 % probability.
+
+    Raises
+    ------
+    InputError
+        A calibration without joint covariance, of another setup, or with a part of X open; poses without the joints
+        that it needs; noise or level that cannot be used.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> result = uq.calibrate(uq.simulate(n_poses=20, noise=noise, seed=1), noise=noise)
+    >>> uq.check(result, uq.simulate(n_poses=5, noise=noise, seed=2)).status
+    'unchanged'
+    """
+    if not 0 < level < 0.5:
+        raise InputError(f"Expected `level` to lie between 0 and 0.5, got {level!r}.")
+    accepted = None if tolerance is None else Tolerance.read(tolerance)
+    evidence = evidence_of_poses(result, poses, noise, joints)
+    reference = reference_of_poses(result, evidence)
+    columns = columns_of_causes(evidence, poses.setup)
+    detectable = detectable_changes(
+        evidence.information(columns[CAMERA_MOVED]), evidence.information(columns[TARGET_MOVED]), reference, level
+    )
+    causes = compare_causes(evidence, columns, reference)
+    p_value = reference.p_value(evidence.d2)
+    findings: list[Finding] = []
+    if p_value < level:
+        status = CHANGED
+        assert result.W is not None
+        other = misread(
+            result.X, result.W, poses, evidence, lambda again: evidence_of_poses(result, again, noise, joints).d2
+        )
+        first = causes.named
+        if other is not None:
+            status = CANNOT_TELL
+            findings.append(other)
+        elif first is not None and first.name == ONE_POSE:
+            status = CANNOT_TELL
+            findings.append(Finding("maintenance.one_pose_wrong", "caution", {"row": first.row, "n": poses.n}))
+        elif not causes.explained:
+            findings.append(Finding("maintenance.unexplained", "caution", {"p_value": causes.all[0].p_left}))
+        elif poses.n < 3:
+            findings.append(Finding("maintenance.few_poses", "note", {"n": poses.n}))
+    else:
+        coarse = _coarse(detectable, accepted, evidence)
+        status = UNCHANGED if coarse is None else CANNOT_TELL
+        findings += [] if coarse is None else [coarse]
+    moved = _moved(causes)
+    return ChangeCheck(
+        status=status,
+        p_value=p_value,
+        d2=evidence.d2,
+        dof=evidence.dof,
+        noise_dof=None if reference.noise_given else reference.noise_dof,
+        level=level,
+        detectable=detectable,
+        causes=causes,
+        shift=moved.estimate,
+        covariance=moved.covariance,
+        shift_of="W" if moved.name == TARGET_MOVED else "X",
+        distances=distances(evidence),
+        findings=tuple(findings),
+        setup=poses.setup,
+        n_poses=poses.n,
+        n_calibrated=len(result.data) if isinstance(result.data, PosePairs) else None,
+        tolerance=None if accepted is None else str(accepted),
+        focal_length_px=next((one.focal_length_px for one in result.shared if one.focal_length_px), None),
+    )
+
+
+def _moved(causes: Causes) -> Any:
+    """The cause that is a moved pose: W if that is what is named, else X."""
+    named = causes.named
+    return causes[TARGET_MOVED if named is not None and named.name == TARGET_MOVED else CAMERA_MOVED]
+
+
+def _coarse(detectable: Detectable, accepted: Tolerance | None, evidence: PoseEvidence) -> Finding | None:
+    """Return what these poses would have missed, if that matters."""
+    if accepted is None:
+        distance = float(np.median(np.linalg.norm(evidence.camera[:, :3, 3], axis=-1)))
+        limits: tuple[float | None, float | None] = BLIND * distance, BLIND
+    else:
+        limits = accepted.translation, accepted.rotation
+    found = detectable.X_translation, detectable.X_rotation
+    missed = [limit is not None and not value <= limit for value, limit in zip(found, limits, strict=True)]
+    if not any(missed):
+        return None
+    plain = [value if np.isfinite(value) else None for value in found]
+    return Finding(
+        "maintenance.coarse",
+        "caution",
+        {
+            "translation": plain[0],
+            "rotation": plain[1],
+            "translation_limit": limits[0],
+            "rotation_limit": limits[1],
+            "given": accepted is not None,
+        },
+    )

@@ -1,0 +1,83 @@
+"""Sentences of the findings of `maintenance`. Values are in rad and m."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..findings import sentence
+from ..formatting.numbers import digits, probability
+
+
+@sentence("maintenance.misread")
+def _(kind: str, file: str | None, unit: str | None = None, given: str | None = None, order: str | None = None) -> str:
+    of = "both files" if file is None else f"the {file} file"
+    ending = "" if file is None else f"{file}-"
+    if kind == "unit":
+        return (
+            f"The poses agree with the calibration if {of} {'are' if file is None else 'is'} in {unit}, not {given}: "
+            f"give the unit (--{ending}units {unit})."
+        )
+    if kind == "quaternion":
+        return (
+            f"The poses agree with the calibration if the quaternions of {of} have the scalar "
+            f"{'first' if order == 'wxyz' else 'last'}: give the order (--{ending}quaternion {order})."
+        )
+    frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
+    options = " ".join(frames.values() if file is None else [frames.get(file, "")])
+    return f"The poses agree with the calibration if {of} hold{'' if file is None else 's'} inverse poses ({options})."
+
+
+@sentence("maintenance.pairing")
+def _(rows: Sequence[int], count: int, n: int) -> str:
+    listed = ", ".join(map(str, rows)) + (", ..." if count > len(rows) else "")
+    return (
+        f"The poses agree with the calibration in another order: {count} of {n} camera poses belong to other robot "
+        f"poses (rows {listed}). Pair the files again."
+    )
+
+
+@sentence("maintenance.one_pose_wrong")
+def _(row: int, n: int) -> str:
+    return (
+        f"Only pose {row} of {n} contradicts the calibration, and no change explains it: probably a wrong detection or "
+        "robot pose. Measure it again, or leave it out."
+    )
+
+
+@sentence("maintenance.unexplained")
+def _(p_value: float) -> str:
+    return (
+        f"No single cause explains these poses (best: {probability(p_value)}). Several things have changed, poses are "
+        "wrong, or the noise is larger than that of the calibration. Calibrate again."
+    )
+
+
+@sentence("maintenance.few_poses")
+def _(n: int) -> str:
+    what = "One pose" if n == 1 else f"{n} poses"
+    return (
+        f"{what} cannot separate a change from one wrong measurement. Check {3 - n} more, at other orientations, "
+        "before you calibrate again."
+    )
+
+
+@sentence("maintenance.coarse")
+def _(
+    translation: float | None,
+    rotation: float | None,
+    translation_limit: float | None,
+    rotation_limit: float | None,
+    given: bool,
+) -> str:
+    parts = []
+    for value, limit, scale, unit in (
+        (translation, translation_limit, 1e3, "mm"),
+        (rotation, rotation_limit, math.degrees(1.0), "deg"),
+    ):
+        if limit is not None and (value is None or value > limit):
+            shown = "any size" if value is None else f"{digits(scale * value, 2)} {unit}"
+            parts.append(f"{shown}, with {digits(scale * limit, 2)} {unit} {'accepted' if given else 'as the limit'}")
+    return (
+        f"These poses could miss a change of X of {' and '.join(parts)}. Add poses, at more orientations and distances."
+    )
