@@ -138,7 +138,7 @@ def refitted(result: Calibrated) -> Fit | None:
 
 def root(P: Array) -> Array:
     """L with ``P = L L^T``; negative eigenvalues, which are rounding, become 0."""
-    scale = np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
+    scale = np.sqrt(np.maximum(np.abs(np.diag(P)), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(P / np.outer(scale, scale))
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
