@@ -21,6 +21,7 @@ from ..errors import InputError, NotConvergedError
 from .commands.calibrate import calibrate_command, demo_command
 from .commands.camera import camera_command
 from .commands.certificate import certificate_command
+from .commands.check import check_command
 from .commands.codegen import codegen_command
 from .commands.compare import compare_command
 from .commands.cross_check import cross_check_command
@@ -83,6 +84,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "report": report_command,
         "export": export_command,
         "predict": predict_command,
+        "check": check_command,
         "certificate": certificate_command,
     },
     "Improve and compare": {

@@ -327,6 +327,15 @@ class PoseFiles(StreamFiles):
             shared = given.shared.errors(poses, noise, given.file)
         return poses, noise, shared
 
+    def read_new(self, pictures: "Pictures | None" = None, arm: Arm | None = None) -> "PosePairs":
+        """Return one or more pairs of poses, to be held against a calibration, without those left out by request."""
+        files = self if arm is None else self._beside_joints(arm, pictures is not None)
+        if files.robot is None and arm is None:
+            raise missing_robot(", or --joints" if arm is None else "")
+        poses, _ = files._poses_and_noise(None, pictures, arm, fewest=1)
+        selection = self.selection(poses)
+        return poses if selection is None else poses.rows(selection.kept)
+
     def selection(self, poses: "PosePairs") -> "Selection | None":
         """Return which of the poses --exclude and --only leave; None: all."""
         from ..poses.selection import select_poses
@@ -353,7 +362,7 @@ class PoseFiles(StreamFiles):
         return files
 
     def _poses_and_noise(
-        self, noise: "Noise | None", pictures: "Pictures | None", arm: Arm | None
+        self, noise: "Noise | None", pictures: "Pictures | None", arm: Arm | None, fewest: int = 3
     ) -> "tuple[PosePairs, Noise | None]":
         """Return the poses, and their noise if that of the samples is given."""
         how = one_of(self.pair, "--pair", PAIRINGS)
@@ -376,7 +385,7 @@ class PoseFiles(StreamFiles):
             else:
                 poses = self._read(how, pictures, arm)
         LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
-        if poses.n < 3:
+        if poses.n < fewest:
             raise InputError(
                 f"{self._shown(arm)} hold{'s' if self.camera is None else ''} {poses.n} poses. At least 3 are needed "
                 "(2 motions)."

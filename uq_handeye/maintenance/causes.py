@@ -1,4 +1,4 @@
-r"""What has changed: each possible cause by generalised least squares, and which of them can be separated.
+r"""Causes of a change: each by generalised least squares, and which of them can be separated.
 
 A cause with the columns C (p numbers a, ``E r = C a``) takes ``gain`` from d^2. Causes are compared by
 

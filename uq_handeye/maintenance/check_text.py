@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..formatting.numbers import concise, digits, plus_minus, probability
-from ..presentation.document import Answer, Block, Document, Paragraph, document_of
+from ..presentation.document import Answer, Block, Paragraph, document_of
 from .causes import CAMERA_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE, TARGET_MOVED, Cause
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck
 from .power import Detectable
@@ -23,7 +23,7 @@ _STATUS = {UNCHANGED: "ok", CHANGED: "failed", CANNOT_TELL: "caution"}
 
 
 @document_of.register
-def check_document(result: ChangeCheck) -> Document:
+def check_document(result: ChangeCheck) -> list[list[Block]]:
     """Return the answer, what these poses would have shown, and what has changed."""
     blocks: list[Block] = [Answer(f"{result.status.upper()}: {_answer(result)}", _STATUS[result.status])]
     if result.changed:

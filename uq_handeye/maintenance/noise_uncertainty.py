@@ -1,4 +1,4 @@
-r"""How the covariance of new residuals depends on the variances that the calibration estimated.
+r"""Dependence of the covariance of new residuals on the variances that the calibration estimated.
 
 Sigma = by_state P by_state^T + own noise is linear in the variances phi once the weights of the estimate are what they
 were: with the gain K (12 + q, 6n) of the errors s of the estimates by the residuals of the calibration's own poses, and

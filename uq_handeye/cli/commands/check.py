@@ -1,0 +1,82 @@
+"""Command ``check``: whether a stored calibration still holds, by new poses."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from ..delivery import deliver
+from ..groups import OUTPUT
+from ..messages import quiet, timed
+from ..new_poses import NewPoses, new_poses_of
+from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, option
+from .files import ResultFile
+
+if TYPE_CHECKING:
+    from ...maintenance.check_result import ChangeCheck
+
+# Exit statuses.
+CHANGED_STATUS, CANNOT_TELL_STATUS = 4, 3
+
+
+@made_of(files=new_poses_of)
+def check_command(
+    result: ResultFile,
+    files: "NewPoses",
+    tolerance: Annotated[
+        str | None,
+        option(
+            "--tolerance",
+            metavar="MM,DEG",
+            panel=OUTPUT,
+            common=True,
+            help="Change of X that matters, e.g. 1mm,0.1deg. Poses that would miss it cannot tell. Default: 1 % of the "
+            "target distance, and 0.57 deg.",
+        ),
+    ] = None,
+    level: Annotated[
+        float,
+        option("--level", metavar="P", panel=OUTPUT, common=True, help="Probability of a false alarm."),
+    ] = 0.05,
+    as_json: JsonOption = False,
+    output: Annotated[Path | None, folder_option("Folder for check.json and check.txt.")] = None,
+) -> int:
+    """Check whether a stored calibration still holds, by new poses.
+
+    Examples:
+      uq-handeye check result/result.json robot.csv camera.csv
+      # Must a change of 1 mm or 0.1 deg show?
+      uq-handeye check result/result.json robot.csv camera.csv \\
+          --tolerance 1mm,0.1deg
+      # New pictures, with the intrinsics of the calibration
+      uq-handeye check result/result.json robot.csv --images 'img/*.png' \\
+          --board 9x6 --square 20mm
+
+    One pose is enough; three or more separate the causes. The exit status is 0
+    if unchanged, 4 if changed, 3 if these poses cannot tell.
+    """
+    from ...calibration.result import Calibration
+    from ...maintenance.check import check
+    from ...maintenance.check_text import check_document
+
+    stored = Calibration.from_json(result)
+    poses = files.read(stored, str(result))
+    with timed("checking"):
+        found = check(stored, poses, tolerance=tolerance, level=level)
+    if as_json:
+        emit(found.to_json())
+    else:
+        document = check_document(found)
+        emit_document([document[0][:1]] if quiet() else document)
+    if output is not None:
+        written = deliver(output, {"check.json": found.to_json(), "check.txt": found.summary()})
+        if not as_json:
+            emit(written)
+    return status_of(found)
+
+
+def status_of(found: "ChangeCheck") -> int:
+    """Return the exit status of a check."""
+    from ...maintenance.check_result import UNCHANGED
+
+    if found.changed:
+        return CHANGED_STATUS
+    return 0 if found.status == UNCHANGED else CANNOT_TELL_STATUS

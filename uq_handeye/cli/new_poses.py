@@ -1,0 +1,122 @@
+"""New poses that are held against a stored calibration: their files, in its setup, with its arm and its camera."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from ..errors import InputError
+from .groups import JOINTS, PICTURES
+from .messages import progress_wanted, timed
+from .options.arm import Arm, ChainOptions, ErrorOptions, JointUnits
+from .options.common import made_of, option
+from .pictures import BoardOptions, LensOptions, Pictures
+from .pose_files import PoseFiles
+
+if TYPE_CHECKING:
+    from ..calibration.result import Calibration
+    from ..camera.result import CameraCalibration
+    from ..kinematics.chain import Kinematics
+    from ..poses.pose_pairs import PosePairs
+
+
+@dataclass(frozen=True)
+class StoredArm(Arm):
+    """The arm of a calibration, at new joint values."""
+
+    chain_of_result: "Kinematics"
+
+    @property
+    def kinematics(self) -> "Kinematics":  # type: ignore[override]
+        """Kinematic chain."""
+        return self.chain_of_result
+
+
+@dataclass(frozen=True)
+class NewPictures(Pictures):
+    """New pictures by the camera of a calibration."""
+
+    camera: "CameraCalibration"
+
+    def poses(self, robot: Path | None, **how: Any) -> "PosePairs":
+        """Return robot poses with the camera poses of the pictures."""
+        from ..camera.board import find_corners, source_of
+        from ..camera.known_camera import poses_by_known_camera
+        from ..io import read_poses
+
+        board = self.board.read()
+        with timed(f"looking for the board in {self.images}"):
+            corners = find_corners(self.images, board, progress_wanted())
+        poses = read_poses(robot, poses_by_known_camera(self.camera, corners), **how)
+        return replace(poses, sources=(*poses.sources, source_of(self.images, board)))
+
+
+@dataclass(frozen=True)
+class NewPoses:
+    """Options of the files of new poses."""
+
+    files: PoseFiles
+    images: str | None
+    board: BoardOptions
+    joints: Path | None
+    joint_units: str | None
+
+    def read(self, stored: "Calibration", name: str) -> "PosePairs":
+        """Return the poses; the setup is that of the calibration of the file ``name`` unless one is given."""
+        files = self.files
+        if files.setup is None and stored.setup is not None:
+            files = replace(files, setup=stored.setup)
+        return files.read_new(self._pictures(stored, name), self._arm(stored, name))
+
+    def _arm(self, stored: "Calibration", name: str) -> Arm | None:
+        if self.joints is None:
+            if self.joint_units is not None:
+                raise InputError("--joint-units needs --joints. Remove it.")
+            return None
+        if stored.kinematics is None:
+            raise InputError(f"{name} holds no joints: it was not calibrated with --joints. Remove --joints.")
+        chain = ChainOptions(joints=self.joints, joint_units=self.joint_units)
+        return StoredArm(chain, ErrorOptions(), stored.kinematics.chain)
+
+    def _pictures(self, stored: "Calibration", name: str) -> Pictures | None:
+        if self.images is None:
+            if given := self.board.given:
+                raise InputError(f"{', '.join(given)}: needs pictures. Add --images 'PATTERN'.")
+            return None
+        camera = getattr(stored.data, "camera_calibration", None)
+        if camera is None:
+            raise InputError(
+                f"{name} holds no camera: it was not calibrated from pictures. Give camera poses by the same "
+                "intrinsics as then."
+            )
+        return NewPictures(self.images, self.board, LensOptions(), camera)
+
+
+@made_of(files=PoseFiles, board=BoardOptions)
+def new_poses_of(
+    files: "PoseFiles",
+    board: "BoardOptions",
+    images: Annotated[
+        str | None,
+        option(
+            "--images",
+            metavar="'PATTERN'",
+            panel=PICTURES,
+            common=True,
+            help="New pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, by the camera of the "
+            "calibration; for a calibration from pictures.",
+        ),
+    ] = None,
+    joints: Annotated[
+        Path | None,
+        option(
+            "--joints",
+            metavar="FILE.csv",
+            panel=JOINTS,
+            common=True,
+            help="Joint values at the new poses, for a calibration with --joints. In place of ROBOT, or with it.",
+        ),
+    ] = None,
+    joint_units: JointUnits = None,
+) -> NewPoses:
+    """Return the files of the options."""
+    return NewPoses(files, images, board, joints, joint_units)
