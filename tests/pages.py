@@ -43,6 +43,7 @@ SHOWN = [
             "ros",
             "shared_errors",
             "validation",
+            "verify",
             "which_poses",
         )
     ),

@@ -23,7 +23,7 @@ from uq_handeye.verification.power import (
 )
 
 SETUPS = ("eye-in-hand", "eye-to-hand")
-SETS = 50
+SETS = 30
 
 
 @pytest.mark.parametrize("setup", SETUPS)

@@ -1,7 +1,8 @@
 """Program ``uq-handeye``: parse, call, print.
 
 Exit status: 0 success; 1 an internal error, or a run that lost its workers; 2 bad usage or bad input, with one line on
-stderr; 3 a result that is not usable; 5 a tolerance that is not shown to be met; 130 Ctrl-C, with one line on stderr.
+stderr; 3 a result that is not usable; 4 data that contradict a result; 5 a tolerance that is not shown to be met;
+130 Ctrl-C, with one line on stderr.
 """
 
 import _thread
@@ -32,6 +33,7 @@ from .commands.predict import predict_command
 from .commands.simulate import simulate_command
 from .commands.sync import sync_command
 from .commands.validate import INTERRUPTED, validate_command
+from .commands.verify import verify_command
 from .help import Command, Program, with_help_all
 from .messages import LOG, fail, fail_internally, messages
 from .options.common import with_messages
@@ -86,6 +88,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "predict": predict_command,
         "check": check_command,
         "certificate": certificate_command,
+        "verify": verify_command,
     },
     "Improve and compare": {
         "plan": plan_command,

@@ -184,6 +184,7 @@ def evidence_of_touches(result: Calibrated, touches: Touches, state: State | Non
     InputError
         A calibration without joint covariance; a camera on the gripper and no robot poses; no noise at all.
     """
+    joint_posterior_of(result)
     m = touches.m
     seen_from = _robot_at_seeing(result, touches)
     reached = _robot_at_touch(result, touches)

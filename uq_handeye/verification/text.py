@@ -80,7 +80,8 @@ def _needed(found: Verification) -> str:
     for one in found.needed:
         size = digits(1e3 * one.size, 3)
         if one.touches is not None:
-            parts.append(f"A bias of {size} mm would show with {one.touches} such touches in all.")
+            many = "1 such touch" if one.touches == 1 else f"{one.touches} such touches in all"
+            parts.append(f"A bias of {size} mm would show with {many}.")
         elif np.isfinite(one.limit):
             parts.append(
                 f"No number of such touches would show a bias of {size} mm: the uncertainty that they share (X, "

@@ -127,8 +127,8 @@ def predict_command(
         raise InputError("--joint-units needs --joints. Remove it.")
     if robot_units != "m" and robot is None:
         raise InputError("--robot-units needs --robot. Remove it.")
-    points = None if not point else np.array([_coordinates(text, "--point") for text in point])
-    tip = None if tool is None else np.array(_coordinates(tool, "--tool"))
+    points = None if not point else np.array([coordinates(text, "--point") for text in point])
+    tip = None if tool is None else np.array(coordinates(tool, "--tool"))
     stored = Calibration.from_json(result)
     times, at = _places(
         stored, str(result), {"joints": joints, "reached_at": reached_at}, joint_units, robot, robot_units
@@ -150,7 +150,7 @@ def predict_command(
     emit(plain if as_json else text + said)
 
 
-def _coordinates(text: str, name: str) -> list[float]:
+def coordinates(text: str, name: str) -> list[float]:
     parts = [part.strip() for part in text.split(",")]
     if len(parts) != 3:
         raise InputError(f"Expected {name} to be X,Y,Z such as 0mm,0mm,300mm, got {text!r}.")

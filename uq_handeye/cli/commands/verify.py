@@ -1,0 +1,144 @@
+"""Command ``verify``: points that were seen and touched, against a stored result."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ...errors import InputError
+from ..delivery import deliver
+from ..groups import OUTPUT
+from ..messages import quiet
+from ..options.common import UNITS, JsonOption, emit, emit_document, folder_option, made_of, one_of, option
+from ..options.touches import TOUCHING, TouchOptions
+from .files import ResultFile
+
+if TYPE_CHECKING:
+    from ...geometry.se3 import Array
+    from ...verification.result import Verification
+
+# Exit status of a calibration that the data contradict.
+CONTRADICTED = 4
+
+
+@made_of(touching=TouchOptions)
+def verify_command(
+    result: ResultFile,
+    touching: "TouchOptions",
+    touches: Annotated[
+        Path | None,
+        typer.Argument(metavar="TOUCHES.csv", help="Points seen and touched, one row each. Columns: see the page."),
+    ] = None,
+    show: Annotated[
+        str,
+        option(
+            "--show",
+            metavar="LENGTH",
+            panel=OUTPUT,
+            common=True,
+            help="Bias that should show, e.g. 0.5mm. The answer says how many touches it takes.",
+        ),
+    ] = "0.5mm",
+    candidates: Annotated[
+        Path | None,
+        option(
+            "--candidates",
+            metavar="FILE.csv",
+            panel=OUTPUT,
+            help="Points that could be touched next, x,y,z in the camera frame (m). Default: the region seen so far.",
+        ),
+    ] = None,
+    poses: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(
+            "--poses",
+            metavar="ROBOT.csv CAMERA.csv",
+            help="New poses in place of touches: an independent data set of the same cell.",
+            rich_help_panel=TOUCHING,
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+    output: Annotated[Path | None, folder_option("Folder for verification.json and points.csv (m).")] = None,
+) -> int:
+    """Test a stored result by touching points that the camera saw.
+
+    Examples:
+      uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm
+      # Touched with a tool whose offset is unknown; noise of the seen points
+      uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm \\
+          --point-sd 0.3mm --tool-sd unknown
+      # How many touches until a bias of 1 mm would show
+      uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm --show 1mm
+
+    Exit status 4 if the touches contradict the result.
+    """
+    from ...calibration.result import Calibration
+    from ...io import json_text
+    from ...verification.verify import verify
+
+    stored = Calibration.from_json(result)
+    if (touches is None) == (poses is None):
+        raise InputError("Give either TOUCHES.csv, points seen and touched, or --poses ROBOT.csv CAMERA.csv.")
+    if poses is not None:
+        return _by_poses(stored, poses, touching, as_json, output)
+    assert touches is not None
+    given = touching.read(touches, stored.kinematics)
+    found = verify(stored, given, show=show, candidates=None if candidates is None else _points(candidates))
+    plain = json_text(found.to_dict())
+    written = ""
+    if output is not None:
+        written = deliver(output, {"verification.json": plain, "points.csv": _csv(found)})
+    if as_json:
+        emit(plain)
+    elif not quiet():
+        from ...presentation.document import Paragraph, document_of
+
+        emit_document([*document_of(found), *([[Paragraph(written.strip(), hang="  ")]] if written else [])])
+    return CONTRADICTED if found.contradicted else 0
+
+
+def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_json: bool, output: Path | None) -> int:
+    from ...io import json_text, read_poses
+    from ...presentation.document import document_of
+    from ...verification.new_poses import verify_poses
+
+    data = read_poses(*poses, setup=stored.setup, units=one_of(touching.units, "--units", UNITS))
+    found = verify_poses(stored, data)
+    plain = json_text(found.to_dict())
+    written = "" if output is None else deliver(output, {"verification.json": plain})
+    if as_json:
+        emit(plain)
+    elif not quiet():
+        from ...presentation.document import Paragraph
+
+        emit_document([*document_of(found), *([[Paragraph(written.strip(), hang="  ")]] if written else [])])
+    return CONTRADICTED if found.contradicted else 0
+
+
+def _points(path: Path) -> "Array":
+    """Read points x, y, z of a CSV file with a header, or of an array of NumPy."""
+    import numpy as np
+
+    from ...files.open import opened, shown
+
+    with opened(path, 10_000_000) as file:
+        try:
+            if path.suffix == ".npy":
+                return np.asarray(np.load(file, allow_pickle=False), dtype=float)
+            table = np.genfromtxt(file, delimiter=",", names=True, dtype=float, encoding="utf-8")
+            return np.stack([np.atleast_1d(table[axis]) for axis in "xyz"], axis=-1)
+        except (ValueError, TypeError, IndexError) as error:
+            raise InputError(f"{shown(path)}: expected columns x,y,z of numbers (m): {error}.") from error
+
+
+def _csv(found: "Verification") -> str:
+    table = found.points
+    head = "point,difference_x,difference_y,difference_z,distance,sd_x,sd_y,sd_z,p_value,differs"
+    rows = [
+        [f'"{name}"', *map(repr, d), repr(length), *map(repr, sd), repr(p), str(flag).lower()]
+        for name, d, length, sd, p, flag in zip(
+            (name.replace('"', "'") for name in table.names), table.difference.tolist(), table.distance.tolist(),
+            table.std.tolist(), table.p_value.tolist(), table.flagged.tolist(), strict=True,
+        )
+    ]  # fmt: skip
+    return "\n".join([head, *map(",".join, rows), ""])

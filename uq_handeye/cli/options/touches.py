@@ -1,0 +1,132 @@
+"""Options of points that were seen and touched."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from ...errors import InputError
+from .common import UNITS, flag, one_of, option
+
+if TYPE_CHECKING:
+    from ...evidence.touches import Touches
+    from ...kinematics.chain import Kinematics
+    from ...prediction.fitted_kinematics import FittedKinematics
+
+TOUCHING = "Touches"
+
+
+@dataclass(frozen=True)
+class TouchOptions:
+    """Options of a file of touches."""
+
+    tcp_sd: Annotated[
+        str | None,
+        option(
+            "--tcp-sd",
+            metavar="LENGTH",
+            panel=TOUCHING,
+            common=True,
+            help="Standard deviation of a touch per axis, e.g. 0.2mm. Default: the column touched_sd.",
+        ),
+    ] = None
+    point_sd: Annotated[
+        str | None,
+        option(
+            "--point-sd",
+            metavar="LENGTH",
+            panel=TOUCHING,
+            common=True,
+            help="Standard deviation of a seen point per axis, e.g. 0.3mm. Default: the columns seen_sd, else that of "
+            "a camera pose in the calibration.",
+        ),
+    ] = None
+    tool: Annotated[
+        str | None,
+        option(
+            "--tool",
+            metavar="X,Y,Z",
+            panel=TOUCHING,
+            common=True,
+            help="Tool tip in the flange frame, e.g. 0mm,0mm,150mm. For touches by robot poses. Default: its origin.",
+        ),
+    ] = None
+    tool_sd: Annotated[
+        str,
+        option(
+            "--tool-sd",
+            metavar="LENGTH",
+            panel=TOUCHING,
+            common=True,
+            help="Standard deviation of the tool's offset per axis, e.g. 0.3mm, exact or unknown.",
+        ),
+    ] = "exact"
+    units: Annotated[
+        str,
+        option(
+            "--units",
+            of=UNITS,
+            metavar="UNIT",
+            panel=TOUCHING,
+            common=True,
+            help=f"Length unit of columns that name none: {', '.join(UNITS)}.",
+        ),
+    ] = "m"
+    board_poses: Annotated[
+        Path | None,
+        option(
+            "--board-poses",
+            metavar="FILE.csv",
+            panel=TOUCHING,
+            help="Poses camera_T_target of the views of a board, for points given on the board.",
+        ),
+    ] = None
+    touch_robot_noise: Annotated[
+        str | None,
+        option(
+            "--touch-robot-noise",
+            metavar="ROT,TRANS",
+            panel=TOUCHING,
+            help="Robot noise of one pose, by touch and view, e.g. 0.02deg,0.05mm. Default: that of the calibration.",
+        ),
+    ] = None
+    other_sensor: Annotated[
+        bool,
+        flag(
+            "--other-sensor",
+            panel=TOUCHING,
+            help="Points from a depth sensor in the frame of the camera. The errors of its focal length and image "
+            "centre are then not theirs.",
+        ),
+    ] = False
+
+    def read(self, path: Path, kinematics: "FittedKinematics | None") -> "Touches":
+        """Return the touches of a file."""
+        import numpy as np
+
+        from ...formats.csv_poses import read_pose_file
+        from ...formatting.units import parse_length
+        from ...verification.touches_file import read_touches
+        from ...verification.verify import robot_covariance, tool_deviation
+        from ..commands.predict import coordinates
+
+        unit = one_of(self.units, "--units", UNITS)
+        arm: Kinematics | None = None if kinematics is None else kinematics.chain
+        more: dict[str, Any] = {
+            "tool": None if self.tool is None else np.array(coordinates(self.tool, "--tool")),
+            "tool_sd": tool_deviation(self.tool_sd),
+            "same_camera": not self.other_sensor,
+            "board": None if self.board_poses is None else read_pose_file(self.board_poses, unit)[1],
+        }
+        if self.touch_robot_noise is not None:
+            parts = self.touch_robot_noise.split(",")
+            if len(parts) != 2:
+                raise InputError(
+                    f"Expected --touch-robot-noise to be ROT,TRANS such as 0.02deg,0.05mm, got "
+                    f"{self.touch_robot_noise!r}."
+                )
+            more["robot_noise"] = robot_covariance((parts[0], parts[1]))
+        lengths = {
+            name: None if value is None else parse_length(value, f"--{name.replace('_', '-')}")
+            for name, value in (("tcp_sd", self.tcp_sd), ("point_sd", self.point_sd))
+        }
+        return read_touches(path, arm, units=unit, touch_sd=lengths["tcp_sd"], point_sd=lengths["point_sd"], **more)
