@@ -12,13 +12,14 @@ from report_cases import Page
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.certificate.budget import budget_rows, components_of, worst_of
+from uq_handeye.certificate.budget import budget_rows, components_of, correlation_of, worst_of
 from uq_handeye.certificate.iso_9283 import RP_PER_SD, robot_words
 from uq_handeye.certificate.page import MOST_SOURCES
 from uq_handeye.errors import InputError
 from uq_handeye.files.about import ABOUT
 from uq_handeye.findings import Finding
 from uq_handeye.geometry.pose_numbers import pose_numbers
+from uq_handeye.geometry.se3 import perturb
 from uq_handeye.presentation import pdf
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -90,6 +91,15 @@ def test_every_number_is_that_of_the_result_and_the_budget_adds_up(case, results
         assert worst_of(result)[0].dof == found.dof
 
 
+def test_correlations_are_those_of_drawn_errors(results):
+    """The six numbers of poses that are drawn from the covariance."""
+    result, rng = results["given"], np.random.default_rng(SEED)
+    xi = rng.multivariate_normal(np.zeros(6), 1e-2 * result.covariance, size=2000)
+    drawn = np.array([pose_numbers(X, None)[0] for X in perturb(result.X, xi)])
+    expected = np.corrcoef(drawn.T)
+    assert correlation_of(result) == pytest.approx(expected, abs=5 / np.sqrt(2000))
+
+
 def test_components_have_the_degrees_of_freedom_of_welch_and_satterthwaite(results):
     """The formula of JCGM 100, G.2b, written out for one component and independent estimates."""
     result = results["estimated"]
@@ -141,19 +151,20 @@ def test_a_lower_limit_is_marked(results):
     assert marked.accuracy.lower_limit
     data, page = made(marked).to_dict(), Page(made(marked).to_html())
     assert data["result"]["lower_limit"] and "LOWER LIMIT" in page.words("answer")
+    assert "Result (lower limit)" in page.words("x") and "expanded, U = k u_c (lower limit)" in page.words("budget")
     assert "LOWER LIMIT" not in Page(made(results["given"]).to_html()).words("answer")
 
 
 def test_the_decision_has_a_guard_band(results):
     result = results["given"]
     decision = made(result, tolerance="5mm,1deg").decision
-    assert decision.verdict.passed and 0 < decision.guard < 1
-    at = (decision.smallest.translation, decision.smallest.rotation)
+    assert decision.verdict.passed and 0 < decision.margin < 1 and " % of the tolerance" in decision.sentence
+    at = (decision.guard_band.translation, decision.guard_band.rotation)
     assert result.verdict(at).probability == pytest.approx(0.95, abs=2e-4)
     assert result.verdict(tuple(0.98 * x for x in at)).probability < 0.95
     small = made(result, tolerance="0.1mm", at="0.5m")
-    assert small.decision.guard < 0 and small.decision.smallest.at == 0.5
-    assert "times what is asked for" in small.decision.sentence
+    assert small.decision.margin < 0 and small.decision.guard_band.at == 0.5
+    assert "times the tolerance" in small.decision.sentence
     assert small.to_dict()["decision"]["verdict"] != "PASS"
 
 

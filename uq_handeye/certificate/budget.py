@@ -110,9 +110,7 @@ def components_of(result: Calibration) -> tuple[Stated, ...]:
     values, deviations = pose_numbers(result.X, result.covariance, opened=result.open_of_X)
     assert deviations is not None  # where there is a covariance
     to_si = np.repeat([1e-3, np.pi / 180], 3)
-    rows = np.zeros((6, 6))
-    rows[:3, 3:] = np.eye(3)
-    rows[3:, :3] = np.linalg.inv(left_jacobian(rotation_vector(result.X, None)))
+    rows = _rows(result)
     budget = budget_of(result)
     if budget is None:
         expanded = [_by_reference(result)] * 6
@@ -125,6 +123,25 @@ def components_of(result: Calibration) -> tuple[Stated, ...]:
             POSE_NUMBERS, ["m"] * 3 + ["rad"] * 3, to_si * values, to_si * deviations, expanded, strict=True
         )
     )
+
+
+def _rows(result: Calibration) -> Array:
+    """Return the derivatives (6, 6) of translation and rotation vector by (theta, tau)."""
+    rows = np.zeros((6, 6))
+    rows[:3, 3:] = np.eye(3)
+    rows[3:, :3] = np.linalg.inv(left_jacobian(rotation_vector(result.X, None)))
+    return rows
+
+
+def correlation_of(result: Calibration) -> Array:
+    """Return the correlation (6, 6) of translation and rotation vector; NaN beside a number that is not determined."""
+    assert result.covariance is not None  # of a certified result
+    rows = _rows(result)
+    S = rows @ result.covariance @ rows.T
+    sd = np.sqrt(np.diag(S))
+    found = S / np.maximum(np.outer(sd, sd), 1e-300)
+    known = np.isfinite([one.u for one in components_of(result)])
+    return np.where(np.outer(known, known), found, np.nan)
 
 
 def worst_of(result: Calibration) -> tuple[Stated, ...]:

@@ -9,54 +9,56 @@ import numpy as np
 
 from ..calibration.result import Calibration
 from ..formatting.numbers import digits
-from ..statement.tolerance import MET, PASS, Tolerance, Verdict, percent, probability_within
+from ..statement.tolerance import MET, Tolerance, Verdict, percent, probability_within
 
 RULE = (
-    f"Decision rule (JCGM 106): PASS if the probability of conformity is at least {MET:.0%}, FAIL if it is at most "
-    f"{1 - MET:.0%}, else NOT SHOWN. Never PASS where a check failed or the uncertainty is a lower limit."
+    f"Decision rule (JCGM 106): PASS if the probability of conformity is at least {percent(MET)}, FAIL if it is at "
+    f"most {percent(1 - MET)}, else NOT SHOWN. Never PASS where a check failed or the uncertainty is a lower limit."
 )
 _STEPS = 40
 
 
 @dataclass(frozen=True)
 class Decision:
-    """A verdict with the smallest tolerance, in the same proportion, at which the probability reaches 95 %."""
+    """A verdict with its guard band: the part of the tolerance that the uncertainty takes.
+
+    X is used as estimated, so that the estimate of its error is 0: it is accepted where the tolerance is at least the
+    guard band, at which the probability of conformity is 95 %. Length and angle are in the proportion of the tolerance.
+    """
 
     verdict: Verdict
-    smallest: Tolerance | None  # None: the probability is not known
+    guard_band: Tolerance | None  # None: the probability is not known
 
     @property
-    def guard(self) -> float | None:
-        """Share of the tolerance that the uncertainty leaves; below 0 where it takes more than there is."""
-        if self.smallest is None:
+    def margin(self) -> float | None:
+        """Share of the tolerance beyond the guard band; below 0 where the guard band is larger."""
+        if self.guard_band is None:
             return None
         wanted = self.verdict.tolerance
-        if wanted.translation is not None and self.smallest.translation is not None:
-            return 1.0 - self.smallest.translation / wanted.translation
-        assert wanted.rotation is not None and self.smallest.rotation is not None
-        return 1.0 - self.smallest.rotation / wanted.rotation
+        if wanted.translation is not None and self.guard_band.translation is not None:
+            return 1.0 - self.guard_band.translation / wanted.translation
+        assert wanted.rotation is not None and self.guard_band.rotation is not None
+        return 1.0 - self.guard_band.rotation / wanted.rotation
 
     @property
     def sentence(self) -> str:
-        """Smallest tolerance that is met, and the margin to it."""
-        if self.smallest is None or self.guard is None:
+        """Guard band, and how it compares with the tolerance."""
+        if self.guard_band is None or self.margin is None:
             return ""
-        text = f"A probability of {percent(MET)} is reached at a tolerance of {self.smallest}"
-        if self.guard > 0:
-            margin = "margin (guard band)" if self.verdict.word == PASS else "margin"
-            return f"{text}: a {margin} of {digits(100 * self.guard, 2)} % of the tolerance."
-        return f"{text}, {digits(1.0 - self.guard, 2)} times what is asked for."
+        share = 1.0 - self.margin
+        compared = f"{digits(share, 2)} times" if share > 1 else f"{digits(100 * share, 2)} % of"
+        return f"Guard band: the probability reaches {percent(MET)} at {self.guard_band}, {compared} the tolerance."
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and text, in m and rad."""
-        smallest = None
-        if self.smallest is not None:
-            smallest = {"translation": self.smallest.translation, "rotation": self.smallest.rotation}
-        return self.verdict.to_dict() | {"rule": RULE, "smallest_tolerance": smallest, "guard": self.guard}
+        band = None
+        if self.guard_band is not None:
+            band = {"translation": self.guard_band.translation, "rotation": self.guard_band.rotation}
+        return self.verdict.to_dict() | {"rule": RULE, "guard_band": band, "margin": self.margin}
 
 
 def decide(result: Calibration, verdict: Verdict) -> Decision:
-    """Return the verdict with the smallest tolerance that is met."""
+    """Return the verdict with its guard band."""
     if verdict.probability is None or result.covariance is None:
         return Decision(verdict, None)
     wanted, S, R = verdict.tolerance, result.covariance, result.X[:3, :3]

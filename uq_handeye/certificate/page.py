@@ -10,7 +10,8 @@ from ..presentation.document import Answer, Badge, Block, Cell, Checks, Paragrap
 from ..presentation.page import rendered
 from ..report.sheets import colour_of
 from ..statement.checks import lower_limit_of
-from .budget import LEVEL, OTHERS, BudgetRow, Stated, budget_rows, components_of, worst_of
+from ..statement.tolerance import percent
+from .budget import LEVEL, OTHERS, BudgetRow, Stated, budget_rows, components_of, correlation_of, worst_of
 from .contents import Contents
 from .data import identifier_of
 from .decision import RULE
@@ -78,14 +79,13 @@ def _first(of: Contents) -> list[Section]:
         answer.append(Badge(verdict.word, verdict.sentence, colour_of(result, verdict)))
         answer.append(Paragraph(f"{of.decision.sentence} {RULE}".strip()))
     if lower_limit_of(result):
-        answer.append(Badge(LOWER_LIMIT, "The uncertainty is at least what is stated; see the checks.", "caution"))
+        answer.append(Badge(LOWER_LIMIT, _why_lower(of), "caution"))
     answer.append(Paragraph(measurand_of(result)))
     return [
         Section("answer", "Result", answer, wide=True),
-        Section("x", "Result", [_table_of(components_of(result), "1 sigma and expanded uncertainty of each number.")]),
-        Section("worst", "In the least certain direction", _worst(of)),
+        Section("x", _lower("Result", of), [_table_of(components_of(result)), *_forms(of)]),
+        Section("worst", _lower("In the least certain direction", of), _worst(of)),
         *_measured(of),
-        Section("coverage", "Uncertainty", [Paragraph(coverage_of(result)), Paragraph(method_of(result))], wide=True),
     ]
 
 
@@ -108,19 +108,55 @@ def _worst(of: Contents) -> list[Block]:
     blocks: list[Block] = [Table("Uncertainty in the worst direction.", ["", *_HEAD], rows, frozenset({5}))]
     if of.result.open_words:
         blocks.append(Paragraph(f"Not determined, and in no number: {'; '.join(of.result.open_words)}."))
-    return blocks
+    return [*blocks, _correlation(of)]
 
 
-_HEAD = ("u", "nu", "k", f"U ({LEVEL:.0%})", "unit")
+_HEAD = ("u", "nu", "k", f"U ({percent(LEVEL)})", "unit")
 
 
-def _table_of(numbers: tuple[Stated, ...], caption: str) -> Table:
+def _table_of(numbers: tuple[Stated, ...]) -> Table:
     rows: list[list[Cell]] = []
     for one in numbers:
         factor, _ = _FACTORS[one.unit]
         value = factor * (one.value or 0.0)
         rows.append([one.name, _rounded(value, factor * one.u), *_sizes(one)])
+    caption = "Value, standard uncertainty u, degrees of freedom nu, coverage factor k, expanded uncertainty U."
     return Table(caption, ["", "value", *_HEAD], rows, frozenset({6}))
+
+
+def _forms(of: Contents) -> list[Block]:
+    """Return the rotation as a quaternion, and where the matrix is."""
+    numbers = ", ".join(f"{x:.7f}" for x in of.result.quaternion)
+    return [Paragraph(f"As quaternion (x, y, z, w): {numbers}.")]
+
+
+def _correlation(of: Contents) -> Table:
+    """Return the correlation of the six numbers, below the diagonal."""
+    matrix = correlation_of(of.result)
+    names = ["x", "y", "z", "rx", "ry", "rz"]
+    rows = [
+        [
+            name,
+            *("" if np.isnan(matrix[k, m]) else f"{matrix[k, m].round(2) + 0.0:.2f}" for m in range(k)),
+            *[""] * (5 - k),
+        ]
+        for k, name in enumerate(names)
+        if k
+    ]
+    return Table("Correlation of translation x, y, z and rotation vector rx, ry, rz.", ["", *names[:5]], rows)
+
+
+def _lower(title: str, of: Contents) -> str:
+    return f"{title} (lower limit)" if lower_limit_of(of.result) else title
+
+
+def _why_lower(of: Contents) -> str:
+    """Return why the uncertainty is a lower limit."""
+    failed = [check for check in of.result.checks if check.status == "failed"]
+    why = (
+        "; ".join(f"{check.name}: {check.text}" for check in failed[:2]) or "no error that all poses share is included"
+    )
+    return f"The uncertainty is at least what is stated. {why[0].upper()}{why[1:]}."
 
 
 def _rounded(value: float, u: float) -> str:
@@ -152,10 +188,13 @@ def _second(of: Contents) -> list[Section]:
         Paragraph(f"Not included: {', '.join(accuracy.not_included)}."),
     ]
     return [
+        Section(
+            "coverage", "Uncertainty", [Paragraph(coverage_of(of.result)), Paragraph(method_of(of.result))], wide=True
+        ),
         Section("budget", "Uncertainty budget", [_budget(of)], wide=True),
         Section("scope", "What the uncertainty includes", scope, wide=True),
         *_origin(of),
-        Section("robot", "In the terms of ISO 9283", [Points(robot_words(of.result))], wide=True),
+        Section("robot", "In the terms of ISO 9283:1998", [Points(robot_words(of.result))], wide=True),
         Section("validity", "Validity", [Paragraph(VALIDITY)], wide=True),
     ]
 
@@ -178,16 +217,21 @@ def _budget(of: Contents) -> Table:
     rows.append([])
     factors = [_FACTORS["m"][0], _FACTORS["rad"][0]]
     for title, cells in (
-        ("combined, u_c", [fixed(f * one.u, 3) for f, one in zip(factors, (move, turn), strict=True)]),
+        (_lower("combined, u_c", of), [fixed(f * one.u, 3) for f, one in zip(factors, (move, turn), strict=True)]),
         ("effective degrees of freedom", [_freedom(one.dof) for one in (move, turn)]),
-        (f"coverage factor k for {LEVEL:.0%}", [f"{one.k:.2f}" for one in (move, turn)]),
-        ("expanded, U = k u_c", [fixed(f * one.U, 3) for f, one in zip(factors, (move, turn), strict=True)]),
+        (f"coverage factor k for {percent(LEVEL)}", [f"{one.k:.2f}" for one in (move, turn)]),
+        (
+            _lower("expanded, U = k u_c", of),
+            [fixed(f * one.U, 3) for f, one in zip(factors, (move, turn), strict=True)],
+        ),
     ):
         rows.append([title, "", "", "", "", *cells, "", ""])
     head = ["source", "type", "input: u", "distribution, origin", "nu", "u (mm)", "u (deg)", "% of mm", "% of deg"]
     caption = (
         "JCGM 100. Effect of each source on translation (mm) and rotation (deg) of X, in the direction in which each "
-        "is least certain; share of the variance; nu: degrees of freedom. Type A: evaluated from the data, B: declared."
+        "is least certain, and share of the variance; the effect divided by u of the input is its sensitivity "
+        "coefficient. The sources are independent: squares add. nu: degrees of freedom. Type A: evaluated from the "
+        "data, B: declared."
     )
     return Table(caption, head, rows, frozenset({1, 2, 3}))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from datetime import UTC, datetime
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from ..calibration.report.text import source_words
 from ..calibration.result import Calibration
 from ..files.about import ABOUT
 from ..formatting.numbers import digits
+from ..kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.shared_error import ROBOT_SCALE, TARGET_SCALE
 from ..statement.included import shared_groups, sizes_of
+from ..statement.tolerance import percent
 from .budget import LEVEL, budget_of
 
 ERROR_MODEL = (
@@ -25,7 +28,7 @@ ERROR_MODEL = (
 STANDING = (
     "Computed by software from the recorded poses, with the inputs declared by the user. It is not a calibration "
     "certificate of an accredited laboratory (ISO/IEC 17025). The person who signs it is responsible for the declared "
-    "inputs."
+    "inputs. It relates only to the rig named above; copy it in full only."
 )
 VALIDITY = (
     "The result applies to the rig as it was when the poses were recorded, and to robot poses like those recorded. It "
@@ -52,17 +55,34 @@ def conditions_of(result: Calibration) -> list[tuple[str, str]]:
     if result.table is not None:
         rejected = len(result.table.rejected)
         used = f"{len(result.table) - rejected} of {len(result.table)} {result.table.item}s used"
-        rows.append(("Used", used + (f"; rejected: {_listed(result.table.rejected)}" if rejected else "")))
+        rows.append(
+            ("Used", used + (f"; rejected: {_listed(result.table.rejected)} (numbered from 0)" if rejected else ""))
+        )
     if isinstance(result.data, PosePairs):
         size = 1e3 * np.ptp(result.data.robot[:, :3, 3], axis=0)
         away = np.linalg.norm(result.data.camera[:, :3, 3], axis=1)
         rows.append(("Robot positions", f"{' x '.join(f'{x:.0f}' for x in size)} mm (extent in the base frame)"))
         rows.append(("Camera to target", f"{digits(away.min(), 3)} m to {digits(away.max(), 3)} m"))
+        if (recorded := _recorded(result.data)) is not None:
+            rows.append(("Recorded", recorded))
     if result.analysis is not None:
         shares = " / ".join(f"{100 * share:.0f}" for share in result.analysis.diagnostics.diversity.share)
         rows.append(("Rotation about axes", f"{shares} %"))
     rows.append(("Environment", result.about.get("environment", "not recorded")))
     return rows
+
+
+def _recorded(data: PosePairs) -> str | None:
+    """Return first and last time of the poses, where their timestamps are those of a clock."""
+    if data.timestamps is None or not ((data.timestamps > _CLOCK[0]) & (data.timestamps < _CLOCK[1])).all():
+        return None
+    first, last = (datetime.fromtimestamp(float(end), UTC) for end in (data.timestamps.min(), data.timestamps.max()))
+    form = "%Y-%m-%d %H:%M"
+    return f"{first:{form}} to {last:{form}} UTC, by the timestamps"
+
+
+# Seconds since 1970 that are taken for the time of a clock: 2001 to 2096.
+_CLOCK = (1e9, 4e9)
 
 
 def _listed(numbers: list[int]) -> str:
@@ -73,7 +93,9 @@ def _listed(numbers: list[int]) -> str:
 def method_of(result: Calibration) -> str:
     """Return how X and its uncertainty were evaluated."""
     order = "second-order terms by sigma points" if result.covariance_kind == "sigma-points" else "first order"
-    text = f"X by method {result.method}; covariance from {source_words(result)} ({order}, JCGM 100, JCGM 102)."
+    text = (
+        f"X by method {result.method}; covariance from {source_words(result)} ({order}, JCGM 100:2008, JCGM 102:2011)."
+    )
     if result.covariance_kind == "sigma-points":
         text += " The budget is to first order."
     if budget_of(result) is None:
@@ -84,29 +106,36 @@ def method_of(result: Calibration) -> str:
 def coverage_of(result: Calibration) -> str:
     """Return what the expanded uncertainty means, for single numbers and for all six together."""
     text = (
-        f"U = k u is the expanded uncertainty for a coverage probability of {LEVEL:.0%}; k is Student's t for the "
+        f"U = k u is the expanded uncertainty for a coverage probability of {percent(LEVEL)}; k is Student's t for the "
         "effective degrees of freedom nu (Welch-Satterthwaite), 1.96 where all inputs are declared."
     )
     limit = result.quantile(LEVEL)
     if not np.isfinite(limit):
         return f"{text} There is no joint coverage region from so few poses ({result.reference})."
     return (
-        f"{text} All components together: the ellipsoid xi^T C^-1 xi = {digits(limit, 3)} holds {LEVEL:.0%} "
-        f"({result.reference}); C is in the JSON file."
+        f"{text} All components together: the ellipsoid xi^T C^-1 xi = {digits(limit, 3)} holds {percent(LEVEL)} "
+        f"({result.reference}, one number of degrees of freedom for all); C is in the JSON file."
     )
 
 
 def noise_source(result: Calibration) -> str:
     """Return where the noise of the poses comes from."""
     estimate = result.noise_estimate
+    if result.noise is None:
+        return "not known"
+    corners = getattr(result.data, "camera_calibration", None) is not None
     if estimate is None:
-        corners = getattr(result.data, "camera_calibration", None) is not None
         return "declared by the user" + ("; that of the camera from the corners of the target" if corners else "")
     if estimate.from_corners:
         return "robot: estimated from the residuals; camera: from the corners of the target"
+    if result.kinematics is not None:
+        return f"estimated from the residuals; errors of the arm: {_OF_ARM.get(result.kinematics.how, 'assumed')}"
     if estimate.has_prior:
         return "estimated from the residuals with a data sheet"
     return "estimated from the residuals"
+
+
+_OF_ARM = {DECLARED: "declared", ESTIMATE: "from arms of the kind and the residuals", EXACT: "none, taken as exact"}
 
 
 def lengths_of(result: Calibration) -> str:

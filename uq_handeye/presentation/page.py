@@ -14,10 +14,8 @@ from .._version import __version__
 from .document import Drawing, Section
 from .figure_parts import Picture, inline_svg
 
-# Later rules go before earlier ones.
-STYLES = ("report.css", "figures.css")
-# Further rules by the kind of page.
-_STYLE_OF = {"certificate": "certificate.css"}
+# Later rules go before earlier ones. By the kind of page.
+STYLES = {"report": ("report.css", "figures.css"), "certificate": ("report.css", "certificate.css")}
 
 
 def pretty(text: str) -> str:
@@ -68,7 +66,6 @@ def rendered(
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["pretty"] = pretty
     template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
-    names = (*STYLES, *(style for name, style in _STYLE_OF.items() if name == kind))
     scripts = [_SCRIPT.strip()]
     every = [section for page in (*sheets, sections) for section in page]
     if any(isinstance(block, Drawing) and block.scene for section in every for block in section.blocks):
@@ -83,7 +80,7 @@ def rendered(
         foot=foot,
         signed=signed,
         full=full,
-        style=Markup("".join((files / name).read_text(encoding="utf-8") for name in names)),
+        style=Markup("".join((files / name).read_text(encoding="utf-8") for name in STYLES[kind])),
         kind=kind,
         scripts=[Markup(script) for script in scripts],
         script_hashes=[base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts],
