@@ -54,7 +54,8 @@ if TYPE_CHECKING:
     from .maintenance.check_result import ChangeCheck
     from .maintenance.series.alarm import SeriesAlarm, series_alarm
     from .maintenance.series.log import CheckSeries, log_check, read_checks
-    from .maintenance.update import update
+    from .maintenance.together.difference import Difference, difference
+    from .maintenance.together.update import update
     from .noise.camera_noise import CameraNoise
     from .noise.estimate import NoiseEstimate, NoisePrior
     from .noise.joint_covariance import JointCovariance
@@ -110,6 +111,7 @@ __all__ = [
     "Corners",
     "CrossCheck",
     "DegenerateMotionError",
+    "Difference",
     "ErrorParameter",
     "InputError",
     "InputWarning",
@@ -151,6 +153,7 @@ __all__ = [
     "compare_with_controller",
     "cross_check",
     "detect_board",
+    "difference",
     "efficient",
     "estimate_noise",
     "estimate_robot_noise",
@@ -273,7 +276,8 @@ _LATER = {
     "maintenance.check_result": ("ChangeCheck",),
     "maintenance.series.alarm": ("SeriesAlarm", "series_alarm"),
     "maintenance.series.log": ("CheckSeries", "log_check", "read_checks"),
-    "maintenance.update": ("update",),
+    "maintenance.together.difference": ("Difference", "difference"),
+    "maintenance.together.update": ("update",),
     "noise.camera_noise": ("CameraNoise",),
     "noise.estimate": (
         "NoiseEstimate",

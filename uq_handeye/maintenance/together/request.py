@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration.result import Calibration
-from ..errors import InputError
-from ..geometry.se3 import Array, logarithm, perturb
-from ..kinematics.chain import Kinematics
-from ..kinematics.kinematic_errors import KinematicErrors
-from ..noise.camera_noise import CameraNoise
-from ..noise.estimate import NoisePrior
-from ..noise.models import PoseNoise, is_joint
-from ..noise.pose_prior import PosePrior
-from ..poses.pose_pairs import PosePairs
-from ..shared_errors.camera_noise import camera_noise_at
-from ..shared_errors.shared_error import SharedError, default_errors
+from ...calibration.result import Calibration
+from ...errors import InputError
+from ...geometry.se3 import Array, logarithm, perturb
+from ...kinematics.chain import Kinematics
+from ...kinematics.kinematic_errors import KinematicErrors
+from ...noise.camera_noise import CameraNoise
+from ...noise.estimate import NoisePrior
+from ...noise.models import PoseNoise, is_joint
+from ...noise.pose_prior import PosePrior
+from ...poses.pose_pairs import PosePairs
+from ...shared_errors.camera_noise import camera_noise_at
+from ...shared_errors.shared_error import SharedError, default_errors
 
 
 def measured_poses(result: Calibration) -> PosePairs:

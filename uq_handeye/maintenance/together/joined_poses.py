@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..camera.calibrate import calibrate_camera
-from ..camera.corners import Corners
-from ..camera.models import LINEAR
-from ..camera.result import CameraCalibration
-from ..errors import InputError
-from ..geometry.frames import SETUPS
-from ..geometry.se3 import Array
-from ..poses.pose_pairs import PosePairs
-from ..poses.timing import Timing
+from ...camera.calibrate import calibrate_camera
+from ...camera.corners import Corners
+from ...camera.models import LINEAR
+from ...camera.result import CameraCalibration
+from ...errors import InputError
+from ...geometry.frames import SETUPS
+from ...geometry.se3 import Array
+from ...poses.pose_pairs import PosePairs
+from ...poses.timing import Timing
 
 # Median distances that differ by this factor are not of one unit.
 UNIT = 50.0
@@ -78,23 +78,32 @@ def require_joinable(old: PosePairs, new: PosePairs) -> None:
 
 
 def require_new(old: PosePairs, new: PosePairs) -> None:
-    """Raise `InputError` where a new pose is one of the old ones: the same numbers on both sides, or the same
-    corners."""
+    """Raise `InputError` where a new pose is one of the old ones."""
+    if twice := common_poses(old, new):
+        k, i = twice[0]
+        raise InputError(
+            f"{len(twice)} of {new.n} new poses are in the result already (new pose {k} is pose {i} there): a pose "
+            "counts once. Leave them out."
+        )
+
+
+def common_poses(old: PosePairs, new: PosePairs) -> list[tuple[int, int]]:
+    """Return the numbers (new, old) of poses that both hold: the same numbers on both sides, or the same corners."""
     before: dict[bytes, list[int]] = {}
     for i, key in enumerate(_keys(old)):
         before.setdefault(key, []).append(i)
-    twice = [(k, i) for k, key in enumerate(_keys(new)) for i in before.get(key, []) if _same_corners(new, k, old, i)]
-    if twice:
-        k, i = twice[0]
-        raise InputError(
-            f"{len({k for k, _ in twice})} of {new.n} new poses are in the result already (new pose {k} is pose {i} "
-            "there): a pose counts once. Leave them out."
-        )
+    found = []
+    for k, key in enumerate(_keys(new)):
+        left = before.get(key, [])
+        if equal := [i for i in left if _same_corners(new, k, old, i)]:
+            left.remove(equal[0])
+            found.append((k, equal[0]))
+    return found
 
 
 def _keys(poses: PosePairs) -> list[bytes]:
     """The numbers of each pose, without rounding errors; of the robot only where the camera poses are fitted."""
-    sides = [poses.robot] if poses.camera_calibration is not None else [poses.robot, poses.camera]
+    sides = [poses.robot, poses.camera] if poses.camera_calibration is None else [poses.robot]
     numbers = np.concatenate([side.reshape(poses.n, -1) for side in sides], axis=1)
     return [row.tobytes() for row in np.round(numbers, 9) + 0.0]
 

@@ -12,14 +12,14 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ..calibration.calibrate import calibrate
-from ..calibration.provenance import Provenance
-from ..calibration.result import Calibration
-from ..errors import InputError
-from ..geometry.checks import as_numbers
-from ..noise.models import PoseNoise
-from ..poses.pose_pairs import PosePairs
-from ..poses.to_dict import sha256_of
+from ...calibration.calibrate import calibrate
+from ...calibration.provenance import Provenance
+from ...calibration.result import Calibration
+from ...errors import InputError
+from ...geometry.checks import as_numbers
+from ...noise.models import PoseNoise
+from ...poses.pose_pairs import PosePairs
+from ...poses.to_dict import sha256_of
 from .joined_poses import joined_poses, require_joinable
 from .request import arguments, holds_request, measured_poses
 

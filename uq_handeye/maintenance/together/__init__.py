@@ -1,0 +1,1 @@
+"""Old and new poses together: the update of a result, and the difference of two."""
