@@ -96,6 +96,29 @@ def test_noise_of_new_poses_counts_beside_that_of_the_old():
         uq.update(found, uq.simulate(4, noise=NOISE, seed=7))
 
 
+def test_excluded_poses_stay_excluded():
+    poses = replace(uq.simulate(ALL, noise=NOISE, seed=6), truth=None)
+    first, second = parts_of(poses, 20, 6)
+    out = {"exclude": [2, 7]}
+    each = uq.PoseNoise(NOISE.robot, np.linspace(1, 3, ALL)[:, None, None] * NOISE.camera)
+    start = quietly(first, noise=each.rows(np.arange(20)), **out)
+    found = updated(start, second, noise=each.rows(np.arange(20, ALL)))
+    assert found.excluded == (2, 7) and found.n_poses == ALL - 2
+    assert apart(found, quietly(poses, noise=each, **out)) < 1e-9
+
+
+def test_poses_that_contradict_the_result_are_refused():
+    poses = uq.simulate(ALL, noise=NOISE, seed=10)
+    first, second = parts_of(poses, 20, 6)
+    moved = second.camera.copy()
+    moved[:, :3, 3] += [0.0, 0.0, 0.01]
+    moved = uq.PosePairs(second.robot, moved)
+    result = quietly(first, noise=NOISE)
+    with pytest.raises(uq.InputError, match=r"something has changed.*--although-changed"):
+        uq.update(result, moved)
+    assert updated(result, moved, although_changed=True).n_poses == ALL
+
+
 def test_camera_noise_by_views_is_that_of_all_views():
     poses = replace(uq.simulate(ALL, noise=NOISE, seed=8), truth=None)
     first, second = parts_of(poses, 25, 1)

@@ -23,7 +23,7 @@ from ...statement.stated import distance_of
 from .difference_text import difference_document
 from .joined_poses import common_poses
 from .linear_maps import CAMERA, ROBOT, TARGET, THINGS, LinearMap, difference_covariance
-from .request import holds_request, measured_poses
+from .request import counted, holds_request, measured_poses
 from .update import parts_of
 
 # Directions of a difference whose variance is below this share of that of the two results are not tested: rounding.
@@ -232,8 +232,8 @@ def _require_usable(name: str, result: Any) -> None:
 
 def _poses_of(result: Calibration) -> PosePairs | None:
     if holds_request(result):
-        return measured_poses(result)
-    return result.data if isinstance(result.data, PosePairs) else None
+        return measured_poses(result).rows(counted(result))
+    return result.counted if isinstance(result.counted, PosePairs) else None
 
 
 def _covariance_of(result: Calibration, numbers: int) -> Array:

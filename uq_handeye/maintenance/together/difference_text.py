@@ -70,20 +70,23 @@ def _answer(found: Different) -> Answer:
 def _pose(found: Different, start: int) -> list[str]:
     """Two lines: translation in mm and rotation in deg."""
     frame, p = (found.frame, found.p_value_X) if start == 0 else (found.frame_W, found.p_value_W)
-    xi, std, parts = np.asarray(found.xi), np.asarray(found.std), []
-    for what, at, scale, unit in (("translation", start + 3, 1e3, "mm"), ("rotation", start, 180 / np.pi, "deg")):
-        numbers = [f"{axis} {concise(scale * xi[at + k], scale * std[at + k])}" for k, axis in enumerate("xyz")]
-        size = digits(scale * float(np.linalg.norm(xi[at : at + 3])), 2)
-        parts.append(f"{what} {', '.join(numbers)} {unit}; {size} {unit} in all")
+    xi, std = np.asarray(found.xi), np.asarray(found.std)
+    parts = [_three("translation", 1e3 * xi[start + 3 : start + 6], 1e3 * std[start + 3 : start + 6], "mm")]
+    parts.append(_three("rotation", np.degrees(xi[start : start + 3]), np.degrees(std[start : start + 3]), "deg"))
     assert p is not None
     return [f"{frame}, new minus old ({probability(p, 2)}):", *(f"  {part}" for part in parts)]
+
+
+def _three(what: str, values: Array, std: Array, unit: str) -> str:
+    numbers = [f"{axis} {concise(float(values[k]), float(std[k]))}" for k, axis in enumerate("xyz")]
+    return f"{what} {', '.join(numbers)} {unit}; {digits(float(np.linalg.norm(values)), 2)} {unit} in all"
 
 
 def _point(found: Different) -> str:
     move, S = found.at_target
     size = float(np.linalg.norm(move))
     along = move / size if size > 0 else np.array([0.0, 0.0, 1.0])
-    sd = float(np.sqrt(max(along @ S @ along, 0.0)))
+    sd = float(np.sqrt(max(float(along @ S @ along), 0.0)))
     return (
         f"A point at the target, {digits(float(found.point[2]), 2)} m ahead of the camera, moves by "
         f"{concise(1e3 * size, 1e3 * sd, 'mm')}."

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...camera.calibrate import calibrate_camera
 from ...camera.corners import Corners
@@ -26,11 +27,11 @@ SAME_PIXEL = 0.02
 _SILENT = {True: 1e6, False: 1e3}
 
 
-def joined_poses(old: PosePairs, new: PosePairs) -> PosePairs:
-    """Return the poses of both, the old ones first; raises `InputError` where they are not of one rig.
+def joined_poses(old: PosePairs, new: PosePairs) -> tuple[PosePairs, NDArray[np.intp]]:
+    """Return the poses of both, the old ones first, and their numbers; raises `InputError` where they do not fit.
 
-    Corners: the camera is adjusted again with all pictures. Times are kept where they are of one clock, joints where
-    both have them.
+    Corners: the camera is adjusted again with all pictures, and may leave some out. Times are kept where they are of
+    one clock, joints where both have them.
     """
     require_joinable(old, new)
     seen, more = old.camera_calibration, new.camera_calibration
@@ -41,14 +42,15 @@ def joined_poses(old: PosePairs, new: PosePairs) -> PosePairs:
     sources = (*old.sources, *(source for source in new.sources if source not in old.sources))
     if seen is None or more is None:
         camera, cam = np.concatenate([old.camera, new.camera]), None
+        numbers = np.arange(old.n + new.n)
     else:
         cam = adjusted_again(seen, more.corners)
-        kept = cam.rows
+        kept = numbers = cam.rows
         robot, camera = robot[kept], cam.poses
         joints = None if joints is None else joints[kept]
         times = None if times is None else times[kept]
         cam = replace(cam, corners=replace(cam.corners, row=cam.corners.picture))
-    return PosePairs(robot, camera, old.setup, times, None, sources, timing, cam, joints)
+    return PosePairs(robot, camera, old.setup, times, None, sources, timing, cam, joints), numbers
 
 
 def require_joinable(old: PosePairs, new: PosePairs) -> None:

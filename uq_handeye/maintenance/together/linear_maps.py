@@ -61,8 +61,9 @@ class LinearMap:
         fit = refitted(result) if result.method in (*ESTIMATORS, BUNDLE) else None
         if fit is None or result.opened is not None or not isinstance(result.noise, PoseNoise):
             return None
-        assert isinstance(result.data, PosePairs)
-        factor, n = fit.weighted_factor, result.data.n
+        poses = result.counted
+        assert isinstance(poses, PosePairs)
+        factor, n = fit.weighted_factor, poses.n
         back = -fit.covariance @ pulled(factor, whiten(factor, fit.linear.J)).mT
         if fit.weights is not None:
             back = np.where((np.asarray(fit.weights) > 0)[:, None, None], back, 0.0)
@@ -85,7 +86,7 @@ class LinearMap:
                 serial[side] = _root(np.asarray(S)).reshape(n, 6, -1)
             elif S is not None:
                 own[side] = np.broadcast_to(S, (n, 6, 6))
-        return cls(result, result.data, fit, by_side, own, columns, intrinsics, serial)
+        return cls(result, poses, fit, by_side, own, columns, intrinsics, serial)
 
     def moved_by(self, side: str, columns: Array) -> Array:
         """(12, k) how X and W move with errors of the poses of a side, by columns (n, 6, k)."""

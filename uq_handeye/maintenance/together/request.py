@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...calibration.result import Calibration
 from ...errors import InputError
@@ -23,35 +24,47 @@ from ...shared_errors.shared_error import SharedError, default_errors
 
 
 def measured_poses(result: Calibration) -> PosePairs:
-    """Return the poses of a result as they were measured, with their joints; without the excluded ones.
+    """Return the poses of a result as they were measured, the excluded ones too, with their joints.
 
     Where the errors of an arm were derived at their estimate, its poses stand for those measured (`linear_about`).
     """
-    data = result.counted
+    data = result.data
     assert isinstance(data, PosePairs)
     arm = _request(result)["arm"]
     if arm is None:
         return data
     assert result.kinematics is not None
-    fitted, robot = result.kinematics, data.robot
+    fitted, kept = result.kinematics, counted(result)
+    joints = np.tile(fitted.joints[0], (data.n, 1)) if data.joints is None else np.array(data.joints)
+    joints[kept] = fitted.joints
+    robot = data.robot.copy()
     if arm["at"] is not None:
         e = np.asarray(arm["at"], dtype=float)
         nominal, true = fitted.chain.poses(fitted.joints), fitted.chain.poses(fitted.joints, e)
         linear = perturb(true, -(fitted.chain.columns(fitted.joints, e) @ e))
         turn = logarithm(linear[:, :3, :3] @ nominal[:, :3, :3].mT)
-        robot = perturb(robot, -np.concatenate([turn, linear[:, :3, 3] - nominal[:, :3, 3]], axis=-1))
-    return replace(data, robot=robot, joints=fitted.joints)
+        off = np.concatenate([turn, linear[:, :3, 3] - nominal[:, :3, 3]], axis=-1)
+        robot[kept] = perturb(robot[kept], -off)
+    return replace(data, robot=robot, joints=joints)
 
 
-def arguments(result: Calibration, poses: PosePairs, n_old: int, noise: PoseNoise | None) -> dict[str, Any]:
-    """Return the arguments of `calibrate` for all ``poses``, the ``n_old`` old ones first.
+def counted(result: Calibration) -> NDArray[np.intp]:
+    """Return the numbers of the poses that were not excluded."""
+    assert isinstance(result.data, PosePairs)
+    return np.setdiff1d(np.arange(result.data.n), result.excluded)
 
-    ``noise``: that of the new poses, where it is not that of the old ones. Raises `InputError` that names what the
-    result does not hold.
+
+def arguments(
+    result: Calibration, poses: PosePairs, numbers: NDArray[np.intp], noise: PoseNoise | None
+) -> dict[str, Any]:
+    """Return the arguments of `calibrate` for all ``poses``.
+
+    ``numbers`` of these poses among those of the result, which come first, and the new ones. ``noise``: that of the new
+    poses, where it is not that of the old ones. Raises `InputError` that names what the result does not hold.
     """
     options, request = _options(result), _request(result)
     shared = None if request["shared"] is None else [SharedError.from_dict(error) for error in request["shared"]]
-    noise_of_all = _noise(request["noise"], poses, n_old, noise)
+    noise_of_all = _noise(request["noise"], poses, _Rows(result, numbers), noise)
     if shared is None and noise_of_all is None and request["simulated"]:
         shared = list(default_errors(poses.camera_calibration is not None))
     if shared is None and isinstance(noise_of_all, CameraNoise) and request["simulated"]:
@@ -59,7 +72,9 @@ def arguments(result: Calibration, poses: PosePairs, n_old: int, noise: PoseNois
     if not isinstance(pairs := options["pairs"], str) or pairs.endswith(" given"):
         raise InputError("The result was made of pairs that were listed: those of the new poses are not known.")
     arm = request["arm"]
+    excluded = np.flatnonzero(np.isin(numbers, result.excluded)).tolist()
     return {
+        **({"exclude": excluded} if excluded else {}),
         "noise": noise_of_all,
         "pairs": pairs,
         "robust": request["robust"],
@@ -89,8 +104,6 @@ def _request(result: Calibration) -> dict[str, Any]:
 
 
 def _arm(arm: Mapping[str, Any], poses: PosePairs) -> dict[str, Any]:
-    if poses.joints is None:
-        raise InputError("The result knows the joints of its robot: expected joints of the new poses (--joints).")
     errors = None if arm["errors"] is None else KinematicErrors(**arm["errors"])
     return {"joints": poses.joints, "kinematics": Kinematics.from_dict(arm["kinematics"]), "kinematic_errors": errors}
 
@@ -108,7 +121,7 @@ def _beforehand(prior: Mapping[str, Any] | None) -> dict[str, Any]:
     return found
 
 
-def _noise(given: Mapping[str, Any] | None, poses: PosePairs, n_old: int, new: PoseNoise | None) -> Any:
+def _noise(given: Mapping[str, Any] | None, poses: PosePairs, rows: _Rows, new: PoseNoise | None) -> Any:
     """Return the noise of all poses, or None where it is to be estimated."""
     if given is None:
         if new is not None:
@@ -118,7 +131,7 @@ def _noise(given: Mapping[str, Any] | None, poses: PosePairs, n_old: int, new: P
         return None
     if "A" in given:
         raise InputError("The result has noise of motions (PairNoise): an update needs noise of poses.")
-    robot, camera = (_side(name, given[name], poses, n_old, new) for name in ("robot", "camera"))
+    robot, camera = (_side(name, given[name], poses, rows, new) for name in ("robot", "camera"))
     if isinstance(camera, CameraNoise) and robot is None:
         return camera
     if robot is None and camera is None:
@@ -126,7 +139,7 @@ def _noise(given: Mapping[str, Any] | None, poses: PosePairs, n_old: int, new: P
     return PoseNoise(robot, camera)
 
 
-def _side(name: str, old: Any, poses: PosePairs, n_old: int, noise: PoseNoise | None) -> Any:
+def _side(name: str, old: Any, poses: PosePairs, rows: _Rows, noise: PoseNoise | None) -> Any:
     """Return the covariance of a side for all poses: one for each, or (n, 6, 6)."""
     new = None if noise is None else getattr(noise, name)
     if isinstance(old, Mapping):
@@ -155,8 +168,20 @@ def _side(name: str, old: Any, poses: PosePairs, n_old: int, noise: PoseNoise | 
         return before
     if before.ndim == 2 and np.array_equal(before, new):
         return before
-    return np.concatenate([_each(before, n_old), _each(np.asarray(new), poses.n - n_old)])
+    return rows.each(before, np.asarray(new))
 
 
-def _each(S: Array, n: int) -> Array:
-    return np.broadcast_to(S, (n, 6, 6)) if S.ndim == 2 else S
+class _Rows(NamedTuple):
+    """Poses of a result and new ones, by their numbers among both."""
+
+    result: Calibration
+    numbers: NDArray[np.intp]
+
+    def each(self, old: Array, new: Array) -> Array:
+        """(n, 6, 6) the covariance of each pose; those of excluded poses, which do not count, are any."""
+        n = len(self.result.data or ())
+        m = int(max(self.numbers.max() + 1 - n, 0)) if new.ndim == 2 else len(new)
+        whole = np.tile(old if old.ndim == 2 else old[0], (n, 1, 1))
+        if old.ndim > 2:
+            whole[counted(self.result)] = old
+        return np.concatenate([whole, np.broadcast_to(new, (m, 6, 6))])[self.numbers]

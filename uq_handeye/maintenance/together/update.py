@@ -16,10 +16,12 @@ from ...calibration.calibrate import calibrate
 from ...calibration.provenance import Provenance
 from ...calibration.result import Calibration
 from ...errors import InputError
+from ...formatting.numbers import probability
 from ...geometry.checks import as_numbers
 from ...noise.models import PoseNoise
 from ...poses.pose_pairs import PosePairs
 from ...poses.to_dict import sha256_of
+from ..check import check
 from .joined_poses import joined_poses, require_joinable
 from .request import arguments, holds_request, measured_poses
 
@@ -89,10 +91,29 @@ def update(
         raise InputError("The result does not hold its poses, or what was asked of them: calibrate all poses together.")
     old = measured_poses(result)
     require_joinable(old, poses)
-    both = joined_poses(old, poses)
-    n_old = old.n if both.camera_calibration is None else both.n - poses.n
-    found = calibrate(both, **arguments(result, both, n_old, noise))
+    if result.kinematics is not None and poses.joints is None:
+        raise InputError("The result knows the joints of its robot: expected joints of the new poses (--joints).")
+    both, numbers = joined_poses(old, poses)
+    asked = arguments(result, both, numbers, noise)
+    if not although_changed:
+        require_unchanged(result, poses, noise)
+    found = calibrate(both, **asked)
     return replace(found, about=result.about, provenance=_together(found.provenance, [*parts, new]))
+
+
+def require_unchanged(result: Calibration, poses: PosePairs, noise: PoseNoise | None) -> None:
+    """Raise `InputError` where the new poses say that something has changed (`check`), if they can be held against the
+    result at all.
+    """
+    if result.joint_posterior is None or result.opened is not None or result.noise is None:
+        return
+    found = check(result, poses, noise=noise)
+    if found.changed:
+        cause = f", probably {found.cause}" if found.cause is not None else ""
+        raise InputError(
+            f"The new poses contradict the result ({probability(found.p_value)}): something has changed{cause}. Look "
+            "at uq-handeye check, and calibrate anew; or update all the same (--although-changed)."
+        )
 
 
 def parts_of(result: Calibration) -> list[dict[str, Any]]:
