@@ -7,6 +7,8 @@ import sys
 from contextlib import chdir, nullcontext, redirect_stderr, redirect_stdout
 from types import SimpleNamespace
 
+import pytest
+
 import uq_handeye as uq
 from uq_handeye.cli import app as cli
 from uq_handeye.io import write_pose_file
@@ -34,6 +36,30 @@ def run(*arguments, cwd=None):
         except SystemExit as end:
             status = end.code
     return SimpleNamespace(returncode=status, stdout=out.getvalue(), stderr=err.getvalue())
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+def run_as_on_terminal(*arguments, cwd=None, **environment):
+    """`run_on_terminal` in this process: what depends on the streams and the environment alone."""
+    seen = Terminal()
+    status = None
+    streams = redirect_stdout(seen), redirect_stderr(seen)
+    with pytest.MonkeyPatch.context() as patch, chdir(cwd or os.curdir), streams[0], streams[1]:
+        for name in ("NO_COLOR", "FORCE_COLOR", "GITHUB_ACTIONS", "COLUMNS"):
+            patch.delenv(name, raising=False)
+        for name, value in {"TERM": "xterm-256color", **environment}.items():
+            patch.setenv(name, value)
+        try:
+            cli.main([str(argument) for argument in arguments])
+        except SystemExit as end:
+            status = end.code
+    return status, seen.getvalue()
 
 
 def run_process(*arguments, cwd=None, **environment):

@@ -1,13 +1,17 @@
 """One BLAS thread per process, `support` made importable (--import-mode=importlib), one seeded generator per test."""
 
 import os
+import struct
 import sys
 import zlib
 from pathlib import Path
 
 for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):  # before NumPy is loaded
     os.environ.setdefault(variable, "1")
-sys.path.insert(0, str(Path(__file__).parent))
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+# Processes of the tests run this checkout, too, not one that the Python in use has installed.
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(HERE.parent), os.environ.get("PYTHONPATH"))))
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
@@ -39,6 +43,40 @@ def every_finding_has_its_words(request, monkeypatch):
 
 def _refuse(finding):
     pytest.fail(f"{finding.code!r} has no sentence for the values {dict(finding.values)}")
+
+
+def _part_of_png(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+PIXEL = b"\x89PNG\r\n\x1a\n" + b"".join(
+    _part_of_png(*part)
+    for part in (
+        (b"IHDR", struct.pack(">2I5B", 1, 1, 8, 0, 0, 0, 0)),
+        (b"IDAT", zlib.compress(b"\0\xff")),
+        (b"IEND", b""),
+    )
+)
+EMPTY = {"svg": b'<svg viewBox="0 0 1 1"></svg>', "png": PIXEL}
+
+
+@pytest.fixture
+def without_rendering(monkeypatch):
+    """Make every figure, but leave out what Matplotlib does with it, layout and rendering: most of the time of a
+    report. For tests that do not look at the picture.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    def write(_, file, format=None, **__):
+        if isinstance(file, str | os.PathLike):
+            Path(file).write_bytes(EMPTY[format or Path(file).suffix[1:]])
+        else:
+            file.write(EMPTY[format])
+
+    monkeypatch.setattr(Figure, "savefig", write)
+    monkeypatch.setattr(Figure, "draw_without_rendering", lambda _: None)
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
 
 
 @pytest.fixture

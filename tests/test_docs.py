@@ -37,7 +37,7 @@ WRITTEN = {
 
 
 @pytest.mark.parametrize("page", SHOWN)
-def test_a_page_prints_what_it_shows(page, tmp_path, monkeypatch):
+def test_a_page_prints_what_it_shows(page, tmp_path, monkeypatch, without_rendering):
     """If this fails, run `python docs/figures/refresh_outputs.py`."""
     monkeypatch.chdir(tmp_path)
     prepare(ROOT / page, tmp_path)
@@ -69,7 +69,7 @@ def test_a_wrong_output_would_be_found(tmp_path, monkeypatch):
     assert missing(run_page(page)[-1]) == ["three"]
 
 
-def test_the_guide_through_a_real_cell_runs(tmp_path, monkeypatch):
+def test_the_guide_through_a_real_cell_runs(tmp_path, monkeypatch, without_rendering):
     monkeypatch.chdir(tmp_path)
     page = DOCS / "how-to" / "real_cell.md"
     assert [block.kind for block in blocks(page)] == ["command", "python", "python", "python"]

@@ -358,7 +358,11 @@ def test_help_names_the_methods():
 def test_pipe_that_closes_early(tmp_path):
     program = "from uq_handeye.cli.app import main; main()"
     with subprocess.Popen(
-        [sys.executable, "-c", program, "demo"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        [sys.executable, "-c", program, "demo", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
     ) as process:
         process.stdout.close()
         assert process.stderr.read() == ""

@@ -12,7 +12,7 @@ import warnings
 
 import numpy as np
 import pytest
-from cli_cases import NOISE, run, run_on_terminal, run_process, write_session
+from cli_cases import NOISE, run, run_as_on_terminal, run_on_terminal, run_process, write_session
 
 import uq_handeye as uq
 from uq_handeye import InputWarning
@@ -255,10 +255,11 @@ def test_colours_on_a_terminal_only(session):
     swapped = ("calibrate", "camera.csv", "robot.csv", *NOISE)
     status, seen = run_on_terminal(*swapped, cwd=session)
     assert status in (0, 3) and f"{YELLOW}caution\x1b[0m  " in seen and BOLD in seen
-    assert f"{RED}uq-handeye: error: " in run_on_terminal("calibrate", "nothing.csv", "robot.csv", cwd=session)[1]
+    assert run_as_on_terminal(*swapped, cwd=session) == (status, seen.replace("\r\n", "\n"))
+    assert f"{RED}uq-handeye: error: " in run_as_on_terminal("calibrate", "nothing.csv", "robot.csv", cwd=session)[1]
     for environment in ({"NO_COLOR": "1"}, {"TERM": "dumb"}, {"NO_COLOR": "1", "FORCE_COLOR": "1"}):
-        assert "\x1b" not in run_on_terminal(*swapped, cwd=session, **environment)[1]
-    assert "\x1b" not in run_on_terminal(*swapped, "--no-color", cwd=session)[1]
+        assert "\x1b" not in run_as_on_terminal(*swapped, cwd=session, **environment)[1]
+    assert "\x1b" not in run_as_on_terminal(*swapped, "--no-color", cwd=session)[1]
     piped = run_process(*swapped, cwd=session)
     assert "caution" in piped.stdout and piped.stderr == "" and "\x1b" not in piped.stderr + piped.stdout
     forced = run_process(*swapped, "--json", cwd=session, FORCE_COLOR="1")
@@ -268,8 +269,8 @@ def test_colours_on_a_terminal_only(session):
 
 def test_colours_of_help():
     assert "\x1b[" in run_on_terminal("calibrate", "--help")[1]
-    assert "\x1b[" not in run_on_terminal("calibrate", "--help", NO_COLOR="1")[1]
-    assert "\x1b[" not in run_on_terminal("calibrate", "--help", "--no-color")[1]
+    assert "\x1b[" not in run_as_on_terminal("calibrate", "--help", NO_COLOR="1")[1]
+    assert "\x1b[" not in run_as_on_terminal("calibrate", "--help", "--no-color")[1]
     assert "\x1b[" not in run_process("calibrate", "--help", GITHUB_ACTIONS="true").stdout
     assert "\x1b[" in run_process("--help", FORCE_COLOR="1").stdout
 
@@ -279,14 +280,14 @@ def test_progress_on_a_terminal_only(session):
     status, seen = run_on_terminal(*command, cwd=session)
     assert status == 0 and "trials" in seen and "/3,000 trials" in seen
     for environment, more in (({"TERM": "dumb"}, ()), ({}, ("-q",))):
-        assert "/3,000 trials" not in run_on_terminal(*command, *more, cwd=session, **environment)[1]
+        assert "/3,000 trials" not in run_as_on_terminal(*command, *more, cwd=session, **environment)[1]
     piped = run_process(*command, cwd=session, FORCE_COLOR="1")
     assert piped.stderr == "" and "/3,000 trials" not in piped.stdout
 
 
 def test_a_report_that_is_being_written_says_so_on_a_terminal(session, tmp_path):
     report = ("--report", tmp_path / "r.html", "--no-compare")
-    status, seen = run_on_terminal("calibrate", "robot.csv", "camera.csv", *NOISE, *report, cwd=session)
+    status, seen = run_as_on_terminal("calibrate", "robot.csv", "camera.csv", *NOISE, *report, cwd=session)
     assert status == 0 and "writing " in seen and "gripper_T_camera from robot.csv" in seen
 
 

@@ -133,6 +133,7 @@ def test_undefined_correlation_says_so():
 
 def texts_overlap(figure):
     """Pairs of axis texts whose boxes intersect, across all panels."""
+    figure.draw_without_rendering()  # which puts labels in their places
     boxes = []
     for axis in figure.get_axes():
         texts = [axis.title, axis._right_title, axis.xaxis.label, axis.yaxis.label]

@@ -75,8 +75,8 @@ def page(text):
 
 
 @pytest.fixture
-def quick(monkeypatch):
-    """Without the ellipses, which take longest to draw and have tests of their own."""
+def quick(monkeypatch, without_rendering):
+    """Without the pictures, which take longest and have tests of their own."""
     monkeypatch.setattr("uq_handeye.report.figures.covariance_ellipses", lambda *_, **__: canvas(1.0))
 
 

@@ -31,7 +31,7 @@ from ..files.atomic import write_files
 from ..files.open import StrPath, as_path
 from ..geometry.checks import as_transforms, checked_covariance
 from ..geometry.se3 import Array
-from .named_figure import NamedFigure
+from .named_figure import NamedFigure, settle_layout
 from .named_figure import render as render
 
 LEVELS = (1, 2, 3)
@@ -135,8 +135,7 @@ def covariance_ellipses(
         axis.set_xlabel(axis_labels[i], fontsize=9)
         axis.set_ylabel(axis_labels[j], fontsize=9)
     _legend(figure, covariances, len(points) > 0, offset is not None, pose)
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # every further pass of the layout would shift the panels a little
+    settle_layout(figure)
     return figure
 
 

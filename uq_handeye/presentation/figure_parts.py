@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from .named_figure import NamedFigure, render
+from .named_figure import NamedFigure, render, settle_layout
 
 WIDTH = 6.9
 ROOM = 0.015  # share of the width at both sides
@@ -45,12 +45,11 @@ def canvas(height: float) -> Figure:
 
 
 def finished(figure: Figure) -> Figure:
-    """The figure with its layout settled: every further pass would shift the panels a little.
+    """The figure with its layout settled.
 
     Positions are rounded: the last digits of the solver of the layout differ from time to time.
     """
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    settle_layout(figure)
     for axis in figure.axes:
         left, bottom, width, height = (round(float(x), 4) for x in axis.get_position(original=True).bounds)
         axis.set_position((left, bottom, width, height))

@@ -39,6 +39,14 @@ class NamedFigure(Figure):
         return self
 
 
+def settle_layout(figure: Figure) -> None:
+    """Arrange the panels once and for all: every further pass of the layout would shift them a little."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+    figure.set_layout_engine("none")
+
+
 def render(figure: Figure, kind: str, dpi: int = 200) -> bytes:
     """The figure as a ``png`` or ``svg`` file, with title and alt text inside; the same figure gives the same bytes."""
     if kind not in ("png", "svg"):

@@ -28,6 +28,7 @@ from matplotlib.lines import Line2D
 from ...files.atomic import write_atomically
 from ...geometry.se3 import Array
 from ...presentation.ellipses import SYMBOLS, display_unit, limited, render
+from ...presentation.named_figure import settle_layout
 from ..monte_carlo.result import MonteCarlo
 from .rows import Row
 
@@ -97,8 +98,7 @@ def cross_check_figure(check: Drawn) -> Figure:
         axis.set_xlabel(f"${SYMBOLS[i]}$ ({units[i][1]})", fontsize=8, labelpad=1)
         axis.set_ylabel(f"${SYMBOLS[j]}$ ({units[j][1]})", fontsize=8, labelpad=1)
     _legend(figure, check, [curve for curve, _ in drawn], len(points))
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    settle_layout(figure)
     return figure
 
 

@@ -24,6 +24,7 @@ from scipy.ndimage import gaussian_filter
 
 from ...geometry.se3 import Array
 from ...presentation.ellipses import LEVELS, SYMBOLS, display_unit
+from ...presentation.named_figure import settle_layout
 from .convergence import PosteriorDiagnostics
 
 
@@ -82,8 +83,7 @@ def corner(posterior: Drawn) -> Figure:
             elif column != row:
                 axis.set_yticklabels([])
     _legend(figure, posterior)
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # every further pass of the layout would shift the panels a little
+    settle_layout(figure)
     return figure
 
 
