@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     )
     from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .estimators.nguyen import nguyen
+    from .evidence.absorb import include_touches
     from .evidence.touches import Touches
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .geometry.nearest_rotation import orthonormalise
@@ -158,6 +159,7 @@ __all__ = [
     "estimate_noise",
     "estimate_robot_noise",
     "from_convention",
+    "include_touches",
     "log_check",
     "make_certificate",
     "maximum_likelihood",
@@ -242,6 +244,7 @@ _LATER = {
         "solve",
     ),
     "estimators.nguyen": ("nguyen",),
+    "evidence.absorb": ("include_touches",),
     "evidence.touches": ("Touches",),
     "geometry.conventions": (
         "from_convention",

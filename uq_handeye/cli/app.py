@@ -87,8 +87,8 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "export": export_command,
         "predict": predict_command,
         "check": check_command,
-        "certificate": certificate_command,
         "verify": verify_command,
+        "certificate": certificate_command,
     },
     "Improve and compare": {
         "plan": plan_command,

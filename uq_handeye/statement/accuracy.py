@@ -82,10 +82,13 @@ def accuracy_of(result: Stated) -> Accuracy | None:
     point = float("inf") if not np.isfinite(ahead).all() else _worst(ahead)
     sizes = {"X rotation": _worst(S[:3, :3]), "X translation": _worst(S[3:, 3:]), "point": point}
     budget = None
-    if result.analysis is not None and result.covariance_kind in ("model", "sigma-points"):
+    touched = sum(one.values["count"] for one in result.findings if one.code == "evidence.touches_used")
+    if not touched and result.analysis is not None and result.covariance_kind in ("model", "sigma-points"):
         budget = result.analysis.budget
     factors = _factors(budget, result, distance)
     words = [f"{text} (assumed)" if default else text for text, default in included(result)]
+    if touched:
+        words.insert(0, f"{touched} touched {'point' if touched == 1 else 'points'}")
     return Accuracy(
         translation=_steady(sizes["X translation"]),
         rotation=_steady(sizes["X rotation"]),

@@ -145,6 +145,12 @@ _PHRASES: dict[str, Phrase] = {
     "input_checks.motions_unexplained": Phrase(
         INPUT, lambda v: f"X does not explain the motions ({_both(v['rotation'], v['translation'])} RMS)"
     ),
+    "evidence.touches_used": Phrase(
+        INPUT,
+        lambda v: f"{v['count']} touched points contradict the poses ({probability(v['p_value'])})",
+        _constant(3.0),
+        rejects=True,
+    ),
     "input_checks.wrong_scale": Phrase(INPUT, lambda v: _reading(v["reading"])),
     "input_checks.same_file": Phrase(INPUT, _text("robot and camera file hold the same poses")),
     "input_checks.angles_disagree": Phrase(

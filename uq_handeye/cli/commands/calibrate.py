@@ -30,6 +30,7 @@ from ..options.common import (
 )
 from ..options.noise import Given, given_of, pose_prior_of, prior_of
 from ..options.report import ReportOptions, report_options_of
+from ..options.touches import TouchesToUse
 from ..outcome import Wanted, emit_refusal, emit_result, json_of, wanted_of
 from ..pose_files import PoseFiles
 from ..starting_point import problem_for
@@ -82,6 +83,7 @@ NoCompare = Annotated[bool, flag("--no-compare", panel=OUTPUT, help="Report with
     files=PoseFiles,
     pictures=pictures_of,
     arm=arm_of,
+    touched=TouchesToUse,
     wishes=report_options_of,
     wanted=wanted_of,
 )
@@ -92,6 +94,7 @@ def calibrate_command(
     prior: "NoisePrior | None",
     beforehand: "dict[str, Any]",
     arm: "Arm | None",
+    touched: "TouchesToUse",
     wishes: "ReportOptions",
     wanted: "Wanted",
     method: Annotated[
@@ -232,13 +235,14 @@ def calibrate_command(
                     **beforehand,
                     **({} if arm is None else arm.of_calibrate),
                 )
+            result, last = touched.included_in(result)
             shown += [] if as_json else result.warnings
         except (InputError, NotConvergedError) as error:
             return emit_refusal(error, as_json, shown)
     result = replace(result, about=wishes.about)
     check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
     files_wanted = Files(output, report, not no_compare, check, wishes.of_report)
-    return _deliver(result, files_wanted, wanted, as_json, threshold)
+    return _deliver(result, files_wanted, wanted, as_json, threshold, last)
 
 
 def demo_command(as_json: JsonOption = False, output: ResultFolder = None, report: ReportFile = None) -> int:

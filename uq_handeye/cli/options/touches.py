@@ -8,6 +8,7 @@ from ...errors import InputError
 from .common import UNITS, flag, one_of, option
 
 if TYPE_CHECKING:
+    from ...calibration.result import Calibration
     from ...evidence.touches import Touches
     from ...kinematics.chain import Kinematics
     from ...prediction.fitted_kinematics import FittedKinematics
@@ -130,3 +131,62 @@ class TouchOptions:
             for name, value in (("tcp_sd", self.tcp_sd), ("point_sd", self.point_sd))
         }
         return read_touches(path, arm, units=unit, touch_sd=lengths["tcp_sd"], point_sd=lengths["point_sd"], **more)
+
+
+@dataclass(frozen=True)
+class TouchesToUse:
+    """Options of touches that a calibration takes in."""
+
+    touches: Annotated[
+        Path | None,
+        option(
+            "--touches",
+            metavar="FILE.csv",
+            panel=TOUCHING,
+            help="Points seen and touched, as further measurements. Columns as in verify, units by their names.",
+        ),
+    ] = None
+    tcp_sd: Annotated[
+        str | None,
+        option(
+            "--tcp-sd", metavar="LENGTH", panel=TOUCHING, help="Standard deviation of a touch per axis, e.g. 0.2mm."
+        ),
+    ] = None
+    point_sd: Annotated[
+        str | None,
+        option(
+            "--point-sd",
+            metavar="LENGTH",
+            panel=TOUCHING,
+            help="Standard deviation of a seen point per axis. Default: that of a camera pose.",
+        ),
+    ] = None
+    tool: Annotated[
+        str | None,
+        option("--tool", metavar="X,Y,Z", panel=TOUCHING, help="Tool tip in the flange frame. Default: its origin."),
+    ] = None
+    tool_sd: Annotated[
+        str,
+        option(
+            "--tool-sd",
+            metavar="LENGTH",
+            panel=TOUCHING,
+            help="Standard deviation of the tool's offset per axis, exact or unknown.",
+        ),
+    ] = "exact"
+
+    def included_in(self, result: "Calibration") -> "tuple[Calibration, str]":
+        """Return the calibration with the touches taken in, and what to say of them."""
+        if self.touches is None:
+            given = [self.tcp_sd, self.point_sd, self.tool, None if self.tool_sd == "exact" else self.tool_sd]
+            if any(value is not None for value in given):
+                raise InputError("--tcp-sd, --point-sd, --tool and --tool-sd need --touches FILE.csv. Add it.")
+            return result, ""
+        from ...evidence.absorb import include_touches
+        from ...verification.input_checks import require_metres
+
+        options = TouchOptions(self.tcp_sd, self.point_sd, self.tool, self.tool_sd)
+        touches = options.read(self.touches, result.kinematics)
+        require_metres(result, touches)
+        found = include_touches(result, touches)
+        return found, str(found.findings[-1])

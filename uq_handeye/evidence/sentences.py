@@ -1,0 +1,23 @@
+"""Sentences of the findings about evidence that a calibration took in. Values are in m."""
+
+from __future__ import annotations
+
+from ..findings import sentence
+from ..formatting.numbers import digits, probability
+
+
+@sentence("evidence.touches_used")
+def _(count: int, d2: float, dof: int, p_value: float, rms: float) -> str:
+    touches = "1 touched point is" if count == 1 else f"{count} touched points are"
+    fit = f"d^2 {digits(d2)} of {dof}, {probability(p_value, 2)}; {digits(1e3 * rms, 2)} mm RMS before"
+    if p_value < 0.05:
+        return (
+            f"{touches} part of the result, and they contradict the poses ({fit}). Find the cause with uq-handeye "
+            f"verify, "
+            "or calibrate without them."
+        )
+    return (
+        f"{touches} part of the result and agree with the poses ({fit}). Residuals, diagnostics and budget are those "
+        f"of "
+        "the poses alone."
+    )
