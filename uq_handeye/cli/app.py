@@ -32,6 +32,7 @@ from .commands.posterior import posterior_command
 from .commands.predict import predict_command
 from .commands.simulate import simulate_command
 from .commands.sync import sync_command
+from .commands.update import diff_command, update_command
 from .commands.validate import INTERRUPTED, validate_command
 from .commands.verify import verify_command
 from .help import Command, Program, with_help_all
@@ -87,6 +88,8 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "export": export_command,
         "predict": predict_command,
         "check": check_command,
+        "update": update_command,
+        "diff": diff_command,
         "verify": verify_command,
         "certificate": certificate_command,
     },

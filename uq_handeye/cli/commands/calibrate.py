@@ -242,7 +242,7 @@ def calibrate_command(
     result = replace(result, about=wishes.about)
     check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
     files_wanted = Files(output, report, not no_compare, check, wishes.of_report)
-    return _deliver(result, files_wanted, wanted, as_json, threshold, last)
+    return deliver_result(result, files_wanted, wanted, as_json, threshold, last)
 
 
 def demo_command(as_json: JsonOption = False, output: ResultFolder = None, report: ReportFile = None) -> int:
@@ -274,7 +274,7 @@ def demo_command(as_json: JsonOption = False, output: ResultFolder = None, repor
         poses = read_poses(data / "robot.csv", data / "camera.csv")
         _, truth = read_pose_file(data / "truth.csv")
     result = calibrate(poses, noise=PoseNoise.isotropic(**DEMO_NOISE))
-    return _deliver(result, Files(output, report), Wanted(None), as_json, truth=against_truth(result, truth[0]))
+    return deliver_result(result, Files(output, report), Wanted(None), as_json, more=against_truth(result, truth[0]))
 
 
 def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
@@ -317,21 +317,21 @@ class Files:
         return f"Wrote {' and '.join(names)}." if names else ""
 
 
-def _deliver(
+def deliver_result(
     result: "Calibration",
     files: Files,
     wanted: Wanted,
     as_json: bool,
     threshold: float = 0.5,
-    truth: str = "",
+    more: str = "",
 ) -> int:
-    """Write the files, then print: if a file cannot be written, nothing is printed."""
+    """Write the files, then print, with a paragraph ``more``: if a file cannot be written, nothing is printed."""
     from ...calibration.report.next_step import next_step
 
     result = _with_command(result)
     verdict = wanted.verdict(result)
     written = files.write(result, verdict)
-    last = (written, f"Next: {next_step(result, None if files.report is None else str(files.report))}.", truth)
+    last = (written, f"Next: {next_step(result, None if files.report is None else str(files.report))}.", more)
     return emit_result(result, verdict, as_json=as_json, last=tuple(filter(None, last)), threshold=threshold)
 
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ...calibration.calibrate import calibrate
 from ...calibration.provenance import Provenance
 from ...calibration.result import Calibration
 from ...errors import InputError
-from ...formatting.numbers import probability
+from ...formatting.numbers import digits, probability
 from ...geometry.checks import as_numbers
 from ...noise.models import PoseNoise
 from ...poses.pose_pairs import PosePairs
@@ -114,6 +115,20 @@ def require_unchanged(result: Calibration, poses: PosePairs, noise: PoseNoise | 
             f"The new poses contradict the result ({probability(found.p_value)}): something has changed{cause}. Look "
             "at uq-handeye check, and calibrate anew; or update all the same (--although-changed)."
         )
+
+
+def gain(old: Calibration, new: Calibration, count: int) -> str:
+    """Return in words what ``count`` new poses brought: standard deviations before and after, and the headline."""
+    poses = f"{count} new {'pose' if count == 1 else 'poses'} beside {old.n_poses}"
+    before = f"Before: {old.headline}"
+    sizes = [(of.weakest_translation, of.weakest_rotation) for of in (old, new)]
+    if any(size is None for pair in sizes for size in pair):
+        return f"Updated by {poses}. {before}"
+    move, turn = ([1e3 * pair[0][1] for pair in sizes], [np.degrees(pair[1][1]) for pair in sizes])  # type: ignore[index]
+    return (
+        f"Updated by {poses}: translation of X {digits(move[0], 2)} to {digits(move[1], 2)} mm, rotation "
+        f"{digits(turn[0], 2)} to {digits(turn[1], 2)} deg (1 sigma, worst axis). {before}"
+    )
 
 
 def parts_of(result: Calibration) -> list[dict[str, Any]]:

@@ -1,0 +1,121 @@
+"""Commands ``update`` and ``diff``: a stored result with new poses, and how far two results differ."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ...errors import InputError, NotConvergedError
+from ..delivery import deliver
+from ..groups import ESTIMATION
+from ..messages import quiet, timed, withheld
+from ..new_poses import NewPoses, new_poses_of
+from ..options.common import JsonOption, emit, emit_document, flag, folder_option, made_of, option, require_writable
+from ..options.report import ReportOptions, report_options_of
+from ..outcome import Wanted, emit_refusal, wanted_of
+from .calibrate import REPORTS, Files, NoCompare, ReportFile, ResultFolder, deliver_result
+from .files import ResultFile
+
+
+@made_of(files=new_poses_of, wishes=report_options_of, wanted=wanted_of)
+def update_command(
+    result: ResultFile,
+    files: "NewPoses",
+    wishes: "ReportOptions",
+    wanted: "Wanted",
+    although_changed: Annotated[
+        bool,
+        flag(
+            "--although-changed",
+            panel=ESTIMATION,
+            common=True,
+            help="Update even if the new poses contradict the result.",
+        ),
+    ] = False,
+    report: ReportFile = None,
+    no_compare: NoCompare = False,
+    as_json: JsonOption = False,
+    output: ResultFolder = None,
+) -> int:
+    """Update a stored result by new poses, one or more.
+
+    Examples:
+      uq-handeye update result/result.json robot.csv camera.csv -o new/
+      # New pictures; the camera is adjusted with all of them
+      uq-handeye update result/result.json robot.csv --images 'img/*.png' \\
+          --board 9x6 --square 20mm -o new/
+
+    The new result is the calibration of all poses together, with the options
+    of the stored one. The order of updates does not matter. New poses that
+    contradict the result are refused.
+    """
+    require_writable(report, "--report", REPORTS)
+    if report is None and no_compare:
+        raise InputError("--no-compare needs --report FILE. Add it.")
+    from ...calibration.result import Calibration
+    from ...maintenance.together.update import gain, update
+
+    stored = Calibration.from_json(result)
+    poses = files.read(stored, str(result))
+    with withheld() as shown:
+        try:
+            with timed("updating"):
+                found = update(stored, poses, although_changed=although_changed)
+            shown += [] if as_json else found.warnings
+        except (InputError, NotConvergedError) as error:
+            return emit_refusal(error, as_json, shown)
+    found = replace(found, about=found.about | wishes.about)
+    return deliver_result(
+        found,
+        Files(output, report, not no_compare, None, wishes.of_report),
+        wanted,
+        as_json,
+        more=gain(stored, found, poses.n),
+    )
+
+
+def diff_command(
+    old: Annotated[Path, typer.Argument(metavar="OLD", help="Result file of before: result.json.")],
+    new: Annotated[Path, typer.Argument(metavar="NEW", help="Result file of now: result.json.")],
+    same: Annotated[
+        str | None,
+        option(
+            "--same",
+            metavar="NAMES",
+            panel=ESTIMATION,
+            common=True,
+            help="What is the same in both, out of robot,camera,target: its errors cancel in part. Default: all three "
+            "if the results have poses in common.",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+    output: Annotated[Path | None, folder_option("Folder for diff.json and diff.txt.")] = None,
+) -> None:
+    """Print how far two results differ, with uncertainty.
+
+    Examples:
+      uq-handeye diff old/result.json new/result.json
+      # Two sessions with the same robot and the same camera
+      uq-handeye diff monday.json friday.json --same robot,camera
+
+    The difference of X and of the target, its standard uncertainty, and the
+    probability of one as large if nothing has changed. Poses that both results
+    hold count once.
+    """
+    from ...calibration.result import Calibration
+    from ...maintenance.together.difference import difference
+    from ...maintenance.together.difference_text import difference_document
+
+    names = [] if same is None else [name.strip() for name in same.split(",") if name.strip()]
+    found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names)
+    if as_json:
+        emit(found.to_json())
+    else:
+        document = list(difference_document(found))
+        first = document[0]
+        emit_document([[first[0]]] if quiet() and isinstance(first, list) else document)
+    if output is not None:
+        written = deliver(output, {"diff.json": found.to_json(), "diff.txt": found.summary()})
+        if not as_json:
+            emit(written)
