@@ -5,11 +5,13 @@ A cause with the columns C (p numbers a, ``E r = C a``) takes ``gain`` from d^2.
     BIC = deviance(d^2 - gain) + p log(N)
 
 N the number of residuals, the deviance that of `reference`. ``exp(-BIC / 2)`` over the sum of all is the probability of
-each if one of them is what happened. The first is named if its probability is at least `CLEAR`; else all that together
-have `CLEAR_SET` are answered as a set.
+each if one of them is what happened. The first is named if its probability is at least `CLEAR`, and every other has a
+larger ``deviance + p``, p being what chance takes away: that the first takes fewer numbers is not enough. Else all that
+together have `CLEAR_SET`, or come so near, are answered as a set.
 
 Exactly the same are, whatever the poses: the base of the robot and what stands in the cell (target, eye-in-hand;
-camera, eye-to-hand), and the tool of the robot and what it carries. One pose cannot separate X from W.
+camera, eye-to-hand), and the tool of the robot and what it carries. An image centre that changed is, to first order, a
+camera that rotated about its own x and y axes: it is never named without X. One pose cannot separate X from W.
 
 - *X*: ``-J_X delta``, *target*: ``-J_W delta``: the true pose is the estimate moved by delta.
 - *focal length*, *image centre*: the true value moved from that used by e: ``-D_C F e`` (`shared_error`).
@@ -19,7 +21,7 @@ camera, eye-to-hand), and the tool of the robot and what it carries. One pose ca
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +43,8 @@ CAMERA_MOVED, TARGET_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE = (
 )
 # Probability with which the first cause is named, and that of the set that is answered instead.
 CLEAR, CLEAR_SET = 0.98, 0.995
+# What the others must have more of in deviance + p.
+LEAD = 1.0
 # A cause explains the change if what it leaves of d^2 has at least this p-value.
 EXPLAINS = 1e-3
 # Poses from which on one that is wrong can be separated from a change.
@@ -57,6 +61,7 @@ class Cause(ReadOnlyArrays):
     gain: float  # by how much d^2 falls
     p_left: float  # p-value of what is left of d^2
     probability: float  # among the causes that are compared
+    deviance: float  # what is left
     row: int | None = None  # of one pose: which
 
     @property
@@ -88,7 +93,8 @@ class Causes(ReadOnlyArrays):
     def named(self) -> Cause | None:
         """The cause, if one has a clear lead and explains the change."""
         first = self.all[0]
-        return first if first.probability >= CLEAR and first.explains else None
+        clear = first.probability >= CLEAR and first.explains and first.name != IMAGE_CENTRE
+        return first if clear and not any(map(self._near, self.all[1:])) else None
 
     @property
     def explained(self) -> bool:
@@ -101,7 +107,15 @@ class Causes(ReadOnlyArrays):
         if self.named is not None:
             return self.all[:1]
         before = np.cumsum([0.0, *(cause.probability for cause in self.all)])[:-1]
-        return tuple(cause for cause, total in zip(self.all, before, strict=True) if total < CLEAR_SET)
+        of_each = zip(self.all, before, strict=True)
+        names = {cause.name for cause, total in of_each if total < CLEAR_SET or self._near(cause)}
+        names |= {CAMERA_MOVED} if IMAGE_CENTRE in names else set()
+        return tuple(cause for cause in self.all if cause.name in names)
+
+    def _near(self, cause: Cause) -> bool:
+        """Return whether a cause leaves hardly more than the first, each without what chance takes away."""
+        left, first = (one.deviance + len(one.estimate) for one in (cause, self.all[0]))
+        return left - first < LEAD
 
     def __getitem__(self, name: str) -> Cause:
         return next(cause for cause in self.all if cause.name == name)
@@ -128,8 +142,9 @@ def compare_causes(evidence: Evidence, columns: Mapping[str, Array], reference: 
         of = evidence.explained_by(C)
         left, p = max(d2 - of.gain, 0.0), C.shape[-1]
         p_left = reference.p_value(left, N - p) if p < N else 1.0
-        bic = reference.deviance(left) + p * float(np.log(N)) + more
-        found.append((bic, Cause(name, of.estimate, of.covariance, of.gain, p_left, 0.0, row)))
+        deviance = reference.deviance(left)
+        bic = deviance + p * float(np.log(N)) + more
+        found.append((bic, Cause(name, of.estimate, of.covariance, of.gain, p_left, 0.0, deviance, row)))
 
     for name, C in columns.items():
         add(name, C)
@@ -141,7 +156,7 @@ def compare_causes(evidence: Evidence, columns: Mapping[str, Array], reference: 
     weight = np.exp(-0.5 * (np.array([bic for bic, _ in found]) - found[0][0]))
     weight = weight / weight.sum()
     return Causes(tuple(
-        Cause(c.name, c.estimate, c.covariance, c.gain, c.p_left, float(w), c.row)
+        replace(c, probability=float(w))
         for (_, c), w in zip(found, weight, strict=True)
     ))  # fmt: skip
 

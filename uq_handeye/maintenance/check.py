@@ -137,7 +137,7 @@ def check(
         findings=tuple(findings),
         setup=poses.setup,
         n_poses=poses.n,
-        n_calibrated=len(result.data) if isinstance(result.data, PosePairs) else None,
+        n_calibrated=result.counted.n if isinstance(result.counted, PosePairs) else None,
         tolerance=None if accepted is None else str(accepted),
         focal_length_px=next((one.focal_length_px for one in result.shared if one.focal_length_px), None),
     )

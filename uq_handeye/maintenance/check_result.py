@@ -73,9 +73,10 @@ class ChangeCheck(ReadOnlyArrays):
 
     @property
     def cause(self) -> str | None:
-        """Name of the cause, where it can be separated: "X", "target", "focal length" or "image centre"; else None.
+        """Name of the cause, where it can be separated: "X", "target" or "focal length"; else None.
 
-        "X" and "target" each stand for two things that no pose can separate: see `causes`.
+        "X" and "target" each stand for two things that no pose can separate: see `causes`. The image centre is the
+        same as a camera that rotated, and only among `candidates`.
         """
         named = self.causes.named
         return named.name if self.changed and named is not None else None

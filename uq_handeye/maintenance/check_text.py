@@ -43,7 +43,7 @@ def cause_in_words(name: str, setup: str) -> str:
         return f"{one}, or {other} (poses cannot separate these two)"
     return {
         FOCAL_LENGTH: "the focal length changed",
-        IMAGE_CENTRE: "the image centre changed",
+        IMAGE_CENTRE: "the image centre changed (the same as a camera rotated about its own x and y axes)",
         ONE_POSE: "one pose is wrong",
     }[name]
 
@@ -117,6 +117,6 @@ def _next(result: ChangeCheck) -> str | None:
         return None
     if result.cause == TARGET_MOVED and result.setup == "eye-in-hand":
         return "X still holds if it was the target; if it was the base, so do X and the target, in the new base."
-    if result.cause in (FOCAL_LENGTH, IMAGE_CENTRE):
+    if result.cause == FOCAL_LENGTH:
         return "calibrate the camera again, then X."
     return None if result.n_poses < 3 else "calibrate again."

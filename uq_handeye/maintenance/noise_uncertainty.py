@@ -117,7 +117,7 @@ def _part(name: str, sides: Sequence[Array], result: Estimated, variance: float,
     own = own.reshape(-1, 6, 6)
     if before is None or len(own) != len(sides[1]):
         own = np.broadcast_to(own.mean(axis=0), (len(sides[1]), 6, 6))
-    return np.asarray(sides[1] @ _root(own)) / np.sqrt(variance if variance > 0 else 1.0)
+    return np.asarray(sides[1] @ _root(own) / np.sqrt(variance if variance > 0 else 1.0))
 
 
 def _root(S: Array) -> Array:
