@@ -18,6 +18,7 @@ from uq_handeye.certificate.page import MOST_SOURCES
 from uq_handeye.errors import InputError
 from uq_handeye.files.about import ABOUT
 from uq_handeye.findings import Finding
+from uq_handeye.formatting.numbers import digits
 from uq_handeye.geometry.pose_numbers import pose_numbers
 from uq_handeye.geometry.se3 import perturb
 from uq_handeye.presentation import pdf
@@ -98,6 +99,18 @@ def test_correlations_are_those_of_drawn_errors(results):
     drawn = np.array([pose_numbers(X, None)[0] for X in perturb(result.X, xi)])
     expected = np.corrcoef(drawn.T)
     assert correlation_of(result) == pytest.approx(expected, abs=5 / np.sqrt(2000))
+
+
+def test_inputs_are_those_that_were_declared_or_found(results):
+    """The noise of a pose by itself, without the errors that all poses share."""
+    inputs = {row.name: row.input.uncertainty for row in budget_rows(results["declared"])}
+    assert inputs["camera translation"] == "0.5 mm" and inputs["robot rotation"] == "0.02 deg"
+    assert inputs["focal length"] == "0.1 %"
+    estimate = results["estimated"].noise_estimate
+    found = {row.name: row.input for row in budget_rows(results["estimated"])}
+    together = estimate["translation, robot and camera together"].value
+    assert found["robot translation + camera translation"].uncertainty == f"{digits(1e3 * together, 2)} mm"
+    assert found["focal length"].origin == "assumed"
 
 
 def test_components_have_the_degrees_of_freedom_of_welch_and_satterthwaite(results):

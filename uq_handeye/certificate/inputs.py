@@ -11,10 +11,11 @@ from ..calibration.result import Calibration
 from ..diagnostics.budget import EACH, IN_TIME
 from ..diagnostics.budget import SHARED as SHARED_SOURCE
 from ..formatting.numbers import digits
+from ..geometry.se3 import Array
 from ..kinematics.kinematic_errors import JOINT_NOISE
 from ..noise.camera_noise import INTRINSICS
 from ..noise.estimate import SHOWN, Component, NoiseEstimate
-from ..noise.joint_covariance import group_of
+from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import marginals
 from ..shared_errors.accuracy_field import ROBOT_ACCURACY
 from ..shared_errors.shared_error import CLOCK_OFFSET
@@ -103,12 +104,23 @@ def _of_noise(names: list[str], result: Calibration) -> Input:
     for name in dict.fromkeys(name.partition(" ")[0] for name in names):
         S = getattr(result.noise, name, None)
         if S is not None:
-            squares += np.diagonal(marginals(S), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
+            squares += np.square(noise_per_axis(S))
     sizes = [(float(size), unit) for size, unit in zip(np.sqrt(squares), ("rad", "m"), strict=True)]
     kind = names[0].partition(" ")[2]
+    if kind.startswith(SHARED_SOURCE):
+        return Input("covariance", NORMAL, "as given with the noise")
     shown = [sizes[KINDS.index(kind)]] if kind in KINDS else sizes
     corners = getattr(result.data, "camera_calibration", None) is not None and names[0].startswith("camera")
     return Input(_sizes(shown), NORMAL, "corners of the target" if corners else "declared")
+
+
+def noise_per_axis(S: Array | JointCovariance) -> Array:
+    """Return the standard deviations (2,) of rotation (rad) and translation (m) of what each pose has by itself, on
+    average over axes and poses.
+    """
+    blocks = S.own if isinstance(S, JointCovariance) else marginals(S)
+    variances = np.diagonal(blocks, axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
+    return np.asarray(np.sqrt(variances))
 
 
 def _sizes(sizes: Iterable[tuple[float, str]]) -> str:

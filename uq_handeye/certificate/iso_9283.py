@@ -14,9 +14,9 @@ from ..calibration.result import Calibration
 from ..formatting.numbers import digits
 from ..kinematics.kinematic_errors import DECLARED_AS
 from ..noise.joint_covariance import group_of
-from ..noise.models import marginals
 from ..shared_errors.accuracy_field import ROBOT_ACCURACY
 from ..statement.included import shared_groups, sizes_of
+from .inputs import noise_per_axis
 
 
 def robot_words(result: Calibration) -> list[str]:
@@ -44,6 +44,8 @@ def _repeatability(result: Calibration) -> str:
     sizes = _robot_noise(result)
     missing = [name for name, size in sizes.items() if size is None]
     known = [f"{digits(size, 2)} {'deg' if name == 'rotation' else 'mm'}" for name, size in sizes.items() if size]
+    if result.setup is None:
+        return "Pose repeatability (RP): no value here is related to it; the data are motions, not poses."
     if not known:
         return (
             "Pose repeatability (RP): no value here is related to it; the data do not separate the noise of the robot "
@@ -75,9 +77,8 @@ def _robot_noise(result: Calibration) -> dict[str, float | None]:
         return found
     S = getattr(result.noise, "robot", None)
     if S is not None:
-        variances = np.diagonal(marginals(S), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
-        for kind, variance in zip(found, variances, strict=True):
-            found[kind] = factors[kind] * float(np.sqrt(variance)) or None
+        for kind, size in zip(found, noise_per_axis(S), strict=True):
+            found[kind] = factors[kind] * float(size) or None
     return found
 
 

@@ -148,7 +148,11 @@ def lengths_of(result: Calibration) -> str:
             how = "assumed" if sizes[name].default else "declared"
             known.append(f"{name} {sizes[name].parts[0].stated or sizes_of(sizes[name])} ({how})")
     text = f"Lengths come from {' and '.join(parts)}"
-    text += f"; standard uncertainty in the budget: {', '.join(known)}." if known else "; neither is in the budget."
+    text += (
+        f"; standard uncertainty in the budget: {', '.join(known)}."
+        if known
+        else ", which count as exact: no error of scale is in the budget."
+    )
     if stated := result.about.get("reference"):
         return f"{text} Reference standard, as stated by the user: {stated}."
     return f"{text} No reference standard is stated: traceability of lengths to the SI is not shown."
