@@ -11,6 +11,7 @@ from support import SEED
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
+from uq_handeye.camera.files.camera_dict import camera_from_dict, camera_to_dict
 from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.errors import InputError
 from uq_handeye.files.source import Source
@@ -55,6 +56,15 @@ def same(one, other):
                 same(getattr(one, name), getattr(other, name))
     else:
         assert one == other
+
+
+def test_a_board_of_estimated_shape_is_stored(from_corners):
+    """Its coefficients have no standard deviation beforehand, which JSON cannot say as a number."""
+    seen = from_corners.data.camera_calibration
+    cam = uq.calibrate_camera(seen.corners, seen.image_size, model="pinhole", shape="bow2")
+    assert np.isinf(cam.bundle.shape.sd).all()
+    text = json.dumps(camera_to_dict(cam), allow_nan=False)
+    same(cam.bundle.shape, camera_from_dict(json.loads(text), cam.poses).bundle.shape)
 
 
 def test_poses_are_stored_exactly(from_corners):

@@ -81,12 +81,12 @@ def _estimated(names: list[str], estimate: NoiseEstimate) -> Input | None:
 
 _ESTIMATED = "residuals (REML)"
 _ORIGIN = {
-    "prior": "data sheet and residuals",
-    "population": "population of arms and residuals",
+    "prior": "data sheet, residuals",
+    "population": "arms of the kind, residuals",
     "fixed": "declared",
     "given": "declared",
     "from corners": "corners of the target",
-    "by geometry": "residuals and geometry of the views",
+    "by geometry": "residuals, views",
 }
 
 
@@ -107,10 +107,10 @@ def _of_noise(names: list[str], result: Calibration) -> Input:
             squares += np.square(noise_per_axis(S))
     sizes = [(float(size), unit) for size, unit in zip(np.sqrt(squares), ("rad", "m"), strict=True)]
     kind = names[0].partition(" ")[2]
-    if kind.startswith(SHARED_SOURCE):
-        return Input("covariance", NORMAL, "as given with the noise")
-    shown = [sizes[KINDS.index(kind)]] if kind in KINDS else sizes
     corners = getattr(result.data, "camera_calibration", None) is not None and names[0].startswith("camera")
+    if kind.startswith(SHARED_SOURCE):
+        return Input("covariance", NORMAL, "camera calibration" if corners else "as given with the noise")
+    shown = [sizes[KINDS.index(kind)]] if kind in KINDS else sizes
     return Input(_sizes(shown), NORMAL, "corners of the target" if corners else "declared")
 
 

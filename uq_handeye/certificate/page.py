@@ -33,7 +33,7 @@ from .statements import (
 NOT_CERTIFIED = "NOT CERTIFIED"
 LOWER_LIMIT = "LOWER LIMIT"
 # Rows of the budget on the page; the data have all of them.
-MOST_SOURCES = 14
+MOST_SOURCES = 12
 _FACTORS = {"m": (1e3, "mm"), "rad": (180 / np.pi, "deg")}
 
 
@@ -86,6 +86,16 @@ def _first(of: Contents) -> list[Section]:
         Section("x", _lower("Result", of), [_table_of(components_of(result)), *_forms(of)]),
         Section("worst", _lower("In the least certain direction", of), _worst(of)),
         *_measured(of),
+        Section("scope", "What the uncertainty includes", _scope(of), wide=True),
+    ]
+
+
+def _scope(of: Contents) -> list[Block]:
+    accuracy = of.result.accuracy
+    assert accuracy is not None  # of a certified result
+    return [
+        Paragraph(f"Included: {', '.join(accuracy.included)}."),
+        Paragraph(f"Not included: {', '.join(accuracy.not_included)}."),
     ]
 
 
@@ -183,16 +193,11 @@ def _freedom(dof: float) -> str:
 def _second(of: Contents) -> list[Section]:
     accuracy = of.result.accuracy
     assert accuracy is not None  # of a certified result
-    scope = [
-        Paragraph(f"Included: {', '.join(accuracy.included)}."),
-        Paragraph(f"Not included: {', '.join(accuracy.not_included)}."),
-    ]
     return [
         Section(
             "coverage", "Uncertainty", [Paragraph(coverage_of(of.result)), Paragraph(method_of(of.result))], wide=True
         ),
         Section("budget", "Uncertainty budget", [_budget(of)], wide=True),
-        Section("scope", "What the uncertainty includes", scope, wide=True),
         *_origin(of),
         Section("robot", "In the terms of ISO 9283:1998", [Points(robot_words(of.result))], wide=True),
         Section("validity", "Validity", [Paragraph(VALIDITY)], wide=True),

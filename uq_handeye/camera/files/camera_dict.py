@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...files.validate import plain
 from ...geometry.se3 import Array
 from ..calibrated import Calibrated
 from ..corners import Corners
@@ -30,7 +31,7 @@ def camera_to_dict(cam: Calibrated) -> dict[str, Any]:
         "names": list(corners.names),
         "left_out": np.flatnonzero(~cam.bundle.used).tolist(),
     }
-    arrays = {name: np.asarray(value).tolist() for name, value in bundle_arrays(cam).items()}
+    arrays = {name: plain(np.asarray(value)) for name, value in bundle_arrays(cam).items()}
     return {**to_dict(cam), "seen": seen, "arrays": arrays}
 
 
@@ -53,6 +54,8 @@ def camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
         if corners.n != len(poses) or (np.diff(row) < 0).any():
             raise InputError(f"{corners.n} pictures, and {len(poses)} poses")
         arrays = {name: np.array(value, dtype=float) for name, value in data["arrays"].items()} | {"poses": poses}
+        if (sd := arrays.get("board_sd")) is not None:  # None in the file: nothing is known of the shape beforehand
+            arrays["board_sd"] = np.where(np.isnan(sd), np.inf, sd)
         return calibration_from_parts(data, corners, used, arrays, "camera_calibration")
     except (InputError, KeyError, TypeError, ValueError, LookupError, ArithmeticError) as error:
         raise InputError(f"data.camera_calibration is damaged ({str(error).rstrip('.')})") from error
