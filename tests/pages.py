@@ -43,6 +43,7 @@ SHOWN = [
             "ros",
             "shared_errors",
             "validation",
+            "check_series",
             "verify",
             "which_poses",
         )

@@ -151,3 +151,31 @@ def test_the_figure_shows_every_check(calibrated, log):
 
 def test_the_columns_are_described():
     assert len(COLUMNS) == len(set(COLUMNS)) == 7 + 12 + 8
+
+
+def test_check_log_adds_a_line_and_answers_for_the_series(calibrated, tmp_path, capsys):
+    from uq_handeye.cli.app import main
+    from uq_handeye.io import write_pose_file
+
+    result, truth = calibrated
+    rng = np.random.default_rng(9)
+    path, stored, out = tmp_path / "checks.csv", tmp_path / "result.json", tmp_path / "out"
+    stored.write_text(result.to_json(), encoding="utf-8")
+
+    def check(shift, *more):
+        poses = new_poses(truth, SETUP, 3, rng, shift)
+        files = [tmp_path / "robot.csv", tmp_path / "camera.csv"]
+        for file, T in zip(files, (poses.robot, poses.camera), strict=True):
+            write_pose_file(file, T)
+        with pytest.raises(SystemExit) as ended:
+            main(["check", str(stored), *map(str, files), "--log", str(path), *more])
+        return ended.value.code, capsys.readouterr()
+
+    status, said = check(0.0)
+    assert status == 0 and "Series of 1 check: no alarm." in said.out
+    status, said = check(np.array([0, 0, 0, 0.05, 0, 0]), "--json", "-o", str(out))
+    assert status == 4 and '"series"' in said.out
+    assert {file.name for file in out.iterdir()} == {"check.json", "check.txt", "series.png", "series.svg"}
+    assert len(read_checks(path, result)) == 2
+    status, said = check(0.0, "--every", "2")
+    assert status == 2 and "one false alarm in 10 to 100,000" in said.err and len(read_checks(path)) == 2

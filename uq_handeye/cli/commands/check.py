@@ -3,6 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ...errors import InputError
+from ...files.atomic import json_text
+from ..check_log import logged
 from ..delivery import deliver
 from ..groups import OUTPUT
 from ..messages import quiet, timed
@@ -13,6 +16,7 @@ from .files import ResultFile
 if TYPE_CHECKING:
     from ...maintenance.check_result import ChangeCheck
 
+SERIES = "Series of checks"
 # Exit statuses.
 CHANGED_STATUS, CANNOT_TELL_STATUS = 4, 3
 
@@ -36,8 +40,27 @@ def check_command(
         float,
         option("--level", metavar="P", panel=OUTPUT, common=True, help="Probability of a false alarm."),
     ] = 0.05,
+    log: Annotated[
+        Path | None,
+        option(
+            "--log",
+            metavar="FILE.csv",
+            panel=SERIES,
+            common=True,
+            help="Log of the checks of this calibration: add this one, and test the whole series for a slow drift. "
+            "Made if there is none.",
+        ),
+    ] = None,
+    every: Annotated[
+        float | None,
+        option(
+            "--every", metavar="N", panel=SERIES, help="Checks for each false alarm of --log, on average. Default: 500."
+        ),
+    ] = None,
     as_json: JsonOption = False,
-    output: Annotated[Path | None, folder_option("Folder for check.json and check.txt.")] = None,
+    output: Annotated[
+        Path | None, folder_option("Folder for check.json and check.txt; with --log also series.png and series.svg.")
+    ] = None,
 ) -> int:
     """Check whether a stored calibration still holds, by new poses.
 
@@ -50,27 +73,42 @@ def check_command(
       uq-handeye check result/result.json robot.csv --images 'img/*.png' \\
           --board 9x6 --square 20mm
 
+      # Every day: a log, with an alarm for slow drifts
+      uq-handeye check result/result.json robot.csv camera.csv \\
+          --log checks.csv
+
     One pose is enough; three or more separate the causes. The exit status is 0
-    if unchanged, 4 if changed, 3 if these poses cannot tell.
+    if unchanged, 4 if changed or if the series raises its alarm, 3 if these
+    poses cannot tell.
     """
     from ...calibration.result import Calibration
     from ...maintenance.check import check
     from ...maintenance.check_text import check_document
+    from ...maintenance.series.cusum import limit_for
 
+    if every is not None:
+        if log is None:
+            raise InputError("--every needs --log. Remove it.")
+        limit_for(every)
     stored = Calibration.from_json(result)
     poses = files.read(stored, str(result))
     with timed("checking"):
         found = check(stored, poses, tolerance=tolerance, level=level)
+        series = None if log is None else logged(log, stored, poses, found, every)
+    text = found.to_json() if series is None else json_text({**found.to_dict(), "series": series.alarm.to_dict()})
     if as_json:
-        emit(found.to_json())
+        emit(text)
     else:
         document = check_document(found)
-        emit_document([document[0][:1]] if quiet() else document)
+        document = [document[0][:1]] if quiet() else document
+        emit_document([*document, *([] if series is None else series.document(quiet()))])
     if output is not None:
-        written = deliver(output, {"check.json": found.to_json(), "check.txt": found.summary()})
+        figures = {} if series is None else {"series": series.figure()}
+        written = deliver(output, {"check.json": text, "check.txt": found.summary()}, figures)
         if not as_json:
             emit(written)
-    return status_of(found)
+    alarm = series is not None and series.alarm.alarm is not None
+    return CHANGED_STATUS if alarm else status_of(found)
 
 
 def status_of(found: "ChangeCheck") -> int:

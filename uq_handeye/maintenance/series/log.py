@@ -30,6 +30,7 @@ from ...geometry.se3 import Array
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import PoseNoise
 from ...poses.pose_pairs import PosePairs
+from ...prediction.predict import Predicting, own_noise
 from ...runtime.read_only import ReadOnlyArrays
 
 NUMBERS = tuple(f"{axis}_mm" for axis in "xyz") + tuple(f"r{axis}_deg" for axis in "xyz")
@@ -62,6 +63,10 @@ class Identified(Protocol):
     def covariance(self) -> Array | None: ...
     @property
     def setup(self) -> str | None: ...
+
+
+class Checkable(Predicting, Identified, Protocol):
+    """Interface of a calibration whose checks are logged."""
 
 
 class Moved(Protocol):
@@ -121,12 +126,14 @@ class LoggedCheck(ReadOnlyArrays):
     def of(
         cls,
         check: Checked,
-        result: Identified,
+        result: Checkable,
         poses: PosePairs,
         noise: PoseNoise | None = None,
         time: str | None = None,
     ) -> LoggedCheck:
         """Build it from the check of ``poses`` against ``result``; ``time`` None is now."""
+        if noise is None and poses.camera_calibration is not None:
+            noise = _noise_of_pictures(result, poses)
         codes = {finding.code for finding in check.findings}
         wrong = next((words for words, of in NOT_USED.items() if codes & set(of)), None)
         moved = check.causes["X"]
@@ -186,7 +193,7 @@ class LoggedCheck(ReadOnlyArrays):
 class CheckSeries:
     """Checks of one calibration in the order of the log."""
 
-    checks: tuple[LoggedCheck, ...]
+    checks: tuple[LoggedCheck, ...]  # in the order of the log
     damaged: tuple[tuple[int, str], ...] = ()  # line number and what is wrong
 
     def __len__(self) -> int:
@@ -208,7 +215,7 @@ def hash_of_result(result: Identified) -> str:
 
 def log_check(
     path: StrPath,
-    result: Identified,
+    result: Checkable,
     poses: PosePairs,
     check: Checked,
     *,
@@ -309,6 +316,20 @@ def _series(text: str, path: StrPath, result: Identified | None) -> CheckSeries:
     if result is not None and results and results[0] != (own := hash_of_result(result)):
         raise InputError(_another(path, results[0], own))
     return CheckSeries(tuple(checks), tuple(damaged))
+
+
+def _noise_of_pictures(result: Checkable, poses: PosePairs) -> PoseNoise:
+    """Return the noise of camera poses from corners, as the check took it (`evidence.new_poses`).
+
+    Poses with intrinsics of their own share these errors; the log takes those of the calibration in addition.
+    """
+    seen = poses.camera_calibration
+    assert seen is not None
+    before = result.data.camera_calibration if isinstance(result.data, PosePairs) else None
+    same = before is not None and np.array_equal(before.camera_matrix, seen.camera_matrix)
+    return PoseNoise(
+        robot=own_noise(result, "robot"), camera=np.asarray(seen.covariance.own) if same else seen.covariance
+    )
 
 
 def _checked_time(text: str) -> str:
