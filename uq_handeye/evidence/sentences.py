@@ -13,11 +13,9 @@ def _(count: int, d2: float, dof: int, p_value: float, rms: float) -> str:
     if p_value < 0.05:
         return (
             f"{touches} part of the result, and they contradict the poses ({fit}). Find the cause with uq-handeye "
-            f"verify, "
-            "or calibrate without them."
+            "verify, or calibrate without them."
         )
     return (
         f"{touches} part of the result and agree with the poses ({fit}). Residuals, diagnostics and budget are those "
-        f"of "
-        "the poses alone."
+        "of the poses alone."
     )

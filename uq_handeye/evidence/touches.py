@@ -270,7 +270,7 @@ def _poses_of_points(result: Calibrated, touches: Touches) -> Array:
     """(m, 4, 4) poses of a flange at touched points: with the orientation of the nearest pose of the calibration."""
     assert touches.touched is not None
     poses = np.broadcast_to(np.eye(4), (touches.m, 4, 4)).copy()
-    known = result.data.robot if isinstance(result.data, PosePairs) else touches.robot
+    known = result.counted.robot if isinstance(result.counted, PosePairs) else touches.robot
     if known is not None:
         distance = np.linalg.norm(touches.touched[:, None] - known[None, :, :3, 3], axis=-1)
         poses[:, :3, :3] = known[distance.argmin(axis=1), :3, :3]

@@ -18,7 +18,7 @@ _CAMERA, _ROBOT = 0.7, 0.8
 
 def require_metres(result: Calibrated, touches: Touches) -> None:
     """Raise `InputError` where lengths are some hundred times those of the calibration, or so much smaller."""
-    data = result.data if isinstance(result.data, PosePairs) else None
+    data = result.counted if isinstance(result.counted, PosePairs) else None
     camera = _CAMERA if data is None else _size(data.camera[:, :3, 3])
     robot = _ROBOT if data is None else _size(data.robot[:, :3, 3])
     distances = {

@@ -1,6 +1,5 @@
 """Command ``predict``: positions of points and camera poses at other robot poses."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,6 +7,7 @@ from ...errors import InputError
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..options.arm import JointUnits
 from ..options.common import UNITS, JsonOption, emit, flag, option
+from ..options.points import coordinates
 from .files import ResultFile
 
 if TYPE_CHECKING:
@@ -148,23 +148,6 @@ def predict_command(
     elif output is not None:
         said = deliver(output, {"predictions.csv": csv, "predictions.json": plain})
     emit(plain if as_json else text + said)
-
-
-def coordinates(text: str, name: str) -> list[float]:
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) != 3:
-        raise InputError(f"Expected {name} to be X,Y,Z such as 0mm,0mm,300mm, got {text!r}.")
-    from ...formatting.units import parse_length
-
-    values = []
-    for part in parts:
-        try:
-            values.append(float(part))
-        except ValueError:
-            values.append(parse_length(part, name))
-    if not (far := max(map(abs, values))) <= 10.0 or not all(map(math.isfinite, values)):
-        raise InputError(f"{name} {text}: {far:g} m is too far. Write the unit, e.g. 0mm,0mm,300mm.")
-    return values
 
 
 def _places(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
 from .common import UNITS, flag, one_of, option
+from .points import coordinates
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
@@ -108,7 +109,6 @@ class TouchOptions:
         from ...formatting.units import parse_length
         from ...verification.touches_file import read_touches
         from ...verification.verify import robot_covariance, tool_deviation
-        from ..commands.predict import coordinates
 
         unit = one_of(self.units, "--units", UNITS)
         arm: Kinematics | None = None if kinematics is None else kinematics.chain
