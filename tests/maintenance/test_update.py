@@ -45,8 +45,7 @@ def updated(result, *parts, **options):
 def apart(one, other):
     """Distance of two X in standard deviations, and of their covariances, whitened."""
     L = np.linalg.inv(np.linalg.cholesky(other.covariance))
-    off = np.r_[logarithm(one.X[:3, :3] @ other.X[:3, :3].T), one.X[:3, 3] - other.X[:3, 3]]
-    return max(float(np.linalg.norm(L @ off)), float(np.abs(L @ one.covariance @ L.T - np.eye(6)).max()))
+    return max(float(np.linalg.norm(L @ _off(one, other))), float(np.abs(L @ one.covariance @ L.T - np.eye(6)).max()))
 
 
 def parts_of(poses, *sizes):
@@ -192,3 +191,58 @@ def _in_mm(T):
     T = T.copy()
     T[:, :3, 3] *= 1e3
     return T
+
+
+def without_poses(result):
+    """A result as an older version wrote it."""
+    origin = replace(result.provenance, request=None)
+    return replace(result, data=None, table=None, analysis=None, fit=None, provenance=origin)
+
+
+@pytest.mark.parametrize(
+    ("options", "close"),
+    [(GIVEN, 0.01), (GIVEN | {"shared": SHARED["shared"][1:]}, 0.01), ({"shared": []}, 0.3)],
+    ids=["noise", "shared", "estimated"],
+)
+def test_a_result_without_poses_is_updated_by_its_posterior(options, close):
+    """To first order: old poses are not linearised again. Noise that was estimated stays that of the old poses."""
+    poses = uq.simulate(ALL, noise=NOISE, seed=5)
+    first, second, third = parts_of(poses, 18, 7, 1)
+    whole, start = quietly(poses, robust=False, **options), without_poses(quietly(first, robust=False, **options))
+    anyway = {"although_changed": True}  # one check in twenty is a false alarm
+    forward, backward = updated(start, second, third, **anyway), updated(start, third, second, **anyway)
+    off = [np.linalg.norm(np.linalg.solve(np.linalg.cholesky(whole.covariance), _off(one, whole)))
+           for one in (forward, backward)]  # fmt: skip
+    assert max(off) < close < 0.5 * np.linalg.norm(_off(start, whole) / whole.std)
+    assert apart(forward, backward) < 0.01 and forward.n_poses == ALL
+    again = stored(forward)
+    assert again.findings[-1].code == "maintenance.by_posterior" and "updated the joint" in str(again.findings[-1])
+    with pytest.raises(uq.InputError, match="made with these poses already"):
+        uq.update(again, second)
+    found = uq.difference(start, forward)
+    assert found.how == "innovation" and found.p_value_X > 1e-4
+
+
+def test_touches_that_were_taken_in_stay_in():
+    """A file holds their hash only, so that a fit of the poses would lose them."""
+    poses = uq.simulate(ALL, noise=NOISE, seed=5)
+    first, second = parts_of(poses, 20, 6)
+    start = quietly(first, noise=NOISE)
+    touched = {"touches": [{"sha256": "of touches", "count": 5}]}
+    with_touches = replace(start, provenance=replace(start.provenance, options=start.provenance.options | touched))
+    found = updated(with_touches, second)
+    assert found.findings[-1].code == "maintenance.by_posterior"
+    assert found.provenance.options["touches"] == touched["touches"] and found.data is None
+
+
+def test_with_less_noise_the_posterior_update_is_the_fit():
+    """Second order falls with the noise: 1e-6 standard deviations at a thousandth of it."""
+    small = uq.PoseNoise(1e-6 * NOISE.robot, 1e-6 * NOISE.camera)
+    poses = uq.simulate(ALL, noise=small, seed=5)
+    first, second = parts_of(poses, 20, 6)
+    start = without_poses(quietly(first, noise=small, robust=False, method="ml"))
+    assert apart(updated(start, second), quietly(poses, noise=small, robust=False, method="ml")) < 1e-4
+
+
+def _off(one, other):
+    return np.r_[logarithm(one.X[:3, :3] @ other.X[:3, :3].T), one.X[:3, 3] - other.X[:3, 3]]

@@ -81,3 +81,11 @@ def _(
     return (
         f"These poses could miss a change of X of {' and '.join(parts)}. Add poses, at more orientations and distances."
     )
+
+
+@sentence("maintenance.by_posterior")
+def _(old: int, new: int) -> str:
+    return (
+        f"{new} new pose{'' if new == 1 else 's'} updated the joint covariance of the result of {old} poses, which "
+        "were not fitted again: its file lacks them or holds touches beside them. The residuals are those of the old poses."
+    )

@@ -24,7 +24,7 @@ from .difference_text import difference_document
 from .joined_poses import common_poses
 from .linear_maps import CAMERA, ROBOT, TARGET, THINGS, LinearMap, difference_covariance
 from .request import counted, holds_request, measured_poses
-from .update import parts_of
+from .update import parts_of, touches_of
 
 # Directions of a difference whose variance is below this share of that of the two results are not tested: rounding.
 NOTHING = 1e-9
@@ -183,7 +183,7 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) 
     wrong = [name for name in same if name not in THINGS] if not isinstance(same, str) else [same]
     if wrong:
         raise InputError(f"Expected `same` to be names out of {', '.join(THINGS)}, got {wrong[0]!r}.")
-    maps = [LinearMap.of(result) for result in (old, new)]
+    maps = [None if touches_of(result) else LinearMap.of(result) for result in (old, new)]
     data = [_poses_of(result) for result in (old, new)]
     common = [] if data[0] is None or data[1] is None else common_poses(data[0], data[1])
     numbers = 12 if old.covariance_W is not None and new.covariance_W is not None else 6
@@ -267,7 +267,7 @@ def _is_one(old: Calibration, new: Calibration) -> bool:
 
 def _holds(whole: Calibration, part: Calibration) -> bool:
     """Return whether a result was made of all data of another, by their hashes."""
-    hashes = [{one["sha256"] for one in parts_of(result)} for result in (whole, part)]
+    hashes = [{one["sha256"] for one in (*parts_of(result), *touches_of(result))} for result in (whole, part)]
     return bool(hashes[1]) and hashes[1] < hashes[0]
 
 

@@ -3,6 +3,9 @@ r"""`update`: a result and new poses together, as if all had been calibrated at 
 A result that holds its poses is updated by the fit of all poses with the options that it was asked for with. The
 update then equals the calibration of all poses, and the order of updates does not matter, but for what the estimate
 itself makes of the order of poses (neighbours of a drift).
+
+A result without poses (an older file), or with touches, is updated by its joint posterior (`evidence.absorb`), which is
+the same to first order: old poses that are not there cannot be weighted or linearised again.
 """
 
 from __future__ import annotations
@@ -17,6 +20,9 @@ from ...calibration.calibrate import calibrate
 from ...calibration.provenance import Provenance
 from ...calibration.result import Calibration
 from ...errors import InputError
+from ...evidence.absorb import absorbed_into
+from ...evidence.new_poses import evidence_of_poses
+from ...findings import Finding
 from ...formatting.numbers import digits, probability
 from ...geometry.checks import as_numbers
 from ...noise.models import PoseNoise
@@ -28,6 +34,8 @@ from .request import arguments, holds_request, measured_poses
 
 # Name, among the options of a provenance, of what was put together: hash and number of poses of each part.
 TOGETHER = "together"
+# The same of touches that were taken in (`evidence.absorb`), of which a file holds the hash only.
+TOUCHES = "touches"
 
 
 def update(
@@ -88,8 +96,8 @@ def update(
     new = part_of(poses)
     if any(part["sha256"] == new["sha256"] for part in parts):
         raise InputError("The result was made with these poses already: a pose counts once.")
-    if not holds_request(result):
-        raise InputError("The result does not hold its poses, or what was asked of them: calibrate all poses together.")
+    if not holds_request(result) or TOUCHES in _options(result):
+        return _by_posterior(result, poses, noise, although_changed, [*parts, new])
     old = measured_poses(result)
     require_joinable(old, poses)
     if result.kinematics is not None and poses.joints is None:
@@ -100,6 +108,29 @@ def update(
         require_unchanged(result, poses, noise)
     found = calibrate(both, **asked)
     return replace(found, about=result.about, provenance=_together(found.provenance, [*parts, new]))
+
+
+def _by_posterior(
+    result: Calibration, poses: PosePairs, noise: PoseNoise | None, although_changed: bool, parts: list[dict[str, Any]]
+) -> Calibration:
+    """The update of the joint posterior, where the result lacks its poses, what was asked of them, or touches."""
+    evidence = evidence_of_poses(result, poses, noise)
+    if not although_changed:
+        require_unchanged(result, poses, noise)
+    n_old = result.n_poses or 0
+    finding = Finding("maintenance.by_posterior", "note", {"old": n_old, "new": poses.n})
+    found = absorbed_into(result, evidence, finding, {TOGETHER: parts})
+    origin = found.provenance
+    parts_alone: dict[str, Any] = {"data": None, "table": None, "analysis": None, "fit": None, "fourdpa": None}
+    return replace(
+        found,
+        n_poses=n_old + poses.n,
+        excluded=(),
+        bound=None,
+        agreement=None,
+        provenance=None if origin is None else replace(origin, request=None),
+        **parts_alone,
+    )
 
 
 def require_unchanged(result: Calibration, poses: PosePairs, noise: PoseNoise | None) -> None:
@@ -137,6 +168,15 @@ def parts_of(result: Calibration) -> list[dict[str, Any]]:
     if origin is None:
         return []
     return list(origin.options.get(TOGETHER, [{"sha256": origin.data_sha256, "poses": result.n_poses}]))
+
+
+def _options(result: Calibration) -> dict[str, Any]:
+    return {} if result.provenance is None else result.provenance.options
+
+
+def touches_of(result: Calibration) -> list[dict[str, Any]]:
+    """Return hash and number of the touches that a result has taken in."""
+    return list(_options(result).get(TOUCHES, []))
 
 
 def part_of(poses: PosePairs) -> dict[str, Any]:
