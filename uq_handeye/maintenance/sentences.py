@@ -87,5 +87,5 @@ def _(
 def _(old: int, new: int) -> str:
     return (
         f"{new} new pose{'' if new == 1 else 's'} updated the joint covariance of the result of {old} poses, which "
-        "were not fitted again: its file lacks them or holds touches beside them. The residuals are those of the old poses."
+        "were not fitted again: its file lacks them or holds touches beside them. Residuals are of the old poses."
     )
