@@ -166,7 +166,7 @@ def test_exact_data_have_no_noise_to_estimate(poses):
 
 def test_the_95_percent_ellipsoid_holds_95_percent():
     """The whole of calibrate() with noise estimated; an ellipsoid half as wide does not hold them."""
-    trials = 200
+    trials = 100
     data = uq.simulate(30, noise=NOISE, trials=trials, seed=SEED)
     inside = narrow = 0
     for k in range(trials):

@@ -137,7 +137,7 @@ def test_a_half_turned_board_is_found(rng):
 
 
 @pytest.mark.parametrize("method", ["efficient", "bundle", "ml"])
-def test_files_and_reports(recording, tmp_path, method):
+def test_files_and_reports(recording, tmp_path, method, without_rendering):
     found = calibrate(recording[0], method=method)
     found.to_json(tmp_path / "x.json")
     again = uq.Calibration.from_json(tmp_path / "x.json")

@@ -108,7 +108,7 @@ def test_without_windows_nothing_is_moved():
     np.testing.assert_array_equal(d[some > 0], bent_edges.bias(camera, corners)[some > 0])
 
 
-def test_a_camera_is_calibrated_on_corners_that_are_moved_back_once(tmp_path):
+def test_a_camera_is_calibrated_on_corners_that_are_moved_back_once(tmp_path, without_rendering):
     corners, poses, _ = found(BENDING, 0.3)
     lens = dict(zip(("k1", "k2", "k3", "k4"), BENDING.parameters[4:].tolist(), strict=True))
     how = {"model": "fisheye", "shape": "flat", "coefficients": (), "intrinsics": lens}

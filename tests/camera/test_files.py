@@ -79,7 +79,7 @@ def test_a_prior_is_stored_and_restored(rng, tmp_path):
             uq.read_camera(tmp_path)
 
 
-def test_figures_of_an_earlier_run_are_taken_away(rng, tmp_path):
+def test_figures_of_an_earlier_run_are_taken_away(rng, tmp_path, without_rendering):
     _, cam = calibrated(rng)
     exact = calibrated(rng, intrinsics={"fx": 750.0, "fy": 746.0, "cx": 320.0, "cy": 240.0})[1]
     (tmp_path / "mine.png").write_bytes(b"mine")
@@ -108,7 +108,7 @@ def test_intrinsics_that_are_all_exact(rng, tmp_path):
     assert read.intrinsics == known and set(read.std.values()) == {0.0} and read.covariance.shared.shape[-1] == 0
 
 
-def test_everything_is_written_or_nothing(rng, tmp_path):
+def test_everything_is_written_or_nothing(rng, tmp_path, without_rendering):
     _, cam = calibrated(rng)
     (tmp_path / "full" / "corners.csv").mkdir(parents=True)
     with pytest.raises(InputError, match="it is a folder, expected a file"):

@@ -104,7 +104,7 @@ def test_the_common_variance_and_its_spread_are_found(nu):
     assert found > 400 if nu == np.inf else found == pytest.approx(nu, rel=0.15)
 
 
-def test_a_folder_keeps_the_weights(rng, tmp_path):
+def test_a_folder_keeps_the_weights(rng, tmp_path, without_rendering):
     corners, _, _ = recorded(rng, pixel=uneven(rng))
     cam = calibrate_camera(corners, SIZE, "pinhole")
     cam.write(tmp_path / "camera")

@@ -5,6 +5,7 @@ must be rejected when it is 10 % off in standard deviation, and so must pairs ta
 """
 
 import functools
+from itertools import product
 
 import numpy as np
 import pytest
@@ -59,8 +60,9 @@ def test_noise_on_pairs(name):
     judge(difference(estimate.X, X), uq.propagate(A, B, noise, method=name))
 
 
-@pytest.mark.parametrize("setup", SETUPS)
-@pytest.mark.parametrize("name", uq.METHODS)
+@pytest.mark.parametrize(  # zhao takes long, and its pairs are alike: those of inverse robot poses
+    ("name", "setup"), [case for case in product(uq.METHODS, SETUPS) if case != ("zhao", "eye-to-hand")]
+)
 def test_noise_on_poses_all_pairs(name, setup):
     method = requires(name)
     X, exact, drawn, noise = poses(setup)

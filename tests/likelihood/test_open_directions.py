@@ -30,7 +30,7 @@ def mean_is(squares, dof, factor=1.0):
 def test_the_covariance_of_the_rest_is_right_and_no_other(kind, setup):
     rng = np.random.default_rng([SEED, 14])
     squares = []
-    for _ in range(250):
+    for _ in range(100):
         data = rig(kind, 15, rng, setup)
         found = efficient(data, NOISE)
         assert len(found.open_directions) == COUNT[kind]

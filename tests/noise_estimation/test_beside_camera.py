@@ -137,7 +137,7 @@ def test_few_and_many_poses(rng, n):
 
 def test_the_camera_covariance_is_tested(rng):
     """The p-value of consistent covariances is uniform; twice too small or too large ones are found."""
-    n, sets, robot = 20, 60, isotropic(1e-4, 1e-4)
+    n, sets, robot = 20, 30, isotropic(1e-4, 1e-4)
     camera = joint(rng, n, own=1e-3)
     p = [estimate_robot_noise(poses_with(rng, n, robot, camera), camera).camera_factor.p_value for _ in range(sets)]
     assert min(p) > 1e-4 and stats.kstest(p, "uniform").pvalue > 1e-3

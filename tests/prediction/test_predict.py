@@ -35,7 +35,7 @@ def calibrated(found, errors=DECLARED, **options):
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_predicted_camera_poses_are_as_uncertain_as_stated(rng, setup):
-    draws, near, far, wrong = 80, [], [], []
+    draws, near, far, wrong = 40, [], [], []
     for k in range(draws):
         found = rig(rng, setup)
         result = calibrated(found)
@@ -54,15 +54,14 @@ def test_predicted_camera_poses_are_as_uncertain_as_stated(rng, setup):
     assert np.mean(wrong) / 6 > 3  # without the arm the same test fails
 
 
-@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-def test_the_physical_flange_needs_the_columns_of_its_frames(rng, setup):
+def test_the_physical_flange_needs_the_columns_of_its_frames(rng):
     def square(result, X):
         off = np.concatenate([logarithm(result.X[:3, :3] @ X[:3, :3].T), result.X[:3, 3] - X[:3, 3]])
         return off @ np.linalg.solve(result.covariance, off)
 
     physical = replace(DECLARED, flange="physical")
-    draws = 100
-    rigs = [rig(rng, setup) for _ in range(draws)]
+    draws = 60
+    rigs = [rig(rng) for _ in range(draws)]
     nees = np.array([square(calibrated(found, physical), found.X) for found in rigs])
     assert abs(nees.mean() - 6) < 4 * np.sqrt(12 / draws)
     assert np.mean([square(calibrated(found), found.X) for found in rigs[:20]]) > 9

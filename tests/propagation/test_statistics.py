@@ -67,10 +67,9 @@ def sample_pairs(kind, scale):
     return Sample(*map(np.concatenate, (errors, covariances)), uq.propagate(A, B, noise), literal=literal)
 
 
-def sample_poses(kind, setup, joint):
-    """31 poses, camera noise of 1 mrad and 1 mm, the robot exact (T4); or all noisy, with what poses share (T4b)."""
+def sample_poses(kind, setup, joint, n=31):
+    """``n`` poses, camera noise of 1 mrad and 1 mm, the robot exact (T4); or all noisy, with what poses share (T4b)."""
     rng = np.random.default_rng([SEED, 31])
-    n = 31
     X, robot, camera = exact_poses(rng, n, setup)
     if joint:
         shared = np.tile(random_covariance(rng), (n, n))
@@ -103,7 +102,7 @@ SAMPLES = {
     "60 pairs, correlated, d = 1e4": (sample_pairs, "correlated, per pair", 1e4),
     "60 pairs, (70) / 100": (sample_pairs, "equation (70) / 100", None),
     "30 consecutive pairs": (sample_poses, "consecutive", "eye-in-hand", False),
-    "465 pairs, all": (sample_poses, "all", "eye-in-hand", False),
+    "120 pairs, all": (sample_poses, "all", "eye-in-hand", False, 16),
     "15 disjoint pairs": (sample_poses, "disjoint", "eye-to-hand", False),
     "30 consecutive pairs, joint": (sample_poses, "consecutive", "eye-to-hand", True),
 }
@@ -204,10 +203,11 @@ def test_lost_correlation_is_rejected():
 
 @pytest.mark.parametrize(
     ("name", "least", "most"),
-    [("30 consecutive pairs", 7.0, 10.0), ("465 pairs, all", 40.0, 160.0), ("15 disjoint pairs", 5.8, 6.2)],
+    [("30 consecutive pairs", 7.0, 10.0), ("120 pairs, all", 20.0, 80.0), ("15 disjoint pairs", 5.8, 6.2)],
 )
 def test_pairs_taken_as_independent(name, least, most):
-    """T4's table: NEES 8.35 for consecutive and 84.8 for all pairs, by the geometry; 6 where nothing is shared.
+    """NEES 8.35 for consecutive pairs of 31 poses, 6 where nothing is shared, by the geometry; of all pairs it grows
+    with the poses, to 84.8 for 31 (T4's table).
 
     Its expectation is tr(Sigma_pairs^-1 Sigma_poses) exactly, with the variance 2 tr(..^2) per trial.
     """

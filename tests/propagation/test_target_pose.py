@@ -72,7 +72,7 @@ def test_the_covariance_of_W_is_that_of_numerical_derivatives(method, setup, joi
 
 @pytest.mark.parametrize("method", ["4dpa", "daniilidis", "nguyen", "zhao", *ON_POSES])
 def test_statistics_of_W(method, setup):
-    trials, n = (300 if method == "zhao" else 1000), 12
+    trials, n = (150 if method == "zhao" else 1000), 12
     poses = uq.simulate(n, noise=NOISE, setup=setup, trials=trials, seed=5)
     exact = uq.PosePairs(poses.truth.robot, poses.truth.camera, setup)
     predicted = uq.calibrate(exact, noise=NOISE, method=method)

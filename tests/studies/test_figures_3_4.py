@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.stats import chi2, kstest, norm
+from study_cases import quick_tables
 
 import uq_handeye as uq
 from studies import figures_3_4 as study
@@ -14,7 +15,8 @@ from uq_handeye.geometry.se3 import logarithm
 @pytest.fixture(scope="module")
 def tables():
     return {
-        name: read_table(table.to_csv(index=False, float_format="%.6g")) for name, table in study.measure(False).items()
+        name: read_table(table.to_csv(index=False, float_format="%.6g"))
+        for name, table in quick_tables("figures_3_4").items()
     }
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from study_cases import quick_tables
 
 import uq_handeye as uq
 from studies import laser_camera
@@ -15,7 +16,7 @@ from uq_handeye.geometry.se3 import inverse, perturb
 
 @pytest.fixture(scope="module")
 def tables():
-    return laser_camera.measure(False)
+    return quick_tables("laser_camera")
 
 
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")  # interpolation counts where noise does not

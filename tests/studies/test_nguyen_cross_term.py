@@ -3,14 +3,15 @@
 import numpy as np
 import pandas as pd
 import pytest
+from study_cases import quick_tables
 
-from studies.nguyen_cross_term import findings, in_unit, measure, of_own, of_stopping, units
+from studies.nguyen_cross_term import findings, in_unit, of_own, of_stopping, units
 from uq_handeye.geometry.se3 import perturb
 
 
 @pytest.fixture(scope="module")
 def tables():
-    return measure(False)
+    return quick_tables("nguyen_cross_term")
 
 
 def test_another_unit_changes_lengths_alone(rng):

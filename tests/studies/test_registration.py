@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from study_cases import quick_tables
 
 import uq_handeye as uq
-from studies import registration
 from studies.common.scores import nees, true_means
 from studies.registration import covariance as covariance
 from studies.registration import findings
@@ -14,7 +14,7 @@ from studies.registration import forms as forms
 
 @pytest.fixture(scope="module")
 def tables():
-    return registration.measure(False)
+    return quick_tables("registration")
 
 
 @pytest.mark.parametrize("n", [3, 4])

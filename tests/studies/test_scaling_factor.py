@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from study_cases import quick_tables
 
 import uq_handeye as uq
 from studies import scaling_factor as study
@@ -23,7 +24,7 @@ def rigs():
 
 @pytest.fixture(scope="module")
 def tables():
-    table = study.measure(False)["accuracy"]
+    table = quick_tables("scaling_factor")["accuracy"]
     return {"accuracy": read_table(table.to_csv(index=False, float_format="%.6g"))}
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from study_cases import quick_tables
 
 import uq_handeye as uq
 from studies import shared_poses
@@ -12,7 +13,7 @@ from uq_handeye.simulation.experiment import experiment
 
 @pytest.fixture(scope="module")
 def tables():
-    return shared_poses.measure(False)
+    return quick_tables("shared_poses")
 
 
 @pytest.mark.parametrize("kind", [BOARD, RANDOM])

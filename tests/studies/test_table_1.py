@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pages import DOCS
+from study_cases import quick_tables
 from support import SEED
 
 import uq_handeye as uq
@@ -16,7 +17,7 @@ from uq_handeye.simulation.run import run
 
 @pytest.fixture(scope="module")
 def tables():
-    return table_1.measure(False)
+    return quick_tables("table_1")
 
 
 def changed(tables, name, edit):

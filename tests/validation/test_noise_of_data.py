@@ -56,7 +56,7 @@ def test_noise_that_cannot_be_checked():
     assert "it was not checked: the data are exact, simulated without noise" in exact.verdict
 
 
-def test_the_report_says_it_too():
+def test_the_report_says_it_too(without_rendering):
     result = uq.calibrate(measured(), noise=NOISE)
     check = uq.cross_check(result, trials=100, posterior=False)
     assert CANNOT in report_html(result, cross_check=check, comparison=None)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -156,17 +157,24 @@ def not_finite(data: Any, path: str) -> str | None:
     """Return the path where the data hold NaN, infinity, an integer beyond any float, or a truth value in a list; None
     if nowhere.
     """
-    if isinstance(data, dict):
-        return next((found for name, part in data.items() if (found := not_finite(part, f"{path}.{name}"))), None)
-    if isinstance(data, list | tuple):
-        for k, part in enumerate(data):
-            found = f"{path}.{k}" if isinstance(part, bool) else not_finite(part, f"{path}.{k}")
-            if found is not None:
-                return found
-        return None
-    if isinstance(data, int):
-        return path if abs(data) > _LARGEST else None
-    return path if isinstance(data, float) and not np.isfinite(data) else None
+    where = _not_finite(data)
+    return None if where is None else path + where
+
+
+def _not_finite(data: Any) -> str | None:
+    """Return the end of the path: files hold many numbers, and few of them are wrong."""
+    if not isinstance(data, dict | list | tuple):
+        if isinstance(data, int):
+            return "" if abs(data) > _LARGEST else None
+        return "" if isinstance(data, float) and not math.isfinite(data) else None
+    named = isinstance(data, dict)
+    for name, part in data.items() if named else enumerate(data):
+        if type(part) is float and math.isfinite(part):
+            continue
+        found = "" if isinstance(part, bool) and not named else _not_finite(part)
+        if found is not None:
+            return f".{name}{found}"
+    return None
 
 
 def _is_number(value: Any) -> bool:
