@@ -1,0 +1,3 @@
+from studies import maintenance
+
+maintenance.STUDY.run(maintenance.__doc__)
