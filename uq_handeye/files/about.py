@@ -30,8 +30,8 @@ ABOUT = {
     "number": "Certificate number",
     "note": "Note",
 }
-# Keys that the report shows only where they have a text.
-WHERE_GIVEN = ("environment", "reference", "organisation", "number", "note")
+# Keys that only the certificate shows.
+OF_CERTIFICATE = ("environment", "reference", "organisation", "number")
 # Characters of a value; those of the note.
 MOST, MOST_OF_NOTE = 80, 300
 MAX_BYTES = 100_000  # of a TOML file

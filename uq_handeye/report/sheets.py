@@ -12,7 +12,7 @@ import numpy as np
 from ..calibration.report.analysis import budget_table
 from ..calibration.report.first_screen import STATUS_OF, status_of
 from ..calibration.report.text import parent_frame
-from ..files.about import ABOUT, WHERE_GIVEN
+from ..files.about import ABOUT, OF_CERTIFICATE
 from ..findings import Finding
 from ..formatting.numbers import digits, fixed
 from ..geometry.pose_numbers import pose_numbers
@@ -37,7 +37,7 @@ _DEG, _MM = 180 / np.pi, 1e3
 
 def title_fields(result: Calibration) -> list[tuple[str, str]]:
     """Return the names and texts of the title block; those without text are room to write on paper."""
-    shown = [key for key in ABOUT if key not in WHERE_GIVEN or key in result.about]
+    shown = [key for key in ABOUT if key not in OF_CERTIFICATE and (key != "note" or key in result.about)]
     return [(ABOUT[key], result.about.get(key, "")) for key in shown]
 
 
