@@ -302,7 +302,7 @@ def picture_paths(images: str | Iterable[StrPath]) -> list[Path]:
     twice = [path for path, count in Counter(map(os.path.abspath, paths)).items() if count > 1]
     if twice:
         raise InputError(f"Expected every picture once, got {shown(Path(twice[0]))} twice.")
-    return sorted(paths, key=_natural)
+    return sorted(paths, key=natural)
 
 
 def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
@@ -319,7 +319,7 @@ def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
     return Source(f"{names[0]} to {names[-1]} ({len(paths)})", "pictures", size, total.hexdigest(), (note,))
 
 
-def _natural(path: Path) -> tuple[Any, ...]:
+def natural(path: Path) -> tuple[Any, ...]:
     """Sorts numbers within names by their value: img2 before img10."""
     parts = re.split(r"(\d+)", str(path))
     return tuple((int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)), str(path)

@@ -54,13 +54,13 @@ def conditions_of(result: Calibration) -> list[tuple[str, str]]:
     rows = [("Data", title_of(result, 120).partition(" from ")[2] or title_of(result, 120))]
     if result.table is not None:
         rejected = len(result.table.rejected)
-        used = f"{len(result.table) - rejected} of {len(result.table)} {result.table.item}s used"
-        rows.append(
-            ("Used", used + (f"; rejected: {_listed(result.table.rejected)} (numbered from 0)" if rejected else ""))
-        )
-    if isinstance(result.data, PosePairs):
-        size = 1e3 * np.ptp(result.data.robot[:, :3, 3], axis=0)
-        away = np.linalg.norm(result.data.camera[:, :3, 3], axis=1)
+        used = f"{len(result.table.counted) - rejected} of {len(result.table)} {result.table.item}s used"
+        for what, which in (("rejected", result.table.rejected), ("excluded by request", result.table.excluded)):
+            used += f"; {what}: {_listed(which)} (numbered from 0)" if which else ""
+        rows.append(("Used", used))
+    if isinstance(data := result.counted, PosePairs):
+        size = 1e3 * np.ptp(data.robot[:, :3, 3], axis=0)
+        away = np.linalg.norm(data.camera[:, :3, 3], axis=1)
         rows.append(("Robot positions", f"{' x '.join(f'{x:.0f}' for x in size)} mm (extent in the base frame)"))
         rows.append(("Camera to target", f"{digits(away.min(), 3)} m to {digits(away.max(), 3)} m"))
         if (recorded := _recorded(result.data)) is not None:

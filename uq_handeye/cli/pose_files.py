@@ -203,7 +203,7 @@ class StreamFiles:
                 **({} if arm is None or side != "robot" else arm.of_files),
             )
             for (file, side, frame), units, format, quaternion in zip(
-                files, self.both_units, self._formats, self._quaternions, strict=True
+                files, self.both_units, self.formats, self.quaternions, strict=True
             )
         )
         LOG.debug("%d poses of the robot, %d of the camera", len(robot), len(camera))
@@ -227,11 +227,13 @@ class StreamFiles:
         return self.robot_units or self.units, self.camera_units or self.units
 
     @property
-    def _formats(self) -> tuple[str | None, str | None]:
+    def formats(self) -> tuple[str | None, str | None]:
+        """Formats of the robot file and the camera file; None: detected."""
         return self.robot_format or self.format, self.camera_format or self.format
 
     @property
-    def _quaternions(self) -> tuple[str | None, str | None]:
+    def quaternions(self) -> tuple[str | None, str | None]:
+        """Quaternion orders of the robot file and the camera file; None: that of the format."""
         return self.robot_quaternion or self.quaternion, self.camera_quaternion or self.quaternion
 
     def _shown(self, arm: Arm | None = None) -> str:
@@ -424,8 +426,8 @@ class PoseFiles(StreamFiles):
                 self.robot,
                 setup=self.setup,
                 units=self.both_units,
-                format=self._formats,
-                quaternion=self._quaternions,
+                format=self.formats,
+                quaternion=self.quaternions,
                 robot_frame=self.robot_frame,
                 **of_arm,
             )
@@ -434,8 +436,8 @@ class PoseFiles(StreamFiles):
             self.camera,
             setup=self.setup,
             units=self.both_units,
-            format=self._formats,
-            quaternion=self._quaternions,
+            format=self.formats,
+            quaternion=self.quaternions,
             robot_frame=self.robot_frame,
             camera_frame=self.camera_frame,
             pair=how,

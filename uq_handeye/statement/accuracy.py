@@ -111,14 +111,14 @@ def parts_of(budget: Budget) -> tuple[Part, ...]:
     along = budget.standard_in_worst_direction()
     squares: dict[str, Array] = {}
     for source, move, turn in zip(budget.sources, along["X translation"], along["X rotation"], strict=True):
-        name = _part_name(source, together)
+        name = part_name(source, together)
         squares[name] = squares.get(name, np.zeros(2)) + np.square([move, turn])
     scale = np.maximum(np.sum(list(squares.values()), axis=0), 1e-300)
     order = sorted(squares, key=lambda name: -float((squares[name] / scale).max()))
     return tuple(Part(name, *map(_steady, np.sqrt(squares[name]).tolist())) for name in order)
 
 
-def _part_name(source: str, together: bool) -> str:
+def part_name(source: str, together: bool) -> str:
     """Return the part that a source of the budget belongs to."""
     if source.startswith("correlated ") or source.endswith(IN_TIME):
         return "correlated errors"

@@ -9,8 +9,8 @@ import typer
 
 from ...errors import InputError, NotConvergedError
 from ...runtime.progress import working
-from ..groups import ESTIMATION, OUTPUT
-from ..messages import LOG, command_line, progress_wanted, quiet, timed, withheld
+from ..groups import ESTIMATION, OUTPUT, POSE_FILES
+from ..messages import LOG, command_line, fail, progress_wanted, quiet, timed, withheld
 from ..options.arm import Arm, arm_of
 from ..options.common import (
     AT_THE_BOUND,
@@ -35,6 +35,7 @@ from ..outcome import Wanted, emit_refusal, emit_result, json_of, wanted_of
 from ..pose_files import PoseFiles
 from ..starting_point import problem_for
 from ..views import pictures_of
+from ..watching import Session, arrivals_of
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
@@ -173,6 +174,17 @@ def calibrate_command(
         bool,
         flag("--with-cross-check", panel=OUTPUT, help="Report with Monte Carlo and posterior; takes a minute."),
     ] = False,
+    watch: Annotated[
+        Path | None,
+        option(
+            "--watch",
+            metavar="DIR",
+            panel=POSE_FILES,
+            help="Folder in which poses arrive one by one: an answer after each, with the pose to take next. "
+            "Growing files robot.csv and camera.csv, or files robot* and camera* with a pose each, or files that hold "
+            "both sides (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
     output: ResultFolder = None,
 ) -> int:
@@ -213,6 +225,29 @@ def calibrate_command(
         if prior is not None:
             raise InputError("The noise and a prior of it are both given. Give one of them.")
         prior = given.one_side
+    options: dict[str, Any] = {
+        "method": method,
+        "pairs": pairs,
+        "scale": scale,
+        "kind": kind,
+        "covariance": one_of(covariance, "--covariance", COVARIANCE_NAMES),
+        "robust": robust,
+        "prior": prior,
+        "seed": seed,
+        "correlation": one_of(correlation, "--correlation", ("auto", "none")),
+        **beforehand,
+    }
+    if watch is not None:
+        if arm is not None:
+            raise InputError("--watch takes robot poses, not --joints. Calibrate with the joints afterwards.")
+        session = Session(arrivals_of(watch, files, pictures, output), given, options, wanted, output, as_json)
+        found = session.run()
+        if found is None:
+            return fail("No X: the poses that arrived do not determine it.")
+        found = replace(found, about=wishes.about)
+        return _deliver(
+            found, Files(output, report, not no_compare, None, wishes.of_report), wanted, as_json, threshold
+        )
     with withheld() as shown:
         poses, noise, shared = files.read_open(given, pictures, prior, arm)
         selection = files.selection(poses)
@@ -221,18 +256,9 @@ def calibrate_command(
                 result = calibrate(
                     poses,
                     noise=noise,
-                    method=method,
-                    pairs=pairs,
-                    scale=scale,
-                    kind=kind,
-                    covariance=one_of(covariance, "--covariance", COVARIANCE_NAMES),
-                    robust=robust,
-                    prior=prior,
-                    seed=seed,
-                    correlation=one_of(correlation, "--correlation", ("auto", "none")),
                     shared=shared,
                     exclude=None if selection is None else selection.excluded.tolist(),
-                    **beforehand,
+                    **options,
                     **({} if arm is None else arm.of_calibrate),
                 )
             result, last = touched.included_in(result)
