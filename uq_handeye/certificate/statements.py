@@ -63,7 +63,7 @@ def conditions_of(result: Calibration) -> list[tuple[str, str]]:
         away = np.linalg.norm(data.camera[:, :3, 3], axis=1)
         rows.append(("Robot positions", f"{' x '.join(f'{x:.0f}' for x in size)} mm (extent in the base frame)"))
         rows.append(("Camera to target", f"{digits(away.min(), 3)} m to {digits(away.max(), 3)} m"))
-        if (recorded := _recorded(result.data)) is not None:
+        if (recorded := _recorded(data)) is not None:
             rows.append(("Recorded", recorded))
     if result.analysis is not None:
         shares = " / ".join(f"{100 * share:.0f}" for share in result.analysis.diagnostics.diversity.share)
