@@ -245,7 +245,7 @@ def calibrate_command(
         if found is None:
             return fail("No X: the poses that arrived do not determine it.")
         found = replace(found, about=wishes.about)
-        return _deliver(
+        return deliver_result(
             found, Files(output, report, not no_compare, None, wishes.of_report), wanted, as_json, threshold
         )
     with withheld() as shown:
