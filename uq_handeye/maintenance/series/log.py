@@ -325,8 +325,9 @@ def _noise_of_pictures(result: Checkable, poses: PosePairs) -> PoseNoise:
     """
     seen = poses.camera_calibration
     assert seen is not None
-    before = result.data.camera_calibration if isinstance(result.data, PosePairs) else None
-    same = before is not None and np.array_equal(before.camera_matrix, seen.camera_matrix)
+    data = result.counted
+    before = data.camera_calibration if isinstance(data, PosePairs) else None
+    same = before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters)
     return PoseNoise(
         robot=own_noise(result, "robot"), camera=np.asarray(seen.covariance.own) if same else seen.covariance
     )
