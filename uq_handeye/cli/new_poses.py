@@ -26,7 +26,7 @@ class StoredArm(Arm):
     chain_of_result: "Kinematics"
 
     @property
-    def kinematics(self) -> "Kinematics":  # type: ignore[override]
+    def kinematics(self) -> "Kinematics":
         """Kinematic chain."""
         return self.chain_of_result
 

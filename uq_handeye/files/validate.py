@@ -168,7 +168,7 @@ def _not_finite(data: Any) -> str | None:
             return "" if abs(data) > _LARGEST else None
         return "" if isinstance(data, float) and not math.isfinite(data) else None
     named = isinstance(data, dict)
-    for name, part in data.items() if named else enumerate(data):
+    for name, part in data.items() if isinstance(data, dict) else enumerate(data):
         if type(part) is float and math.isfinite(part):
             continue
         found = "" if isinstance(part, bool) and not named else _not_finite(part)
