@@ -1,4 +1,4 @@
-"""What several tests of one study share."""
+"""Cases that several tests of one study share."""
 
 import importlib
 from functools import cache

@@ -140,7 +140,7 @@ def test_noise_estimated_and_published_methods(poses):
 
 
 def test_rows_of_noise_pairs_and_columns(poses):
-    """What is given by pose or by pair is that of the poses that are left."""
+    """Noise and options by pose or by pair are those of the poses that are left."""
     S = np.broadcast_to(NOISE.camera, (24, 6, 6)) * np.linspace(1, 2, 24)[:, None, None]
     F = np.random.default_rng(0).normal(size=(24, 6, 1))
     pairs = np.stack([np.arange(23), np.arange(1, 24)], axis=-1)

@@ -22,7 +22,7 @@ def whitened(result, X):
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_poses_taken_in_are_the_fit_of_all(setup):
-    """With a shared error, whose estimate moves with them."""
+    """A shared error, whose estimate moves with X and W."""
     data = uq.simulate(24, setup=setup, noise=NOISE, seed=2)
     options = {"noise": NOISE, "shared": [uq.SharedError.focal_length(0.003)], "robust": False, "method": "ml"}
     first, both = quietly(data.rows(range(16)), **options), quietly(data, **options)

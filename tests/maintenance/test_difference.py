@@ -18,15 +18,16 @@ SETS = {
     "subset": (np.arange(16), np.arange(30)),
 }
 TRIALS = 25
+SIGNS = np.repeat([1.0, -1.0], 6)  # of X and of W
 
 
 def fitted(poses, **options):
     return quietly(poses, robust=False, **options)
 
 
-def mean_of_six(squares):
-    """Probability of a mean of d^2 of six numbers at least as far from 6."""
-    p = stats.chi2.cdf(np.sum(squares), 6 * len(squares))
+def mean_of(k, squares):
+    """Probability of a mean of d^2 of k numbers at least as far from k."""
+    p = stats.chi2.cdf(np.sum(squares), k * len(squares))
     return 2 * min(p, 1 - p)
 
 
@@ -34,16 +35,24 @@ def mean_of_six(squares):
     ("case", "setup"), [("independent", "eye-in-hand"), ("overlapping", "eye-to-hand"), ("subset", "eye-in-hand")]
 )
 def test_the_covariance_is_that_of_the_differences(case, setup):
-    """Over simulated pairs; the sum of both covariances counts the common poses twice, and is far too large."""
-    squares, twice = [], []
+    """Mean of d^2 over simulated pairs, of X and of X and W together.
+
+    The sum of both covariances counts the common poses twice and is far too large. So is the d^2 of both
+    together where W has the wrong sign against X.
+    """
+    squares, twice, together, reversed_W = [], [], [], []
+    signs = np.outer(SIGNS, SIGNS)
     for seed in range(TRIALS):
         poses = uq.simulate(30, noise=NOISE, setup=setup, seed=seed)
         old, new = (fitted(poses.rows(rows), noise=NOISE) for rows in SETS[case])
         found = uq.difference(old, new)
         squares.append(found.d2)
+        together.append(stats.chi2.isf(found.p_value, 12))
+        reversed_W.append(found.xi @ np.linalg.solve(signs * found.covariance, found.xi))
         twice.append(found.xi[:6] @ np.linalg.solve(old.covariance + new.covariance, found.xi[:6]))
-    assert mean_of_six(squares) > 1e-3
-    assert case == "independent" or mean_of_six(twice) < 1e-4
+    assert min(mean_of(6, squares), mean_of(12, together)) > 1e-3
+    assert case == "independent" or mean_of(6, twice) < 1e-4
+    assert mean_of(12, reversed_W) < 1e-4
     assert found.common == len(np.intersect1d(*SETS[case]))
 
 

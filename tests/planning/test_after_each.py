@@ -1,4 +1,4 @@
-"""What is said after each pose: accuracy, the next pose, what limits X."""
+"""Report after each pose: accuracy, the next pose, what limits X."""
 
 import numpy as np
 import pytest

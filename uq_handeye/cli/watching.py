@@ -145,7 +145,7 @@ def settled(look: Callable[[], State], pause: Callable[[float], None]) -> Iterat
 
 @dataclass(frozen=True)
 class Session:
-    """What is asked after each pose, and where the result goes."""
+    """Request that is answered after each pose, and where the result goes."""
 
     arrivals: Arrivals
     given: Given

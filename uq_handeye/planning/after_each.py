@@ -1,4 +1,4 @@
-r"""What to say after each pose of a session: the accuracy so far, the next pose, and whether more poses help.
+r"""Report after each pose of a session: the accuracy so far, the next pose, and whether more poses help.
 
 Model: the mean squared error of points at the distance of the target, ``c(S) = tr(S_tau) + 2/3 length^2 tr(S_theta)``
 (criterion ``trace`` of `planning.plan`), in which S is the whole covariance of X. A planned pose lowers it by as much

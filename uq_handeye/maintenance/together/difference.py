@@ -89,12 +89,12 @@ class Difference(ReadOnlyArrays):
 
     @cached_property
     def p_value_W(self) -> float | None:
-        """That of W; None where it has no covariance."""
+        """Probability of a difference of W at least as large; None where W has no covariance."""
         return None if len(self.xi) < 12 else self._p_value(slice(6, 12))
 
     @cached_property
     def p_value(self) -> float:
-        """That of X and W together."""
+        """Probability of a difference of X and W together at least as large."""
         return self._p_value(slice(0, len(self.xi)))
 
     @property

@@ -136,7 +136,7 @@ def _of_columns(old: LinearMap, new: LinearMap, common: list[tuple[int, int]], s
 
 
 def _thing(name: str) -> str:
-    """What an error is of; the robot's have many names."""
+    """Return the thing that an error belongs to; the robot's have many names."""
     group = group_of(name)
     if group == FOCAL_LENGTH or group.startswith(PRINCIPAL_POINT):
         return CAMERA
@@ -163,7 +163,7 @@ def _of_intrinsics(old: LinearMap, new: LinearMap, in_new: Any, in_old: Any, sam
 
 
 def _of_prior(old: Fit, new: Fit) -> Array:
-    """What was known of X and W beforehand: one measurement where both have the same."""
+    """Prior knowledge of X and W: one measurement where both have the same."""
     parts = [{} if fit.prior is None else fit.prior.to_dict() for fit in (old, new)]
     gains = [_gain_of_prior(fit) for fit in (old, new)]
     if parts[0] == parts[1]:

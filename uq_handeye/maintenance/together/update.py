@@ -144,7 +144,7 @@ def require_unchanged(result: Calibration, poses: PosePairs, noise: PoseNoise | 
         cause = f", probably {found.cause}" if found.cause is not None else ""
         raise InputError(
             f"The new poses contradict the result ({probability(found.p_value)}): something has changed{cause}. Look "
-            "at uq-handeye check, and calibrate anew; or update all the same (--although-changed)."
+            "at uq-handeye check, and calibrate again; or update all the same (--although-changed)."
         )
 
 
