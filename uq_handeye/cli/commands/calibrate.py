@@ -240,6 +240,8 @@ def calibrate_command(
     if watch is not None:
         if arm is not None:
             raise InputError("--watch takes robot poses, not --joints. Calibrate with the joints afterwards.")
+        if touched.touches is not None:
+            raise InputError("--watch takes no --touches. Calibrate with the touches afterwards.")
         session = Session(arrivals_of(watch, files, pictures, output), given, options, wanted, output, as_json)
         found = session.run()
         if found is None:
