@@ -33,6 +33,8 @@ SHOWN = [
         f"docs/how-to/{name}.md"
         for name in (
             "camera",
+            "certificate",
+            "check",
             "cluster",
             "codegen",
             "controller",
@@ -42,6 +44,7 @@ SHOWN = [
             "opencv",
             "ros",
             "shared_errors",
+            "update",
             "validation",
             "check_series",
             "verify",

@@ -45,6 +45,14 @@ class ChangeCheck(ReadOnlyArrays):
     distances : (m,)
         Squared distance of each pose from what the others and the calibration predict; 6 on average.
     findings : tuple of Finding
+    level : float
+        Probability of a false alarm.
+    n_poses, n_calibrated : int
+        New poses, and those of the calibration (None: not stored).
+    tolerance : str or None
+        Change that matters, as given.
+    focal_length_px : float or None
+        In which an image centre is printed.
     """
 
     status: str
