@@ -24,9 +24,9 @@ BINS = 20
 SETS = 4  # of robot poses for each calibration
 # Calibrations of a cell; checks of each without a change, and of each size. Estimating the noise takes time.
 CALIBRATIONS, CHECKS, SIZES = (
-    {"given": 500, "estimated": 200},
-    {"given": 4, "estimated": 10},
-    {"given": 2, "estimated": 5},
+    {"given": 500, "estimated": 1000},
+    {"given": 4, "estimated": 2},
+    {"given": 2, "estimated": 1},
 )
 
 
@@ -52,7 +52,7 @@ def single_checks(full: bool) -> dict[str, pd.DataFrame]:
 
 def checks_of(of: Rig, noise: str, k: int, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
     """Checks without a change, of each size, and of causes."""
-    first = [evidence_of_poses(of.result, of.poses(which, rng)) for which in range(SETS)]
+    first = [evidence_of_poses(of.result, of.poses(which, rng)) for which in range(min(SETS, CHECKS[noise]))]
     references = [reference_of_poses(of.result, evidence) for evidence in first]
 
     def p_value(which: int, cause: str = "", size: Any = 0.0) -> float:
