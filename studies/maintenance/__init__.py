@@ -4,7 +4,7 @@
 
 Simulated rigs, eye-in-hand and eye-to-hand, with noise given and estimated (robot 0.02 deg and 0.05 mm, camera 0.1 deg
 and 0.5 mm; nothing shared): 15 poses calibrate, 5 new ones check. With ``--full`` 500 calibrations for each
-cell with noise given, 200 with noise estimated:
+cell with noise given, 1,000 with noise estimated:
 
 - 2,000 checks without a change: false alarms at the 5 % level, with the standard error of means by calibration;
 - X moved in a random direction by what should be found in 30, 60 and 90 %;

@@ -59,6 +59,8 @@ class Difference(ReadOnlyArrays):
         In the camera frame, m: as far ahead as the target was.
     lever : (3, 6)
         How that point moves, in the parent frame of X, with xi of X.
+    scale : (12, 12) or (6, 6)
+        Covariance of old plus new, by which rounding is told.
     dof : float or None
         Degrees of freedom of the noise that was estimated; None: it was given.
     """
