@@ -114,6 +114,10 @@ class Verification(ReadOnlyArrays):
         The direction in which a bias is known least, base frame.
     tool : (3,) or None
         An unknown tool's offset, estimated minus given, flange frame, m, if there is no bias.
+    tool_std : (3,) or None
+        Its standard deviations, m.
+    tool_sd : float
+        What was assumed of the tool's offset per axis, m; infinite: unknown.
     needed : tuple of Needed
     next : tuple of NextTouch
     findings : tuple of Finding
