@@ -128,11 +128,12 @@ def test_every_caution_of_the_program_has_a_phrase():
     import uq_handeye.calibration.calibrate  # noqa: F401  registers the sentences
 
     elsewhere = ("synchronisation.", "sweep.", "posterior.", "monte_carlo.", "stored.", "tests.", "verification.")
+    elsewhere += ("maintenance.",)
     notes = {
         *("diagnostics.direction", "diagnostics.joint_spectrum", "diagnostics.turning", "diagnostics.information"),
         *("diagnostics.strong_row", "diagnostics.not_tested", "diagnostics.gaussian", "diagnostics.no_pattern"),
         *("diagnostics.scale_unknown", "diagnostics.halves_too_small", "diagnostics.halves_without_freedom"),
-        *("diagnostics.half_fails", "diagnostics.many_halves", "calibration.prior_agrees"),
+        *("diagnostics.half_fails", "diagnostics.many_halves", "calibration.prior_agrees", "calibration.excluded"),
         *("calibration.shared_confounded", "kinematics.against_controller", "camera.bent_edges"),
     }
     known = set(all_findings._SENTENCES)
