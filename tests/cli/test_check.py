@@ -15,9 +15,11 @@ from uq_handeye.simulation.rig import RIGS
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     at = tmp_path_factory.mktemp("check")
-    uq.calibrate(uq.simulate(15, noise=MODEL, seed=3), noise=MODEL).to_json(at / "result.json")
+    old = uq.simulate(15, noise=MODEL, seed=3)
+    uq.calibrate(old, noise=MODEL).to_json(at / "result.json")
     moved = perturb(RIGS["eye-in-hand"][0], np.array([0, 0, 0.02, 0.004, 0, 0]))
     for name, poses in (
+        ("old", old),
         ("same", uq.simulate(5, noise=MODEL, seed=4)),
         ("one", uq.simulate(1, noise=MODEL, seed=5)),
         ("moved", uq.simulate(5, noise=MODEL, seed=6, X=moved)),
@@ -82,6 +84,14 @@ def test_refused_in_one_line(folder, options, says):
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert says in done.stderr
+
+
+def test_poses_of_the_calibration_are_no_check(folder):
+    done = check(folder, "old")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "were used by the calibration itself" in done.stderr
+    done = run("check", folder / "result.json", folder / "result.json")
+    assert done.returncode == 2 and "is a result of uq-handeye; expected poses" in done.stderr
 
 
 def test_pictures_need_a_camera(folder):

@@ -60,8 +60,12 @@ def test_a_result_with_touches_is_stored_and_takes_them_once(tmp_path):
     np.testing.assert_array_equal(again.X, found.X)
     assert again.headline == found.headline and "8 touched points" in found.accuracy.included
     assert "8 touched points are part of the result and agree" in str(again.findings[-1])
+    one = Finding("evidence.touches_used", "note", {"count": 1, "d2": 1.0, "dof": 3, "p_value": 0.8, "rms": 1e-3})
+    assert "1 touched point is part of the result and agrees" in str(one)
     with pytest.raises(uq.InputError, match="a touch counts once"):
         uq.include_touches(again, case)
+    with pytest.raises(uq.InputError, match="Verify with others"):
+        uq.verify(again, case)
     wrong = type(case)(**(vars(case) | {"touched": case.touched + 0.01}))
     contradicted = uq.include_touches(calibration("eye-in-hand", rng), wrong)
     assert any("8 touched points" in text and "contradict" in text for text in contradicted.warnings)

@@ -216,6 +216,8 @@ def test_a_result_without_poses_is_updated_by_its_posterior(options, close):
     assert max(off) < close < 0.5 * np.linalg.norm(_off(start, whole) / whole.std)
     assert apart(forward, backward) < 0.01 and forward.n_poses == ALL
     again = stored(forward)
+    why = {check.name: check.text for check in again.checks}
+    assert {why[name] for name in ("outliers", "residuals", "two halves")} == {"the result holds no residuals of poses"}
     assert again.findings[-1].code == "maintenance.by_posterior" and "updated the joint" in str(again.findings[-1])
     with pytest.raises(uq.InputError, match="made with these poses already"):
         uq.update(again, second)

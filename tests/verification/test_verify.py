@@ -64,6 +64,9 @@ def test_a_bias_is_an_exit_status_and_an_answer(cell):
     assert max(map(len, done.stdout.splitlines())) <= 80
     same = run("verify", folder / "result.json", folder / "same.csv", *DEVIATIONS)
     assert same.returncode == 0 and same.stdout.startswith("AGREES: 8 touches agree")
+    short = run("verify", folder / "result.json", folder / "moved.csv", *DEVIATIONS, "--quiet")
+    assert short.returncode == 4 and short.stdout.startswith("CONTRADICTED by a bias")
+    assert short.stdout.count("\n") <= 2
 
 
 def test_millimetres_are_recognised(cell):

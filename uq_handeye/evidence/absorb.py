@@ -24,7 +24,7 @@ from ..poses.to_dict import sha256_of
 from ..prediction.fitted_kinematics import FittedKinematics
 from .evidence import Evidence
 from .state import Calibrated, joint_posterior_of
-from .touches import Touches, evidence_of_touches, with_tool
+from .touches import Touches, TouchEvidence, evidence_of_touches, with_tool
 
 # p-value below which touches contradict the poses.
 CONTRADICTS = 0.05
@@ -39,15 +39,20 @@ class Origin(Protocol):
     def sources(self) -> tuple[Source, ...]: ...
 
 
-class Absorbing(Calibrated, Protocol):
+class Sourced(Calibrated, Protocol):
+    """Interface of a calibration that knows its origin."""
+
+    @property
+    def provenance(self) -> Any: ...
+
+
+class Absorbing(Sourced, Protocol):
     """Interface of a calibration that can take in evidence."""
 
     @property
     def covariance_kind(self) -> str: ...
     @property
     def findings(self) -> tuple[Finding, ...]: ...
-    @property
-    def provenance(self) -> Any: ...
 
 
 C = TypeVar("C", bound=Absorbing)
@@ -108,6 +113,21 @@ def absorbed_into(result: C, evidence: Evidence, finding: Finding, options: Mapp
     return replace(result, **parts)  # type: ignore[type-var]
 
 
+def touches_taken(result: Sourced) -> list[dict[str, Any]]:
+    """Return the sets of touches that a calibration has taken in, of its provenance."""
+    return [] if result.provenance is None else list(result.provenance.options.get("touches", []))
+
+
+def require_other_touches(result: Sourced, touches: Touches, evidence: TouchEvidence) -> None:
+    """Raise `InputError` for touches that are part of the calibration: they cannot verify it."""
+    if _key_of(touches, evidence) in (one["sha256"] for one in touches_taken(result)):
+        raise InputError("These touches are part of the calibration and cannot test it. Verify with others.")
+
+
+def _key_of(touches: Touches, evidence: TouchEvidence) -> str:
+    return sha256_of(touches.seen, touches.touched if touches.touched is not None else evidence.r + evidence.at)
+
+
 def include_touches(result: C, touches: Touches) -> C:
     """Return a calibration with points that were seen and touched taken in.
 
@@ -127,9 +147,8 @@ def include_touches(result: C, touches: Touches) -> C:
         As `verify`; a calibration that has taken in these touches already.
     """
     evidence = evidence_of_touches(result, touches)
-    key = sha256_of(touches.seen, touches.touched if touches.touched is not None else evidence.r + evidence.at)
-    used = [] if result.provenance is None else list(result.provenance.options.get("touches", []))
-    if any(one["sha256"] == key for one in used):
+    key, used = _key_of(touches, evidence), touches_taken(result)
+    if key in (one["sha256"] for one in used):
         raise InputError("The calibration has taken in these touches already: a touch counts once.")
     known = touches.tool_known
     d2, dof = evidence.d2, evidence.dof

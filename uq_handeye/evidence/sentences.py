@@ -9,13 +9,14 @@ from ..formatting.numbers import digits, probability
 @sentence("evidence.touches_used")
 def _(count: int, d2: float, dof: int, p_value: float, rms: float) -> str:
     touches = "1 touched point is" if count == 1 else f"{count} touched points are"
+    agree, they, contradict = ("agrees", "it", "contradicts") if count == 1 else ("agree", "they", "contradict")
     fit = f"d^2 {digits(d2)} of {dof}, {probability(p_value, 2)}; {digits(1e3 * rms, 2)} mm RMS before"
     if p_value < 0.05:
         return (
-            f"{touches} part of the result, and they contradict the poses ({fit}). Find the cause with uq-handeye "
-            "verify, or calibrate without them."
+            f"{touches} part of the result, and {they} {contradict} the poses ({fit}). Find the cause with uq-handeye "
+            f"verify, or calibrate without {'it' if count == 1 else 'them'}."
         )
     return (
-        f"{touches} part of the result and agree with the poses ({fit}). Residuals, diagnostics and budget are those "
+        f"{touches} part of the result and {agree} with the poses ({fit}). Residuals, diagnostics and budget are those "
         "of the poses alone."
     )

@@ -40,6 +40,8 @@ def is_message(value: Any) -> bool:
 
 def read_json(tree: Any, name: str) -> Contents:
     """The poses of a tree."""
+    if isinstance(tree, dict) and str(tree.get("format", "")).startswith("uq-handeye calibration"):
+        raise InputError(f"{name} is a result of uq-handeye; expected poses (the command export reads results).")
     if isinstance(tree, dict) and ONE_SIDE in tree and not set(tree) & set(POSE_NAMES):
         return Contents(only=_side(tree[ONE_SIDE], name, f", {ONE_SIDE}", None, tree.get("timestamps")))
     if samples_of(tree):
@@ -48,8 +50,6 @@ def read_json(tree: Any, name: str) -> Contents:
         return Contents(only=_side(tree, name, "", None, None))
     if not isinstance(tree, dict):
         raise InputError(f'{name}: expected a list of poses or {{"robot": [...], "camera": [...]}}, got {got(tree)}.')
-    if str(tree.get("format", "")).startswith("uq-handeye calibration"):
-        raise InputError(f"{name} is a result of uq-handeye; expected poses (the command export reads results).")
     setup = tree.get("setup")
     if setup is not None and setup not in SETUPS:
         raise InputError(f"{name}, setup: expected {' or '.join(SETUPS)}, got {got(setup)}.")

@@ -31,6 +31,7 @@ from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck
 from .misread import misread
 from .noise_uncertainty import Estimated, reference_of_poses
 from .power import Detectable, detectable_changes
+from .together.joined_poses import common_poses
 
 # Level of the test: the share of false alarms.
 LEVEL = 0.05
@@ -76,8 +77,8 @@ def check(
     Raises
     ------
     InputError
-        A calibration without joint covariance, of another setup, or with a part of X open; poses without the joints
-        that it needs; noise or level that cannot be used.
+        A calibration without joint covariance, of another setup, or with a part of X open; poses that the calibration
+        used itself, or without the joints that it needs; noise or level that cannot be used.
 
     Examples
     --------
@@ -91,6 +92,7 @@ def check(
         raise InputError(f"Expected `level` to lie between 0 and 0.5, got {level!r}.")
     accepted = None if tolerance is None else Tolerance.read(tolerance)
     evidence = evidence_of_poses(result, poses, noise, joints)
+    _require_new(result, poses)
     reference = reference_of_poses(result, evidence)
     columns = columns_of_causes(evidence, poses.setup)
     detectable = detectable_changes(
@@ -141,6 +143,17 @@ def check(
         tolerance=None if accepted is None else str(accepted),
         focal_length_px=next((one.focal_length_px for one in result.shared if one.focal_length_px), None),
     )
+
+
+def _require_new(result: Estimated, poses: PosePairs) -> None:
+    """Raise `InputError` where a pose was used by the calibration: its errors are those of X, and show no change."""
+    used = result.counted
+    if isinstance(used, PosePairs) and (twice := common_poses(used, poses)):
+        first = twice[0][0]
+        raise InputError(
+            f"{len(twice)} of the {poses.n} poses were used by the calibration itself (the first: pose {first}): they "
+            "cannot show a change. Check new poses."
+        )
 
 
 def _moved(causes: Causes) -> Any:

@@ -250,7 +250,9 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
         )
     given = None if robot is None else as_transforms(robot, "robot", stack=False)
     if joints is None and fitted is not None and fitted.how != EXACT:
-        raise InputError("The errors of this arm are known by its joints: expected `joints`, got only `robot`.")
+        raise InputError(
+            "The errors of this arm are known by its joints: expected `joints` (--joints FILE.csv), got only `robot`."
+        )
     place: dict[str, int] = {name: k for k, name in enumerate(posterior.names)}
     if joints is not None:
         assert fitted is not None

@@ -29,6 +29,9 @@ from .phrases import (
 )
 from .stated import Stated, distance_of
 
+# Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior alone.
+_WITH_RESIDUALS = ("efficient", "ml", "bundle")
+
 Status = Literal["ok", "caution", "failed", "not run"]
 STATUSES: tuple[Status, ...] = get_args(Status)
 # Beyond these standard deviations X is not determined: a rotation (rad), a translation in distances of the target.
@@ -132,14 +135,15 @@ def _without_findings(name: str, result: Stated) -> Check:
         return Check(name, "ok", "rows, units and frames fit together")
     if name == OUTLIERS:
         if result.table is None:
-            why = f"needs the methods efficient or ml, not {result.method}"
-            return Check(name, "not run", "no noise, given or estimated" if result.covariance is None else why)
+            return Check(name, "not run", _without_residuals(result))
         excluded = f"; {len(result.excluded)} excluded by request" if result.excluded else ""
         return Check(name, "ok", f"none of {len(result.table.counted)} {result.table.item}s{excluded}")
     if name == NOISE:
         return _of_noise(result)
     if result.analysis is None:
-        why = "no noise, given or estimated" if result.covariance is None else f"not made for method {result.method}"
+        why = f"not made for method {result.method}"
+        if result.covariance is None or result.method in _WITH_RESIDUALS:
+            why = _without_residuals(result)
         return Check(name, "not run", why)
     if name in (NEIGHBOURS, RESIDUALS):
         return _of_residuals(name, result)
@@ -164,7 +168,16 @@ def _of_noise(result: Stated) -> Check:
         return Check(NOISE, "not run", "no noise, given or estimated")
     if isinstance(estimate, NoiseEstimate):
         return Check(NOISE, "not run", "the noise was estimated from the same residuals")
-    return Check(NOISE, "not run", f"needs the methods efficient or ml, not {result.method}")
+    return Check(NOISE, "not run", _without_residuals(result))
+
+
+def _without_residuals(result: Stated) -> str:
+    """Return why there are no residuals of poses to look at."""
+    if result.covariance is None:
+        return "no noise, given or estimated"
+    if result.method in _WITH_RESIDUALS:
+        return "the result holds no residuals of poses"
+    return f"needs the methods efficient or ml, not {result.method}"
 
 
 def _of_residuals(name: str, result: Stated) -> Check:

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import InputError
-from ..evidence.state import Calibrated
+from ..evidence.absorb import Sourced, require_other_touches
 from ..evidence.touches import Touches, TouchEvidence, evidence_of_touches
 from ..findings import Finding
 from ..formatting.units import parse_deviations, parse_length
@@ -27,7 +27,7 @@ SHOWN = 0.5e-3
 _EXPLAINS = 10.0
 
 
-class Verified(Calibrated, Protocol):
+class Verified(Sourced, Protocol):
     """Interface of a calibration, as far as touches need it."""
 
     @property
@@ -132,6 +132,7 @@ def verify(
         )  # fmt: skip
     require_metres(result, touches)
     evidence = evidence_of_touches(result, touches)
+    require_other_touches(result, touches, evidence)
     known = touches.tool_known
     noise_dof = result.reference.dof if result.reference.kind == "F" else None
     assessed = assess(evidence, known, noise_dof)

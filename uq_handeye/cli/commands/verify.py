@@ -90,16 +90,13 @@ def verify_command(
         written = deliver(output, {"verification.json": plain, "points.csv": _csv(found)})
     if as_json:
         emit(plain)
-    elif not quiet():
-        from ...presentation.document import Paragraph, document_of
-
-        emit_document([*document_of(found), *([[Paragraph(written.strip(), hang="  ")]] if written else [])])
+    else:
+        _emit(found, written)
     return CONTRADICTED if found.contradicted else 0
 
 
 def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_json: bool, output: Path | None) -> int:
     from ...io import json_text, read_poses
-    from ...presentation.document import document_of
     from ...verification.new_poses import verify_poses
 
     data = read_poses(*poses, setup=stored.setup, units=one_of(touching.units, "--units", UNITS))
@@ -108,11 +105,20 @@ def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_
     written = "" if output is None else deliver(output, {"verification.json": plain})
     if as_json:
         emit(plain)
-    elif not quiet():
-        from ...presentation.document import Paragraph
-
-        emit_document([*document_of(found), *([[Paragraph(written.strip(), hang="  ")]] if written else [])])
+    else:
+        _emit(found, written)
     return CONTRADICTED if found.contradicted else 0
+
+
+def _emit(found: Any, written: str) -> None:
+    """Print the document of a verification; with --quiet the answer only."""
+    from ...presentation.document import Paragraph, document_of
+
+    document: Any = document_of(found)
+    if quiet():
+        emit_document([document[0][:1]])
+    else:
+        emit_document([*document, *([[Paragraph(written.strip(), hang="  ")]] if written else [])])
 
 
 def _points(path: Path) -> "Array":
