@@ -216,3 +216,13 @@ def test_causes_at_three_times_what_shows(results, setup):
             assert name in [cause.name for cause in causes.candidates]
             found.append(named is not None or name == "image centre")
     assert np.mean(found) > 0.85
+
+
+def test_an_assumed_accuracy_that_hides_changes_is_said():
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    old, new = uq.simulate(15, noise=noise, seed=1), uq.simulate(6, seed=2)
+    result = uq.calibrate(uq.PosePairs(old.robot, old.camera))
+    found = uq.check(result, uq.PosePairs(new.robot, new.camera))
+    assert found.status == "unchanged" and [one.code for one in found.findings] == ["maintenance.overstated"]
+    declared = uq.calibrate(uq.PosePairs(old.robot, old.camera), shared=[])
+    assert uq.check(declared, uq.PosePairs(new.robot, new.camera)).findings == ()

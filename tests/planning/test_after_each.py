@@ -1,5 +1,7 @@
 """Report after each pose: accuracy, the next pose, what limits X."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -33,7 +35,9 @@ def test_the_gain_is_what_the_pose_brings(result, poses):
         return np.sqrt(np.trace(S[3:, 3:]) + 2 / 3 * length**2 * np.trace(S[:3, :3]))
 
     assert ahead.gain == pytest.approx(1 - size(after.covariance) / size(result.covariance), abs=0.01)
-    assert 0.05 < ahead.gain < 0.3 and str(ahead).startswith(f"the next pose would gain {100 * ahead.gain:.0f} %")
+    assert 0.05 < ahead.gain < 0.3 and not ahead.least
+    assert str(ahead).startswith(f"the next pose would gain {100 * ahead.gain:.0f} %; take")
+    assert " % or more; take" in str(replace(ahead, least=True))
 
 
 def test_one_or_two_lines(result):

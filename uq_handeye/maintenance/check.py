@@ -38,6 +38,8 @@ LEVEL = 0.05
 # Without a tolerance: poses that would miss a shift of this share of the distance of the target, or a rotation of this
 # angle (rad), cannot say that nothing has changed.
 BLIND = 0.01
+# A p-value above which what is assumed of the robot is larger than the new poses show.
+OVERSTATED = 0.99
 
 
 def check(
@@ -122,6 +124,8 @@ def check(
         coarse = _coarse(detectable, accepted, evidence)
         status = UNCHANGED if coarse is None else CANNOT_TELL
         findings += [] if coarse is None else [coarse]
+        if p_value > OVERSTATED and any(one.accuracy is not None and one.default for one in result.shared):
+            findings.append(Finding("maintenance.overstated", "note"))
     moved = _moved(causes)
     return ChangeCheck(
         status=status,

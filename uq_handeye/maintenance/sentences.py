@@ -83,6 +83,14 @@ def _(
     )
 
 
+@sentence("maintenance.overstated")
+def _() -> str:
+    return (
+        "The poses agree better than they should: the robot accuracy that the calibration assumes is larger than they "
+        "show. Declare it (calibrate --robot-accuracy), and smaller changes show."
+    )
+
+
 @sentence("maintenance.by_posterior")
 def _(old: int, new: int) -> str:
     return (

@@ -41,11 +41,13 @@ class NextPose:
 
     robot: Array  # (4, 4) base_T_gripper
     gain: float  # by which it lowers the standard deviation of a point at the distance of the target, relative
+    least: bool = False  # noise estimated from few poses: what a further one says of it comes to the gain
 
     def __str__(self) -> str:
         x, y, z = 1e3 * self.robot[:3, 3]
         a, b, c = np.degrees(logarithm(self.robot[:3, :3]))
         gain = f"{100 * self.gain:.0f} %" if self.gain >= 0.005 else "less than 1 %"
+        gain += " or more" if self.least else ""
         return (
             f"the next pose would gain {gain}; take base_T_gripper x {x:.0f} y {y:.0f} z {z:.0f} mm, rotation vector "
             f"x {a:.0f} y {b:.0f} z {c:.0f} deg"
@@ -74,7 +76,8 @@ def next_pose(
         return NextPose(found.robot[0], float("nan"))
     size = _mean_square(result.covariance, found.length)
     saved = float(found.criterion_before - found.criterion_values[0])
-    return NextPose(found.robot[0], 1.0 - float(np.sqrt(max(size - saved, 0.0) / size)))
+    least = result.noise_estimate is not None and (result.n_poses or 0) < ENOUGH
+    return NextPose(found.robot[0], 1.0 - float(np.sqrt(max(size - saved, 0.0) / size)), least)
 
 
 def words_after(result: Calibration, verdict: Verdict | None, ahead: NextPose | None) -> list[str]:
