@@ -136,7 +136,7 @@ def _table(found: Verification) -> Table:
                 f"{1e3 * np.sqrt(np.trace(points.covariance[k]) / 3.0):.3f}"
                 if np.isfinite(points.std[k]).all()
                 else "",
-                f"{p:.2g}" if np.isfinite(p) else "",
+                probability(p, 2).removeprefix("p = ").removeprefix("p ") if np.isfinite(p) else "",
                 "differs" if points.flagged[k] else "",
             ]
         )
