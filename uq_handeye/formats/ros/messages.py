@@ -1,0 +1,137 @@
+"""Poses in messages of ROS, told by the names of their fields: of a text as nested dicts, of a bag as objects.
+
+Fields as in ros/common_msgs and ros2/common_interfaces (``geometry_msgs/msg``: Pose, PoseStamped, PoseArray,
+PoseWithCovarianceStamped, TransformStamped; ``nav_msgs/msg/Odometry``), ros2/geometry2 (``tf2_msgs/msg/TFMessage``),
+AprilRobotics/apriltag_ros (``AprilTagDetectionArray``, with poses), pal-robotics/aruco_ros (``aruco_msgs/MarkerArray``)
+and JMU-ROBOTICS-VIVA/ros2_aruco (``ArucoMarkers``). Metres; quaternions by the names x, y, z, w. A pose is that of the
+child in the frame of the header: ``parent_T_child``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+# Transforms and poses of one message.
+MOST = 10_000
+
+
+class Stamped(NamedTuple):
+    """One pose ``parent_T_child`` of a message."""
+
+    time: float | None  # s; None without a header
+    parent: str
+    child: str
+    numbers: tuple[float, ...]  # x, y, z, qx, qy, qz, qw
+
+    @property
+    def pair(self) -> str:
+        """``parent:child`` as the options name it."""
+        return pair_text(self.parent, self.child)
+
+
+class MessageError(Exception):
+    """Error of a message: what it lacks, in a few words."""
+
+
+def pair_text(parent: str, child: str) -> str:
+    """Return ``parent:child``; a message may leave one of them out."""
+    return f"{parent or '?'}:{child or '?'}"
+
+
+def frame_name(text: Any) -> str:
+    """Return the name of a frame; ROS 1 may put a slash before it."""
+    return str(text or "").strip().removeprefix("/")
+
+
+def part(value: Any, name: str) -> Any:
+    """Return a field of a message, or None."""
+    return value.get(name) if isinstance(value, dict) else getattr(value, name, None)
+
+
+def stamp_of(header: Any) -> float | None:
+    """Return the time of a header in seconds, or None if it has none."""
+    stamp = part(header, "stamp")
+    for names in (("sec", "nanosec"), ("secs", "nsecs")):
+        whole, rest = (part(stamp, name) for name in names)
+        if whole is not None and rest is not None:
+            return number(whole, "stamp") + 1e-9 * number(rest, "stamp")
+    return None
+
+
+def number(value: Any, name: str) -> float:
+    """Return a number, or raise `MessageError`."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise MessageError(f"a number in {name}") from None
+
+
+def poses_in(message: Any) -> list[Stamped]:
+    """Return every pose of a message, in its order; raises `MessageError` if it holds none."""
+    found = _poses(message, None, "", "")
+    if found is None:
+        raise MessageError("a pose or a transform")
+    return found
+
+
+def _poses(value: Any, time: float | None, parent: str, child: str) -> list[Stamped] | None:
+    """Return the poses of a message or of a part of it; None if it is none that is known."""
+    header = part(value, "header")
+    if header is not None:
+        time, parent = stamp_of(header), frame_name(part(header, "frame_id")) or parent
+    named = part(value, "child_frame_id")
+    child = child if named is None else frame_name(named)
+    if part(value, "translation") is not None and part(value, "rotation") is not None:
+        return [_numbers(value, ("translation", "rotation"), time, parent, child)]
+    if part(value, "position") is not None and part(value, "orientation") is not None:
+        return [_numbers(value, ("position", "orientation"), time, parent, child)]
+    for name in ("transforms", "detections", "markers"):
+        items = part(value, name)
+        if items is not None:
+            items = _listed(items, name)
+            return [one for item in items for one in _poses(item, time, parent, _marker(item)) or []]
+    poses, ids = part(value, "poses"), part(value, "marker_ids")
+    if poses is not None:
+        items = _listed(poses, "poses")
+        names = [f"pose_{k}" for k in range(len(items))] if len(items) > 1 else [child]
+        if ids is not None:
+            names = [f"marker_{number(k, 'marker_ids'):.0f}" for k in _listed(ids, "marker_ids")]
+        if len(names) != len(items) and items:
+            raise MessageError("as many marker_ids as poses")
+        return [one for item, name in zip(items, names, strict=False) for one in _poses(item, time, parent, name) or []]
+    for name in ("transform", "pose"):
+        if (inner := part(value, name)) is not None:
+            return _poses(inner, time, parent, child)
+    return None
+
+
+def _listed(value: Any, name: str) -> list[Any]:
+    try:
+        items = list(value)
+    except TypeError:
+        raise MessageError(f"a list of {name}") from None
+    if len(items) > MOST:
+        raise MessageError(f"at most {MOST} {name}")
+    return items
+
+
+def _marker(item: Any) -> str:
+    """Return the name of a tag or marker by its number: tag_3 of apriltag_ros, marker_3 of aruco_msgs."""
+    ids, name = part(item, "id"), "marker_"
+    if ids is None:
+        return ""
+    if part(item, "size") is not None or not isinstance(ids, int | float):
+        name = "tag_"
+    values = _listed(ids, "id") if not isinstance(ids, int | float | str) else [ids]
+    return name + "_".join(f"{number(k, 'id'):.0f}" for k in values)
+
+
+def _numbers(value: Any, names: tuple[str, str], time: float | None, parent: str, child: str) -> Stamped:
+    fields = []
+    for name, axes in zip(names, ("xyz", "xyzw"), strict=True):
+        inner = part(value, name)
+        for axis in axes:
+            if (entry := part(inner, axis)) is None:
+                raise MessageError(f"{name}.{axis}")
+            fields.append(number(entry, f"{name}.{axis}"))
+    return Stamped(time, parent, child, tuple(fields))

@@ -1,0 +1,111 @@
+"""Output of ``ros2 topic echo`` (ROS 2) and ``rostopic echo`` (ROS 1): messages that hold poses, ``---`` after each.
+
+Read are Pose, PoseStamped, PoseWithCovarianceStamped, TransformStamped, TFMessage, Odometry and what else `messages`
+names; of ``ros2 topic echo --csv`` PoseStamped, PoseWithCovarianceStamped and TransformStamped, whose columns are
+sec, nanosec, frame_id(, child_frame_id), x, y, z, qx, qy, qz, qw. Sources: ``ros2topic/ros2topic/verb/echo.py`` in
+ros2/ros2cli with ``rosidl_runtime_py/convert.py`` in ros2/rosidl_runtime_py; ``tools/rostopic`` in ros/ros_comm.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from ...errors import InputError
+from ...files.lines import is_number
+from ..contents import Contents
+from .echo import EchoError, messages_of
+from .messages import MessageError, Stamped, frame_name, poses_in
+from .side import side_of
+
+_FIRST = re.compile(
+    r"^\s*(header|transforms|transform|translation|pose|position|poses|detections|markers|child_frame_id):\s*$",
+    re.MULTILINE,
+)
+_PART = re.compile(r"^[\s-]*(position|translation):\s*$", re.MULTILINE)
+_NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
+# Numbers after the frames of the lines of --csv: a pose, and one with its covariance.
+_COUNTS = (7, 43)
+# Fields that a message names.
+NAMED = 10
+
+
+def is_ros_topic(head: str) -> bool:
+    """Return whether a text is what the tools print: fields by indentation, or lines of --csv."""
+    lines = [line for line in head.split("\n") if line.strip() and not line.lstrip().startswith("#")]
+    if not lines:
+        return False
+    if _csv_row(lines[0]) is not None:
+        return True
+    first = next((k for k, line in enumerate(lines[:50]) if _FIRST.match(line)), None)
+    return first is not None and bool(_PART.search(head)) and not any(line[:1] in "{[<" for line in lines[: first + 1])
+
+
+def read_ros_topic(text: str, name: str) -> Contents:
+    """Return the poses of a text; several pairs of frames are refused by their names."""
+    notes: list[str] = []
+    records, lines = [], []
+    for line, found in records_of(text, name, notes):
+        records += found
+        lines += [line] * len(found)
+    if not records:
+        raise InputError(f"{name}: expected messages with poses or transforms, got none.")
+    return side_of(records, lines, name, notes)
+
+
+def records_of(text: str, name: str, notes: list[str]) -> Iterator[tuple[int, list[Stamped]]]:
+    """Yield the poses of each message with its line; a message that is cut off at the end is left out, and noted."""
+    first = next((line for line in text.split("\n") if line.strip() and not line.lstrip().startswith("#")), "")
+    if _csv_row(first) is not None:
+        yield from _csv_records(text, name)
+        return
+    begun = False
+    for line, fields, error, ended in messages_of(text):
+        try:
+            if error is not None:
+                raise error
+            found = poses_in(fields)
+        except (EchoError, MessageError) as problem:
+            if begun and not ended:
+                notes.append("the last message is cut off, and left out")
+                return
+            if isinstance(problem, EchoError):
+                raise InputError(f"{name}, line {problem.line}: {problem}.") from None
+            raise InputError(
+                f"{name}, the message at line {line}: expected {problem}, got the fields "
+                f"{', '.join(list(fields)[:NAMED]) or 'none'}; echo a topic of poses or /tf (docs/how-to/ros.md)."
+            ) from None
+        begun = True
+        yield line, found
+
+
+def _csv_row(line: str) -> Stamped | None:
+    """Return the pose of a line of --csv; None for any other line."""
+    fields = [field.strip() for field in line.strip().split(",")]
+    if len(fields) < 10 or not (fields[0].isdecimal() and fields[1].isdecimal() and int(fields[1]) < 10**9):
+        return None
+    frames = 2
+    while frames < len(fields) and not is_number(fields[frames].encode()):
+        frames += 1
+    count = len(fields) - frames
+    if frames not in (3, 4) or count not in _COUNTS or (count == 43 and frames == 4):
+        return None
+    if not all(is_number(field.encode()) for field in fields[frames:]):
+        return None
+    numbers = tuple(map(float, fields[frames : frames + 7]))
+    if abs(sum(q * q for q in numbers[3:]) - 1.0) > 2e-3:
+        return None
+    parent, child = frame_name(fields[2]), frame_name(fields[3]) if frames == 4 else ""
+    return Stamped(float(fields[0]) + 1e-9 * float(fields[1]), parent, child, numbers)
+
+
+def _csv_records(text: str, name: str) -> Iterator[tuple[int, list[Stamped]]]:
+    for number, line in enumerate(text.split("\n"), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if (found := _csv_row(line)) is None:
+            raise InputError(
+                f"{name}, line {number}: expected sec,nanosec,frame_id,{','.join(_NAMES)} as ros2 topic echo --csv "
+                "prints a PoseStamped, got another line."
+            )
+        yield number, [found]
