@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import glob
 import os
-import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -27,6 +26,7 @@ from scipy.spatial import KDTree
 
 from ..errors import InputError, InputWarning, require_integer
 from ..files.lines import short
+from ..files.many import natural
 from ..files.open import StrPath, as_path, opened, shown
 from ..files.source import Source
 from ..formatting.units import parse_length
@@ -317,12 +317,6 @@ def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
     names = _names(paths)
     note = f"{board}, squares of {1e3 * board.side:g} mm; the hash is of all pictures one after the other"
     return Source(f"{names[0]} to {names[-1]} ({len(paths)})", "pictures", size, total.hexdigest(), (note,))
-
-
-def natural(path: Path) -> tuple[Any, ...]:
-    """Sorts numbers within names by their value: img2 before img10."""
-    parts = re.split(r"(\d+)", str(path))
-    return tuple((int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)), str(path)
 
 
 def _names(paths: list[Path]) -> list[str]:

@@ -91,16 +91,16 @@ class StreamFiles:
         ),
     ] = None
     units: Annotated[
-        str,
+        str | None,
         option(
             "--units",
             of=UNITS,
             metavar="UNIT",
             panel=POSE_FILES,
             common=True,
-            help=f"Length unit of both files. One of {', '.join(UNITS)}.",
+            help=f"Length unit of both files. One of {', '.join(UNITS)}. Default: as the format says, else m.",
         ),
-    ] = "m"
+    ] = None
     robot_units: Annotated[
         str | None,
         option(
@@ -119,6 +119,35 @@ class StreamFiles:
             metavar="UNIT",
             panel=POSE_FILES,
             help="Length unit of the camera file. Default: --units.",
+        ),
+    ] = None
+    rotation: Annotated[
+        str | None,
+        option(
+            "--rotation",
+            metavar="FORM",
+            panel=POSE_FILES,
+            help="Rotations of both files, e.g. ZYX-deg. Euler angles by their axes and unit (ZYX-deg: rotated axes; "
+            "xyz-rad: fixed axes), rotvec-rad, rotvec-deg, xyzw, wxyz, or transposed matrices. Default: as the format "
+            "says.",
+        ),
+    ] = None
+    robot_rotation: Annotated[
+        str | None,
+        option(
+            "--robot-rotation",
+            metavar="FORM",
+            panel=POSE_FILES,
+            help="Rotations of the robot file. Default: --rotation.",
+        ),
+    ] = None
+    camera_rotation: Annotated[
+        str | None,
+        option(
+            "--camera-rotation",
+            metavar="FORM",
+            panel=POSE_FILES,
+            help="Rotations of the camera file. Default: --rotation.",
         ),
     ] = None
     quaternion: Annotated[
@@ -198,12 +227,12 @@ class StreamFiles:
                 side,
                 units=units,
                 format=format,
-                quaternion=quaternion,
+                rotation=rotation,
                 frame=frame,
                 **({} if arm is None or side != "robot" else arm.of_files),
             )
-            for (file, side, frame), units, format, quaternion in zip(
-                files, self.both_units, self.formats, self.quaternions, strict=True
+            for (file, side, frame), units, format, rotation in zip(
+                files, self.both_units, self.formats, self.rotations, strict=True
             )
         )
         LOG.debug("%d poses of the robot, %d of the camera", len(robot), len(camera))
@@ -222,8 +251,8 @@ class StreamFiles:
         return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
     @property
-    def both_units(self) -> tuple[str, str]:
-        """Length units of the robot file and the camera file."""
+    def both_units(self) -> tuple[str | None, str | None]:
+        """Length units of the robot file and the camera file; None: as the format says, else m."""
         return self.robot_units or self.units, self.camera_units or self.units
 
     @property
@@ -232,9 +261,20 @@ class StreamFiles:
         return self.robot_format or self.format, self.camera_format or self.format
 
     @property
-    def quaternions(self) -> tuple[str | None, str | None]:
-        """Quaternion orders of the robot file and the camera file; None: that of the format."""
-        return self.robot_quaternion or self.quaternion, self.camera_quaternion or self.quaternion
+    def rotations(self) -> tuple[str | None, str | None]:
+        """Forms of the rotations of the robot file and the camera file; None: as the format says."""
+        return (
+            self._one_form("robot", self.robot_rotation, self.robot_quaternion),
+            self._one_form("camera", self.camera_rotation, self.camera_quaternion),
+        )
+
+    def _one_form(self, role: str, form: str | None, order: str | None) -> str | None:
+        """Return what --rotation or --quaternion says of one side; its own options win."""
+        if form is not None and order is not None:
+            raise InputError(f"--{role}-rotation and --{role}-quaternion are both given. Remove one of them.")
+        if self.rotation is not None and self.quaternion is not None:
+            raise InputError("--rotation and --quaternion are both given. Remove one of them.")
+        return form or order or self.rotation or self.quaternion
 
     def _shown(self, arm: Arm | None = None) -> str:
         robot = arm.shown if self.robot is None and arm is not None else str(self.robot)
@@ -357,7 +397,7 @@ class PoseFiles(StreamFiles):
                 raise InputError("--joints needs camera poses. Add their file, or the folder of uq-handeye camera.")
             files = replace(self, robot=None, camera=first)
         if files.robot is None:
-            of_robot = ("robot_format", "robot_units", "robot_quaternion")
+            of_robot = ("robot_format", "robot_units", "robot_rotation", "robot_quaternion")
             wrong = [f"--{name.replace('_', '-')}" for name in of_robot if getattr(files, name) is not None]
             if wrong := wrong + ["--robot-frame"] * (files.robot_frame != ROBOT_FRAMES[0]):
                 raise InputError(f"{', '.join(wrong)}: for a file of robot poses, not for --joints. Remove the option.")
@@ -368,7 +408,7 @@ class PoseFiles(StreamFiles):
     ) -> "tuple[PosePairs, Noise | None]":
         """Return the poses, and their noise if that of the samples is given."""
         how = one_of(self.pair, "--pair", PAIRINGS)
-        if pictures is not None or (self.camera is not None and self.camera.is_dir()):
+        if pictures is not None or (self.camera is not None and _is_camera_folder(self.camera)):
             self._refuse_of_files("--images" if pictures is not None else f"the folder {self.camera}", how)
         if pictures is not None and self.camera is not None:
             raise InputError(
@@ -409,6 +449,7 @@ class PoseFiles(StreamFiles):
             "--pair": how != "rows",
             "--camera-format": self.camera_format is not None,
             "--camera-units": self.camera_units is not None,
+            "--camera-rotation": self.camera_rotation is not None,
             "--camera-quaternion": self.camera_quaternion is not None,
             "--camera-frame": self.camera_frame != CAMERA_FRAMES[0],
         }
@@ -427,7 +468,7 @@ class PoseFiles(StreamFiles):
                 setup=self.setup,
                 units=self.both_units,
                 format=self.formats,
-                quaternion=self.quaternions,
+                rotation=self.rotations,
                 robot_frame=self.robot_frame,
                 **of_arm,
             )
@@ -437,12 +478,21 @@ class PoseFiles(StreamFiles):
             setup=self.setup,
             units=self.both_units,
             format=self.formats,
-            quaternion=self.quaternions,
+            rotation=self.rotations,
             robot_frame=self.robot_frame,
             camera_frame=self.camera_frame,
             pair=how,
             **of_arm,
         )
+
+
+def _is_camera_folder(path: Path) -> bool:
+    """Return whether a folder is that of a calibrated camera, not one of pose files."""
+    if not path.is_dir():
+        return False
+    from ..camera.files.folder import is_camera_folder
+
+    return is_camera_folder(path)
 
 
 def missing_robot(instead: str = ", or --joints and --urdf") -> InputError:

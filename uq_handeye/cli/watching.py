@@ -78,7 +78,7 @@ class Arrivals:
             "setup": files.setup,
             "units": files.both_units,
             "format": files.formats,
-            "quaternion": files.quaternions,
+            "rotation": files.rotations,
             "robot_frame": files.robot_frame,
         }
 
@@ -104,7 +104,7 @@ class Arrivals:
 
     @staticmethod
     def _in_order(paths: Iterator[Path]) -> list[Path]:
-        from ..camera.board import natural
+        from ..files.many import natural
 
         return sorted((path for path in paths if path.is_file() and path.name[0] != "."), key=natural)
 

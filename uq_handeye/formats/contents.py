@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..formatting.units import LENGTH_UNITS
 from ..geometry.checks import TOO_LONG, as_transforms, first_duplicate
 from ..geometry.se3 import Array, inverse
-
-ORDERS = ("xyzw", "wxyz")
+from .rotation_form import MATRICES, QUATERNIONS, RotationForm, rotation_form
 
 # The frames in which poses are used, and those that are inverted first.
 FRAMES = {
@@ -28,6 +26,21 @@ NORM_TOLERANCE = 1e-3
 COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
+@dataclass(frozen=True)
+class Reading:
+    """A way to read the numbers of a pose: the ``format`` that says so, the form of the rotation, the length unit.
+
+    ``units`` None: as for any file.
+    """
+
+    format: str
+    rotation: str
+    units: str | None = None
+
+    def __str__(self) -> str:
+        return f"{self.format} ({self.rotation}{'' if self.units is None else f', {self.units}'})"
+
+
 @dataclass(frozen=True, eq=False)
 class Side:
     """n poses of one sensor as they stand in a file.
@@ -36,7 +49,7 @@ class Side:
     ----------
     name : the file, for messages
     translation : (n, 3), in the unit of the file
-    rotation : (n, 3, 3) matrices, or (n, 4) quaternions as they stand in the file
+    rotation : (n, 3, 3) matrices, or the numbers (n, 4) or (n, 3) of each as they stand in the file
     timestamps : (n,) seconds, or None
     rows : (n,) line or item number of each pose, for messages
     counted : what ``rows`` number: "line", "sample", "pose"
@@ -44,6 +57,9 @@ class Side:
     columns : names of timestamp, translation and quaternion in messages
     frame : what the file itself says the poses are, one of `FRAMES`, or None
     units : length unit that the file itself says, or None
+    readings : what the numbers of the rotation may be. None: matrices, or quaternions of ``order``. One: no doubt.
+        Several: the other side decides (`io.readings`), or who reads.
+    labels : where each pose stands, for messages, in place of ``rows``
     """
 
     name: str
@@ -56,12 +72,16 @@ class Side:
     columns: tuple[str, ...] = COLUMNS
     frame: str | None = None
     units: str | None = None
+    readings: tuple[Reading, ...] = ()
+    labels: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.translation)
 
     def at(self, k: int) -> str:
         """Pose k in words: ``robot.csv, line 12``."""
+        if self.labels:
+            return f"{self.name}, {self.labels[k]}"
         number = k if self.rows is None else self.rows[k]
         return f"{self.name}, {self.counted} {number}"
 
@@ -102,52 +122,76 @@ def require_units(units: Any) -> float:
     return LENGTH_UNITS[units]
 
 
-def finished(side: Side, role: str, units: str, quaternion: str | None, frame: str) -> Array:
+def finished(side: Side, role: str, units: str | None, rotation: str | None, frame: str) -> Array:
     """Poses (n, 4, 4) in metres, ``base_T_gripper`` or ``camera_T_target``.
 
     Parameters
     ----------
     side : what the file holds
     role : "robot" or "camera"
-    units : unit of the translations, unless the file says it
-    quaternion : "xyzw", "wxyz" or None, the order in which the four numbers stand in the file; None: `Side.order`
+    units : unit of the translations; None: as the file says, or its only reading, else m
+    rotation : text of a `RotationForm`, what the numbers of the rotation are; None: as the file says
     frame : one of `FRAMES`; the first is that of the file, if the file names one, and the second inverts
 
     Raises
     ------
     InputError
         Numbers that are not finite, repeated timestamps, quaternions whose norm is not 1 within 1e-3 (the others are
-        normalised), an order of quaternions for matrices.
+        normalised), a form of rotation that the numbers cannot have, several readings.
     """
-    factor = require_units(units)
+    form, reading = _form(side, role, rotation)
+    unit = units or side.units or (None if reading is None else reading.units) or "m"
+    factor = require_units(unit)
     if side.units is not None:
-        if units not in ("m", side.units):  # m is what is left out
+        if units not in (None, "m", side.units):  # m may be meant for the other file
             raise InputError(
                 f"{side.name} names its translations in {side.units}, and `units` (--units, --{role}-units) says "
                 f"{units}: leave `units` out, or correct the names of the columns."
             )
         factor = require_units(side.units)
     check_numbers(side)
-    if quaternion is not None and quaternion not in ORDERS:
-        raise InputError(f"Expected `quaternion` (--quaternion) to be xyzw or wxyz, got {quaternion!r}.")
     poses: Array = np.zeros((len(side), 4, 4))
-    if side.rotation.ndim == 3:
-        if quaternion is not None:
-            raise InputError(
-                f"{side.name} holds rotation matrices, and no order of quaternions applies to it: leave "
-                f"`quaternion` out for the {role} (--{role}-quaternion, --quaternion)."
-            )
-        poses[:, :3, :3] = side.rotation
-    else:
-        order = quaternion or side.order
-        q = side.rotation if order == "xyzw" else np.roll(side.rotation, -1, axis=1)
-        poses[:, :3, :3] = Rotation.from_quat(q).as_matrix()
+    poses[:, :3, :3] = form.decode(side.rotation)
     poses[:, :3, 3] = side.translation * factor
     poses[:, 3, 3] = 1.0
     usual, inverted = FRAMES[role]
     if not isinstance(frame, str) or frame not in (usual, inverted):
         raise InputError(f"Expected `{role}_frame` (--{role}-frame) to be {usual} or {inverted}, got {frame!r}.")
     return inverse(poses) if inverted in (frame, side.frame) else poses
+
+
+def _form(side: Side, role: str, rotation: str | None) -> tuple[RotationForm, Reading | None]:
+    """The form of the rotation, and the reading that it is of where the file leaves no doubt."""
+    k = 9 if side.rotation.ndim == 3 else side.rotation.shape[1]
+    if rotation is not None:
+        form = rotation_form(rotation)
+        if form.numbers == k:
+            same = [reading for reading in side.readings if reading.rotation == rotation]
+            readings = same or list(side.readings)
+            units = {reading.units for reading in readings}
+            return form, readings[0] if len(units) == 1 else None
+        what = {9: "rotation matrices", 4: "quaternions", 3: "three numbers per rotation"}[k]
+        known = {9: " or ".join(MATRICES), 4: " or ".join(QUATERNIONS), 3: "Euler angles or a rotation vector"}[k]
+        raise InputError(
+            f"{side.name} holds {what}, and {rotation} does not apply to it: expected {known}. Leave `rotation` "
+            f"out for the {role} (--{role}-rotation, --rotation, --{role}-quaternion, --quaternion)."
+        )
+    if not side.readings:
+        return rotation_form({9: "matrix", 4: side.order}[k]), None
+    if len(side.readings) > 1:
+        raise doubtful(side, role)
+    return rotation_form(side.readings[0].rotation), side.readings[0]
+
+
+def doubtful(side: Side, role: str, why: str = "") -> InputError:
+    """Return the error of several readings of one file, with the options that choose one of them."""
+    names = ", ".join(map(str, side.readings))
+    first = side.readings[0]
+    same = all(reading.format == first.format for reading in side.readings)
+    option = f"--{role}-rotation {first.rotation}" if same else f"--{role}-format {first.format}"
+    return InputError(
+        f"{side.name}: the rotations may be {names}{why}. Say which, e.g. {option} (docs: From the robot's controller)."
+    )
 
 
 def check_numbers(side: Side) -> None:
@@ -171,7 +215,7 @@ def check_numbers(side: Side) -> None:
             f"{side.at(twins[1])}, column {side.columns[0]}: {side.timestamps[twins[1]].item()!r} repeats the one of "
             f"{first}; every pose needs its own (without times, number the rows 0, 1, 2, ...)."
         )
-    if side.rotation.ndim == 3:
+    if side.rotation.shape[1:] != (4,):
         return
     with np.errstate(over="ignore"):  # an infinite norm is as wrong as a large one
         norms = np.sqrt(np.einsum("ij,ij->i", side.rotation, side.rotation))

@@ -14,17 +14,20 @@ from ..files import lines as _lines
 from ..files import trees as _trees
 from ..files.fields import POSE_NAMES, got
 from ..files.lines import is_number, short
+from ..files.many import is_many, paths_of
 from ..files.open import Hashed, opened, require_size, shown
 from ..files.source import Source
 from .contents import COLUMNS, Contents
 from .csv_poses import read_csv
-from .easy_handeye import read_easy_handeye, read_easy_handeye2
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
-from .moveit import NAMES as MOVEIT_NAMES
-from .moveit import read_moveit
+from .many_files import joined_contents
 from .numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from .numpy_poses import read_npy, read_npz
 from .opencv_storage import PAIRS, is_storage, read_opencv
+from .ros.easy_handeye import read_easy_handeye, read_easy_handeye2
+from .ros.moveit import NAMES as MOVEIT_NAMES
+from .ros.moveit import read_moveit
+from .texts import TEXTS, named_by
 from .tum import names_order, read_tum
 
 # What each is, in a few words, for help texts.
@@ -38,6 +41,7 @@ FORMATS = {
     "moveit": "samples of MoveIt calibration, YAML",
     "opencv": "FileStorage with R_gripper2base, t_gripper2base, R_target2cam, t_target2cam",
     "json": "robot and camera, lists of 4x4 matrices or of translation and quaternion",
+    **{name: known.about for name, known in TEXTS.items()},
 }
 
 _TABLES: dict[str, Callable[[BinaryIO, str], Contents]] = {"csv": read_csv, "tum": read_tum}
@@ -60,13 +64,24 @@ _log = logging.getLogger("uq_handeye")
 
 
 def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
-    """Read the content of a file, and its `Source`, whose notes say what was found out.
+    """Read the content of a file, of a folder or of a pattern, and its `Source`, whose notes say what was found out.
 
     Raises `InputError` for what cannot be read, in the words of the reader of the format; and for a content that is of
     no format or of several.
     """
     if format is not None and (not isinstance(format, str) or format not in FORMATS):
         raise InputError(f"Expected `format` (--format) to be one of {', '.join(FORMATS)}, got {format!r}.")
+    if is_many(path):
+        paths = paths_of(path)
+        contents, source = joined_contents(shown(path), paths, [_of_file(one, format) for one in paths])
+    else:
+        contents, source = _of_file(path, format)
+    for note in source.notes:
+        _log.info("%s: %s", shown(path), note)
+    return contents, source
+
+
+def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
     name = shown(path)
     with opened(path, _lines.MAX_BYTES) as raw:
         hashed = Hashed(raw)
@@ -85,14 +100,11 @@ def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
     notes = list(contents.notes)
     if format is None and _SUFFIXES.get(path.suffix.lower()) != found:
         notes.insert(0, f"read as {found}, by its content")
-    source = Source(shown(Path(path.name)), found, hashed.size, hashed.digest.hexdigest(), tuple(notes))
-    for note in notes:
-        _log.info("%s: %s", name, note)
-    return contents, source
+    return contents, Source(shown(Path(path.name)), found, hashed.size, hashed.digest.hexdigest(), tuple(notes))
 
 
 def _of(format: str) -> str:
-    return format if format in _TABLES or format in _ARRAYS else "tree"
+    return format if format in _TABLES or format in _ARRAYS or format in TEXTS else "tree"
 
 
 def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name: str) -> tuple[str, Contents]:
@@ -108,6 +120,8 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
     data = b"".join(pieces)
     if kind in _ARRAYS:
         return kind, _ARRAYS[kind](data, name)
+    if kind in TEXTS:
+        return kind, TEXTS[kind].read(_text(data), name)
     tree = _trees.parse_tree(data, name)
     found = format or _tree_format(tree, name)
     try:
@@ -117,6 +131,15 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         if found in others or not others:
             raise
         raise InputError(f"{error} It looks like {' or '.join(others)}.") from error
+
+
+def _text(data: bytes) -> str:
+    """Text of a controller or a tool, which need not be UTF-8 in its comments."""
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def _looks_like(head: bytes, name: str, format: str) -> str | None:
@@ -138,6 +161,12 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
         return "npy"
     if head.startswith(b"\x1f\x8b"):
         raise InputError(f"{name} is compressed by gzip; unpack it first.")
+    if b"\0" not in head and (named := named_by(_text(head))):
+        if len(named) > 1:
+            raise InputError(
+                f"{name}: the content fits {' and '.join(named)}; say which of them by `format` (--format)."
+            )
+        return named[0]
     lines = (line.strip() for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n"))
     first = next((line for line in lines if line and not line.startswith(b"#")), b"")
     if not first:

@@ -14,7 +14,8 @@ from ..errors import InputError
 from ..files.lines import decoded, is_number, rows_of, short
 from .columns import meaning
 from .contents import COLUMNS as USUAL
-from .contents import ORDERS, Contents, Side
+from .contents import Contents, Side
+from .rotation_form import QUATERNIONS
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
@@ -32,7 +33,7 @@ def names_order(words: list[bytes]) -> str | None:
     """The order of the quaternion in a line of names of the columns, or None for any other line."""
     meant = [meaning(word.decode("utf-8", errors="replace")) for word in words]
     order = "".join(column[-1] for column in meant[4:] if column.startswith("q"))
-    return order if meant[:4] == list(USUAL[:4]) and order in ORDERS else None
+    return order if meant[:4] == list(USUAL[:4]) and order in QUATERNIONS else None
 
 
 def read_tum(file: BinaryIO, name: str) -> Contents:

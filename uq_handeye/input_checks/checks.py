@@ -15,11 +15,12 @@ from ..errors import DegenerateMotionError
 from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array, block, inverse, inverse_jacobian, skew
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
+from ..poses.consistency import LARGE_ROTATION
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import median, pose_residuals, rotation_angles
 from ..procrustes.degeneracy import DEGENERATE, infinite_directions
-from .misread_files import EXACT, LARGE_ROTATION, other_readings, scaled_reading
+from .misread_files import EXACT, other_readings, scaled_reading
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
 # unless the noise explains it.

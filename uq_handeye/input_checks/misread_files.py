@@ -1,8 +1,8 @@
-"""Other readings of the two files that would fit (setup, direction, quaternion order, unit), and how to ask for them.
+"""Other readings of the two files that would fit (setup, direction, rotations, unit), and how to ask for them.
 
 `checks` asks where X does not explain the poses. A reading is a dictionary of plain values: its ``kind`` ("inverse
-robot", "inverse camera", "quaternion", "scale") and what belongs to it; `sentences` names the argument of `read_poses`
-and the option.
+robot", "inverse camera", "quaternion", "transposed", "scale") and what belongs to it; `sentences` names the argument of
+`read_poses` and the option.
 """
 
 from __future__ import annotations
@@ -15,24 +15,20 @@ from scipy.spatial.transform import Rotation
 from ..errors import DegenerateMotionError
 from ..formatting.units import LENGTH_UNITS
 from ..geometry.se3 import Array, inverse
+from ..poses.consistency import LARGE_ROTATION, consistency
 from ..poses.pose_pairs import PosePairs
-from ..poses.residuals import pose_residuals
 from ..procrustes.limit import solve_limit
 
-# Rotation residual (rad) beyond which another reading of the files is looked for.
-LARGE_ROTATION = np.radians(2.0)
 # Data without noise, from a simulation, say nothing about noise (rad, or share of the travel).
 EXACT = 1e-7
 # Of two readings that fit, the worse is named if its translation residuals are below so many times those of the better.
 ALIKE = 4.0
 # Another reading fits if its translation residuals are below this share of the travel of the robot.
 FITS = 0.2
-# Pairs that the search for another reading looks at.
-SEARCH_PAIRS = 2000
 
 
 def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str, Any]]:
-    """The inversions, quaternion orders or units that would make W constant in rotation *and* translation; two at most.
+    """The inversions, orders, transpositions or units that make W constant in rotation *and* translation; two at most.
 
     If ``G X C = W`` is constant, so is ``inv(G) W inv(C) = X``: inverting one of the two lists breaks the fit,
     inverting the other as well restores it with the roles of X and W exchanged. So inversions come in twos.
@@ -43,6 +39,12 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
         ({"kind": "inverse robot", "setup": other}, inverse(G), C),
         ({"kind": "inverse camera"}, G, inverse(C)),
     ]
+    turned = _transposed(poses.robot)
+    turned, seen = (turned if poses.setup == "eye-in-hand" else inverse(turned)), _transposed(C)
+    candidates += [
+        ({"kind": "transposed", "file": file}, *pair)
+        for file, pair in (("robot", (turned, C)), ("camera", (G, seen)), (None, (turned, seen)))
+    ]
     for shift_by, order in ((-1, "wxyz"), (1, "xyzw")):
         robot, camera = _reordered_robot(poses, shift_by), _reordered(C, shift_by)
         candidates += [
@@ -52,7 +54,7 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
     fitting: list[tuple[float, dict[str, Any]]] = []
     largest = FITS * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))
     for reading, robot, camera in candidates:
-        fit = _fit(robot, camera)
+        fit = consistency(robot, camera)
         if fit is not None and fit[1] > largest:
             continue
         # Two files in the same wrong order agree in rotation; only their translations tell.
@@ -75,7 +77,7 @@ def scaled_reading(G: Array, C: Array, shift: float) -> dict[str, Any] | None:
         return None
     camera = C.copy()
     camera[:, :3, 3] *= scale
-    fit = _fit(G, camera)
+    fit = consistency(G, camera)
     if fit is None or fit[1] >= 0.4 * shift:
         return None
     file, unit = next(
@@ -88,21 +90,6 @@ def scaled_reading(G: Array, C: Array, shift: float) -> dict[str, Any] | None:
         (None, None),
     )
     return {"kind": "scale", "factor": scale, "file": file, "unit": unit}
-
-
-def _fit(G: Array, C: Array) -> tuple[float, float, float] | None:
-    """RMS rotation and translation of W about its mean, and |t_X|, of X fitted to some of the pairs."""
-    n = len(G)
-    lag = np.unique(np.linspace(1, n - 1, max(1, SEARCH_PAIRS // n)).astype(int))
-    i = np.concatenate([np.arange(n - k) for k in lag])
-    j = np.concatenate([np.arange(k, n) for k in lag])
-    A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
-    try:
-        X = solve_limit(A, B)
-    except DegenerateMotionError:
-        return None
-    angle, distance = pose_residuals(G, C, X)
-    return float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2))), float(np.linalg.norm(X[:3, 3]))
 
 
 def _scaled_camera(G: Array, C: Array) -> float | None:
@@ -118,6 +105,13 @@ def _scaled_camera(G: Array, C: Array) -> float | None:
     M = np.concatenate([A[:, :3, :3] - np.eye(3), -(R @ B[:, :3, 3:])], axis=2).reshape(-1, 4)
     solution, _, rank, _ = np.linalg.lstsq(M, -A[:, :3, 3].reshape(-1), rcond=None)
     return float(solution[3]) if rank == 4 and solution[3] > 0 else None
+
+
+def _transposed(T: Array) -> Array:
+    """Poses whose rotations are transposed; their translations stay."""
+    result = T.copy()
+    result[:, :3, :3] = np.swapaxes(T[:, :3, :3], 1, 2)
+    return result
 
 
 def _reordered(T: Array, shift_by: int) -> Array:

@@ -196,6 +196,11 @@ def _reading(
     elif kind == "inverse camera":
         text = "the camera file holds inverse poses, target_T_camera"
         option = 'camera_frame="target_T_camera" (--camera-frame target_T_camera)'
+    elif kind == "transposed":
+        text = f"the rotations of {'both files' if file is None else f'the {file} file'} are transposed"
+        option = (
+            'rotation="transposed" (--rotation transposed)' if file is None else _option(file, "rotation", "transposed")
+        )
     else:  # quaternion
         where = "first" if order == "wxyz" else "last"
         who = "both files have" if file is None else f"the {file} file has"

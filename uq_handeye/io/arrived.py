@@ -22,9 +22,9 @@ def read_arrived(
     camera: Sequence[Path] | CameraCalibration | None,
     *,
     setup: str | None = None,
-    units: tuple[str, str] = ("m", "m"),
+    units: tuple[str | None, str | None] = (None, None),
     format: tuple[str | None, str | None] = (None, None),
-    quaternion: tuple[str | None, str | None] = (None, None),
+    rotation: tuple[str | None, str | None] = (None, None),
     robot_frame: str = "base_T_gripper",
     camera_frame: str = "camera_T_target",
 ) -> PosePairs | None:
@@ -35,7 +35,7 @@ def read_arrived(
     robot, camera : paths
         In the order in which their poses are counted. ``camera=None``: the files of ``robot`` hold both sides.
         A calibrated camera: its pictures belong to the rows of the robot poses.
-    setup, units, format, quaternion, robot_frame, camera_frame
+    setup, units, format, rotation, robot_frame, camera_frame
         As in `read_poses`, of both sides.
 
     Raises
@@ -46,8 +46,8 @@ def read_arrived(
     said = {setup} - {None}
     sides: list[tuple[list[Array], list[Array | None]]] = []
     sources: list[Source] = []
-    for role, paths, form, unit, order, frame in zip(
-        FRAMES, (robot, camera), format, units, quaternion, (robot_frame, camera_frame), strict=True
+    for role, paths, form, unit, numbers, frame in zip(
+        FRAMES, (robot, camera), format, units, rotation, (robot_frame, camera_frame), strict=True
     ):
         poses, times = [], []
         for path in robot if paths is None else () if isinstance(paths, CameraCalibration) else paths:
@@ -59,7 +59,7 @@ def read_arrived(
             frame_of = frame
             if role == "robot" and contents.robot_enters and "eye-to-hand" in said:
                 frame_of = FRAMES["robot"][1]
-            poses.append(finished(side, role, unit, order, frame_of))
+            poses.append(finished(side, role, unit, numbers, frame_of))
             times.append(side.timestamps)
             sources += [source] if paths is not None or role == "robot" else []
         sides.append((poses, times))

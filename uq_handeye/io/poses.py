@@ -18,12 +18,14 @@ from ..files.source import Source
 from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
+from ..formats.rotation_form import QUATERNIONS, rotation_form
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from ..poses.pose_pairs import PosePairs
 from ..poses.stream import Stream
 from .joints import Joints, give_joints, joints_of
 from .matching import SYNCHRONOUS, match_times
+from .readings import chosen_readings, reading_beside
 
 if TYPE_CHECKING:
     from ..camera.result import CameraCalibration
@@ -39,8 +41,9 @@ def read_poses(
     camera: StrPath | CameraCalibration | None = None,
     *,
     setup: str | None = None,
-    units: str | tuple[str, str] = "m",
+    units: str | tuple[str | None, str | None] | None = None,
     format: str | tuple[str | None, str | None] | None = None,
+    rotation: str | tuple[str | None, str | None] | None = None,
     quaternion: str | tuple[str | None, str | None] | None = None,
     robot_frame: str = "base_T_gripper",
     camera_frame: str = "camera_T_target",
@@ -61,16 +64,21 @@ def read_poses(
         ``camera_T_target``. None: the robot's file holds both sides. A calibrated camera, or the folder that
         `CameraCalibration.write` made of it, brings the joint covariance of its poses along (field
         ``camera_calibration``); its rows number those of the robot's file, and robot poses without a picture are left
-        out. Units, format and quaternion are then those of the robot's file.
+        out. Units, format and rotation are then those of the robot's file.
     setup : "eye-in-hand", "eye-to-hand" or None
         None: what a file says, else eye-in-hand.
-    units : str or (str, str)
-        Length unit of both sides, or of the robot's and the camera's: m, mm, ...; the poses returned are in metres.
+    units : str, None or (robot, camera)
+        Length unit of both sides, or of the robot's and the camera's: m, mm, ...; None: as the format says, else m. The
+        poses returned are in metres.
     format : str, None or (robot, camera)
         One of `FORMATS`; None is told by the content.
+    rotation : str, None or (robot, camera)
+        What the numbers of a rotation are: an order of Euler angles with its unit as SciPy names it (``"ZYX-deg"``:
+        about the rotated axes; ``"xyz-rad"``: about the fixed axes), ``"rotvec-rad"``, ``"rotvec-deg"``, ``"xyzw"`` or
+        ``"wxyz"``; ``"transposed"`` of matrices. None: as the format or the names of the columns say; where these leave
+        several, the one with which robot and camera agree.
     quaternion : "xyzw", "wxyz", None or (robot, camera)
-        Order in which the four numbers of a quaternion stand in the file; None: what the names of the columns say, else
-        scalar last.
+        The same for quaternions only.
     robot_frame : "base_T_gripper" or "gripper_T_base"
         Poses given as ``gripper_T_base`` are inverted.
     camera_frame : "camera_T_target" or "target_T_camera"
@@ -93,7 +101,8 @@ def read_poses(
     Raises
     ------
     InputError
-        A file that cannot be read or is of no format that is known; a setup other than what a file says; different
+        A file that cannot be read or is of no format that is known, or whose rotations may be read in several ways
+        between which the other side does not decide; a setup other than what a file says; different
         numbers of rows; timestamps of a row that differ by half the interval between rows or more (two row numberings
         are such timestamps too: if they differ, a row was lost in one file); fewer than three pairs by time.
 
@@ -101,22 +110,21 @@ def read_poses(
     -----
     InputWarning
         Timestamps of a row that differ by more than 1e-6 s but less than that, or that go back; samples of easy_handeye
-        that do not say the setup.
+        that do not say the setup; angles with which robot and camera do not agree, where another order of axes fits.
     """
     if not isinstance(pair, str) or pair not in _PAIRINGS:
         hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if pair == "async" else ""
         raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {pair!r}{hint}.")
     if setup is not None and (not isinstance(setup, str) or setup not in SETUPS):
         raise InputError(f"Expected `setup` (--setup) to be one of {', '.join(SETUPS)}, got {setup!r}.")
-    both_units, formats, orders = (
-        _two(value, name) for value, name in ((units, "units"), (format, "format"), (quaternion, "quaternion"))
-    )
+    both_units, formats = (_two(value, name) for value, name in ((units, "units"), (format, "format")))
+    forms = _rotations(rotation, quaternion)
     arm = joints_of(joints, kinematics, joint_units)
     if robot is None:
         if arm is None or camera is None:
             missing = "joints and kinematics" if arm is None else "a camera"
             raise InputError(f"Expected {missing}, or a file of robot poses.")
-        both_units, formats, orders = ("m", both_units[1]), (None, formats[1]), (None, orders[1])
+        both_units, formats, forms = ("m", both_units[1]), (None, formats[1]), (None, forms[1])
         robot_frame = FRAMES["robot"][0]
     seen = _calibrated(camera)
     if seen is not None:
@@ -125,7 +133,7 @@ def read_poses(
                 "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
                 "`camera_frame` (--camera-frame) out."
             )
-        return _with_calibrated(robot, seen, setup, both_units[0], formats[0], orders[0], robot_frame, arm, tolerance)
+        return _with_calibrated(robot, seen, setup, both_units[0], formats[0], forms[0], robot_frame, arm, tolerance)
     first, first_source = _robot_contents(robot, arm, formats[0])
     if camera is None:
         assert robot is not None
@@ -147,14 +155,20 @@ def read_poses(
     if contents[0].robot_enters and setup == "eye-to-hand":
         frames[0] = FRAMES["robot"][1]
         sources = _noted(sources, 0, paths[0], ["robot poses are gripper_T_base in this format, and inverted"])
-    robot_poses, camera_poses = (
-        finished(side, role, units, order, frame)
-        for side, role, units, order, frame in zip(sides, FRAMES, both_units, orders, frames, strict=True)
-    )
     robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
+    match = match_times(sides[0], sides[1], tolerance) if pair == "time" else None
+    rows = (slice(None), slice(None)) if match is None else (match.robot, match.camera)
+    chosen = chosen_readings(sides, both_units, forms, frames, rows, setup)
+    for k, note in enumerate(chosen.notes):
+        if note:
+            sources = _noted(sources, min(k, len(sources) - 1), paths[k], [note])
+    sides = chosen.sides
+    robot_poses, camera_poses = (
+        finished(side, role, units, form, frame)
+        for side, role, units, form, frame in zip(sides, FRAMES, both_units, forms, frames, strict=True)
+    )
     values = _joint_values(arm, robot, sides[0], tolerance)
-    if pair == "time":
-        match = match_times(sides[0], sides[1], tolerance)
+    if match is not None:
         robot_poses, camera_poses = robot_poses[match.robot], camera_poses[match.camera]
         assert robot_times is not None
         robot_times = robot_times[match.robot]
@@ -211,9 +225,10 @@ def _calibrated(camera: Any) -> _Seen | None:
 
     if isinstance(camera, CameraCalibration):
         return _Seen(camera, "the pictures", ())
-    if camera is None or not as_path(camera).is_dir():
+    from ..camera.files.folder import is_camera_folder, read_camera
+
+    if camera is None or not is_camera_folder(as_path(camera)):
         return None
-    from ..camera.files.folder import read_camera
     from ..camera.files.folder_writer import CORNERS
 
     folder = as_path(camera)
@@ -229,9 +244,9 @@ def _with_calibrated(
     robot: StrPath | None,
     seen: _Seen,
     setup: str | None,
-    units: str,
+    units: str | None,
     format: str | None,
-    quaternion: str | None,
+    rotation: str | None,
     frame: str,
     arm: Joints | None,
     tolerance: float,
@@ -245,10 +260,14 @@ def _with_calibrated(
     if contents.robot_enters and setup == "eye-to-hand":
         frame = FRAMES["robot"][1]
         sources = _noted(sources, 0, path, ["robot poses are gripper_T_base in this format, and inverted"])
-    poses = finished(side, "robot", units, quaternion, frame)
+    rows = seen.camera.rows
+    if rows[-1] < len(side):  # else the error is below
+        side, note = reading_beside(side, seen.camera.poses, rows, units, rotation, frame, setup)
+        sources = _noted(sources, 0, path, [note] if note else [])
+    poses = finished(side, "robot", units, rotation, frame)
     warn_if_back(side)
     values = _joint_values(arm, robot, side, tolerance)
-    rows, corners = seen.camera.rows, seen.camera.corners
+    corners = seen.camera.corners
     taken = corners.n + len(corners.missing)
     # Of pictures it is known how many there were; a table of corners may leave out some.
     counted = bool(corners.missing) or (corners.image_size is not None and not seen.source)
@@ -276,8 +295,9 @@ def read_stream(
     path: StrPath | None,
     side: str,
     *,
-    units: str = "m",
+    units: str | None = None,
     format: str | None = None,
+    rotation: str | None = None,
     quaternion: str | None = None,
     frame: str | None = None,
     joints: StrPath | None = None,
@@ -292,8 +312,8 @@ def read_stream(
         Any of `uq_handeye.io.FORMATS` that has timestamps; of a file with both sides, ``side`` is taken.
     side : "robot" or "camera"
         The poses returned are ``base_T_gripper`` or ``camera_T_target``, in metres.
-    units, format, quaternion
-        As in `read_poses`.
+    units, format, rotation, quaternion
+        As in `read_poses`; streams do not decide between several readings.
     frame : "base_T_gripper", "gripper_T_base", "camera_T_target", "target_T_camera" or None
         What the file holds; None: what it says, else the first of the side.
     joints, kinematics, joint_units
@@ -313,11 +333,12 @@ def read_stream(
     if path is None:
         if arm is None:
             raise InputError("Expected a file of poses, or joints and kinematics.")
-        units, format, quaternion, frame = "m", None, None, None
+        units, format, rotation, quaternion, frame = "m", None, None, None, None
     location = _robot_path(path, arm)
     contents, source = _robot_contents(path, arm, format)
     found = _side(contents, side, shown(location))
-    poses = finished(found, side, units, quaternion, FRAMES[side][0] if frame is None else frame)
+    form = _rotations(rotation, quaternion)[0]
+    poses = finished(found, side, units, form, FRAMES[side][0] if frame is None else frame)
     if found.timestamps is None:
         raise InputError(
             f"{found.name} has no timestamps ({source.format}), and streams are put together by time; if its rows "
@@ -343,6 +364,20 @@ def _two(value: Any, name: str) -> tuple[Any, Any]:
             raise InputError(f"Expected `{name}` to be one value or a pair (robot, camera), got {len(value)} values.")
         return value[0], value[1]
     return value, value
+
+
+def _rotations(rotation: Any, quaternion: Any) -> tuple[str | None, str | None]:
+    """Return the forms of the rotations of both sides, by either name of the argument."""
+    forms = []
+    for form, order in zip(_two(rotation, "rotation"), _two(quaternion, "quaternion"), strict=True):
+        if order is not None and order not in QUATERNIONS:
+            raise InputError(f"Expected `quaternion` (--quaternion) to be xyzw or wxyz, got {order!r}.")
+        if form is not None:
+            rotation_form(form)
+            if order not in (None, form):
+                raise InputError(f"The rotations are given twice, as {form} and as quaternions {order}. Give one.")
+        forms.append(order if form is None else form)
+    return forms[0], forms[1]
 
 
 def _side(contents: Contents, role: str, name: str) -> Side:

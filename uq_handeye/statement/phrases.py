@@ -52,6 +52,8 @@ def _reading(v: Mapping[str, Any]) -> str:
     if kind == "inverse camera":
         return "the camera file seems to hold inverse poses"
     who = "both files seem" if file is None else f"the {file} file seems"
+    if kind == "transposed":
+        return f"{who} to have transposed rotations"
     return f"{who} to have the quaternion's scalar {'first' if v['order'] == 'wxyz' else 'last'}"
 
 

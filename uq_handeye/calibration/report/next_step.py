@@ -105,6 +105,8 @@ def _try(reading: Mapping[str, Any]) -> str:
         if reading.get("unit") is None or file is None:
             return "check the units of both files (--robot-units, --camera-units) and the size of the target"
         option = f"--{side}units {reading['unit']}"
+    elif kind == "transposed":
+        option = f"--{side}rotation transposed"
     else:
         option = f"--{side}quaternion {reading['order']}"
     return f"run again with {option}"

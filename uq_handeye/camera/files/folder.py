@@ -45,6 +45,14 @@ _OTHER_RUN = "not of the same run, or one was changed by hand; write the folder 
 FAR = 10.0
 
 
+def is_camera_folder(path: Path) -> bool:
+    """Return whether a path is a folder with a file that `CameraCalibration.write` writes, or an empty one."""
+    if not path.is_dir():
+        return False
+    names = {child.name for child in path.iterdir()}
+    return not names or bool(names & {CORNERS, COVARIANCE, INTRINSICS})
+
+
 def read_camera(folder: StrPath) -> CameraCalibration:
     """The calibration that `CameraCalibration.write` wrote, exactly; nothing is estimated again.
 

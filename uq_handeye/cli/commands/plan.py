@@ -137,7 +137,7 @@ def plan_command(
         if task is not None or criterion == "prediction":
             raise InputError("--task and --criterion prediction need --joints and --urdf.")
         poses, noise, shared = files.read(given)
-        rows = None if candidates is None else read_pose_file(candidates, files.both_units[0])[1]
+        rows = None if candidates is None else read_pose_file(candidates, files.both_units[0] or "m")[1]
     else:
         units, chain = arm.chain.joint_units, arm.kinematics
         poses, noise, shared = files.read_open(given, None, given.one_side, arm)

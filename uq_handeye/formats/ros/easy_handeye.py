@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..files.fields import got, item, transform
-from ..files.lines import short
-from .contents import Contents, Side
+from ...errors import InputError
+from ...files.fields import got, item, transform
+from ...files.lines import short
+from ..contents import Contents, Side
 
 FRAMES = ("robot_base_frame", "robot_effector_frame", "tracking_base_frame", "tracking_marker_frame")
 FIELDS = ("timestamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))

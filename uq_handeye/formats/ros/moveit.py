@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..files.fields import got, item, matrix
-from .contents import Contents, matrices_side
+from ...errors import InputError
+from ...files.fields import got, item, matrix
+from ..contents import Contents, matrices_side
 
 NAMES = ("effector_wrt_world", "object_wrt_sensor")
 

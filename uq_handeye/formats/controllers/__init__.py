@@ -1,0 +1,1 @@
+"""Poses as the controllers of robots write them: one maker per file."""
