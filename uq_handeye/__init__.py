@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from .procrustes.registration import register
     from .procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
     from .propagation.propagate import propagate
+    from .rosbag.streams import read_bag
     from .shared_errors.camera_noise import camera_noise
     from .shared_errors.shared_error import SharedError
     from .simulation.rig import simulate
@@ -172,6 +173,7 @@ __all__ = [
     "parse_known_values",
     "plan",
     "propagate",
+    "read_bag",
     "read_board",
     "read_camera",
     "read_checks",
@@ -298,6 +300,7 @@ _LATER = {
     "planning.plan": ("plan",),
     "planning.result": ("Plan",),
     "poses.board_symmetry": ("resolve_board_rotation",),
+    "rosbag.streams": ("read_bag",),
     "shared_errors.camera_noise": ("camera_noise",),
     "poses.motions": (
         "Motions",

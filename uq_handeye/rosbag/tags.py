@@ -1,0 +1,110 @@
+"""Tags seen by their corners in pixels: poses of each by the intrinsics of the camera and the side of the tag.
+
+``apriltag_msgs/AprilTagDetection`` has the four corners in the order in which the AprilTag library has them
+(AprilRobotics/apriltag, ``apriltag.h``): counter-clockwise as one sees the tag, its lower left first; ArUco goes
+clockwise from the upper left. Both are brought into the order of `camera.board.tag_points`; which way they go round
+shows in the picture. The frame of the tag is in its middle, x right, y up, z towards the camera.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera.adjustment.bundle import adjust
+from ..camera.adjustment.initial_guess import poses_of
+from ..camera.board import tag_points
+from ..camera.corners import Corners
+from ..camera.rays import rays
+from ..errors import InputError
+from ..formats.ros.messages import MessageError, number, part
+from ..geometry.se3 import Array
+from .info import CameraInfo
+
+MOST = 1_000_000
+# Pixels per coordinate beyond which corners are no picture of the tag by this camera.
+SPOILT = 5.0
+
+
+class TagTrack:
+    """Corners of one tag, as they arrive."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._values = array("d")
+
+    def __len__(self) -> int:
+        return len(self._values) // 9
+
+    def add(self, time: float, pixels: list[float]) -> None:
+        """Append the eight coordinates at a time (s)."""
+        if len(self) >= MOST:
+            raise InputError(f"{self.name}: expected at most {MOST} detections, got more; cut the bag into pieces.")
+        self._values.append(time)
+        self._values.extend(pixels)
+
+    def corners(self) -> tuple[NDArray[np.float64], Array]:
+        """Return times (n,), each once, and pixels (n, 4, 2) in the order of `tag_points`."""
+        table = np.array(self._values).reshape(-1, 9)
+        table = table[np.isfinite(table).all(axis=1)]
+        _, first = np.unique(table[:, 0], return_index=True)
+        pixels = table[first, 1:].reshape(-1, 4, 2)
+        x, y = pixels[..., 0], pixels[..., 1]
+        area = (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)  # y points down
+        pixels = np.where((area > 0)[:, None, None], pixels, pixels[:, ::-1])
+        fine = np.abs(area) > 1.0
+        return table[first, 0][fine], pixels[fine]
+
+
+def corners_in(message: Any) -> list[tuple[str, list[float]]] | None:
+    """Return name and pixels of each tag of a message; None: its detections have no corners."""
+    detections = part(message, "detections")
+    if detections is None:
+        return None
+    found = []
+    for one in detections:
+        corners, ids = part(one, "corners"), part(one, "id")
+        if corners is None or len(corners) not in (4, 8) or ids is None:
+            return None
+        flat = [
+            number(v, "corners") for c in corners for v in ((part(c, "x"), part(c, "y")) if len(corners) == 4 else [c])
+        ]
+        if len(flat) != 8:
+            raise MessageError("four corners")
+        found.append((f"{part(one, 'family') or 'tag'}_{number(ids, 'id'):.0f}", flat))
+    return found
+
+
+def same_tag(name: str, asked: str) -> bool:
+    """Return whether a tag is meant: ``tag36h11_0`` as tag36h11:0, 36h11_0 or 0."""
+    plain, wanted = (re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") for text in (name, asked))
+    return wanted in (plain, plain.removeprefix("tag"), f"tag_{plain.rpartition('_')[2]}", plain.rpartition("_")[2])
+
+
+def tag_poses(track: TagTrack, info: CameraInfo, side: float) -> tuple[NDArray[np.float64], Array, list[str]]:
+    """Return times (n,), poses (n, 4, 4) ``camera_T_target`` by least squares of the corners, and notes."""
+    times, pixels = track.corners()
+    if not len(times):
+        raise InputError(f"{track.name}: no detection has four corners.")
+    model, parameters = info.lens()
+    n = len(times)
+    row = np.repeat(np.arange(n), 4)
+    corners = Corners(row, np.tile(tag_points(side), (n, 1)), pixels.reshape(-1, 2))
+    seen = rays(model, parameters, corners.pixels)
+    if not np.isfinite(seen).all():
+        raise InputError(f"{track.name}: corners lie where the camera of its camera_info sees nothing.")
+    start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
+    bundle = adjust(model, corners, (parameters, start), free=np.zeros(len(parameters), dtype=bool))
+    poses = np.asarray(bundle.poses)
+    C = poses[row]
+    at = (C[:, :3, :3] @ corners.points[..., None])[..., 0] + C[:, :3, 3]
+    off = np.abs(model.project(parameters, at).pixels - corners.pixels).reshape(n, -1).max(axis=1)
+    fine = off < SPOILT
+    notes = [f"{n} poses from corners, side {side:g} m; the tag's frame is in its middle, z towards the camera"]
+    if not fine.all():
+        notes.append(f"{int((~fine).sum())} detections fit no pose of the tag within {SPOILT:g} px, and are left out")
+    return times[fine], poses[fine], notes
