@@ -47,6 +47,8 @@ def assert_same(poses, other, atol=1e-14):
         (["opencv.xml"], "opencv", False, 1e-14),
         (["opencv.json"], "opencv", False, 1e-14),
         (["poses.json"], "json", True, 1e-14),
+        (["robot.tf_echo.txt", "camera.tf_echo.txt"], "tf-echo", True, 1e-14),
+        (["robot.topic.txt", "camera.topic.txt"], "ros-topic", True, 1e-14),
     ],
 )
 def test_samples(truth, files, format, times, atol):

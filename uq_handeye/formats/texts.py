@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .contents import Contents
+from .ros.tf_echo import is_tf_echo, read_tf_echo
+from .ros.topic import is_ros_topic, read_ros_topic
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,10 @@ class TextFormat:
     is_it: Callable[[str], bool]
 
 
-TEXTS: dict[str, TextFormat] = {}
+TEXTS: dict[str, TextFormat] = {
+    "tf-echo": TextFormat("what tf2_echo and tf_echo print", read_tf_echo, is_tf_echo),
+    "ros-topic": TextFormat("what ros2 topic echo and rostopic echo print", read_ros_topic, is_ros_topic),
+}
 
 
 def named_by(head: str) -> list[str]:

@@ -34,7 +34,19 @@ BUNDLE = "bundle"
 EVERY_METHOD = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
 SETUP_NAMES = ("eye-in-hand", "eye-to-hand")
 COVARIANCE_NAMES = ("model", "sigma-points", "sandwich", "hac", "jackknife", "bootstrap")
-FORMAT_NAMES = ("csv", "tum", "npz", "npy", "easy_handeye", "easy_handeye2", "moveit", "opencv", "json")
+FORMAT_NAMES = (
+    "csv",
+    "tum",
+    "npz",
+    "npy",
+    "easy_handeye",
+    "easy_handeye2",
+    "moveit",
+    "opencv",
+    "json",
+    "tf-echo",
+    "ros-topic",
+)
 ROBOT_FRAMES = ("base_T_gripper", "gripper_T_base")
 CAMERA_FRAMES = ("camera_T_target", "target_T_camera")
 PAIRINGS = ("rows", "time", "async")

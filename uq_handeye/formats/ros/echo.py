@@ -15,7 +15,7 @@ MAX_DEPTH = 30
 
 _KEY = re.compile(r"([A-Za-z_]\w*):(?:\s+(.*))?$")
 # What the tools say between messages.
-_SAID = re.compile(r"\[?(WARNING|WARN|ERROR|INFO)|A message was lost|total count|Subscribing|Could not|\^C|%YAML")
+SAID = re.compile(r"\[?(WARNING|WARN|ERROR|INFO)|A message was lost|total count|Subscribing|Could not|\^C|%YAML")
 
 
 class EchoError(Exception):
@@ -33,11 +33,11 @@ def messages_of(text: str) -> Iterator[tuple[int, dict[str, Any], EchoError | No
     for number, line in enumerate(text.split("\n"), start=1):
         line = line.rstrip("\r \t")
         body = line.lstrip(" \t")
-        if body == "---" or (body.endswith("---") and _SAID.match(body)):
+        if body == "---" or (body.endswith("---") and SAID.match(body)):
             if lines:
                 yield (begun, *_parsed(lines), True)
             lines = []
-        elif body and not body.startswith("#") and not _SAID.match(body):
+        elif body and not body.startswith("#") and not SAID.match(body):
             begun = begun if lines else number
             lines.append((number, line))
     if lines:

@@ -14,13 +14,12 @@ from collections.abc import Iterator
 from ...errors import InputError
 from ...files.lines import is_number
 from ..contents import Contents
-from .echo import EchoError, messages_of
+from .echo import SAID, EchoError, messages_of
 from .messages import MessageError, Stamped, frame_name, poses_in
 from .side import side_of
 
 _FIRST = re.compile(
-    r"^\s*(header|transforms|transform|translation|pose|position|poses|detections|markers|child_frame_id):\s*$",
-    re.MULTILINE,
+    r"(header|transforms|transform|translation|pose|position|poses|detections|markers|child_frame_id):\s*$"
 )
 _PART = re.compile(r"^[\s-]*(position|translation):\s*$", re.MULTILINE)
 _NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -37,8 +36,8 @@ def is_ros_topic(head: str) -> bool:
         return False
     if _csv_row(lines[0]) is not None:
         return True
-    first = next((k for k, line in enumerate(lines[:50]) if _FIRST.match(line)), None)
-    return first is not None and bool(_PART.search(head)) and not any(line[:1] in "{[<" for line in lines[: first + 1])
+    first = next((line for line in lines if not SAID.match(line.lstrip()) and line.strip() != "---"), "")
+    return bool(_FIRST.match(first)) and bool(_PART.search(head))
 
 
 def read_ros_topic(text: str, name: str) -> Contents:
