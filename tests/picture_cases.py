@@ -23,6 +23,31 @@ def camera_to_board(camera_T_target, board):
     return seen
 
 
+def facing(board, roll=0.0, tilt=(0.3, -0.25), distance=0.45):
+    """camera_T_board: its middle on the optical axis, tilted, and the camera rolled by so many degrees."""
+    c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
+    cv2 = pytest.importorskip("cv2")
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ cv2.Rodrigues(np.array([*tilt, 0.0]))[0]
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = [0, 0, distance] - R @ board.points.mean(axis=0)
+    return T
+
+
+def projected(board, T):
+    """Return the pixels of the corners of the board."""
+    p = (board.points @ T[:3, :3].T + T[:3, 3]) @ CAMERA.T
+    return p[:, :2] / p[:, 2:]
+
+
+def save(folder, *pictures):
+    """Write pictures ``img0.png``, ...; return their pattern."""
+    cv2 = pytest.importorskip("cv2")
+    for k, one in enumerate(pictures):
+        cv2.imwrite(str(folder / f"img{k}.png"), one)
+    return str(folder / "img*.png")
+
+
 @cache
 def pinhole(focal, centre, size):
     """A camera without distortion, once for all its pictures."""

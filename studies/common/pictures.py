@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from uq_handeye.camera.adjustment.initial_guess import opencv
-from uq_handeye.camera.board import Board
+from uq_handeye.camera.boards.description import TAGS, Board
+from uq_handeye.camera.boards.dictionaries import bits_of, dictionary_of, drawn_upside_down
+from uq_handeye.camera.boards.tags import layout_of
 from uq_handeye.camera.models import MODELS
 from uq_handeye.camera.rays import rays
 from uq_handeye.geometry.se3 import Array
@@ -27,6 +29,7 @@ COUNT, TURN = 89, 55  # of a Fibonacci lattice
 PLACES = ((np.arange(COUNT)[:, None] * [1, TURN] % COUNT + 0.5) / COUNT - 0.5).astype(np.float32)  # of (u, v)
 STRIDE = 8  # pixels between exact rays; splines of degree 5 between them
 FINE = 60  # dots of the drawing along a square
+DOTS = 8  # along a cell of a tag
 AROUND = 200  # grey of what is around the white rim of the board, which is a square wide
 BLACK, WHITE = 20.0, 224.0  # as the camera sees 0 and 255
 Surface = Callable[[Array, Array], Array]  # z of a board at its x and y, all in metres
@@ -73,14 +76,14 @@ def picture(
     not flat. Grey levels are whole numbers from 0 to 255.
     """
     cv2 = opencv()
-    drawn, corner = drawing(board)
+    drawn, corner, fine = drawing(board)
     x, y, ahead = _met(camera.directions, camera_T_board, surface)
-    at = (np.stack([x, y]) - corner).astype(np.float32) * np.float32(FINE / board.side)
+    at = (np.stack([x, y]) - corner).astype(np.float32) * np.float32(fine / board.side)
     by_v, by_u = np.gradient(at, axis=(1, 2))
     spot = _dots(at, drawn)
     grey = np.where(ahead, drawn.ravel()[spot], AROUND).astype(np.float32)
     # Within so many dots of the one at its centre lies all that a pixel of the board sees.
-    on_board = ahead & (np.abs(by_u) + np.abs(by_v) < FINE).all(axis=0) & (grey != AROUND)
+    on_board = ahead & (np.abs(by_u) + np.abs(by_v) < fine).all(axis=0) & (grey != AROUND)
     reach = 0.5 * (np.abs(by_u) + np.abs(by_v))[:, on_board].max(initial=0.5)
     around = np.ones((2 * int(np.ceil(reach)) + 1,) * 2, np.uint8)
     mixed = (cv2.dilate(drawn, around) != cv2.erode(drawn, around)).ravel()[spot] & ahead
@@ -115,8 +118,10 @@ def _dots(at: NDArray[Any], drawn: NDArray[np.uint8]) -> NDArray[np.int32]:
     return np.asarray(v * columns + u)
 
 
-def drawing(board: Board) -> tuple[NDArray[np.uint8], float]:
-    """The board and its white rim, and x, y in metres of its first dot's outer corner."""
+def drawing(board: Board) -> tuple[NDArray[np.uint8], float, int]:
+    """The board and its white rim, x, y in metres of its first dot's outer corner, and dots along ``board.side``."""
+    if board.kind in TAGS:
+        return _tags(board)
     if board.kind == "chessboard":
         j, i = np.indices((board.rows + 1, board.columns + 1))
         squares = np.kron(((i + j) % 2 * 255).astype(np.uint8), np.ones((FINE, FINE), np.uint8))
@@ -128,4 +133,28 @@ def drawing(board: Board) -> tuple[NDArray[np.uint8], float]:
         squares = layout.generateImage((board.columns * FINE, board.rows * FINE))
         before = 1
     rim = np.pad(squares, FINE, constant_values=255)
-    return np.pad(rim, 1, constant_values=AROUND), -board.side * (before + 1 / FINE)
+    return np.pad(rim, 1, constant_values=AROUND), -board.side * (before + 1 / FINE), FINE
+
+
+def _tags(board: Board) -> tuple[NDArray[np.uint8], float, int]:
+    """Draw tags upright as AprilTag has them; an AprilGrid as Kalibr prints it, with squares at its corners."""
+    words = dictionary_of(board.dictionary)
+    border = 2 if board.kind == "aprilgrid" else 1
+    cells = words.markerSize + 2 * border
+    fine = cells * DOTS
+    gap = round(fine * board.gap / board.side)
+    if abs(gap - fine * board.gap / board.side) > 1e-6:
+        raise ValueError(f"Expected a gap of whole dots, {fine} along a side.")
+    drawn = np.full((board.rows * (fine + gap) + gap, board.columns * (fine + gap) + gap), 255, np.uint8)
+    layout = layout_of(board)
+    for number, upper_left in zip(layout.ids.tolist(), layout.points[:, 0] - board.points[0, :2], strict=True):
+        bits = np.pad(bits_of(words, number)[:: -1 if drawn_upside_down(board.dictionary) else 1], border)
+        bits = bits[:, ::-1] if drawn_upside_down(board.dictionary) else bits
+        x, y = np.rint(gap + upper_left * fine / board.side).astype(int)
+        drawn[y : y + fine, x : x + fine] = 255 * np.kron(bits, np.ones((DOTS, DOTS)))
+    if board.kind == "aprilgrid" and gap:
+        j, i = np.indices(drawn.shape)
+        drawn[(j % (fine + gap) < gap) & (i % (fine + gap) < gap)] = 0
+    rim = fine // 2
+    before = float(-board.points[0, 0]) + board.side * (gap + rim + 1) / fine
+    return np.pad(np.pad(drawn, rim, constant_values=255), 1, constant_values=AROUND), -before, fine

@@ -14,7 +14,7 @@ from support import SEED
 import uq_handeye as uq
 from studies.common.pictures import Camera, picture
 from uq_handeye.camera.adjustment import bent_edges
-from uq_handeye.camera.board import _chessboard_finder
+from uq_handeye.camera.boards.chessboard import chessboard_finder
 from uq_handeye.camera.corners import Corners
 from uq_handeye.camera.models import MODELS
 
@@ -59,7 +59,7 @@ def found(camera, blur):
     """Corners of a few pictures without noise, as detected, with the true poses and pixels."""
     pytest.importorskip("cv2")
     rng = np.random.default_rng(SEED)
-    find = _chessboard_finder(BOARD)
+    find = chessboard_finder(BOARD)
     parts, poses = [], []
     for tilt, roll, z in ((0, 3, 0.11), (25, -20, 0.13), (-30, 48, 0.15)):
         T = np.eye(4)

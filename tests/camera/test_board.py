@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from picture_cases import CAMERA, SIZE, camera_to_board, picture, simulated_rig, write_pictures
+from picture_cases import CAMERA, SIZE, camera_to_board, facing, picture, projected, save, simulated_rig, write_pictures
 from support import assert_same_covariance, difference
 
 import uq_handeye as uq
-from uq_handeye.camera.board import _chessboard_finder, picture_paths
+from uq_handeye.camera.board import picture_paths
+from uq_handeye.camera.boards.chessboard import chessboard_finder
 from uq_handeye.camera.corners import without_pictures
 from uq_handeye.errors import InputError, InputWarning
 
@@ -14,32 +15,11 @@ cv2 = pytest.importorskip("cv2")
 SQUARE = 0.02
 
 
-def facing(board, roll=0.0, tilt=(0.3, -0.25), distance=0.45):
-    """camera_T_board: its middle on the optical axis, tilted, and the camera rolled by so many degrees."""
-    c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
-    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ cv2.Rodrigues(np.array([*tilt, 0.0]))[0]
-    T = np.eye(4)
-    T[:3, :3] = R
-    T[:3, 3] = [0, 0, distance] - R @ board.points.mean(axis=0)
-    return T
-
-
-def projected(board, T):
-    p = (board.points @ T[:3, :3].T + T[:3, 3]) @ CAMERA.T
-    return p[:, :2] / p[:, 2:]
-
-
-def save(folder, *pictures):
-    for k, one in enumerate(pictures):
-        cv2.imwrite(str(folder / f"img{k}.png"), one)
-    return str(folder / "img*.png")
-
-
 @pytest.mark.parametrize("shape", [(9, 6), (5, 8)])
 def test_colours_fix_the_order_at_every_angle_of_roll(rng, shape):
     board = uq.Board(*shape, SQUARE)
     assert board.symmetry_order == 1
-    find = _chessboard_finder(board)
+    find = chessboard_finder(board)
     off = []
     for roll in range(0, 360, 45):
         T = facing(board, roll + 7.0)
@@ -55,7 +35,7 @@ def test_colours_fix_the_order_at_every_angle_of_roll(rng, shape):
 def test_where_colours_do_not_tell_x_points_right(rng, shape):
     board = uq.Board(*shape, SQUARE)
     assert board.symmetry_order == (4 if shape == (6, 6) else 2)
-    find = _chessboard_finder(board)
+    find = chessboard_finder(board)
     for roll in (-170, -80, 20, 130):
         T = facing(board, roll)
         _, pixels, _ = find(picture(board, T, rng))
@@ -164,7 +144,7 @@ def test_sixteen_bits_and_colour(rng, tmp_path):
         ({"rows": 10**6}, "`rows` of the board to be at most 200"),
         ({"square": 0.0}, "`square` to be a length above 0"),
         ({"square": "20"}, "`square` to carry a unit"),
-        ({"kind": "circles"}, "`kind` to be chessboard or charuco"),
+        ({"kind": "circles"}, "`kind` to be chessboard, charuco, "),
         ({"marker": 0.01}, "no markers"),
         ({"kind": "charuco"}, "Expected `marker`"),
         ({"kind": "charuco", "marker": 0.03}, "smaller than `square`"),
@@ -235,7 +215,7 @@ def test_turns_that_the_robot_does_not_tell_are_said(rng):
 def test_corners_of_a_sharp_picture_are_found_as_well_as_of_a_blurred_one(rng):
     """Without smoothing off by 0.040 pixels, and by 0.054 where borders run along the pixels; so by 0.016 and 0.021."""
     board = uq.Board(9, 6, SQUARE)
-    find = _chessboard_finder(board)
+    find = chessboard_finder(board)
     off = []
     for roll, tilt in ((0, (0.0, 0.0)), (3, (0.1, 0.0)), (40, (0.3, -0.25))):
         T = facing(board, roll, tilt)
@@ -250,7 +230,7 @@ def test_windows_end_at_the_rim_of_the_picture(rng):
     board = uq.Board(9, 6, SQUARE)
     T = facing(board, 4, (0.2, 0.25))
     T[:3, 3] += [-(projected(board, T)[:, 0].min() - 6.0) * T[2, 3] / CAMERA[0, 0], 0, 0]
-    _, pixels, window = _chessboard_finder(board)(picture(board, T, rng))
+    _, pixels, window = chessboard_finder(board)(picture(board, T, rng))
     truth = projected(board, T)
     assert truth[:, 0].min() < 12
     assert (window <= np.maximum(pixels[:, 0] - 1, 2)).all() and window.max() > 8
@@ -263,6 +243,6 @@ def test_windows_go_with_their_corners():
     corners = uq.Corners(row, points, points[:, :2], window=[5, 6, 7, 8, 1, 2, 3, 0])
     np.testing.assert_array_equal(corners.window, [1, 2, 3, 0, 5, 6, 7, 8])
     np.testing.assert_array_equal(without_pictures(corners, np.array([True, False])).window, [5, 6, 7, 8])
-    for wrong in ([1, 2], [1.5] * 8, [-1] * 8):
+    for wrong in ([1, 2], [1.5] * 8, [np.inf] * 8):
         with pytest.raises(uq.InputError, match="half widths in whole pixels"):
             uq.Corners(row, points, points[:, :2], window=wrong)

@@ -1,11 +1,6 @@
-"""Boards, and their corners in pictures.
+"""Pictures of boards: the files, and the corners of the board in each.
 
-Frame of the board: x along a row of corners, y along a column, z away from the camera. A chessboard has its origin at
-an inner corner, ChArUco at the outer corner of its first square, as OpenCV has them.
-
-A chessboard looks the same after half a turn. Where one of its numbers of inner corners is even and the other odd, the
-colours tell: the corners are ordered such that the square between the first four of them is dark, at whatever angle the
-camera rolls. Where both are even or both odd, half a turn (of a square board also a quarter) cannot be seen.
+Boards and their frames: `boards.description`; how each kind is found: the other modules of `boards`.
 """
 
 from __future__ import annotations
@@ -14,166 +9,43 @@ import glob
 import os
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-from ..errors import InputError, InputWarning, require_integer
-from ..files.lines import short
+from ..errors import InputError, InputWarning
 from ..files.many import natural
 from ..files.open import StrPath, as_path, opened, shown
 from ..files.source import Source
-from ..formatting.units import parse_length
-from ..geometry.se3 import Array
 from ..runtime.progress import progress_bar
 from .adjustment.initial_guess import opencv
-from .corners import Corners, smoothing
+from .boards.charuco import charuco_finder
+from .boards.chessboard import chessboard_finder
+from .boards.description import SQUARES
+from .boards.description import Board as Board
+from .boards.description import board_of as board_of
+from .boards.description import spacing_of as spacing_of
+from .boards.description import tag_points as tag_points
+from .boards.refinement import Picture, Seen
+from .boards.tags import tag_finder
+from .corners import Corners
 
-KINDS = ("chessboard", "charuco")
-# Fewest corners of a ChArUco board that are worth a pose.
-FEWEST_CHARUCO = 6
-LARGEST = 200  # corners along a side
-# Half the side of the window in which a corner is refined: a share of the distance to the nearest, and its bounds.
-# Of ChArUco it is a share of the white around the markers, whose corners are no part of a corner of the board.
-CHESSBOARD_SHARE, CHARUCO_SHARE = 0.4, 0.33
-WINDOW = (2, 30)
-RIM = 2  # pixels beyond the window that a corner moved a little, and the gradient, take
+FINDERS = {
+    "chessboard": chessboard_finder, "charuco": charuco_finder,
+    "aprilgrid": tag_finder, "aruco": tag_finder, "apriltag": tag_finder,
+}  # fmt: skip
+# What to look at where a board is in no picture.
+COUNTED = {
+    "chessboard": "Counted are inner corners, one less than squares.",
+    "charuco": "Counted are squares; check the dictionary, too.",
+    "aprilgrid": "Counted are tags; check the dictionary, and the id at the lower left (`first_id`, --first-id).",
+    "aruco": "Counted are tags; check the dictionary, and the id at the upper left (`first_id`, --first-id).",
+    "single": "Check the dictionary, the id (`first_id`, --first-id), and that white paper surrounds the tag.",
+}
 MAX_BYTES = 500_000_000  # of a picture's file
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
-
-Picture = NDArray[np.uint8]
-# Numbers of the board's points, their pixels and half the widths of the windows in which these were refined.
-Seen = tuple[NDArray[np.intp], Array, NDArray[np.intp]]
-Found = Seen | None
-
-
-@dataclass(frozen=True)
-class Board:
-    """A flat board of squares.
-
-    Parameters
-    ----------
-    columns, rows : int
-        Chessboard: inner corners along x and y. ChArUco: squares.
-    square : float or str
-        Side of a square in metres, or text with a unit such as "20mm". Measure it on the print.
-    kind : "chessboard" or "charuco"
-    marker : float, str or None
-        Side of the markers of a ChArUco board.
-    dictionary : str
-        Of the markers: a name of OpenCV's predefined dictionaries such as "4X4_50".
-
-    Raises `InputError` for numbers or names that make no sense.
-    """
-
-    columns: int
-    rows: int
-    square: float | str
-    kind: str = "chessboard"
-    marker: float | str | None = None
-    dictionary: str = "4X4_50"
-
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise InputError(f"Expected `kind` to be {' or '.join(KINDS)}, got {self.kind!r}.")
-        for name in ("columns", "rows"):
-            require_integer(name, getattr(self, name), 3)
-            if getattr(self, name) > LARGEST:
-                raise InputError(f"Expected `{name}` of the board to be at most {LARGEST}, got {getattr(self, name)}.")
-        object.__setattr__(self, "square", _positive(self.square, "square"))
-        if self.kind == "chessboard":
-            if self.marker is not None:
-                raise InputError("A chessboard has no markers: leave `marker` out, or say kind='charuco'.")
-            return
-        if self.marker is None:
-            raise InputError("Expected `marker`, the side of the markers of the ChArUco board, got none.")
-        marker = _positive(self.marker, "marker")
-        if marker >= self.side:
-            raise InputError(
-                f"Expected `marker` to be smaller than `square`, {self.side:g} m, got {marker:g} m: the markers lie "
-                "within the white squares."
-            )
-        object.__setattr__(self, "marker", marker)
-
-    @property
-    def text(self) -> str:
-        """One line that `board_of` reads: ``kind=chessboard columns=9 rows=6 square=0.02``."""
-        return " ".join(f"{name}={value}" for name, value in vars(self).items() if self._has(name))
-
-    def _has(self, name: str) -> bool:
-        return self.kind == "charuco" or name not in ("marker", "dictionary")
-
-    @property
-    def side(self) -> float:
-        """Length of the side of a square, in metres."""
-        return float(self.square)
-
-    @property
-    def symmetry_order(self) -> int:
-        """Number of angles, 360 degrees over this apart, at which the board looks the same: 1, 2 or 4."""
-        if self.kind == "charuco" or (self.columns + self.rows) % 2:
-            return 1
-        return 4 if self.columns == self.rows and self.columns % 2 == 0 else 2
-
-    @property
-    def turns(self) -> int:
-        """Earlier name of `symmetry_order`; deprecated."""
-        warnings.warn("Board.turns is now called symmetry_order.", DeprecationWarning, stacklevel=2)
-        return self.symmetry_order
-
-    @property
-    def points(self) -> Array:
-        """(m, 3) the corners in the frame of the board, row by row, in metres."""
-        first = 0 if self.kind == "chessboard" else 1
-        x = self.side * np.arange(first, self.columns)
-        y = self.side * np.arange(first, self.rows)
-        return np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1).reshape(-1, 3)
-
-    def __str__(self) -> str:
-        what = "inner corners" if self.kind == "chessboard" else "squares"
-        return f"{self.kind} of {self.columns} x {self.rows} {what}"
-
-
-def board_of(text: str) -> Board:
-    """Return the board of `Board.text`; raises `InputError` for other text."""
-    try:
-        values = dict(part.split("=", 1) for part in text.split())
-        columns, rows = int(values["columns"]), int(values["rows"])
-        marker = float(values["marker"]) if "marker" in values else None
-        more = {"dictionary": values["dictionary"]} if "dictionary" in values else {}
-        return Board(columns, rows, float(values["square"]), values["kind"], marker, **more)
-    except (KeyError, ValueError) as error:
-        raise InputError(
-            f"Expected a board such as kind=chessboard columns=9 rows=6 square=0.02, got {short(text)}."
-        ) from error
-
-
-def tag_points(side: float | str) -> Array:
-    """(4, 3) the corners of a single tag of this side (m, or text such as "40mm"), whose frame is in its middle."""
-    half = 0.5 * _positive(side, "side")
-    return half * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
-
-
-def spacing_of(points: Array) -> float | None:
-    """The distance from each point (m, 3) to its nearest, such as the side of a square; None where it is not one."""
-    points = np.unique(points, axis=0)
-    if len(points) < 4:
-        return None
-    nearest = np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]
-    return float(np.min(nearest)) if np.ptp(nearest) < 1e-3 * np.min(nearest) else None
-
-
-def _positive(value: Any, name: str) -> float:
-    length = parse_length(value, f"`{name}`")
-    if not length > 0:
-        raise InputError(f"Expected `{name}` to be a length above 0, got {value!r}.")
-    return length
 
 
 def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: bool = False) -> Corners:
@@ -217,7 +89,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         raise InputError(f"Expected `board` to be a Board, got {type(board).__name__}.")
     paths = picture_paths(images)
     names = _names(paths)
-    find = (_chessboard_finder if board.kind == "chessboard" else _charuco_finder)(board)
+    find = FINDERS[board.kind](board)
     found: dict[int, Seen] = {}
     sizes: dict[tuple[int, int], str] = {}
     with progress_bar("looking for the board", len(paths), "pictures", progress) as more:
@@ -235,9 +107,10 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
             more(1)
     missing = tuple(name for row, name in enumerate(names) if row not in found)
     if not found:
+        kind = "single" if board.single else board.kind
         raise InputError(
-            f"No {board} was found in any of {len(paths)} pictures, the first {names[0]}: is it that board? Counted "
-            "are the inner corners of a chessboard, one less than squares, and the squares of ChArUco."
+            f"No {board} was found in any of {len(paths)} pictures, the first {names[0]}: is it that board? "
+            f"{COUNTED[kind]}"
         )
     if missing:
         warnings.warn(
@@ -315,7 +188,8 @@ def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
         total.update(data)
         size += len(data)
     names = _names(paths)
-    note = f"{board}, squares of {1e3 * board.side:g} mm; the hash is of all pictures one after the other"
+    sides = "squares" if board.kind in SQUARES else "tags"
+    note = f"{board}, {sides} of {1e3 * board.side:g} mm; the hash is of all pictures one after the other"
     return Source(f"{names[0]} to {names[-1]} ({len(paths)})", "pictures", size, total.hexdigest(), (note,))
 
 
@@ -340,129 +214,3 @@ def _picture(path: Path) -> Picture:
     if picture.dtype != np.uint8:
         picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
     return np.asarray(picture)
-
-
-# --------------------------------------------------------------------------------------------------- detection
-
-
-def _chessboard_finder(board: Board) -> Callable[[Picture], Found]:
-    cv2 = opencv()
-    size = (board.columns, board.rows)
-    numbers = np.arange(board.columns * board.rows)
-
-    def find(picture: Picture) -> Found:
-        # The sector-based detector finds more boards, but its corners at the rim of the board are off by up to half a
-        # pixel where squares are small; refined by their gradients, all are good to a few hundredths.
-        for flags in (0, cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE):
-            ok, corners = cv2.findChessboardCornersSB(picture, size, flags=flags)
-            if ok:
-                break
-        else:
-            ok, corners = cv2.findChessboardCorners(
-                picture, size, flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-            )
-            if not ok:
-                return None
-        pixels, window = _refined(picture, corners, CHESSBOARD_SHARE)
-        order = _ordered(pixels.reshape(board.rows, board.columns, 2), picture).ravel()
-        return numbers, pixels[order], window[order]
-
-    return find
-
-
-def _refined(picture: Picture, corners: Array, share: float) -> tuple[Array, NDArray[np.intp]]:
-    """Refine corners by the gradients around each of them (m, 2); also return half the width (m,) of the window: a
-    share of the distance to the nearest neighbour, but within the picture, as beyond its rim edges would seem to run
-    on along the rows.
-    """
-    cv2 = opencv()
-    flat = np.asarray(corners, dtype=float).reshape(-1, 2)
-    apart = np.linalg.norm(flat[:, None] - flat, axis=-1) + 1e9 * np.eye(len(flat))
-    near = apart.min(axis=1)
-    near = np.minimum(near, 1.2 * np.median(near))  # a neighbour may not have been found
-    rim = np.minimum(flat, np.array(picture.shape[::-1]) - 1 - flat).min(axis=1) - RIM
-    windows = np.clip(np.minimum(share * near, rim), *WINDOW).astype(np.intp)
-    enough = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-    grey, sigma = picture.astype(np.float32), smoothing(windows)
-    smooth = {s: cv2.GaussianBlur(grey, (0, 0), s) for s in set(sigma.tolist())}
-    found = [
-        cv2.cornerSubPix(smooth[s], np.array(corner, dtype=np.float32).reshape(1, 1, 2), (w, w), (-1, -1), enough)
-        for corner, w, s in zip(flat, windows.tolist(), sigma.tolist(), strict=True)
-    ]
-    return np.concatenate(found)[:, 0].astype(float), windows
-
-
-def _ordered(grid: Array, picture: Picture) -> NDArray[np.intp]:
-    """Numbers (rows, columns) of corners (rows, columns, 2) such that z points away and the colours, or else the
-    picture, tell where x points."""
-    number = np.arange(grid.shape[0] * grid.shape[1]).reshape(grid.shape[:2])
-    along = (grid[:, 1:] - grid[:, :-1]).mean(axis=(0, 1))
-    down = (grid[1:] - grid[:-1]).mean(axis=(0, 1))
-    if along[0] * down[1] - along[1] * down[0] < 0:  # seen from the front no board is a mirror image
-        number = number[:, ::-1]
-    turned = [np.rot90(number, k) for k in (range(4) if grid.shape[0] == grid.shape[1] else (0, 2))]
-    flat = grid.reshape(-1, 2)
-    dark = np.array([_first_is_dark(flat[one], picture) for one in turned])
-    if dark.any() and not dark.all():
-        turned = [one for one, is_dark in zip(turned, dark, strict=True) if is_dark]
-    right = [(flat[one[:, -1]] - flat[one[:, 0]]).mean(axis=0) for one in turned]
-    best = int(np.argmax([d[0] / np.hypot(*d) for d in right]))
-    return turned[best]
-
-
-def _first_is_dark(grid: Array, picture: Picture) -> bool:
-    """Return whether the square between the first four corners is of the darker colour, judged by all squares."""
-    centres = 0.25 * (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1])
-    x = 0.15 * (grid[:-1, 1:] - grid[:-1, :-1])
-    y = 0.15 * (grid[1:, :-1] - grid[:-1, :-1])
-    height, width = picture.shape
-    value = np.zeros(centres.shape[:2])
-    for shift in (0 * x, x, -x, y, -y):
-        u, v = np.moveaxis(np.rint(centres + shift).astype(int), -1, 0)
-        value += picture[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
-    j, i = np.indices(value.shape)
-    even = (i + j) % 2 == 0
-    return bool(value[even].mean() < value[~even].mean())
-
-
-def _charuco_finder(board: Board) -> Callable[[Picture], Found]:
-    cv2 = opencv()
-    words = cv2.aruco.getPredefinedDictionary(_dictionary(board.dictionary))
-
-    share = CHARUCO_SHARE * (1.0 - float(board.marker or 0.0) / board.side)
-
-    def detector(legacy: bool) -> Any:
-        layout = cv2.aruco.CharucoBoard((board.columns, board.rows), board.side, float(board.marker or 0.0), words)
-        layout.setLegacyPattern(legacy)
-        return cv2.aruco.CharucoDetector(layout)
-
-    try:
-        # Boards with an even number of rows began with a white square before OpenCV 4.6; prints of both are about.
-        detectors = [detector(legacy) for legacy in ((False, True) if board.rows % 2 == 0 else (False,))]
-    except cv2.error as error:
-        raise InputError(f"OpenCV takes no {board} with the dictionary {board.dictionary}: too few markers?") from error
-
-    def find(picture: Picture) -> Found:
-        for k, one in enumerate(detectors):
-            corners, ids, _, _ = one.detectBoard(picture)
-            if ids is None or len(ids) < FEWEST_CHARUCO:
-                continue
-            numbers = np.asarray(ids, dtype=np.intp).ravel()
-            if np.linalg.matrix_rank(board.points[numbers, :2] - board.points[numbers[0], :2]) < 2:
-                continue  # corners of one line
-            if k:
-                detectors.reverse()  # it will be this one in all pictures
-            # Releases of OpenCV differ by half a pixel here; refined once more, all give the same.
-            return numbers, *_refined(picture, corners, share)
-        return None
-
-    return find
-
-
-def _dictionary(name: Any) -> int:
-    aruco = opencv().aruco
-    known = [key.removeprefix("DICT_") for key in dir(aruco) if key.startswith("DICT_")]
-    text = str(name).upper().removeprefix("DICT_")
-    if text not in known:
-        raise InputError(f"Expected `dictionary` to be one of {', '.join(known)}, got {short(str(name))}.")
-    return int(getattr(aruco, f"DICT_{text}"))

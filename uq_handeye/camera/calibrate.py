@@ -106,7 +106,7 @@ def calibrate_camera(
         elif corners.window is not None:
             # Once: with the camera found from corners that were moved d changes by less than 0.001 pixels.
             d = bias(bundle, corners)
-            moved = _moved(d[corners.window > 0])
+            moved = _moved(d[corners.window != 0])
             corners = replace(corners, pixels=corners.pixels - d, window=None)
         else:
             break

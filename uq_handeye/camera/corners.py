@@ -26,8 +26,9 @@ class Corners:
     ``row`` (m,) is the number of the picture and of the robot pose that it was taken at; ``points`` (m, 3) are on the
     board, in its frame and the unit of length of the poses; ``pixels`` (m, 2) where they were seen, the centre of the
     first pixel at (0, 0). ``names`` are those of the pictures, in ascending order of their rows. Kept sorted by row.
-    ``window`` (m,) is half the width, in pixels, of the square in which ``cornerSubPix`` found each corner; 0, or None
-    for all, where it is not known. What that square does to a corner `bent_edges` takes out.
+    ``window`` (m,) is half the width, in pixels, of the square in which ``cornerSubPix`` found each corner; of corners
+    where lines through the edges of a tag meet, minus the length of these; 0, or None for all, where it is not known.
+    What bent edges do to a corner `bent_edges` takes out.
 
     Raises `InputError`: shapes that do not fit, numbers that are not finite, fewer than 4 corners in a picture.
     """
@@ -68,7 +69,7 @@ class Corners:
         kept: dict[str, NDArray[Any]] = {"row": row.astype(np.intp), "points": points, "pixels": pixels}
         if self.window is not None:
             window = as_numbers(self.window, "window")
-            if window.shape != (m,) or not (window >= 0).all() or (window != np.floor(window)).any():
+            if window.shape != (m,) or not np.isfinite(window).all() or (window != np.floor(window)).any():
                 raise InputError(
                     f"Expected `window` ({m},) to be half widths in whole pixels, 0 where not known, got others."
                 )

@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 MODEL_NAMES = ("auto", "pinhole", "brown", "fisheye")
 
 
+# Names of camera.boards.description.KINDS.
+KINDS = ("chessboard", "charuco", "aprilgrid", "aruco", "apriltag")
+TAGS = KINDS[2:]
+
+
 COEFFICIENT_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
@@ -36,8 +41,9 @@ class BoardOptions:
             metavar="COLSxROWS",
             panel=PICTURES,
             common=True,
-            help="Inner corners of a chessboard, e.g. 9x6. For a ChArUco board, its squares. Or the board.csv of an "
-            "earlier camera -o, the board as measured; with --camera-matrix also a table of points x,y,z.",
+            help="Inner corners of a chessboard, e.g. 9x6; squares of a ChArUco board; tags of a grid. Or the "
+            "board.csv of an earlier camera -o, the board as measured; or target.yaml of Kalibr; with --camera-matrix "
+            "also a table of points x,y,z.",
         ),
     ] = None
     square: Annotated[
@@ -47,7 +53,27 @@ class BoardOptions:
             metavar="LENGTH",
             panel=PICTURES,
             common=True,
-            help="Measured side of a square, e.g. 20mm. Without a unit: metres.",
+            help="Measured side of a square or tag, e.g. 20mm. Without a unit: metres.",
+        ),
+    ] = None
+    pattern: Annotated[
+        str | None,
+        option(
+            "--pattern",
+            of=KINDS,
+            metavar="NAME",
+            panel=PICTURES,
+            help=f"Kind of board: {', '.join(KINDS)}. aprilgrid is that of Kalibr, aruco OpenCV's GridBoard; apriltag, "
+            "or aruco without --board, is a single tag. Default: chessboard, with --marker charuco.",
+        ),
+    ] = None
+    spacing: Annotated[
+        str | None,
+        option(
+            "--spacing",
+            metavar="GAP",
+            panel=PICTURES,
+            help="Gap between the tags of a grid, e.g. 6mm; of aprilgrid also as a share of the side, e.g. 0.3.",
         ),
     ] = None
     marker: Annotated[
@@ -66,14 +92,23 @@ class BoardOptions:
             "--dictionary",
             metavar="NAME",
             panel=PICTURES,
-            help="Dictionary of the markers, e.g. 5X5_100. Default: 4X4_50.",
+            help="Dictionary of the markers, e.g. 5X5_100 or tag25h9. Default: 4X4_50, of AprilTags 36h11.",
+        ),
+    ] = None
+    first_id: Annotated[
+        int | None,
+        option(
+            "--first-id",
+            metavar="ID",
+            panel=PICTURES,
+            help="Id of the first tag of a grid (default: 0), or of a single tag (default: any).",
         ),
     ] = None
 
     @property
     def given(self) -> list[str]:
         """Names of the options that were given."""
-        return [f"--{name}" for name, value in vars(self).items() if value is not None]
+        return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
 
     @property
     def file(self) -> str | None:
@@ -87,8 +122,8 @@ class BoardOptions:
         return self.board
 
     def shape(self) -> "BoardShape | None":
-        """Return the measured board if ``--board`` names a file."""
-        if self.file is None:
+        """Return the measured board if ``--board`` names a file of points."""
+        if self.file is None or self.of_kalibr:
             return None
         from ..camera.files.board_file import read_board
 
@@ -98,6 +133,10 @@ class BoardOptions:
         """Return the board to look for."""
         from ..camera.board import Board, board_of
 
+        if self.of_kalibr:
+            from ..camera.files.target_file import read_target
+
+            return read_target(str(self.file))
         if self.file is not None:
             from ..camera.files.board_file import read_board_table
 
@@ -107,16 +146,57 @@ class BoardOptions:
                     "add a line such as # board: kind=chessboard columns=9 rows=6 square=0.02 before its header."
                 )
             return board_of(text)
+        kind = None if self.pattern is None else one_of(self.pattern, "--pattern", KINDS)
+        if kind in TAGS:
+            return self._tags(str(kind))
         if self.board is None or self.square is None:
             raise InputError("Pictures need --board and --square, e.g. --board 9x6 --square 20mm.")
+        for name, value in (("--spacing", self.spacing), ("--first-id", self.first_id)):
+            if value is not None:
+                raise InputError(f"{name} applies to tags. Add --pattern aprilgrid, aruco or apriltag.")
         columns, rows = read_two_numbers(self.board, "--board", "9x6")
         square = read_length(self.square, "--square")
-        if self.marker is None:
+        if self.marker is None and kind != "charuco":
             if self.dictionary is not None:
-                raise InputError("--dictionary applies to a ChArUco board. Add --marker LENGTH.")
+                raise InputError("--dictionary applies to a ChArUco board. Add --marker LENGTH. Or to tags: --pattern.")
             return Board(columns, rows, square)
-        more = {} if self.dictionary is None else {"dictionary": self.dictionary}
+        if kind == "chessboard":
+            raise InputError("--marker applies to a ChArUco board. Remove it, or say --pattern charuco.")
+        if self.marker is None:
+            raise InputError("--pattern charuco needs the side of its markers. Add --marker LENGTH.")
+        more: dict[str, Any] = {} if self.dictionary is None else {"dictionary": self.dictionary}
         return Board(columns, rows, square, "charuco", read_length(self.marker, "--marker"), **more)
+
+    @property
+    def of_kalibr(self) -> bool:
+        """True if ``--board`` names a YAML file."""
+        return self.file is not None and Path(self.file).suffix.lower() in (".yaml", ".yml")
+
+    def _tags(self, kind: str) -> "Board":
+        """Return a board of tags."""
+        from ..camera.board import Board
+
+        single = kind == "apriltag" or (kind == "aruco" and self.board is None)
+        if self.marker is not None:
+            raise InputError(f"--marker applies to a ChArUco board. Of {kind} give the side of a tag as --square.")
+        if self.square is None:
+            raise InputError(f"--pattern {kind} needs the side of a tag with its black border. Add --square LENGTH.")
+        if self.board is None and not single:
+            raise InputError(f"--pattern {kind} needs the number of tags. Add --board COLSxROWS, e.g. --board 6x6.")
+        columns, rows = (1, 1) if self.board is None else read_two_numbers(self.board, "--board", "6x6")
+        if self.spacing is None and columns * rows > 1 and kind != "apriltag":
+            shown = "0.3 (a share of the side) or 6mm" if kind == "aprilgrid" else "6mm"
+            raise InputError(f"--pattern {kind} needs the gap between tags. Add --spacing, e.g. {shown}.")
+        spacing: Any = None
+        if self.spacing is not None:
+            try:
+                spacing = float(self.spacing)
+            except ValueError:
+                spacing = self.spacing
+            if kind == "aruco":
+                spacing = read_length(self.spacing, "--spacing")
+        square = read_length(self.square, "--square")
+        return Board(columns, rows, square, kind, None, self.dictionary, spacing, self.first_id)
 
 
 @dataclass(frozen=True)

@@ -118,11 +118,11 @@ class Views:
             from ..camera.board import tag_points
 
             return tag_points(read_length(tag, "--tag"))
-        if board.file is not None:
+        if board.file is not None and not board.of_kalibr:
             from ..camera.files.board_file import read_board_points
 
             return read_board_points(board.file)
-        if board.board is None or board.square is None:
+        if board.pattern is None and not board.of_kalibr and (board.board is None or board.square is None):
             raise InputError("--camera-matrix needs the target: add --board 9x6 --square 20mm, or --tag 40mm.")
         return board.read().points
 

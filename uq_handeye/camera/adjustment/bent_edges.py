@@ -22,6 +22,10 @@ Near the corner there is none, which makes ``<s^2>`` a third larger than in a sh
 a board run along its x and y axes; the camera model says where they go in the picture, and its second differences how
 they bend. All pictures of a lens bend edges towards the same side: what d does to X does not average out.
 
+Corners of tags may come from straight lines through their edges (`boards.edges`; ``window`` -L, L the geometric mean of
+the lengths of both edges). Such a line through an edge of length L is off by ``-kappa L^2 / 12`` at its ends, so that
+``l = L^2 / 6``, with the length of each edge by the scale of the picture along it.
+
 In rendered pictures d is the shift within 4 % where a is 8 and more, within 12 % where a is 6 and d is too small to
 matter.
 
@@ -46,23 +50,27 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)  # on (-1, 1)
 
 
 def bias(bundle: Bundle, corners: Corners) -> Array:
-    """(m, 2) pixels by which ``cornerSubPix`` finds corners beside where they are; 0 where no ``window`` is known."""
+    """(m, 2) pixels by which corners are found beside where they are; 0 where no ``window`` is known."""
     d = np.zeros((corners.m, 2))
     if corners.window is None:
         return d
-    known = corners.window > 0
-    a = corners.window[known].astype(float)
+    known = corners.window != 0
+    a = np.abs(corners.window[known]).astype(float)
+    by_lines = corners.window[known] < 0
     poses = bundle.poses[corners.picture[known]]
     at = (poses[:, :3, :3] @ corners.points[known][..., None])[..., 0] + poses[:, :3, 3]
     axes = poses[:, :3, :2].mT  # (m, 2, 3): x and y of the board in the camera frame
     model, parameters = bundle.model, bundle.intrinsics
     seen = model.project(parameters, at)
-    step = STEP * a[:, None] / np.linalg.norm(axes @ seen.by_point.mT, axis=-1)  # (m, 2) along the board
+    scale = np.linalg.norm(axes @ seen.by_point.mT, axis=-1)  # (m, 2) pixels per length along the board
+    step = STEP * a[:, None] / scale
     after, before = (model.project(parameters, at[:, None] + way * step[..., None] * axes).pixels for way in (1, -1))
     first, second = 0.5 * (after - before), after - 2 * seen.pixels[:, None] + before  # by one step
     length = np.linalg.norm(first, axis=-1)
     tangent = first / length[..., None]
-    d[known] = shift(a, tangent, np.sum(_normal(tangent) * second, axis=-1) / length**2)
+    curvature = np.sum(_normal(tangent) * second, axis=-1) / length**2
+    edges = a[:, None] * np.sqrt(scale / scale[:, ::-1])
+    d[known] = np.where(by_lines[:, None], _solved(tangent, curvature, edges**2 / 6.0), shift(a, tangent, curvature))
     return d
 
 
@@ -78,6 +86,11 @@ def shift(a: Array, tangent: Array, curvature: Array) -> Array:
     mean_square = np.sum(weight * s**2, axis=-1) / np.sum(weight, axis=-1)
     wide = (blur(a) ** 2)[:, None]
     lever = mean_square * (1 + 2 * wide / a[:, None] ** 2) - wide
+    return _solved(tangent, curvature, lever)
+
+
+def _solved(tangent: Array, curvature: Array, lever: Array) -> Array:
+    """d (m, 2) with ``n_e . d = -kappa_e l_e / 2``."""
     return np.asarray(np.linalg.solve(_normal(tangent), (-0.5 * curvature * lever)[..., None])[..., 0])
 
 

@@ -1,0 +1,171 @@
+"""AprilGrids, grids of markers and single tags: rendered pictures with known corners."""
+
+import numpy as np
+import pytest
+from picture_cases import SIZE, facing, picture, projected, save
+
+import uq_handeye as uq
+from studies.common.pictures import Camera
+from studies.common.pictures import picture as taken
+from uq_handeye.camera.board import board_of
+from uq_handeye.camera.boards.dictionaries import bits_of, dictionary_of, drawn_upside_down
+from uq_handeye.camera.boards.tags import layout_of, tag_finder
+from uq_handeye.errors import InputError
+
+cv2 = pytest.importorskip("cv2")
+APRILGRID = uq.Board(4, 3, 0.04, "aprilgrid", spacing=0.3)
+GRID = uq.Board(4, 3, 0.04, "aruco", dictionary="5x5_100", spacing="10mm", first_id=8)
+TAG = uq.Board(1, 1, "40mm", "apriltag", first_id=5)
+
+
+def off(board, T, found):
+    numbers, pixels, _ = found
+    return pixels - projected(board, T)[numbers]
+
+
+@pytest.mark.parametrize("board", [APRILGRID, GRID], ids=["aprilgrid", "aruco"])
+def test_corners_of_grids_at_every_angle_of_roll(rng, board):
+    """Corners between black squares, as Kalibr's are, and alone."""
+    find, away, inwards = tag_finder(board), [], []
+    for roll in (7, 97, 220):
+        T = facing(board, roll, distance=0.35)
+        found = find(picture(board, T, rng))
+        assert len(found[0]) > 0.6 * len(board.points)
+        away.append(off(board, T, found))
+        tag = projected(board, T)[layout_of(board).numbers].mean(axis=1)
+        of = np.array([np.nonzero(layout_of(board).numbers == k)[0][0] for k in found[0]])
+        inside = tag[of] - found[1]
+        inwards.append((away[-1] * inside).sum(axis=1) / np.linalg.norm(inside, axis=1))
+    away = np.concatenate(away)
+    assert np.sqrt(np.mean(away**2)) < 0.03 and np.abs(away).max() < 0.12
+    assert np.abs(away.mean(axis=0)).max() < 0.006  # no half pixel
+    assert abs(np.concatenate(inwards).mean()) < 0.006  # no tag is too small or too large
+
+
+def test_black_squares_between_tags_make_chessboard_corners_and_alone_they_are_met_by_lines(rng):
+    T = facing(APRILGRID, 7, distance=0.35)
+    assert (tag_finder(APRILGRID)(picture(APRILGRID, T, rng))[2] > 0).all()
+    T = facing(GRID, 7, distance=0.35)
+    assert (tag_finder(GRID)(picture(GRID, T, rng))[2] < 0).all()
+
+
+def test_a_grid_seen_in_part_keeps_its_numbers(rng, tmp_path):
+    T = facing(APRILGRID, 160, distance=0.4)
+    part = picture(APRILGRID, T, rng)
+    part[:, 340:] = 128
+    found = uq.detect_board(save(tmp_path, part), APRILGRID)
+    index = [int(np.argmin(np.abs(APRILGRID.points - p).sum(axis=1))) for p in found.points]
+    assert 8 <= found.m < len(APRILGRID.points)
+    assert np.abs(found.pixels - projected(APRILGRID, T)[index]).max() < 0.15
+
+
+def test_the_frame_of_kalibr(rng):
+    """Tag 0 is the lower left one; its lower left corner is Kalibr's origin, y up."""
+    layout = layout_of(APRILGRID)
+    height = 3 * 0.04 + 2 * 0.012
+    tag = int(np.flatnonzero(layout.ids == 0)[0])
+    np.testing.assert_allclose(layout.points[tag, 3], [0, height])
+    tag = int(np.flatnonzero(layout.ids == 5)[0])  # the second of the second row from below
+    np.testing.assert_allclose(layout.points[tag, 3], [0.052, height - 0.052])
+    assert (np.abs(APRILGRID.points[1] - [0.04, 0, 0]) < 1e-12).all()  # row by row from the upper left
+
+
+@pytest.mark.parametrize("family", ["16h5", "25h9", "36h11"])
+def test_a_single_tag_stands_as_apriltag_has_it(rng, family):
+    """The code is read from the upper left, whichever way OpenCV draws it."""
+    first = {"16h5": 0x231B, "25h9": 0x155CBF1, "36h11": 0xD5D628584}[family]
+    bits = bits_of(dictionary_of(f"tag{family}"), 0)
+    bits = bits[::-1, ::-1] if drawn_upside_down(f"tag{family}") else bits
+    assert int("".join(map(str, bits.astype(int).ravel())), 2) == first
+    board = uq.Board(1, 1, 0.04, "apriltag", dictionary=family)
+    for roll in (10, 190):
+        T = facing(board, roll, distance=0.3)
+        found = tag_finder(board)(picture(board, T, rng))
+        assert np.abs(off(board, T, found)).max() < 0.08
+    np.testing.assert_allclose(board.points[0], [-0.02, -0.02, 0])  # the middle is the origin
+
+
+def test_small_tags_are_not_drawn_together(rng):
+    """cornerSubPix moves the corners of dark squares inwards by 0.2 pixels and more."""
+    find, inwards = tag_finder(TAG), []
+    for roll in range(0, 90, 9):
+        T = facing(TAG, roll, distance=0.75)  # 40 pixels
+        _, pixels, _ = find(picture(TAG, T, rng))
+        truth = projected(TAG, T)
+        inside = truth.mean(axis=0) - truth
+        inwards += (((pixels - truth) * inside).sum(axis=1) / np.linalg.norm(inside, axis=1)).tolist()
+    assert abs(np.mean(inwards)) < 0.015 and np.std(inwards) < 0.05
+
+
+def test_other_tags_are_left_alone(rng):
+    T = facing(TAG, 10, distance=0.3)
+    assert tag_finder(uq.Board(1, 1, "40mm", "apriltag", first_id=6))(picture(TAG, T, rng)) is None
+    assert tag_finder(uq.Board(1, 1, "40mm", "apriltag"))(picture(TAG, T, rng)) is not None
+
+
+def test_an_aprilgrid_with_one_cell_of_border_and_without_squares_is_found_too(rng):
+    print_of_one_row = uq.Board(3, 1, 0.04, "aruco", dictionary="36h11", spacing=0.01)
+    board = uq.Board(3, 1, 0.04, "aprilgrid", spacing=0.25)
+    T = facing(board, 30, distance=0.4)
+    found = tag_finder(board)(picture(print_of_one_row, T, rng))
+    assert len(found[0]) == 12 and (found[2] < 0).all()
+    assert np.abs(off(board, T, found)).max() < 0.1
+
+
+def test_grids_that_opencv_draws_are_found_whichever_way_up_its_apriltags_are(rng):
+    words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    grid = cv2.aruco.GridBoard((4, 3), 40.0, 10.0, words)
+    drawn = np.pad(grid.generateImage((4 * 80 + 60, 3 * 80 + 40)), 30, constant_values=255)
+    found = tag_finder(uq.Board(4, 3, 0.04, "aruco", dictionary="36h11", spacing=0.01))(drawn)
+    numbers, pixels, _ = found
+    assert len(numbers) == 48
+    expected = uq.Board(4, 3, 80, "aruco", spacing=20).points[numbers, :2] + 29.5
+    assert np.abs(pixels - expected).max() < 0.3
+    ids = np.array(grid.getIds()).ravel()
+    np.testing.assert_array_equal(ids, layout_of(GRID).ids - 8)
+    np.testing.assert_allclose(np.array(grid.getObjPoints())[..., :2] / 1e3, layout_of(GRID).points, atol=1e-9)
+
+
+@pytest.mark.parametrize("board", [APRILGRID, GRID, TAG, uq.Board(1, 1, 0.1, "aruco")], ids=str)
+def test_text_is_read_back(board):
+    assert board_of(board.text) == board and board.symmetry_order == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"kind": "aprilgrid"}, "Expected `spacing`"),
+        ({"kind": "aprilgrid", "spacing": 30}, "smaller than 3 sides"),
+        ({"kind": "aruco", "spacing": 0.3}, "in metres"),
+        ({"kind": "aprilgrid", "spacing": 0.3, "dictionary": "4X4_50"}, "of AprilTags"),
+        ({"kind": "apriltag"}, "single apriltag to be 1"),
+        ({"kind": "apriltag", "columns": 1, "rows": 1, "spacing": 0.3}, "no `spacing`"),
+        ({"kind": "aprilgrid", "marker": 0.02, "spacing": 0.3}, "leave `marker` out"),
+        ({"kind": "chessboard", "first_id": 3}, "no `first_id`"),
+    ],
+)
+def test_tags_that_make_no_sense(arguments, message):
+    with pytest.raises(InputError, match=message):
+        uq.Board(**{"columns": 6, "rows": 4, "square": 0.04} | arguments)
+
+
+def test_more_tags_than_the_dictionary_has_are_refused():
+    with pytest.raises(InputError, match="tags up to 99, and 4X4_50 has 50"):
+        tag_finder(uq.Board(10, 10, 0.04, "aruco", spacing=0.01))
+
+
+def test_lines_through_bent_edges_are_moved_back(rng):
+    """A lens bends the edges that lines go through; with the camera known the corners are where they should be."""
+    camera = np.array([500.0, 500, 320, 240, -0.25, 0.05, 0, 0, 0, 0, 0, 0])
+    lens, find, before, after = Camera("brown", camera, SIZE), tag_finder(GRID), [], []
+    rows, points, pixels, windows, truth = [], [], [], [], []
+    for k, (roll, tilt) in enumerate(((5, (0.4, 0.1)), (80, (-0.3, 0.4)), (200, (0.1, -0.45)), (300, (0.3, 0.3)))):
+        T = facing(GRID, roll, tilt, 0.22)
+        numbers, where, window = find(taken(lens, GRID, T, rng))
+        rows += [k] * len(numbers)
+        points.append(GRID.points[numbers]), pixels.append(where), windows.append(window)
+        truth.append(lens.seen(GRID.points[numbers], T))
+    corners = uq.Corners(rows, *map(np.concatenate, (points, pixels)), image_size=SIZE, window=np.concatenate(windows))
+    cam = uq.calibrate_camera(corners, model="brown", coefficients=("k1", "k2"), shape="flat")
+    before, after = (np.sqrt(np.mean((c.pixels - np.concatenate(truth)) ** 2)) for c in (corners, cam.corners))
+    assert after < 0.02 < 2 * after < before

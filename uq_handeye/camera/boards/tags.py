@@ -1,0 +1,189 @@
+"""Tags in a picture: grids of them, also in part, and single ones, by OpenCV's ArUco module.
+
+Kalibr's AprilGrid has tags with a black border two cells wide, and small black squares between the corners of
+neighbouring tags, which make chessboard corners of them: these are refined as such. Other corners are where the edges
+of a tag meet (`edges`). Grids printed with a border of one cell, or without squares, are read as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...geometry.se3 import Array
+from ..adjustment.initial_guess import opencv
+from .description import Board
+from .dictionaries import dictionary_of, drawn_upside_down
+from .edges import corners_by_edges
+from .refinement import Found, Picture, refined
+
+# Fewest tags of a grid that are worth a pose: one has two.
+FEWEST = 2
+# Half the side of the window of a chessboard corner, as a share of the distance to the next structure.
+SHARE = 0.6
+# Tags farther from their place in the grid than this share of their side are others.
+ASTRAY = 0.5
+# Pixels from the rim of the picture within which a corner is not used.
+RIM = 3
+# Grey beyond a corner, between black 0 and white 1, below which there is a square.
+DARK = 0.35
+MOST = 0.5  # share of the corners of a print with squares that have one, at least
+
+
+class Layout(NamedTuple):
+    """Places of the tags of a board."""
+
+    board: Board
+    ids: NDArray[np.intp]  # (t,)
+    numbers: NDArray[np.intp]  # (t, 4) of the corners, clockwise from the upper left
+    points: Array  # (t, 4, 2)
+
+
+def layout_of(board: Board) -> Layout:
+    """Return ids and corners of the tags."""
+    r, c = (part.ravel() for part in np.indices((board.rows, board.columns)))
+    line = board.rows - 1 - r if board.kind == "aprilgrid" else r
+    ids = (board.first_id or 0) + line * board.columns + c
+    wide = 2 * board.columns
+    upper = 2 * r * wide + 2 * c
+    numbers = np.stack([upper, upper + 1, upper + wide + 1, upper + wide], axis=1)
+    return Layout(board, ids, numbers, board.points[numbers][..., :2])
+
+
+def tag_finder(board: Board) -> Callable[[Picture], Found]:
+    """Return the function that finds the corners of the board in a picture."""
+    cv2, words, layout = opencv(), dictionary_of(board.dictionary), layout_of(board)
+    if int(layout.ids.max()) >= len(words.bytesList):
+        raise InputError(
+            f"The {board} needs tags up to {layout.ids.max()}, and {board.dictionary} has {len(words.bytesList)}: name "
+            "another `dictionary` (--dictionary), or a smaller `first_id` (--first-id)."
+        )
+
+    def detector(border: int) -> Any:
+        how = cv2.aruco.DetectorParameters()
+        how.markerBorderBits = border
+        return cv2.aruco.ArucoDetector(words, how)
+
+    borders = [2, 1] if board.kind == "aprilgrid" else [1, 2]
+    detectors = {border: detector(border) for border in borders}
+    upside_down = drawn_upside_down(board.dictionary)
+    # Which corner of OpenCV's is the upper left one. Grids of AprilTags are about that OpenCV 4 drew.
+    turns = [2, 0] if upside_down else [0, 2]
+    turns = turns if str(board.dictionary).startswith("APRILTAG") and not board.single else turns[:1]
+
+    def find(picture: Picture) -> Found:
+        for border in tuple(borders):
+            corners, ids, _ = detectors[border].detectMarkers(picture)
+            if ids is None:
+                continue
+            quads = np.asarray(corners, dtype=float).reshape(-1, 4, 2)
+            share = border / (words.markerSize + 2 * border)
+            quads, good = corners_by_edges(picture, quads, share, _room(board))
+            good = good & _inside(quads, picture)
+            chosen = _chosen(layout, np.asarray(ids).ravel()[good], quads[good], turns)
+            if chosen is None:
+                continue
+            if border != borders[0]:
+                borders.reverse()  # it will be this one in all pictures
+            tags, quads = chosen
+            return _seen(layout, tags, quads, picture, share)
+        return None
+
+    return find
+
+
+def _room(board: Board) -> float:
+    """Return the white around a tag, as a share of its side: the gap of a grid, and what people leave around one."""
+    return board.gap / board.side if board.gap else 0.25
+
+
+def _inside(quads: Array, picture: Picture) -> NDArray[np.bool_]:
+    far = np.array(picture.shape[::-1]) - 1 - RIM
+    return np.asarray(((quads >= RIM) & (quads <= far)).all(axis=(1, 2)))
+
+
+def _chosen(
+    layout: Layout, ids: NDArray[np.intp], quads: Array, turns: list[int]
+) -> tuple[NDArray[np.intp], Array] | None:
+    """Rows of the layout (k,) and their corners (k, 4, 2), clockwise from the upper left; None: too few tags."""
+    board = layout.board
+    if board.single:
+        wanted = np.ones(len(ids), dtype=bool) if board.first_id is None else ids == board.first_id
+        if not wanted.any():
+            return None
+        largest = int(np.argmax(np.where(wanted, _size(quads), -1.0)))
+        return np.array([0]), np.roll(quads[largest], -turns[0], axis=0)[None]
+    place = {int(number): k for k, number in enumerate(layout.ids)}
+    rows = np.array([place.get(int(number), -1) for number in ids], dtype=np.intp)
+    rows, quads = rows[rows >= 0], quads[rows >= 0]
+    if len(np.unique(rows)) < FEWEST:
+        return None
+    best: tuple[int, int, Array, NDArray[np.bool_]] | None = None
+    for turn in turns:
+        turned = np.roll(quads, -turn, axis=1)
+        off = _off(layout.points[rows], turned)
+        size = _size(quads)
+        near = off < ASTRAY * size
+        for row in np.unique(rows[near]):  # of the same id the nearest
+            same = np.flatnonzero((rows == row) & near)
+            near[same] = False
+            near[same[np.argmin(off[same])]] = True
+        if best is None or near.sum() > best[0]:
+            best = int(near.sum()), turn, turned, near
+    assert best is not None
+    if best[0] < FEWEST:
+        return None
+    turns.sort(key=lambda turn: turn != best[1])  # it will be this one in all pictures
+    return rows[best[3]], best[2][best[3]]
+
+
+def _size(quads: Array) -> Array:
+    """(k,) mean side in pixels."""
+    return np.asarray(np.linalg.norm(np.roll(quads, -1, axis=1) - quads, axis=-1).mean(axis=1))
+
+
+def _off(points: Array, quads: Array) -> Array:
+    """(k,) pixels by which the tags are off a homography of most of them."""
+    within = 0.5 * ASTRAY * float(np.median(_size(quads)))
+    H, _ = opencv().findHomography(points.reshape(-1, 1, 2), quads.reshape(-1, 1, 2), opencv().RANSAC, within)
+    if H is None:
+        return np.full(len(quads), np.inf)
+    away = opencv().perspectiveTransform(points.reshape(-1, 1, 2), H).reshape(quads.shape) - quads
+    return np.asarray(np.linalg.norm(away, axis=-1).max(axis=1))
+
+
+def _seen(layout: Layout, tags: NDArray[np.intp], quads: Array, picture: Picture, border: float) -> Found:
+    """Numbers, pixels and windows of the corners; where black squares touch tags, refined as those of a chessboard."""
+    size = np.linalg.norm(np.roll(quads, -1, axis=1) - quads, axis=-1)
+    size = np.sqrt(size * np.roll(size, 1, axis=1))  # (k, 4) of both edges that meet in a corner
+    window = -np.rint(size).astype(np.intp)
+    pixels = quads.copy()
+    if layout.board.kind == "aprilgrid" and not layout.board.single:
+        crossed = _crossed(layout.board, quads, picture)
+        if crossed.mean() > MOST:
+            room = size * min(border, _room(layout.board))
+            found, width = refined(picture, quads[crossed], SHARE, room[crossed])
+            near = np.linalg.norm(found - quads[crossed], axis=1) < np.maximum(1.0, 0.5 * room[crossed])
+            at = tuple(index[near] for index in np.nonzero(crossed))
+            pixels[at], window[at] = found[near], width[near]
+    numbers = layout.numbers[tags].ravel()
+    order = np.argsort(numbers)
+    return numbers[order], pixels.reshape(-1, 2)[order], window.ravel()[order]
+
+
+def _crossed(board: Board, quads: Array, picture: Picture) -> NDArray[np.bool_]:
+    """(k, 4) whether a dark square lies beyond the corner, by the grey in its middle."""
+    away = 0.5 * _room(board) * (2 * quads - np.roll(quads, 1, axis=1) - np.roll(quads, -1, axis=1))
+    side = 0.5 * _room(board) * (quads - np.roll(quads, 1, axis=1)) + 0.5 * (np.roll(quads, -1, axis=1) - quads)
+    inwards = 0.05 * (np.roll(quads, 1, axis=1) + np.roll(quads, -1, axis=1) - 2 * quads)
+    square, white, dark = (_grey(picture, quads + shift) for shift in (away, side, inwards))
+    return np.asarray(square - dark < DARK * (white - dark))
+
+
+def _grey(picture: Picture, at: Array) -> Array:
+    at = at.astype(np.float32)
+    return np.asarray(opencv().remap(picture.astype(np.float32), at[..., 0], at[..., 1], opencv().INTER_LINEAR))
