@@ -1,0 +1,214 @@
+"""Poses from points: closed forms, the covariance against actual errors, outliers, refusals."""
+
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+from points_cases import pose_errors, rig
+from scipy import stats
+from support import CONFIDENCE, SEED
+
+from uq_handeye import InputError, InputWarning
+from uq_handeye.points.estimate import poses_from_points
+from uq_handeye.points.least_squares import Normal, Sight
+from uq_handeye.points.measured import PointSet, Target
+from uq_handeye.points.start import kabsch, placed
+
+LATERAL, AXIAL = 1e-4, 5e-4
+
+
+def mean_is_one(d2, k):
+    """Whether the mean of n values that are chi-square distributed with k degrees of freedom is k."""
+    return abs(np.mean(d2) / k - 1.0) < stats.norm.isf((1 - CONFIDENCE) / 2) * np.sqrt(2 / (k * len(d2)))
+
+
+def nees(found, T):
+    e = pose_errors(T, found.poses)
+    return np.einsum("na,nab,nb->n", e, np.linalg.inv(found.covariance.blocks), e)
+
+
+def test_kabsch_is_exact_and_proper():
+    rng = np.random.default_rng(SEED)
+    y, p, T = rig(rng, 20, 4, 0.0, 0.0)
+    pose, point = np.repeat(np.arange(20), 4), np.tile(np.arange(4), 20)
+    found = kabsch(y.reshape(-1, 3), p[point], pose, 20, rng.uniform(0.5, 2.0, 80))
+    np.testing.assert_allclose(found, T, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape_open", [False, True])
+def test_derivatives_are_numerical_derivatives(shape_open):
+    rng = np.random.default_rng(SEED + 1)
+    y, p, T = rig(rng, 2, 4, 1e-3, 1e-3)
+    pose, point = np.repeat(np.arange(2), 4), np.tile(np.arange(4), 2)
+    sight = Sight(y.reshape(-1, 3), pose, point, 2, 4)
+    normal = Normal(sight, T, p, np.tile(np.eye(3), (8, 1, 1)), shape_open)
+    h = 1e-6
+    from uq_handeye.geometry.se3 import perturb
+
+    for k in range(6):
+        xi = h * np.eye(6)[k]
+        moved = (placed(perturb(T, xi), p[point], pose) - placed(perturb(T, -xi), p[point], pose)) / (2 * h)
+        np.testing.assert_allclose(normal.J[:, :, k], moved, atol=1e-8)
+    if shape_open:
+        S, G = normal.reduced[0], normal.gauge
+        assert np.abs(S @ G).max() < 1e-10 * np.abs(S).max()  # the target may move in its own frame
+        np.testing.assert_allclose(normal.C, np.linalg.pinv(S, rcond=1e-9), atol=1e-9 * np.abs(normal.C).max())
+        np.testing.assert_allclose(normal.L @ normal.L.T, normal.C, atol=1e-9 * np.abs(normal.C).max())
+
+
+def test_the_step_is_that_of_the_dense_least_squares():
+    """Schur complement and gauge against one dense pseudo-inverse of all unknowns, covariance included."""
+    rng = np.random.default_rng(SEED + 2)
+    y, p, T = rig(rng, 3, 5, 1e-3, 1e-3)
+    pose, point = np.repeat(np.arange(3), 5), np.tile(np.arange(5), 3)
+    half = rng.normal(size=(15, 3, 3))
+    normal = Normal(Sight(y.reshape(-1, 3), pose, point, 3, 5), T, p, half @ half.mT + np.eye(3), True)
+    J = np.zeros((15, 3, 18 + 15))
+    for k in range(15):
+        J[k, :, 6 * pose[k] : 6 * pose[k] + 6] = normal.J[k]
+        J[k, :, 18 + 3 * point[k] : 21 + 3 * point[k]] = T[pose[k], :3, :3]
+    N = np.einsum("kab,kac,kcd->bd", J, normal.W, J)
+    held = np.zeros((6, 33))
+    held[:, 18:] = normal.gauge.T
+    bordered = np.block([[N, held.T], [held, np.zeros((6, 6))]])
+    S = np.linalg.inv(bordered)[:33, :33]
+    xi, dp = normal.step()
+    step = S @ np.einsum("kab,kac,kc->b", J, normal.W, normal.r)
+    np.testing.assert_allclose(np.concatenate([xi.ravel(), dp.ravel()]), step, rtol=1e-7, atol=1e-12)
+    joint = np.einsum("naq,mbq->namb", normal.shared, normal.shared).reshape(18, 18)
+    for i in range(3):
+        joint[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] += normal.own[i]
+    np.testing.assert_allclose(joint, S[:18, :18], rtol=1e-6, atol=1e-9 * np.abs(S[:18, :18]).max())
+    Q = normal.predicted_covariance(normal.sight)
+    np.testing.assert_allclose(Q, J @ S @ J.mT, rtol=1e-6, atol=1e-9 * np.abs(Q).max())
+
+
+@pytest.mark.parametrize("axial", [LATERAL, AXIAL])
+@pytest.mark.parametrize("noise", ["given", None])
+def test_covariance_of_poses_of_a_known_target(axial, noise):
+    rng = np.random.default_rng(SEED + 3)
+    y, p, T = rig(rng, 700, 5, LATERAL, axial)
+    found = poses_from_points(y, p, (LATERAL, axial) if noise == "given" else None)
+    assert not found.findings and mean_is_one(nees(found, T), 6)
+    for sd, true, dof in zip(found.sd, (LATERAL, axial), found.dof, strict=True):
+        assert abs(sd / true - 1) < 4.0 / np.sqrt(2 * dof)
+
+
+def test_a_covariance_of_the_wrong_shape_is_rejected():
+    """Isotropic noise assumed of a camera whose axial noise is five times the lateral one."""
+    rng = np.random.default_rng(SEED + 3)
+    y, p, T = rig(rng, 700, 5, LATERAL, AXIAL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        found = poses_from_points(y, p, LATERAL)
+    assert not mean_is_one(nees(found, T[found.rows]), 6)
+    assert [one.code for one in found.findings if one.code == "points.noise_differs"]
+
+
+@cache
+def sessions(noise):
+    """(trials,) joint d^2 of 12 poses of an unknown target with missing points, and the standard deviations."""
+    rng = np.random.default_rng(SEED + 4)
+    d2, sd = [], []
+    for _ in range(30):
+        y, p, T = rig(rng, 12, 7, LATERAL, AXIAL)
+        y[rng.random(y.shape[:2]) < 0.1] = np.nan
+        found = poses_from_points(y, None, noise)
+        names = found.target.names.astype(int)
+        G = kabsch(found.target.xyz, p[names], np.zeros(len(names), dtype=int), 1, np.ones(len(names)))[0]
+        e = pose_errors(T[found.rows] @ np.linalg.inv(G), found.poses).ravel()
+        d2.append(e @ np.linalg.solve(np.asarray(found.covariance), e) * 72 / len(e))
+        sd.append(found.sd)
+    return np.array(d2), np.array(sd)
+
+
+def test_joint_covariance_of_poses_of_an_unknown_target():
+    d2, _ = sessions((LATERAL, AXIAL))
+    assert mean_is_one(d2, 72)
+
+
+def test_noise_estimated_beside_an_unknown_target():
+    d2, sd = sessions(None)
+    np.testing.assert_allclose(np.mean(sd**2, axis=0) ** 0.5, [LATERAL, AXIAL], rtol=0.06)
+    assert 0.9 < d2.mean() / 72 < 1.15  # variances of about 50 degrees of freedom each
+
+
+def test_noise_that_grows_with_the_distance_is_found():
+    rng = np.random.default_rng(SEED + 5)
+    y, p, T = rig(rng, 300, 5, LATERAL, AXIAL, growing=True)
+    found = poses_from_points(y, p)
+    assert found.model.growing and mean_is_one(nees(found, T), 6)
+    r = found.model.distance
+    np.testing.assert_allclose(found.sd, [LATERAL * r, AXIAL * r * r], rtol=0.1)
+    assert not poses_from_points(*rig(rng, 300, 5, LATERAL, AXIAL)[:2]).model.growing
+
+
+def test_wrong_points_are_named():
+    rng = np.random.default_rng(SEED + 6)
+    y, p, _ = rig(rng, 15, 6, LATERAL, AXIAL)
+    y[3, 2] += [0.0, 0.02, 0.0]
+    y[7, [0, 4]] = y[7, [4, 0]]
+    for target in (p, None):
+        with pytest.warns(InputWarning, match="rejected as outliers"):
+            found = poses_from_points(y, target)
+        assert {(pose, point) for pose, point, _ in found.outliers} == {(3, "2"), (7, "0"), (7, "4")}
+        np.testing.assert_allclose(found.sd, [LATERAL, AXIAL], rtol=0.25)
+    assert "pose 3, point 2" in str(next(one for one in found.findings if one.code == "points.left_out"))
+
+
+def test_poses_that_cannot_be_had_are_left_out_by_number():
+    rng = np.random.default_rng(SEED + 7)
+    y, p, _ = rig(rng, 10, 5, LATERAL, AXIAL)
+    y[4, 2:] = np.nan
+    y[6, :] = y[6, 0] + np.linspace(0, 0.2, 5)[:, None] * [1.0, 0.0, 0.0]
+    with pytest.warns(InputWarning, match="left out"):
+        found = poses_from_points(y, p)
+    assert found.rows.tolist() == [0, 1, 2, 3, 5, 7, 8, 9]
+    assert dict(found.refused) == {4: "few points", 6: "in line"}
+    assert "Pose 4 was left out: fewer than three" in " ".join(found.warnings)
+
+
+def test_a_wrong_target_is_named():
+    rng = np.random.default_rng(SEED + 8)
+    y, p, _ = rig(rng, 30, 6, LATERAL, AXIAL)
+    with pytest.warns(InputWarning, match="larger than those of"):
+        poses_from_points(1.003 * y, p)
+    off = p.copy()
+    off[2] += [0.0, 0.0, 4e-4]
+    with pytest.warns(InputWarning, match=r"in all poses alike: 2 \("):
+        poses_from_points(y, off)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda y, p: (1e3 * y, p), "--units mm"),
+        (lambda y, p: (y, 1e3 * p), "--target-units mm"),
+        (lambda y, p: (y, p * [1, 1, -1]), "mirror image"),
+        (lambda y, p: (y[:, :1], p[:1]), "One point per pose gives no pose"),
+        (lambda y, p: (y[:, :2], p[:2]), "at most 2 points per pose"),
+        (lambda y, p: (y[:1], None), "Give the target"),
+        (lambda y, p: (y, {"a": p[0], "b": p[1], "c": p[2]}), "same name in both"),
+        (lambda y, p: (y, p[[1, 2, 3, 4, 0]]), "do not fit the target"),
+        (lambda y, p: (y[..., :2], p), "Expected `points`"),
+    ],
+)
+def test_refusals_say_what_to_do(change, words):
+    y, p, _ = rig(np.random.default_rng(SEED + 9), 8, 5, LATERAL, AXIAL)
+    with pytest.raises(InputError, match=words):
+        poses_from_points(*change(y, p))
+
+
+@pytest.mark.parametrize("noise", ["2", "1mm,2mm,3mm", "soft", (0.0, 1e-3), True])
+def test_noise_that_makes_no_sense(noise):
+    y, p, _ = rig(np.random.default_rng(SEED + 9), 8, 5, LATERAL, AXIAL)
+    with pytest.raises(InputError, match="--noise"):
+        poses_from_points(y, p, noise)
+
+
+def test_points_are_checked():
+    with pytest.raises(InputError, match="point a twice in pose 1"):
+        PointSet(np.array([1, 1]), np.array(["a", "a"]), np.zeros((2, 3)))
+    with pytest.raises(InputError, match="got 0 twice"):
+        Target(np.array(["0", "0"]), np.zeros((2, 3)))

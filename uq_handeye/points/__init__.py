@@ -1,0 +1,3 @@
+"""Poses of a target from its points, measured in 3-D by a depth camera or a tracker, with their joint covariance."""
+
+from . import sentences as sentences

@@ -1,0 +1,78 @@
+"""Sentences of the findings of poses from points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..findings import sentence
+from ..formatting.numbers import concise, digits, probability
+
+
+def listed(items: Sequence[Any], most: int = 10) -> str:
+    """The first of several, with commas."""
+    return ", ".join(map(str, items[:most])) + (", ..." if len(items) > most else "")
+
+
+@sentence("points.left_out")
+def _(count: int, n: int, worst: Sequence[Mapping[str, Any]]) -> str:
+    which = "; ".join(
+        f"pose {one['pose']}, point {one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in worst[:6]
+    )
+    more = ", and others" if count > min(len(worst), 6) else ""
+    were = "was" if count == 1 else "were"
+    return f"{count} of {n} points {were} rejected as outliers: {which}{more}. Check how they were measured and named."
+
+
+@sentence("points.poses_left_out")
+def _(poses: Sequence[int], why: str) -> str:
+    start = (
+        f"{'Pose' if len(poses) == 1 else 'Poses'} {listed(poses)} {'was' if len(poses) == 1 else 'were'} left out: "
+    )
+    return start + {
+        "few points": "fewer than three usable points give no pose.",
+        "in line": "the points lie in a line, and the rotation about it is open. Measure a point beside it.",
+        "inconsistent": "the points contradict the target, and fewer than three remain. Check their names.",
+    }.get(why, f"{why}.")
+
+
+@sentence("points.not_in_target")
+def _(points: Sequence[str]) -> str:
+    return (
+        f"{len(points)} measured point{'s' if len(points) > 1 else ''} not in the target, not used: {listed(points)}. "
+        "Give the same point the same name in both files."
+    )
+
+
+@sentence("points.noise_differs")
+def _(ratio: float, p_value: float) -> str:
+    return (
+        f"The residuals are {digits(ratio, 2)} times as large as the noise given ({probability(p_value)}). Correct "
+        "`noise` (--noise), or leave it out to have it estimated."
+    )
+
+
+@sentence("points.few_residuals")
+def _(dof: float) -> str:
+    return (
+        f"The noise was estimated from few residuals ({digits(dof, 2)} degrees of freedom). Give it (`noise`, --noise) "
+        "if it is known, or measure more points."
+    )
+
+
+@sentence("points.scale")
+def _(scale: float, std: float) -> str:
+    larger = "larger" if scale > 0 else "smaller"
+    return (
+        f"The measured distances between points are {concise(100 * abs(scale), 100 * std)} % {larger} than those of "
+        "the target: its coordinates or the scale of the camera are wrong. The covariance does not include this error."
+    )
+
+
+@sentence("points.target_off")
+def _(count: int, n: int, worst: Sequence[Mapping[str, Any]]) -> str:
+    which = ", ".join(f"{one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in worst)
+    return (
+        f"{count} of {n} points lie elsewhere than the target says, in all poses alike: {which}. The covariance does "
+        "not include this error. Measure the target, or leave it out to have its shape estimated."
+    )
