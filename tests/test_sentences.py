@@ -33,6 +33,7 @@ NAMED = {
     "coefficients": [{"name": "k1", "value": 0.1, "std": 0.2}],
     "parts": [{"side": "robot", "times": [1.0, 2.0], "why": WHY}],
     "worst": [ROW],
+    "far_points": [{"pose": 3, "point": "A", "distance": 2e-3}],
     "readings": [{"kind": "quaternion", "file": None, "order": "wxyz", "length": 0.1}],
     "reading": {"kind": "scale", "factor": 1e-3, "file": "camera", "unit": "mm"},
     "stretches": [[0, 10, 0], [10, 20, -1], [20, 30, 1]],

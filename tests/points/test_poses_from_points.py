@@ -19,7 +19,7 @@ LATERAL, AXIAL = 1e-4, 5e-4
 
 
 def mean_is_one(d2, k):
-    """Whether the mean of n values that are chi-square distributed with k degrees of freedom is k."""
+    """Check that the mean of n values that are chi-square distributed with k degrees of freedom is k."""
     return abs(np.mean(d2) / k - 1.0) < stats.norm.isf((1 - CONFIDENCE) / 2) * np.sqrt(2 / (k * len(d2)))
 
 

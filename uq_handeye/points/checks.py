@@ -1,4 +1,4 @@
-"""What the residuals say of target, scale and noise."""
+"""Checks of target, scale and noise by the residuals."""
 
 from __future__ import annotations
 
@@ -133,4 +133,4 @@ def _target_finding(normal: Normal, names: NDArray[np.str_]) -> list[Finding]:
     moved = np.einsum("jab,jb->ja", vectors, np.where(sound, white / np.where(sound, values, 1.0), 0.0))
     worst = bad[np.argsort(-d2[bad], kind="stable")][:5]
     listed = [{"point": str(names[seen[j]]), "distance": float(np.linalg.norm(moved[j]))} for j in worst]
-    return [Finding("points.target_off", "caution", {"count": len(bad), "n": len(seen), "worst": listed})]
+    return [Finding("points.target_off", "caution", {"count": len(bad), "n": len(seen), "far_points": listed})]

@@ -123,7 +123,9 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
             }
             for k in index[np.argsort(-np.linalg.norm(residuals[index], axis=1), kind="stable")][:12]
         ]
-        findings.append(Finding("points.left_out", "caution", {"count": len(out), "n": len(sight.y), "worst": listed}))
+        findings.append(
+            Finding("points.left_out", "caution", {"count": len(out), "n": len(sight.y), "far_points": listed})
+        )
     findings += fit_findings(found, known is not None, names[kept_points])
     if given.phi is not None and (finding := noise_finding(found)) is not None:
         findings.append(finding)

@@ -20,7 +20,7 @@ EXPECTED = (
 
 @dataclass(frozen=True)
 class GivenNoise:
-    """Whether one variance serves both directions, and the variances (2,) where they are given."""
+    """One variance for both directions or two, and the variances (2,) where they are given."""
 
     isotropic: bool
     phi: Array | None

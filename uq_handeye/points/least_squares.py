@@ -35,7 +35,7 @@ BLOCK = 1_000_000
 
 
 class Sight(NamedTuple):
-    """Which pose and which point each measurement is of, and how many there are."""
+    """Pose and point of each measurement, and how many of both there are."""
 
     y: Array  # (k, 3)
     pose: NDArray[np.intp]
@@ -194,7 +194,7 @@ class Normal:
         return np.asarray(Q)
 
     def log_determinant(self) -> float:
-        """Of the normal equations, without the gauge."""
+        """Return that of the normal equations, without the gauge."""
         own = float(np.linalg.slogdet(self.N)[1].sum())
         if not self.shape_open:
             return own

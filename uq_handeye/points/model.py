@@ -23,7 +23,7 @@ LATERAL, AXIAL = 0, 1
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Which variances there are: one (isotropic) or two, constant or growing with the distance."""
+    """Kinds of variances: one (isotropic) or two, constant or growing with the distance."""
 
     isotropic: bool = False
     growing: bool = False

@@ -15,11 +15,11 @@ def listed(items: Sequence[Any], most: int = 10) -> str:
 
 
 @sentence("points.left_out")
-def _(count: int, n: int, worst: Sequence[Mapping[str, Any]]) -> str:
+def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
     which = "; ".join(
-        f"pose {one['pose']}, point {one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in worst[:6]
+        f"pose {one['pose']}, point {one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in far_points[:6]
     )
-    more = ", and others" if count > min(len(worst), 6) else ""
+    more = ", and others" if count > min(len(far_points), 6) else ""
     were = "was" if count == 1 else "were"
     return f"{count} of {n} points {were} rejected as outliers: {which}{more}. Check how they were measured and named."
 
@@ -70,8 +70,8 @@ def _(scale: float, std: float) -> str:
 
 
 @sentence("points.target_off")
-def _(count: int, n: int, worst: Sequence[Mapping[str, Any]]) -> str:
-    which = ", ".join(f"{one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in worst)
+def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
+    which = ", ".join(f"{one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in far_points)
     return (
         f"{count} of {n} points lie elsewhere than the target says, in all poses alike: {which}. The covariance does "
         "not include this error. Measure the target, or leave it out to have its shape estimated."

@@ -46,7 +46,7 @@ class Fit:
     @property
     def squares(self) -> Array:
         """(2,) sums of the residuals squared, lateral and axial, their growth removed, m^2."""
-        return split_squares(self.normal.r, self.u, self.growth).sum(axis=0)
+        return np.asarray(split_squares(self.normal.r, self.u, self.growth).sum(axis=0))
 
     @property
     def deviance(self) -> float:
