@@ -20,6 +20,7 @@ from uq_handeye.cli.options import common as cli_options
 from uq_handeye.cli.options.common import choices, made_of, methods_of, one_of
 from uq_handeye.estimators import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.export import FORMATS as EXPORTED
+from uq_handeye.formats.controllers.forms import CONTROLLERS
 from uq_handeye.formatting.units import LENGTH_UNITS
 from uq_handeye.geometry.frames import SETUPS
 from uq_handeye.io import FORMATS, pose_text, write_pose_file
@@ -48,6 +49,7 @@ def test_names_are_those_of_the_registries():
     assert tuple(SETUPS) == cli_options.SETUP_NAMES
     assert cli_options.COVARIANCE_NAMES == COVARIANCES
     assert set(cli_options.FORMAT_NAMES) == set(FORMATS)
+    assert tuple(CONTROLLERS) == cli_options.CONTROLLER_NAMES
     assert set(cli_options.UNITS) <= set(LENGTH_UNITS)
     assert set(cli_files.EXPORT_NAMES) == set(EXPORTED)
 
@@ -68,7 +70,7 @@ def test_choices_complete_the_last_of_a_list():
         ("compare --methods tsai,pa", ["tsai,park"]),
         ("validate --pair a", ["async"]),
         ("plan --format easy", ["easy_handeye", "easy_handeye2"]),
-        ("export --format ur", ["urdf"]),
+        ("export --format urd", ["urdf"]),
         ("calibrate --robot-fr", ["--robot-frame"]),
     ],
 )

@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from pages import DOCS
+from scipy.spatial.transform import Rotation
 
 from uq_handeye import PoseNoise, read_poses, simulate
 from uq_handeye.cli import app as cli
@@ -200,3 +201,20 @@ def test_help(run):
     assert status == 0
     assert "uq-handeye plan robot.csv" in out
     assert "15 % of its" in run("--help-all", files=())[1]
+
+
+def test_poses_as_a_controller_writes_them(run, session, tmp_path):
+    """A KUKA's numbers are those of the poses, by rotations about single axes."""
+    status, out, err = run(*NOISE, "-k", 2, "--as", "kuka", "-o", tmp_path / "plan")
+    assert (status, err) == (0, "") and "A to C: base_T_gripper as KUKA writes it" not in out
+    assert "X to C: base_T_gripper as KUKA writes it" in " ".join(out.split())
+    poses = read_pose_file(tmp_path / "plan" / "next.csv")[1]
+    lines = (tmp_path / "plan" / "next.txt").read_text().splitlines()
+    for pose, line in zip(poses, lines[1:], strict=True):
+        fields = dict(field.split() for field in line.partition("{")[2].rstrip("}").split(","))
+        values = {name: float(value) for name, value in fields.items()}
+        angles = [values[name] for name in "ABC"]
+        about = [Rotation.from_euler(axis, angle, degrees=True) for axis, angle in zip("zyx", angles, strict=True)]
+        np.testing.assert_allclose((about[0] * about[1] * about[2]).as_matrix(), pose[:3, :3], atol=1e-12)
+        np.testing.assert_allclose([values[axis] / 1e3 for axis in "XYZ"], pose[:3, 3], atol=1e-12)
+        assert f"{values['A']:.3f}" in out

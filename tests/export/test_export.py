@@ -1,6 +1,7 @@
 """Exports, read back by other programs: OpenCV, PyYAML, ElementTree with SciPy, NumPy, GTSAM."""
 
 import dataclasses
+import re
 import shlex
 import warnings
 import xml.etree.ElementTree as ElementTree
@@ -15,6 +16,7 @@ from support import SEED, assert_same_covariance, holds_for, rotation_vectors, r
 import uq_handeye as uq
 from uq_handeye import export
 from uq_handeye.export.frames import fixed_axis_angles
+from uq_handeye.formats.controllers.writing import SINGLE, WRITTEN, written_poses
 from uq_handeye.geometry.conventions import from_convention
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -253,8 +255,66 @@ def test_any_size_of_covariance_is_read_back(scale):
     assert isinstance(yaml.safe_load(yaml_number(-0.0)), float)
 
 
+def about(axis, degrees):
+    """Rotation by SciPy about one axis, in degrees."""
+    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+
+
+def numbers_of(line):
+    return [float(x) for x in re.findall(r"(?<![\w.])-?\d+\.?\d*(?:e[+-]?\d+)?", line)]
+
+
+DECODED = {
+    "ur": lambda v: (v[:3], Rotation.from_rotvec(v[3:]).as_matrix()),
+    "kuka": lambda v: (v[:3] / 1e3, about("z", v[3]) @ about("y", v[4]) @ about("x", v[5])),
+    "fanuc": lambda v: (v[:3] / 1e3, about("z", v[5]) @ about("y", v[4]) @ about("x", v[3])),
+    "abb": lambda v: (v[:3] / 1e3, Rotation.from_quat(np.roll(v[3:], -1)).as_matrix()),
+    "staubli": lambda v: (v[:3] / 1e3, about("x", v[3]) @ about("y", v[4]) @ about("z", v[5])),
+    "yaskawa": lambda v: (v[:3] / 1e3, about("z", v[5]) @ about("y", v[4]) @ about("x", v[3])),
+    "kawasaki": lambda v: (v[:3] / 1e3, about("z", v[3]) @ about("y", v[4]) @ about("z", v[5])),
+    "rpy": lambda v: (
+        v[:3],
+        about("z", np.degrees(v[5])) @ about("y", np.degrees(v[4])) @ about("x", np.degrees(v[3])),
+    ),
+}
+
+
+@pytest.mark.parametrize("format", DECODED)
+def test_pose_as_a_controller_writes_it(result, tmp_path, format):
+    """The last line holds the numbers; the rotation is put together from rotations about single axes."""
+    lines = export.write_export(result, tmp_path / "x.txt", format).read_text().splitlines()
+    assert result.frame in lines[0] and "1 sigma" in lines[1] and "mm" in lines[1]
+    values = np.array(numbers_of(lines[-1].partition("=")[2] or lines[-1]))
+    t, R = DECODED[format](values)
+    np.testing.assert_allclose(t, result.X[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(R, result.X[:3, :3], atol=1e-12)
+
+
+def test_matrices_of_other_programs(result, unknown, tmp_path):
+    def text(format):
+        return export.write_export(result, tmp_path / "x.txt", format).read_text()
+
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "x.txt") if text("matrix") else None, result.X.ravel())
+    row = np.array(text("franka").splitlines()[-1].split(","), dtype=float)
+    np.testing.assert_array_equal(row.reshape(4, 4).T, result.X)
+    zivid = yaml.safe_load(text("zivid"))
+    in_mm = np.array(zivid["FloatMatrix"]["Data"])
+    np.testing.assert_allclose(in_mm[:3, 3], 1e3 * result.X[:3, 3])
+    np.testing.assert_array_equal(in_mm[:, :3], result.X[:, :3])
+    halcon = {line[0]: line[2:].split() for line in text("halcon").splitlines() if line[:2] in ("f ", "r ", "t ")}
+    angles = np.array(halcon["r"], dtype=float)
+    R = about("x", angles[0]) @ about("y", angles[1]) @ about("z", angles[2])
+    assert halcon["f"] == ["0"]
+    np.testing.assert_allclose(R, result.X[:3, :3], atol=1e-12)
+    np.testing.assert_array_equal(np.array(halcon["t"], dtype=float), result.X[:3, 3])
+    assert "not determined" in export.write_export(unknown, tmp_path / "x.dat", "kuka").read_text()
+    for format in SINGLE:
+        with pytest.raises(uq.InputError, match="holds one pose, not 2"):
+            written_poses(np.stack([result.X] * 2), format, ["a", "b"])
+
+
 def test_which_format(result, tmp_path):
-    assert set(export.FORMATS) == {"json", "ros", "urdf", "opencv", "npz"}
+    assert set(export.FORMATS) == {"json", "ros", "urdf", "opencv", "npz", *WRITTEN}
     for name, format in (("a.JSON", None), ("a.YAML", None), ("a", "ros"), ("a.txt", "opencv"), ("a.urdf", "urdf")):
         assert result.export(tmp_path / name, format).stat().st_size
     for name, format, parts in (

@@ -396,7 +396,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
         return write_report(self, path, comparison=comparison, cross_check=cross_check, **given)
 
     def export(self, path: str | Path, format: str | None = None) -> Path:
-        """X for another program: JSON, ROS (YAML), URDF, OpenCV FileStorage or NPZ; see `export` for what each holds.
+        """X for another program: JSON, ROS, URDF, OpenCV, NPZ, or as a robot writes it; see `export`.
 
         ``format`` is a name in `export.FORMATS`; None takes it from the suffix.
         """

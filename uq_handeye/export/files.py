@@ -1,9 +1,10 @@
-"""A calibration as a file of another program: JSON, ROS (YAML), URDF, OpenCV FileStorage, NPZ."""
+"""A calibration as a file of another program: JSON, ROS, URDF, OpenCV, NPZ, and as robots write poses."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import numpy as np
 from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.open import StrPath, as_path, shown
+from ..formats.controllers.forms import CONTROLLERS
+from ..formats.controllers.writing import WRITTEN, written_poses
 from ..formats.opencv_storage import matrix_lines, yaml_number
 from ..geometry.conventions import TOOLKIT
 from .frames import NOT_DETERMINED, Exportable, Transform, open_comments, transforms_of, yaml_fields
@@ -127,20 +130,40 @@ def npz_bytes(result: Exportable) -> bytes:
     return buffer.getvalue()
 
 
+def pose_form_text(result: Exportable, format: str) -> str:
+    """X as the controller of a robot, or software of a 3-D camera, writes a pose (`formats.controllers.writing`).
+
+    Comments say what it is, and how well it is known; the full covariance is in the JSON and ROS files.
+    """
+    X, _ = transforms_of(result)
+    form = CONTROLLERS.get(format)
+    by = "" if form is None else f", as {form.maker} writes it ({form.units}, {form.rotation})"
+    comments = [f"{X.name}: pose of the {X.child} in the {X.parent} frame{by}; by uq-handeye."]
+    if X.covariance is None:
+        comments.append(NOT_DETERMINED)
+    else:
+        angle, distance = (
+            float(np.sqrt(np.linalg.eigvalsh(block)[-1])) for block in (X.covariance[:3, :3], X.covariance[3:, 3:])
+        )
+        comments.append(f"1 sigma, worst direction: {1e3 * distance:.3g} mm, {np.degrees(angle):.3g} deg.")
+    return written_poses(X.T[None], format, [X.name], [*comments, *open_comments(result)])
+
+
 _WRITERS: dict[str, Callable[[Exportable], str | bytes]] = {
     "json": _json,
     "ros": ros_text,
     "urdf": urdf_text,
     "opencv": opencv_text,
     "npz": npz_bytes,
+    **{format: partial(pose_form_text, format=format) for format in WRITTEN},
 }
 FORMATS = tuple(_WRITERS)
 
 # What a suffix means, the first by itself.
 _SUFFIXES = {
     ".json": ("json",),
-    ".yaml": ("ros", "opencv"),
-    ".yml": ("ros", "opencv"),
+    ".yaml": ("ros", "opencv", "zivid"),
+    ".yml": ("ros", "opencv", "zivid"),
     ".urdf": ("urdf",),
     ".npz": ("npz",),
 }
@@ -153,9 +176,9 @@ def write_export(result: Exportable, path: StrPath, format: str | None = None) -
     ----------
     result : Calibration
     path : path of the file
-    format : "json", "ros", "urdf", "opencv", "npz" or None
-        None takes it from the suffix: .json, .yaml and .yml (ros), .urdf, .npz. FileStorage is YAML as well and must be
-        asked for.
+    format : one of `FORMATS`, or None
+        None takes it from the suffix: .json, .yaml and .yml (ros), .urdf, .npz. All others must be asked for: the
+        suffix does not tell them.
 
     Returns
     -------

@@ -40,6 +40,7 @@ from numpy.typing import ArrayLike
 
 from ..calibration.calibrate import calibrate
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
+from ..formats.controllers.forms import CONTROLLERS
 from ..formatting.units import parse_length
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
@@ -244,7 +245,14 @@ def plan(
         noise_estimated=estimated,
         open_directions=open_directions,
         shared=tuple(error.name for error in errors),
+        form=_form_of(data),
     )
+
+
+def _form_of(data: PosePairs) -> str | None:
+    """Return the controller's form in which the robot poses were read, if it is one."""
+    format = data.sources[0].format if data.sources else ""
+    return format if format in CONTROLLERS else None
 
 
 def _target(

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
+from ..formats.controllers.forms import CONTROLLERS
+from ..formats.controllers.writing import written_poses
 from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
@@ -54,6 +57,7 @@ class Plan(ReadOnlyArrays):
     joint_noise: float = 0.0  # rad, of each joint of each new pose
     task: Array | None = None  # (t, L) joints at which predictions are to be good, of criterion prediction
     task_given: bool = False  # or spread over the joint limits
+    form: str | None = None  # a name of `CONTROLLERS`: how the robot's poses are printed; None: m and quaternion
 
     @property
     def frame(self) -> str:
@@ -151,6 +155,22 @@ class Plan(ReadOnlyArrays):
         else:
             head = ",".join(f"{name} [{unit}]" for name, unit in zip(self.joint_names, self.joint_units, strict=True))
             text = "\n".join([head, *(",".join(f"{value:.9g}" for value in q) for q in self.joints), ""])
+        if path is not None:
+            write_atomically(path, text)
+        return text
+
+    def to_controller(self, path: str | Path | None = None) -> str:
+        """The robot poses as the controller of `form` writes them, named P1, P2, ...; also written to ``path``.
+
+        Raises `InputError` without a form.
+        """
+        if self.form is None:
+            raise InputError("The plan has no form of a controller. Read the poses by `format`, or name one (--as).")
+        comment = (
+            f"The next poses of the robot (base_T_gripper) in order, as {CONTROLLERS[self.form].maker} writes them."
+        )
+        names = [f"P{k}" for k in range(1, len(self.robot) + 1)]
+        text = written_poses(self.robot, self.form, names, [comment])
         if path is not None:
             write_atomically(path, text)
         return text

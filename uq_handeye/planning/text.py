@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..formats.controllers.forms import CONTROLLERS
+from ..formats.controllers.writing import columns, in_form
 from ..geometry.se3 import Array
 from ..presentation.document import Document, Paragraph, Table, document_of
 from .result import Plan
@@ -53,6 +55,12 @@ def _table(plan: Plan) -> Table:
 
 def _of_poses(plan: Plan) -> tuple[list[str], list[str], list[list[str]]]:
     """Columns of robot poses: names, units, texts."""
+    if plan.form is not None:
+        form = CONTROLLERS[plan.form]
+        names, units = columns(form)
+        digits = [4 if unit in ("m", "rad", "") else 3 if unit == "deg" else 1 for unit in units]
+        rows = [[f"{x:.{k}f}" for x, k in zip(row, digits, strict=True)] for row in in_form(plan.robot, form).tolist()]
+        return names, units, rows
     quaternions = Rotation.from_matrix(plan.robot[:, :3, :3]).as_quat(canonical=True)
     places = [
         [f"{1e3 * x:.1f}" for x in G[:3, 3]] + [f"{x:.4f}" for x in q]
@@ -85,7 +93,11 @@ def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
 def _notes(plan: Plan) -> list[str]:
     origin = "drawn around the target" if plan.sampled else "given"
     if plan.joints is None:
-        what = "x to qw: base_T_gripper"
+        names, by = ["x", "qw"], ""
+        if plan.form is not None:
+            form = CONTROLLERS[plan.form]
+            names, by = columns(form)[0], f" as {form.maker} writes it"
+        what = f"{names[0]} to {names[-1]}: base_T_gripper{by}"
     else:
         names = _short_names(plan)
         what = f"{names[0]} to {names[-1]}: joints {', '.join(plan.joint_names)}"

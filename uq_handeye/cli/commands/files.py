@@ -9,13 +9,17 @@ from ...errors import InputError
 from ...runtime.progress import working
 from ..groups import OUTPUT
 from ..messages import progress_wanted, timed
-from ..options.common import emit, made_of, one_of, option, require_writable
+from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, option, require_writable
 from ..options.report import ReportOptions, report_options_of
 from ..outcome import Wanted, emit_answer, emit_result, wanted_of
 from .calibrate import REPORTS, NoCompare
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
-EXPORT_NAMES = ("json", "ros", "urdf", "opencv", "npz")
+EXPORT_NAMES = (
+    *("json", "ros", "urdf", "opencv", "npz"),
+    *CONTROLLER_NAMES,
+    *("matrix", "franka", "zivid", "halcon"),
+)
 
 ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", help="Result file: result.json of calibrate -o.")]
 
@@ -46,11 +50,13 @@ def export_command(
         ),
     ] = None,
 ) -> None:
-    """Export X for ROS, URDF, OpenCV or NumPy.
+    """Export X for ROS, URDF, OpenCV, NumPy, or as a robot writes it.
 
     Examples:
       uq-handeye export result/result.json x.urdf
       uq-handeye export result/result.json handeye.yaml --format ros
+      # As a KUKA writes a frame: X, Y, Z in mm, A, B, C in deg
+      uq-handeye export result/result.json x.dat --format kuka
       # URDF of the arm, with the estimated errors corrected
       uq-handeye export result/result.json new.urdf --corrects robot.urdf
     """

@@ -1,6 +1,7 @@
 """Command ``plan``: the poses to measure next."""
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,12 +10,14 @@ from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..groups import JOINTS
 from ..messages import timed
 from ..options.arm import Arm, arm_of
-from ..options.common import JsonOption, emit, flag, made_of, option
+from ..options.common import CONTROLLER_NAMES, JsonOption, emit, flag, made_of, one_of, option
 from ..options.noise import Given, given_of
 from ..pose_files import PoseFiles
 
 # The poses to take, in the folder of -o.
 NEXT = "next.csv"
+# The same as the controller writes them.
+NEXT_AS = "next.txt"
 PLANNING = "Planning"
 CRITERIA = ("trace", "logdet", "point", "prediction")
 
@@ -95,12 +98,23 @@ def plan_command(
     repeat: Annotated[
         bool, flag("--repeat", panel=PLANNING, help="Allow a candidate to be chosen more than once.")
     ] = False,
+    form: Annotated[
+        str | None,
+        option(
+            "--as",
+            of=CONTROLLER_NAMES,
+            metavar="NAME",
+            panel=PLANNING,
+            help=f"Controller in whose form the poses are printed and written: {', '.join(CONTROLLER_NAMES)}. Default: "
+            "the format of the robot file.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
         folder_or_csv_option(
             f"Folder for {NEXT} and plan.json. {NEXT} holds the robot poses in order (m), with --joints the joints "
-            "(rad)."
+            f"(rad). {NEXT_AS} holds them as the controller writes them, where --as or the robot file names one."
         ),
     ] = None,
 ) -> None:
@@ -165,9 +179,16 @@ def plan_command(
             shared=shared,
             **of_arm,
         )
+    if form is not None:
+        if arm is not None:
+            raise InputError("--as applies to poses, not to joints. Remove it.")
+        found = replace(found, form=one_of(form, "--as", CONTROLLER_NAMES))
     said = ""
     if output is not None and is_csv(output):
         said = deliver_csv(output, found.to_csv())
     elif output is not None:
-        said = deliver(output, {NEXT: found.to_csv(), "plan.json": found.to_json()})
+        files_out = {NEXT: found.to_csv(), "plan.json": found.to_json()}
+        if found.form is not None:
+            files_out[NEXT_AS] = found.to_controller()
+        said = deliver(output, files_out)
     emit(found.to_json() if as_json else found.to_text() + said)

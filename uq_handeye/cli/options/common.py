@@ -22,7 +22,7 @@ from ..messages import Messages, styled, terminal_width
 if TYPE_CHECKING:
     from ...presentation.document import Document
 
-# The names of likelihood.ESTIMATORS, METHODS, ROBOT_WORLD_METHODS, SETUPS, request.COVARIANCES and io.FORMATS.
+# Names of likelihood.ESTIMATORS, METHODS, ROBOT_WORLD_METHODS, SETUPS, request.COVARIANCES, FORMATS and CONTROLLERS.
 AT_THE_BOUND = ("efficient", "ml")
 PUBLISHED = (
     *("tsai", "shiu", "chou", "park", "horaud", "daniilidis", "andreff", "lu"),
@@ -34,18 +34,10 @@ BUNDLE = "bundle"
 EVERY_METHOD = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
 SETUP_NAMES = ("eye-in-hand", "eye-to-hand")
 COVARIANCE_NAMES = ("model", "sigma-points", "sandwich", "hac", "jackknife", "bootstrap")
+CONTROLLER_NAMES = ("ur", "kuka", "fanuc", "abb", "staubli", "yaskawa", "kawasaki", "rpy")
 FORMAT_NAMES = (
-    "csv",
-    "tum",
-    "npz",
-    "npy",
-    "easy_handeye",
-    "easy_handeye2",
-    "moveit",
-    "opencv",
-    "json",
-    "tf-echo",
-    "ros-topic",
+    *("csv", "tum", "npz", "npy", "easy_handeye", "easy_handeye2", "moveit", "opencv", "json"),
+    *("tf-echo", "ros-topic"),
 )
 ROBOT_FRAMES = ("base_T_gripper", "gripper_T_base")
 CAMERA_FRAMES = ("camera_T_target", "target_T_camera")
