@@ -104,12 +104,12 @@ class Writer:
         self.write(topic, message, time)
 
     def detections(self, topic, time, frame, tags):
-        """Write tags by number and pixels (4, 2), in the order of the AprilTag library."""
+        """Write tags by number and pixels (4, 2) in the order of the AprilTag library, whose first pixel is at 0.5."""
         point = self.type("apriltag_msgs/msg/Point")
         found = [
             self.type("apriltag_msgs/msg/AprilTagDetection")(
                 "tag36h11", number, 0, 0.0, 50.0, point(*pixels.mean(axis=0).tolist()),
-                [point(*pixel.tolist()) for pixel in pixels], np.zeros(9),
+                [point(*pixel.tolist()) for pixel in pixels + 0.5], np.zeros(9),
             )
             for number, pixels in tags
         ]  # fmt: skip

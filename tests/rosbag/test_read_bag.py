@@ -163,7 +163,11 @@ def test_tags_by_their_corners(tmp_path, kind):
     for spec, tag, words in (
         ("camera:tag36h11_0", None, "holds corners of the tag in pixels, not its poses.*--tag 40mm"),
         ("/detections", SIDE, "several tags were detected. Choose one: /detections:tag36h11_0, /detections:tag36h11_3"),
-        ("camera:tag36h11_7", SIDE, r"holds no corners of camera:tag36h11_7"),
+        (
+            "camera:tag36h11_7",
+            SIDE,
+            "has no such frames or tag. The tags that were detected are camera:tag36h11_0, camera",
+        ),
     ):
         with pytest.raises(InputError, match=words):
             camera_stream(recording, spec, tag=tag)

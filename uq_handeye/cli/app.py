@@ -19,6 +19,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import InputError, NotConvergedError
+from .commands.bag import bag_command
 from .commands.calibrate import calibrate_command, demo_command
 from .commands.camera import camera_command
 from .commands.certificate import certificate_command
@@ -82,6 +83,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "demo": demo_command,
         "camera": camera_command,
         "sync": sync_command,
+        "bag": bag_command,
     },
     "Use the result": {
         "report": report_command,

@@ -93,7 +93,7 @@ class Views:
         return camera_noise(
             poses,
             self._points(),
-            _camera(self.options.camera_matrix),
+            camera_of(self.options.camera_matrix),
             self.intrinsics,
             pixel_sd=self.options.pixel_noise,
         )
@@ -103,7 +103,7 @@ class Views:
         """Mean focal length of the camera matrix, in pixels."""
         if self.options.camera_matrix is None:
             return None
-        camera = _camera(self.options.camera_matrix)
+        camera = camera_of(self.options.camera_matrix)
         if isinstance(camera, list):
             return float(0.5 * (camera[0] + camera[1]))
         values = getattr(camera, "values", None) or camera.intrinsics
@@ -127,7 +127,7 @@ class Views:
         return board.read().points
 
 
-def _camera(text: str) -> Any:
+def camera_of(text: str) -> Any:
     """Read a camera matrix: four numbers, a file or a folder."""
     if (path := Path(text)).is_dir():
         from ..camera.files.folder import read_camera

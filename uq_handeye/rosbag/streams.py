@@ -19,7 +19,7 @@ from ..poses.stream import Stream
 from .info import CameraInfo
 from .open import HINT
 from .recording import Recording, read_recording
-from .tags import TagTrack, same_tag, tag_poses
+from .tags import TagTrack, plain_name, same_tag, tag_poses
 from .track import Track
 from .tree import Pair
 
@@ -136,15 +136,17 @@ def camera_stream(
                 "black square, e.g. --tag 40mm."
             )
     elif tag is not None:
-        raise InputError(
-            f"--tag: {recording.name} holds no corners of {spec} in pixels. Remove it, or add --camera-matrix, with "
-            "which the noise of finished poses follows from the tag."
-        )
+        info = info or _info_beside(recording, name, pair)
+        if info is None:
+            raise InputError(
+                f"--tag: {recording.name} holds no corners of {spec} in pixels, and no camera_info. Remove it, or add "
+                "--camera-matrix FX,FY,CX,CY, with which the noise of finished poses follows from the tag."
+            )
     found = _of_topic(recording, name, pair, "camera") if name else _of_frames(recording, pair, "camera", spec)
     hint = (
         "" if seen is None else f"{seen[0]} holds corners of this tag; with --tag LENGTH they are used, which says more"
     )
-    return BagStream(_stream(recording, found, "camera", frame), hint=hint)
+    return BagStream(_stream(recording, found, "camera", frame), info, tag, hint)
 
 
 def _stream(recording: Recording, found: _Found, role: str, frame: str | None) -> Stream:
@@ -178,13 +180,19 @@ def _asked(recording: Recording, spec: str, role: str) -> tuple[str, Pair]:
         if set(pair) <= frames:
             return "", pair
     if pairs and all(pairs[0]):
-        return "", pairs[0]
+        return "", (pairs[0][0], _frame_like(pairs[0][1], recording.tree.frames))
     if spec.startswith("/") or not pairs:
         raise InputError(
             f"--{role} {spec}: {recording.name} has no topic of this name that is read; there are "
             f"{_listed(_readable(recording))}. Give a topic of poses, or two frames such as {EXAMPLE[role]}; {HINT}."
         )
     raise InputError(f"Expected --{role} to be frames such as {EXAMPLE[role]}, or a topic, got {spec!r}.")
+
+
+def _frame_like(name: str, frames: list[str]) -> str:
+    """Return the frame that differs only by marks between its parts, as tag36h11:0 does from tag36h11_0."""
+    like = [frame for frame in frames if plain_name(frame) == plain_name(name)]
+    return like[0] if len(like) == 1 else name
 
 
 def _readable(recording: Recording) -> list[str]:
@@ -208,6 +216,12 @@ def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> _Found
         raise InputError(
             f"--{role} {spec}: {recording.name} has no transforms (/tf). Give a topic of poses: "
             f"{_listed(list(recording.poses))}; {HINT}."
+        )
+    tags = [pair_text(*own) for tracks in recording.tags.values() for own in tracks]
+    if role == "camera" and not connected and tags:
+        raise InputError(
+            f"--camera {spec}: {recording.name} has no such frames or tag. The tags that were detected are "
+            f"{_listed(tags)}; {HINT}."
         )
     try:
         return _Found(*tree.poses(*pair))

@@ -2,8 +2,10 @@
 
 ``apriltag_msgs/AprilTagDetection`` has the four corners in the order in which the AprilTag library has them
 (AprilRobotics/apriltag, ``apriltag.h``): counter-clockwise as one sees the tag, its lower left first; ArUco goes
-clockwise from the upper left. Both are brought into the order of `camera.board.tag_points`; which way they go round
-shows in the picture. The frame of the tag is in its middle, x right, y up, z towards the camera.
+clockwise from the upper left. That library has the centre of the first pixel at (0.5, 0.5) (measured with rendered
+tags), cameras are calibrated with (0, 0): half a pixel is subtracted. Both orders are brought into that of
+`camera.board.tag_points`; which way they go round shows in the picture. The frame of the tag is in its middle, x right,
+y up, z towards the camera.
 """
 
 from __future__ import annotations
@@ -26,6 +28,8 @@ from ..geometry.se3 import Array
 from .info import CameraInfo
 
 MOST = 1_000_000
+# Where the AprilTag library has the centre of the first pixel.
+HALF = 0.5
 # Pixels per coordinate beyond which corners are no picture of the tag by this camera.
 SPOILT = 5.0
 
@@ -73,15 +77,22 @@ def corners_in(message: Any) -> list[tuple[str, list[float]]] | None:
         flat = [
             number(v, "corners") for c in corners for v in ((part(c, "x"), part(c, "y")) if len(corners) == 4 else [c])
         ]
+        if part(one, "decision_margin") is not None:  # of the AprilTag library
+            flat = [value - HALF for value in flat]
         if len(flat) != 8:
             raise MessageError("four corners")
         found.append((f"{part(one, 'family') or 'tag'}_{number(ids, 'id'):.0f}", flat))
     return found
 
 
+def plain_name(text: str) -> str:
+    """Return a name in small letters, with _ for every other mark."""
+    return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
+
+
 def same_tag(name: str, asked: str) -> bool:
     """Return whether a tag is meant: ``tag36h11_0`` as tag36h11:0, 36h11_0 or 0."""
-    plain, wanted = (re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") for text in (name, asked))
+    plain, wanted = plain_name(name), plain_name(asked)
     return wanted in (plain, plain.removeprefix("tag"), f"tag_{plain.rpartition('_')[2]}", plain.rpartition("_")[2])
 
 

@@ -125,7 +125,9 @@ class Tree:
     def _notes(
         self, base: str, tip: str, chain: list[tuple[Pair, bool]], moving: list[Pair], leading: Pair, left: int
     ) -> list[str]:
-        notes = [f"{base} to {tip} by {len(chain)} transforms, {len(moving)} of which move"]
+        notes = []
+        if len(chain) > 1:
+            notes.append(f"{base} to {tip} by {len(chain)} transforms, {len(moving)} of which move")
         if len(moving) > 1:
             notes.append(f"at the times of {pair_text(*leading)}; the other transforms are interpolated")
         if left:

@@ -9,9 +9,9 @@ import typer
 
 from ...errors import InputError, NotConvergedError
 from ...runtime.progress import working
+from ..bag_files import RobotGiven, given_of_robot
 from ..groups import ESTIMATION, OUTPUT, POSE_FILES
 from ..messages import LOG, command_line, fail, progress_wanted, quiet, timed, withheld
-from ..options.arm import Arm, arm_of
 from ..options.common import (
     AT_THE_BOUND,
     BUNDLE,
@@ -83,7 +83,7 @@ NoCompare = Annotated[bool, flag("--no-compare", panel=OUTPUT, help="Report with
     beforehand=pose_prior_of,
     files=PoseFiles,
     pictures=pictures_of,
-    arm=arm_of,
+    robot=given_of_robot,
     touched=TouchesToUse,
     wishes=report_options_of,
     wanted=wanted_of,
@@ -94,7 +94,7 @@ def calibrate_command(
     given: "Given",
     prior: "NoisePrior | None",
     beforehand: "dict[str, Any]",
-    arm: "Arm | None",
+    robot: "RobotGiven",
     touched: "TouchesToUse",
     wishes: "ReportOptions",
     wanted: "Wanted",
@@ -196,9 +196,9 @@ def calibrate_command(
           --square 20mm --report report.html -o result/
       # Camera poses from another program
       uq-handeye calibrate robot.csv camera.csv --tolerance 1mm,0.1deg
-      uq-handeye calibrate robot.csv camera.csv --camera-noise 0.1deg,0.5mm
-      # Joint values and robot model in place of robot poses
+      # Joint values and robot model, or a ROS bag (see uq-handeye bag)
       uq-handeye calibrate camera.csv --joints joints.csv --urdf robot.urdf
+      uq-handeye calibrate --bag cell.mcap --robot base:tool0 --camera cam:tag
 
     X is gripper_T_camera for eye-in-hand and base_T_camera for eye-to-hand.
     Noise that is not given is estimated from the data.
@@ -214,6 +214,11 @@ def calibrate_command(
     part of the covariance. Add --robot robot.csv to compare with the controller.
     """
     require_writable(report, "--report", REPORTS)
+    arm = robot.arm
+    if robot.bag is not None:
+        if watch is not None:
+            raise InputError("--watch takes pose files, not --bag. Calibrate the bag afterwards.")
+        files, pictures = robot.bag.beside(files, pictures, arm)
     for name, asked in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
         if asked and report is None:
             raise InputError(f"{name} needs --report FILE. Add it.")

@@ -138,7 +138,8 @@ class ErrorOptions:
             "--robot",
             metavar="FILE",
             panel=JOINTS,
-            help="Poses reported by the controller, compared with those from --joints.",
+            help="Poses reported by the controller, compared with those from --joints. With calibrate --bag: the "
+            "robot's frames, e.g. base:tool0, or its topic.",
         ),
     ] = None
     how: Annotated[
@@ -299,6 +300,11 @@ class Arm:
 @made_of(chain=ChainOptions, options=ErrorOptions)
 def arm_of(chain: "ChainOptions", options: "ErrorOptions") -> Arm | None:
     """Return the arm of the options, or None if none is given."""
+    return arm_of_parts(chain, options)
+
+
+def arm_of_parts(chain: ChainOptions, options: ErrorOptions) -> Arm | None:
+    """Return the arm of both groups of options, or None if none is given."""
     if not chain.given and not options.given:
         return None
     if chain.joints is None:

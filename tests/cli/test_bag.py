@@ -1,0 +1,142 @@
+"""Bags on the command line: the listing, the command it prints, and X with its covariance."""
+
+import json
+import re
+import shlex
+import sys
+
+import numpy as np
+import pytest
+from bag_cases import START, Writer, pixels_of
+from cli_cases import run
+from stream_cases import motion
+from support import moved, random_transforms
+
+from uq_handeye.geometry.se3 import logarithm
+
+SIDE, OFFSET = 0.08, 0.03
+# Of the robot's poses (rad, m), and of the pixels.
+ROBOT, PIXEL = (2e-4, 1e-4), 0.2
+
+
+@pytest.fixture(name="cell", scope="module")
+def fixture_cell(tmp_path_factory):
+    """Write a cell that moves: tf of the robot with a static flange, tags by corners, joints; return X and the file."""
+    folder, rng = tmp_path_factory.mktemp("bag"), np.random.default_rng(17)
+    X, W = random_transforms(rng, (2,))
+    sway = motion(rng, 15.0, turn=0.25, shift=0.05)
+    face = np.eye(4)
+    face[:3, :3], face[:3, 3] = np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 0.4]
+    first = sway(np.zeros(1))[0]
+    seen = lambda t: face @ np.linalg.inv(first) @ sway(t)  # noqa: E731
+    flange = random_transforms(rng, (1,))[0]
+    fast, slow = np.arange(0.0, 15.0, 0.01), np.arange(0.5, 14.5, 0.1)
+    G = W @ np.linalg.inv(seen(fast)) @ np.linalg.inv(X) @ np.linalg.inv(flange)
+    G = moved(G, rng.normal(size=(len(G), 6)) * np.repeat(ROBOT, 3))
+    C = seen(slow)
+    visible = (C[:, 2, 3] > 0.2) & (C[:, 2, 2] < -0.5) & (np.abs(C[:, :2, 3]) < 0.2).all(axis=1)
+    pixels = pixels_of(C, SIDE, PIXEL, rng)
+    with Writer(folder, "mcap") as bag:
+        bag.tf(START, ("wrist", "tool0", flange), static=True)
+        for t, T in zip(fast, G, strict=True):
+            bag.tf(START + OFFSET + t, ("base_link", "wrist", T))
+            if round(t * 100) % 10 == 0:
+                bag.joints("/joint_states", START + t, ["a", "b"], [t, -t])
+        for t, p in zip(slow[visible], pixels[visible], strict=True):
+            bag.camera_info("/camera/camera_info", START + t, "cam")
+            bag.detections("/detections", START + t, "cam", [(0, p)])
+    return X, next(bag.path.glob("*.mcap"))
+
+
+ASKED = ("--robot", "base_link:tool0", "--camera", "cam:tag36h11_0", "--tag", "80mm")
+
+
+def test_the_listing_and_its_command(cell):
+    X, path = cell
+    done = run("bag", path)
+    assert (done.returncode, done.stderr) == (0, "")
+    for words in (
+        r"/tf +tf2_msgs/TFMessage +1500 +transforms",
+        r"base_link:wrist +1500 poses",
+        r"wrist:tool0 +static",
+        r"cam:tag36h11_0 +\d+ detections in /detections",
+        r"/camera/camera_info +cam, 1280 x 720 px, fx 900, fy 900, cx 640, cy 360, rectified",
+        r"/joint_states +150 rows of a, b",
+    ):
+        assert re.search(words, done.stdout), words
+    command = shlex.split(done.stdout.splitlines()[-1].replace("LENGTH", "80mm"))
+    assert command[:2] == ["uq-handeye", "calibrate"] and tuple(command[4:]) == ASKED
+    found = run(*command[1:], "--json")
+    assert found.returncode == 0, found.stderr
+    result = json.loads(found.stdout)
+    result_X, covariance = np.array(result["X"]), np.array(result["covariance"])
+    error = np.concatenate([logarithm(result_X[:3, :3] @ X[:3, :3].T), result_X[:3, 3] - X[:3, 3]])
+    assert error @ np.linalg.solve(covariance, error) < 25  # chi-square of 6, one in 3000
+    assert np.abs(error[3:]).max() < 2e-3
+    plain = json.loads(run("bag", path, "--json").stdout)
+    assert plain["command"].split() == ["uq-handeye", "calibrate", "--bag", str(path), *ASKED[:-1], "LENGTH"]
+
+
+def test_tables_give_the_same_as_the_bag(cell, tmp_path):
+    _, path = cell
+    done = run("bag", path, *ASKED, "--joints", "/joint_states", "-o", tmp_path)
+    assert done.returncode == 0
+    said = f"Wrote camera_info.yaml, robot.csv, camera.csv and joints.csv to {tmp_path}"
+    assert done.stdout.split() == said.split()
+    assert (tmp_path / "joints.csv").read_text().splitlines()[0] == "timestamp,a,b"
+    common = ("--setup", "eye-in-hand", "--json")
+    direct = run("calibrate", "--bag", path, *ASKED, *common)
+    of_tables = run(
+        *("calibrate", tmp_path / "robot.csv", tmp_path / "camera.csv", "--pair", "async", "--tag", "80mm"),
+        *("--camera-matrix", tmp_path / "camera_info.yaml", *common),
+    )
+    X = [np.array(json.loads(one.stdout)["X"]) for one in (direct, of_tables)]
+    np.testing.assert_allclose(X[0], X[1], atol=1e-9)
+    half = run("calibrate", "--bag", path, *ASKED[:2], tmp_path / "camera.csv", "--json")  # and a file of the camera
+    assert half.returncode == 0 and "base_link" in half.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--robot", "base_link:tool0"], "--bag needs --camera OPTICAL_FRAME:TARGET. uq-handeye bag "),
+        ([], "--bag needs --robot BASE:TOOL and --camera"),
+        ([*ASKED, "camera.csv"], "both sides are given twice"),
+        ([*ASKED[:4]], "Give the side of its black square, e.g. --tag 40mm"),
+        ([*ASKED, "--pair", "time"], "poses of a --bag are interpolated"),
+        ([*ASKED, "--robot-units", "mm"], "--robot-units: for pose files, not for --bag"),
+        ([*ASKED[:4], "--images", "*.png", "--board", "9x6", "--square", "2cm"], "--images with --bag"),
+        (["--robot", "base:tool", *ASKED[2:]], "There is no frame base in the transforms. Did you mean base_link"),
+        (["--robot", "/joint_states", *ASKED[2:]], "joint values. Write them by uq-handeye bag"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(cell, arguments, expected):
+    done = run("calibrate", "--bag", cell[1], *arguments)
+    assert done.returncode == 2 and expected in done.stderr
+    assert done.stderr.splitlines()[-1].startswith("uq-handeye: error:") and "Traceback" not in done.stderr
+
+
+def test_options_without_a_bag(tmp_path):
+    for arguments, expected in (
+        (["--camera", "cam:tag"], "--camera needs --bag FILE"),
+        (["--still"], "--still needs --bag FILE"),
+        (["--robot", "base:tool0"], "names the robot in a bag, or poses beside --joints. Add --bag FILE"),
+    ):
+        done = run("calibrate", *arguments)
+        assert done.returncode == 2 and expected in done.stderr
+    for arguments, expected in (
+        (["--robot", "base:tool0"], "the tables need a folder. Add -o DIR"),
+        (["-o", tmp_path], "-o writes tables. Add --robot, --camera or --joints"),
+        (["--tag", "40mm"], "--tag needs --camera"),
+    ):
+        done = run("bag", "cell.mcap", *arguments)
+        assert done.returncode == 2 and expected in done.stderr
+
+
+def test_without_the_extra_one_line_says_how_to_get_it(cell, monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == "rosbags"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    done = run("bag", cell[1])
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "pip install 'uq-handeye[rosbag]'. ROS is not needed" in done.stderr

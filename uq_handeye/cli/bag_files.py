@@ -1,0 +1,206 @@
+"""Options of a ROS bag, and its streams in the place of pose files."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from ..errors import InputError, NotConvergedError
+from .groups import POSE_FILES
+from .messages import LOG, timed
+from .options.arm import Arm, ChainOptions, ErrorOptions, arm_of_parts
+from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES, flag, made_of, option
+from .pictures import Pictures, read_length
+from .pose_files import PoseFiles
+from .views import Views, camera_of
+
+if TYPE_CHECKING:
+    from ..rosbag.info import CameraInfo
+    from ..rosbag.recording import Recording
+    from ..synchronisation.result import Synchronised
+
+
+@dataclass(frozen=True)
+class BagOptions:
+    """Options of a bag."""
+
+    bag: Annotated[
+        list[Path] | None,
+        option(
+            "--bag",
+            metavar="FILE",
+            panel=POSE_FILES,
+            help="ROS bag (.bag, .mcap, .db3 or folder) in place of ROBOT and CAMERA, with --robot and --camera. "
+            "uq-handeye bag lists its content. Repeat it for several.",
+        ),
+    ] = None
+    bag_camera: Annotated[
+        str | None,
+        option(
+            "--camera",
+            metavar="FRAMES",
+            panel=POSE_FILES,
+            help="Camera poses of --bag: frames such as camera:tag36h11_0 (optical frame and target), or a topic.",
+        ),
+    ] = None
+    still: Annotated[
+        bool,
+        flag("--still", panel=POSE_FILES, help="One mean pose pair per stop of --bag, if the robot stops."),
+    ] = False
+
+
+@dataclass(frozen=True)
+class RobotGiven:
+    """Robot of joint values, and the bag, as far as they are given."""
+
+    arm: Arm | None
+    bag: "BagGiven | None"
+
+
+@dataclass(frozen=True)
+class BagGiven:
+    """Bag with what is the robot and the camera in it."""
+
+    paths: list[Path]
+    robot: str | None
+    camera: str | None
+    still: bool
+
+    def beside(self, files: PoseFiles, seen: "Pictures | Views | None", arm: Arm | None) -> "tuple[BagFiles, Any]":
+        """Return the streams in the place of ``files``, and the views of tags that were seen by their corners."""
+        if isinstance(seen, Pictures):
+            raise InputError(
+                "--images with --bag: pictures have no times. Write robot poses with uq-handeye bag -o DIR."
+            )
+        if files.pair == "time":
+            raise InputError("--pair time: poses of a --bag are interpolated. For one clock give --offset 0.")
+        if arm is not None and self.robot:
+            raise InputError(f"The robot is given twice, by --joints and --robot {self.robot}. Remove one of them.")
+        spare = files.robot
+        if files.camera is not None or (spare is not None and (self.robot or arm) and self.camera):
+            raise InputError(
+                f"--bag with the pose file {files.camera or spare}: both sides are given twice. Remove the file, or "
+                "--robot or --camera."
+            )
+        if spare is None and not ((self.robot or arm) and self.camera):
+            lacks = "--robot BASE:TOOL" if self.camera else "--camera OPTICAL_FRAME:TARGET"
+            lacks = lacks if self.robot or self.camera else "--robot BASE:TOOL and --camera OPTICAL_FRAME:TARGET"
+            raise InputError(f"--bag needs {lacks}. uq-handeye bag {self.paths[0]} lists what there is.")
+        from ..rosbag.recording import read_recording
+
+        with timed(f"reading {self.paths[0]}"):
+            recording = read_recording(self.paths)
+        sides, views = self._streams(recording, files, seen if isinstance(seen, Views) else None)
+        for role, stream in sides.items():
+            for note in () if stream.source is None else stream.source.notes:
+                LOG.info("%s, %s: %s", recording.name, role, note)
+        options = {"pair": "async", "robot": Path(recording.name), "camera": None}
+        own = {name: getattr(files, name) for name in files.__dataclass_fields__} | options
+        return BagFiles(**own, sides=sides, spare=spare, still=self.still), views
+
+    def _streams(
+        self, recording: "Recording", files: PoseFiles, seen: Views | None
+    ) -> tuple[dict[str, Any], Views | None]:
+        from ..rosbag.streams import camera_stream, robot_stream
+
+        sides: dict[str, Any] = {}
+        for role, frame, frames in (
+            ("robot", files.robot_frame, ROBOT_FRAMES),
+            ("camera", files.camera_frame, CAMERA_FRAMES),
+        ):
+            of_file = ("format", "units", "quaternion", "rotation")
+            wrong = [f"--{role}-{name}" for name in of_file if getattr(files, f"{role}_{name}", None) is not None]
+            if wrong and getattr(self, role):
+                raise InputError(f"{', '.join(wrong)}: for pose files, not for --bag. Remove the option.")
+            assert frame in frames
+        if self.robot:
+            sides["robot"] = robot_stream(recording, self.robot, frame=files.robot_frame)
+        if not self.camera:
+            return sides, seen
+        text = None if seen is None else seen.options.tag
+        side = None if text is None else read_length(text, "--tag")
+        matrix = None if seen is None else seen.options.camera_matrix
+        info = None if matrix is None else _info_of(matrix)
+        found = camera_stream(recording, self.camera, tag=side, info=info, frame=files.camera_frame)
+        sides["camera"] = found.stream
+        if found.hint:
+            LOG.info("%s: %s", recording.name, found.hint)
+        if seen is not None and matrix is None and found.info is not None:
+            seen = replace(seen, options=replace(seen.options, camera_matrix=found.info.text()))
+        return sides, seen
+
+
+@dataclass(frozen=True)
+class BagFiles(PoseFiles):
+    """Streams of a bag in the place of pose files; ``spare`` is a file of the side that the bag does not give."""
+
+    sides: dict[str, Any] = field(default_factory=dict)
+    spare: Path | None = None
+    still: bool = False
+
+    def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
+        """Return both sides as streams on one clock."""
+        from ..io import read_stream
+        from ..synchronisation.synchronise import synchronise
+
+        streams = dict(self.sides)
+        for k, role in enumerate(("robot", "camera")):
+            if role in streams:
+                continue
+            by_joints = role == "robot" and arm is not None and self.spare is None
+            streams[role] = read_stream(
+                None if by_joints else self.spare,
+                role,
+                units=self.both_units[k],
+                format=self.formats[k],
+                rotation=self.rotations[k],
+                frame=(self.robot_frame, self.camera_frame)[k],
+                **(arm.of_files if arm is not None and role == "robot" else {}),
+            )
+        setup = SETUP_NAMES[0] if self.setup is None else self.setup
+        try:
+            return synchronise(
+                streams["robot"], streams["camera"], setup=setup, offset=self._offset(), still=self.still, **options
+            )
+        except (InputError, NotConvergedError) as error:
+            if self.offset is not None or self.still:
+                raise
+            raise InputError(f"{error} For stamps of one clock: --offset 0; if the robot stops: --still.") from error
+
+    def _shown(self, arm: Arm | None = None) -> str:
+        return str(self.robot)
+
+
+def _info_of(text: str) -> "CameraInfo":
+    """Return the intrinsics of --camera-matrix as those of a camera_info, to compute poses of tags with."""
+    import numpy as np
+
+    from ..camera.models import LINEAR, MODELS
+    from ..rosbag.info import CameraInfo
+
+    camera = camera_of(text)
+    if isinstance(camera, list):
+        return CameraInfo("", (0, 0), "", np.array(camera), np.zeros(0), np.zeros(4))
+    given = getattr(camera, "values", None) or camera.intrinsics
+    values = {name: float(value[0] if isinstance(value, tuple) else value) for name, value in given.items()}
+    if missing := [name for name in LINEAR if name not in values]:
+        raise InputError(f"--camera-matrix {text}: expected {', '.join(LINEAR)}, got no {missing[0]}.")
+    model = camera.model or "pinhole"
+    D = np.array([values.get(name, 0.0) for name in MODELS[model].coefficients])
+    known = {"brown": "plumb_bob", "fisheye": "fisheye", "pinhole": ""}[model]
+    return CameraInfo("", (0, 0), known, np.array([values[name] for name in LINEAR]), D, np.zeros(4))
+
+
+@made_of(chain=ChainOptions, options=ErrorOptions, bag=BagOptions)
+def given_of_robot(chain: "ChainOptions", options: "ErrorOptions", bag: "BagOptions") -> RobotGiven:
+    """Return the arm and the bag of the options; --robot names the robot in a bag if there is one."""
+    if not bag.bag:
+        for name, value in (("--camera", bag.bag_camera), ("--still", bag.still or None)):
+            if value is not None:
+                raise InputError(f"{name} needs --bag FILE. Add it.")
+        file = options.robot_file
+        if file is not None and chain.joints is None and not file.exists():
+            raise InputError(f"--robot {file}: names the robot in a bag, or poses beside --joints. Add --bag FILE.")
+        return RobotGiven(arm_of_parts(chain, options), None)
+    robot = None if options.robot_file is None else str(options.robot_file)
+    options = replace(options, robot_file=None)
+    return RobotGiven(arm_of_parts(chain, options), BagGiven(bag.bag, robot, bag.bag_camera, bag.still))

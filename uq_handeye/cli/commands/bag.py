@@ -1,0 +1,140 @@
+"""Command ``bag``: content of a ROS bag, the command to give, and its poses as tables."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ...errors import InputError
+from ..delivery import deliver
+from ..messages import LOG, timed
+from ..options.common import JsonOption, emit, folder_option, option
+from ..pictures import read_length
+
+if TYPE_CHECKING:
+    from ...rosbag.recording import Recording
+
+TABLES = "Poses as tables"
+
+
+def bag_command(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="BAG", help="ROS bag: .bag, .mcap, .db3 or the folder of ros2 bag; several of a session."
+        ),
+    ],
+    robot: Annotated[
+        str | None,
+        option(
+            "--robot",
+            metavar="FRAMES",
+            panel=TABLES,
+            common=True,
+            help="Robot poses to write with -o: frames such as base_link:tool0, or a topic.",
+        ),
+    ] = None,
+    camera: Annotated[
+        str | None,
+        option(
+            "--camera",
+            metavar="FRAMES",
+            panel=TABLES,
+            common=True,
+            help="Camera poses to write with -o: frames such as camera:tag36h11_0, or a topic.",
+        ),
+    ] = None,
+    tag: Annotated[
+        str | None,
+        option(
+            "--tag",
+            metavar="LENGTH",
+            panel=TABLES,
+            common=True,
+            help="Side of a tag that was detected by its corners, e.g. 40mm.",
+        ),
+    ] = None,
+    joints: Annotated[
+        str | None,
+        option(
+            "--joints",
+            metavar="TOPIC",
+            panel=TABLES,
+            common=True,
+            help="Joint values to write with -o: a topic of JointState, e.g. /joint_states.",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+    output: Annotated[
+        Path | None,
+        folder_option(
+            "Folder for the poses as tables. It holds robot.csv, camera.csv and joints.csv, as far as they are named, "
+            "and camera_info.yaml with a tag."
+        ),
+    ] = None,
+) -> None:
+    """List what a ROS bag holds, and the command to calibrate.
+
+    Examples:
+      uq-handeye bag cell.mcap
+      # Poses as tables, for other commands and programs
+      uq-handeye bag cell.mcap --robot base:tool0 --camera camera:tag36h11_0 \\
+          --tag 40mm -o tables/
+      # Then calibrate, from the bag or from the tables
+      uq-handeye calibrate --bag cell.mcap --robot base:tool0 \\
+          --camera camera:tag36h11_0 --tag 40mm
+
+    Reads ROS 1 and ROS 2 bags and MCAP files without ROS: /tf and /tf_static,
+    pose topics, joint states, tags, camera_info. It needs the extra rosbag:
+    pip install 'uq-handeye[rosbag]'.
+    """
+    asked = {"--robot": robot, "--camera": camera, "--joints": joints}
+    given = [name for name, value in asked.items() if value is not None]
+    if given and output is None:
+        raise InputError(f"{', '.join(given)}: the tables need a folder. Add -o DIR.")
+    if output is not None and not given:
+        raise InputError("-o writes tables. Add --robot, --camera or --joints.")
+    if tag is not None and camera is None:
+        raise InputError("--tag needs --camera. Add it.")
+    from ...io import json_text
+    from ...rosbag.listing import dict_of, text_of
+    from ...rosbag.recording import read_recording
+
+    with timed(f"reading {files[0]}"):
+        recording = read_recording(files)
+    written = _tables(recording, robot, camera, tag, joints)
+    names = [str(file) for file in files]
+    if not written:
+        emit(json_text(dict_of(recording, names)) if as_json else text_of(recording, names))
+        return
+    assert output is not None
+    said = deliver(output, written)
+    emit(json_text({"folder": str(output), "files": list(written)}) if as_json else said.lstrip("\n"))
+
+
+def _tables(
+    recording: "Recording", robot: str | None, camera: str | None, tag: str | None, joints: str | None
+) -> dict[str, str]:
+    """Return the tables that are asked for, by the names of their files."""
+    from ...io import pose_text
+    from ...rosbag.streams import camera_stream, robot_stream
+    from ...rosbag.tables import camera_info_yaml, joints_csv
+
+    found: dict[str, str] = {}
+    streams: dict[str, Any] = {}
+    if robot is not None:
+        streams["robot"] = robot_stream(recording, robot)
+    if camera is not None:
+        seen = camera_stream(recording, camera, tag=None if tag is None else read_length(tag, "--tag"))
+        streams["camera"] = seen.stream
+        if seen.hint:
+            LOG.info("%s: %s", recording.name, seen.hint)
+        if seen.info is not None:
+            found["camera_info.yaml"] = camera_info_yaml(seen.info)
+    for role, stream in streams.items():
+        for note in stream.source.notes:
+            LOG.info("%s, %s: %s", recording.name, role, note)
+        found[f"{role}.csv"] = pose_text(stream.poses, stream.timestamps)
+    if joints is not None:
+        found["joints.csv"] = joints_csv(recording, joints)
+    return found

@@ -1,0 +1,74 @@
+"""Guesses which frames, tags and topics are the robot and the camera, by their names and by what moves."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from .recording import Recording
+from .tree import Pair
+
+# Names of robots' base and tool frames, the usual ones first; then those of cameras and of what they see.
+BASES = ("base_link", "base", "panda_link0", "fr3_link0", "link_0", "robot_base", "world", "map")
+TOOLS = (
+    *("tool0", "flange", "tcp", "tool0_controller", "ee_link", "end_effector", "panda_hand_tcp", "panda_link8"),
+    *("fr3_hand_tcp", "fr3_link8", "gripper", "hand", "wrist_3_link", "link_ee", "link_7", "link_6"),
+)
+_CAMERA = re.compile(r"cam|optical|rgb|realsense|zed|zivid|sensor|tracker|mocap|vicon", re.IGNORECASE)
+_TARGET = re.compile(r"tag|marker|aruco|board|target|object|rigid|checker|charuco", re.IGNORECASE)
+_ROBOT = re.compile(r"tcp|tool|flange|\bee\b|end_?effector|arm|robot|current_?pose|cartesian", re.IGNORECASE)
+# Placeholders where nothing is found.
+ROBOT, CAMERA = "BASE:TOOL", "OPTICAL_FRAME:TARGET"
+
+
+class Guess(NamedTuple):
+    """Arguments to give as --robot and --camera, and whether the camera's tag needs its side."""
+
+    robot: str
+    camera: str
+    tag: bool
+
+
+def guess(recording: Recording) -> Guess:
+    """Return what is most likely meant; placeholders where nothing is."""
+    camera, tag = _camera(recording)
+    return Guess(_robot(recording, camera), camera, tag)
+
+
+def _robot(recording: Recording, camera: str) -> str:
+    tree = recording.tree
+    for base in (frame for name in BASES for frame in tree.frames if _is(frame, name)):
+        for tool in (frame for name in TOOLS for frame in tree.frames if _is(frame, name)):
+            if base != tool and tree.moves(base, tool):
+                return f"{base}:{tool}"
+    topics = [f"{name}" for name, tracks in recording.poses.items() if len(tracks) == 1 and name != camera]
+    named = [name for name in topics if _ROBOT.search(name)]
+    if named or len(topics) == 1:
+        return (named or topics)[0]
+    moving = [pair for pair, track in tree.edges.items() if track.moves and not _seen(pair)]
+    return f"{moving[0][0]}:{moving[0][1]}" if moving else ROBOT
+
+
+def _camera(recording: Recording) -> tuple[str, bool]:
+    tags = [(len(track), pair) for tracks in recording.tags.values() for pair, track in tracks.items()]
+    if tags:
+        frame, name = min(tags, key=lambda one: (-one[0], one[1]))[1]
+        return f"{frame}:{name}", True
+    found = [(len(track), pair) for pair, track in recording.tree.edges.items() if track.moves and _seen(pair)]
+    if found:
+        return ":".join(max(found)[1]), False
+    for name, tracks in recording.poses.items():
+        seen = [pair for pair in tracks if _seen(pair) or _TARGET.search(name) or _CAMERA.search(pair[0] or name)]
+        if seen and not _ROBOT.search(name):
+            return (name if len(tracks) == 1 else f"{name}:{seen[0][1]}"), False
+    return CAMERA, False
+
+
+def _seen(pair: Pair) -> bool:
+    """Return whether an edge looks like a target in the frame of a camera."""
+    return bool(_TARGET.search(pair[1]) or (_CAMERA.search(pair[0]) and not _CAMERA.search(pair[1])))
+
+
+def _is(frame: str, name: str) -> bool:
+    """Return whether a frame has a name, also behind a prefix: ur5e_tool0, robot/tool0."""
+    return frame == name or re.search(rf"[/_]{re.escape(name)}$", frame) is not None
