@@ -194,9 +194,8 @@ def calibrate_command(
       # Pictures of a chessboard with 9x6 inner corners, one per robot pose
       uq-handeye calibrate robot.csv --images 'img/*.png' --board 9x6 \
           --square 20mm --report report.html -o result/
-      # Camera poses from another program
+      # Camera poses from another program; joint values; a ROS bag
       uq-handeye calibrate robot.csv camera.csv --tolerance 1mm,0.1deg
-      # Joint values and robot model, or a ROS bag (see uq-handeye bag)
       uq-handeye calibrate camera.csv --joints joints.csv --urdf robot.urdf
       uq-handeye calibrate --bag cell.mcap --robot base:tool0 --camera cam:tag
 
