@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -164,3 +165,14 @@ def test_every_option_named_exists():
     named = set(re.findall(r'(\w+)="', inspect.getsource(sentences)))
     assert {"setup", "robot_frame", "camera_frame", "quaternion"} <= named
     assert named <= set(inspect.signature(uq.read_poses).parameters)
+
+
+@pytest.mark.parametrize(("file", "option"), [("robot", "--robot-rotation"), ("camera", "--camera-rotation")])
+def test_transposed_rotations_are_named(file, option):
+    poses = uq.simulate(15, noise=NOISE, seed=2)
+    T = getattr(poses, file).copy()
+    T[:, :3, :3] = np.swapaxes(T[:, :3, :3], 1, 2)
+    wrong = replace(poses, **{file: T})
+    with pytest.warns(uq.InputWarning):
+        result = uq.calibrate(wrong, noise=NOISE)
+    assert f"{option} transposed" in " ".join(map(str, result.findings))

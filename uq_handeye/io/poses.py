@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from ..kinematics.chain import Kinematics
 
 _PAIRINGS = ("rows", "time")
+# Timestamps (s) above this are times of a clock, not numbers of rows.
+CLOCK = 1e6
 
 _log = logging.getLogger("uq_handeye")
 
@@ -419,6 +421,14 @@ def _noted(sources: tuple[Source, ...], k: int, path: Any, notes: Any) -> tuple[
     )
 
 
+def _numbers_beside_times(first: Array, second: Array) -> bool:
+    """Return whether one side numbers its rows 0, 1, 2, ... and the other has times of a clock."""
+    numbers = np.arange(len(first))
+    numbered = [bool(np.array_equal(stamps - stamps[0], numbers)) and stamps[0] <= 1 for stamps in (first, second)]
+    clock = [bool(stamps[0] > CLOCK) for stamps in (first, second)]
+    return (numbered[0] and clock[1]) or (numbered[1] and clock[0])
+
+
 def _check_rows(robot: Side, camera: Side) -> None:
     """Raise or warn unless row k of both sides may be of the same moment."""
     n, m = len(robot), len(camera)
@@ -434,6 +444,8 @@ def _check_rows(robot: Side, camera: Side) -> None:
             f"{by_time if timed else 'add timestamps and use --pair time or --pair async'}."
         )
     if robot.timestamps is None or camera.timestamps is None:
+        return
+    if _numbers_beside_times(robot.timestamps, camera.timestamps):
         return
     difference = np.abs(robot.timestamps - camera.timestamps)
     row = int(np.argmax(difference))

@@ -26,6 +26,8 @@ from ..poses.consistency import LARGE_ROTATION, consistency
 DECIDED = 5.0
 # Rotations (rad) that are the same, whatever they are called.
 SAME = 1e-9
+# Translations of the target (share of the travel of the robot) below which a reading fits.
+FITS = 0.2
 # Fewest poses that decide.
 FEWEST = 4
 # Poses that are looked at.
@@ -124,23 +126,29 @@ class _Pair:
         raise AssertionError
 
     def _decided(self, fits: list[tuple[Any, tuple[Reading | None, ...]]]) -> tuple[Reading | None, ...] | None:
-        """The readings that fit far better than all others, if any do."""
-        (angle, distance, _), best = fits[0]
-        if angle > LARGE_ROTATION or self._n() < FEWEST:
+        """The readings that fit far better than all others, if any do.
+
+        Two files in the same wrong order agree in rotation, so translations decide as well.
+        """
+        if self._n() < FEWEST:
             return None
-        first = self.poses(best)
-        for (other_angle, other_distance, _), pair in fits[1:]:
-            other = self.poses(pair)
-            turned = max(np.abs(a[:, :3, :3] - b[:, :3, :3]).max() for a, b in zip(first, other, strict=True))
-            moved = max(np.abs(a[:, :3, 3] - b[:, :3, 3]).max() for a, b in zip(first, other, strict=True))
-            if turned < SAME and moved < SAME:
+        for (angle, distance, _), pair in fits:
+            if angle > LARGE_ROTATION:
                 continue
-            if turned >= SAME and other_angle > DECIDED * max(angle, SAME):
-                continue
-            if turned < SAME and other_distance > DECIDED * distance:
-                continue
-            return None
-        return best
+            least = max(angle, SAME)
+            if all(
+                other_angle > DECIDED * least
+                or (other_distance > DECIDED * distance and angle < DECIDED * max(other_angle, SAME))
+                or self._same(pair, other)
+                for (other_angle, other_distance, _), other in fits
+            ):
+                return pair
+        return None
+
+    def _same(self, first: tuple[Reading | None, ...], second: tuple[Reading | None, ...]) -> bool:
+        """Return whether two pairs of readings give the same poses."""
+        pairs = zip(self.poses(first), self.poses(second), strict=True)
+        return all(np.abs(a - b).max() < SAME for a, b in pairs)
 
     def _note(self, k: int, reading: Reading, fits: list[tuple[Any, tuple[Reading | None, ...]]]) -> str:
         worse = [f"{pair[k]}" for _, pair in fits if pair[k] != reading]
@@ -172,30 +180,30 @@ class _Pair:
 
     def _warn_of_another(self) -> None:
         """Warn of angles or rotation vectors whose order or unit is another one by far."""
-        if (
-            not any(side.rotation.ndim == 2 and side.rotation.shape[1] == 3 for side in self.sides)
-            or self._n() < FEWEST
-        ):
+        angles = [side.rotation.ndim == 2 and side.rotation.shape[1] == 3 for side in self.sides]
+        if not any(angles) or self._n() < FEWEST:
             return
         now = self.fit((None, None))
-        if now is not None and now[0] <= LARGE_ROTATION:
+        travel = float(np.linalg.norm(np.std(self.poses((None, None))[0][:, :3, 3], axis=0)))
+        if now is not None and now[0] <= LARGE_ROTATION and now[1] <= FITS * travel:
             return
         for k, role in enumerate(FRAMES):
             side = self.sides[k]
-            if side.rotation.ndim != 2 or side.rotation.shape[1] != 3:
+            if not angles[k]:
                 continue
             found = []
             for form in _other_forms(side, self.forms[k]):
                 forms = (form, self.forms[1]) if k == 0 else (self.forms[0], form)
                 fit = replace(self, forms=forms).fit((None, None))
-                if fit is not None:
-                    found.append((fit[0], form))
+                if fit is not None and fit[0] < LARGE_ROTATION:
+                    found.append((fit[1], fit[0], form))
             if not found:
                 continue
-            angle, form = min(found)
-            if angle < LARGE_ROTATION and (now is None or now[0] > DECIDED * angle):
+            # Rotations about x, y, z renamed in a circle fit as well; only the translations tell.
+            distance, _, form = min(found)
+            if distance < FITS * travel and (now is None or now[1] > DECIDED * distance):
                 used = self.forms[k] or side.readings[0].rotation
-                amount = "" if now is None else f" by {np.degrees(now[0]):.0f} degrees RMS"
+                amount = "" if now is None else f" by {np.degrees(now[0]):.2g} degrees and {1e3 * now[1]:.3g} mm RMS"
                 warnings.warn(
                     f"{side.name}: with rotations read as {used} robot and camera disagree{amount}; as {form} they "
                     f"agree. Give --{role}-rotation {form} (rotation={form!r}) if that is what the file holds.",
