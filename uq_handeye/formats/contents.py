@@ -190,7 +190,7 @@ def doubtful(side: Side, role: str, why: str = "") -> InputError:
     same = all(reading.format == first.format for reading in side.readings)
     option = f"--{role}-rotation {first.rotation}" if same else f"--{role}-format {first.format}"
     return InputError(
-        f"{side.name}: the rotations may be {names}{why}. Say which, e.g. {option} (docs: From the robot's controller)."
+        f"{side.name}: the rotations may be {names}{why}. Say which, e.g. {option} (docs/how-to/controller.md)."
     )
 
 

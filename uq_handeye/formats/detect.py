@@ -191,8 +191,8 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
 def _unknown(name: str, start: bytes) -> InputError:
     began = short(start[:60].decode("utf-8", errors="backslashreplace"))
     return InputError(
-        f"{name}: not a pose file that is known; it begins with {began}. Expected one of {', '.join(FORMATS)}; name it "
-        "by `format` (--format) to see what is wrong."
+        f"{name}: not a pose file that is known; it begins with {began}. Expected one of {', '.join(FORMATS)} "
+        "(docs/formats.md); name it by `format` (--format, --robot-format, --camera-format) to see what is wrong."
     )
 
 
@@ -204,8 +204,8 @@ def _tree_format(tree: Any, name: str) -> str:
     if found:
         raise InputError(f"{name}: the content fits {' and '.join(found)}; say which of them by `format` (--format).")
     raise InputError(
-        f"{name}: expected poses by the names of a format that is known ({', '.join(_TREES)}), got {got(tree)}; name "
-        "the format by `format` (--format) to see what it lacks."
+        f"{name}: expected poses by the names of a format that is known ({', '.join(_TREES)}; docs/formats.md), got "
+        f"{got(tree)}; name the format by `format` (--format) to see what it lacks."
     )
 
 
