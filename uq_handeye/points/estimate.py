@@ -18,7 +18,7 @@ from .least_squares import Sight
 from .measured import PointSet, Target
 from .model import NoiseModel, sight_lines
 from .outliers import MOST_ROUNDS, distances, limit_of, next_used
-from .result import SHAPE, PointPoses
+from .result import PointPoses, shape_names
 from .start import placed, robust_kabsch, sums, unknown_shape
 from .variances import Fit, fit, refitted, robust_variances, split_squares, with_model
 
@@ -101,11 +101,8 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
     found, rows, sight, used, pose_of, kept_points = outcome
     findings += _refusals(refused)
     shape_open = known is None
-    covariance = JointCovariance(
-        found.normal.own,
-        found.normal.shared,
-        tuple(f"{SHAPE}: {k + 1}" for k in range(found.normal.shared.shape[-1])),
-    )
+    F = found.normal.shared
+    covariance = JointCovariance(found.normal.own, F, shape_names(F.shape[-1]))
     everywhere = np.full(len(measured), -1, dtype=np.intp)
     everywhere[pose_of] = np.arange(len(sight.y))
     whole = np.zeros(len(measured), dtype=bool)

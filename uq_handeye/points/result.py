@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..files.open import StrPath
 from ..findings import Finding, texts
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
@@ -23,6 +25,11 @@ from .text import points_document
 
 # Name of the shared columns of the covariance, in the budget of X.
 SHAPE = "target shape"
+
+
+def shape_names(q: int) -> tuple[str, ...]:
+    """Names of the q shared columns of the covariance."""
+    return tuple(f"{SHAPE}: {k + 1}" for k in range(q))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +73,23 @@ class PointPoses(ReadOnlyArrays):
         return float(self.sd[1])
 
     @cached_property
-    def split_residuals(self) -> tuple[Array, Array, Array]:
-        """(k, 2) residuals across the line of sight, (k,) along it, and (k,) distances, m; NaN as in ``residuals``."""
-        place = np.searchsorted(self.rows, self.points.row)
-        pose = np.clip(place, 0, self.n - 1)
+    def predicted(self) -> Array:
+        """(k, 3) points as poses and target predict them, camera frame, m; NaN where there is no pose."""
+        pose = np.clip(np.searchsorted(self.rows, self.points.row), 0, self.n - 1)
         point = self.target.find(self.points.point)
         known = (self.rows[pose] == self.points.row) & (point >= 0)
-        at = np.where(known[:, None], placed(self.poses, self.target.xyz[np.maximum(point, 0)], pose), np.nan)
-        u = sight_lines(np.where(known[:, None], at, [0.0, 0.0, 1.0]))
+        return np.where(known[:, None], placed(self.poses, self.target.xyz[np.maximum(point, 0)], pose), np.nan)
+
+    @property
+    def predicted_residuals(self) -> Array:
+        """(k, 3) residuals computed again from points, poses and target."""
+        return np.asarray(self.points.xyz - self.predicted)
+
+    @cached_property
+    def split_residuals(self) -> tuple[Array, Array, Array]:
+        """(k, 2) residuals across the line of sight, (k,) along it, and (k,) distances, m; NaN as in ``residuals``."""
+        at = self.predicted
+        u = sight_lines(np.where(np.isnan(at), [0.0, 0.0, 1.0], at))
         x = np.cross([0.0, 1.0, 0.0], u)
         x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-300)
         across = np.stack([np.sum(self.residuals * e, axis=-1) for e in (x, np.cross(u, x))], axis=-1)
@@ -114,3 +130,15 @@ class PointPoses(ReadOnlyArrays):
     def _repr_html_(self) -> str:
         """For notebooks."""
         return to_html("Poses from points", points_document(self))
+
+    def write(self, folder: StrPath) -> Path:
+        """Everything as files in a folder, all or none, which `read_point_poses` and `read_poses` take."""
+        from .folder_writer import write_point_poses
+
+        return write_point_poses(self, folder)
+
+    def figure(self, path: StrPath) -> Path:
+        """Write the residuals along and across the line of sight as ``.png`` or ``.svg``."""
+        from .figure import save_figure
+
+        return save_figure(self, path)
