@@ -97,7 +97,7 @@ class Analysis:
     @cached_property
     def budget(self) -> Budget:
         """Shares of the variance by source, with their types; sources that the data cannot separate are one."""
-        corners = isinstance(self.data, PosePairs) and self.data.camera_calibration is not None
+        corners = isinstance(self.data, PosePairs) and self.data.camera_known
         found = budget(self.fit, self.noise, beside=self.beside, within=self.within)
         found = with_types(found, self.noise, self.estimate, corners)
         return found if self.estimate is None else found.merged(*_not_told_apart(self.estimate))

@@ -187,8 +187,8 @@ def _beside_kinematics(job: Job, constraint: Constraint, columns: KinematicColum
     robot = job.robot_noise
     if job.given is not None:  # a side that it leaves out is exact
         camera, robot = (np.zeros((6, 6)) if S is None else S for S in (job.given.camera, job.given.robot))
-    elif camera is None and job.poses is not None and job.poses.camera_calibration is not None:
-        camera = job.poses.camera_calibration.covariance
+    elif camera is None and job.poses is not None:
+        camera = job.poses.known_camera
     prior = NoisePrior() if job.prior is None else job.prior
     return BesideKinematics(constraint, columns, camera, robot, prior, job.columns, job.pose_prior)
 
@@ -270,7 +270,7 @@ def _assembled(
     # Beside a camera covariance from corners the noise counts as known: most of it, or the test errs on the safe side.
     # A drift does not count in halves: the test is of the noise that both were made of.
     alone = None if estimate is None else replace(estimate, correlation=None)
-    dof = None if estimate is not None and estimate.from_corners else reference_for(fit, alone).dof
+    dof = None if estimate is not None and estimate.camera_known else reference_for(fit, alone).dof
     within = _joint_noise(job, deviations)
     analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, read_only(beside), read_only(within))
     angle, distance = residuals(motions.A, motions.B, fit.X)

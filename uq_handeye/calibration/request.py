@@ -161,11 +161,11 @@ def _open_noise(noise: Any) -> tuple[Noise | None, CameraNoise | None, Any]:
 
 
 def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
-    """Beside noise of the robot only, the covariance that camera poses from corners come with."""
-    seen = None if motions.poses is None else motions.poses.camera_calibration
-    if seen is None or not isinstance(noise, PoseNoise) or noise.camera is not None:
+    """Beside noise of the robot only, the covariance that camera poses from corners or points come with."""
+    S = None if motions.poses is None else motions.poses.known_camera
+    if S is None or not isinstance(noise, PoseNoise) or noise.camera is not None:
         return noise
-    return PoseNoise(noise.robot, seen.covariance, prior=noise.prior)
+    return PoseNoise(noise.robot, S, prior=noise.prior)
 
 
 def _pose_prior(noise: Noise | None, X: Any, W: Any, method: str, motions: Motions) -> PosePrior | None:
@@ -389,7 +389,7 @@ def _shared_of(
     if shared is None:
         if noise is not None or poses is None or method == BUNDLE or kind not in (None, "poses"):
             return ()
-        errors = default_errors(camera is not None or poses.camera_calibration is not None)
+        errors = default_errors(camera is not None or poses.camera_known)
         return (*errors, assumed_accuracy())
     errors = tuple(shared) if poses is None else checked_errors(shared, poses)
     if not errors:

@@ -13,7 +13,7 @@ from ..diagnostics.budget import SHARED as SHARED_SOURCE
 from ..formatting.numbers import digits
 from ..geometry.se3 import Array
 from ..kinematics.kinematic_errors import JOINT_NOISE
-from ..noise.camera_noise import INTRINSICS
+from ..noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ..noise.estimate import SHOWN, Component, NoiseEstimate
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import marginals
@@ -55,6 +55,8 @@ def input_of(source: str, result: Calibration) -> Input:
         return Input(_sizes([(result.kinematics.joint_noise, "rad")]), NORMAL, "declared")
     if group_of(name) == INTRINSICS:
         return Input("covariance", NORMAL, "camera calibration")
+    if group_of(name) == TARGET_SHAPE:
+        return Input("covariance", NORMAL, "points of the target")
     if name.startswith("prior of "):
         return Input("covariance", NORMAL, "declared")
     return Input("covariance", NORMAL, "as given with the noise")
@@ -86,6 +88,7 @@ _ORIGIN = {
     "fixed": "declared",
     "given": "declared",
     "from corners": "corners of the target",
+    "from points": "points of the target",
     "by geometry": "residuals, views",
 }
 
@@ -108,10 +111,13 @@ def _of_noise(names: list[str], result: Calibration) -> Input:
     sizes = [(float(size), unit) for size, unit in zip(np.sqrt(squares), ("rad", "m"), strict=True)]
     kind = names[0].partition(" ")[2]
     corners = getattr(result.data, "camera_calibration", None) is not None and names[0].startswith("camera")
+    points = getattr(result.data, "camera_covariance", None) is not None and names[0].startswith("camera")
     if kind.startswith(SHARED_SOURCE):
         return Input("covariance", NORMAL, "camera calibration" if corners else "as given with the noise")
     shown = [sizes[KINDS.index(kind)]] if kind in KINDS else sizes
-    return Input(_sizes(shown), NORMAL, "corners of the target" if corners else "declared")
+    return Input(
+        _sizes(shown), NORMAL, "corners of the target" if corners else "points of the target" if points else "declared"
+    )
 
 
 def noise_per_axis(S: Array | JointCovariance) -> Array:

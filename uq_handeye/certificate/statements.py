@@ -123,11 +123,13 @@ def noise_source(result: Calibration) -> str:
     estimate = result.noise_estimate
     if result.noise is None:
         return "not known"
-    corners = getattr(result.data, "camera_calibration", None) is not None
     if estimate is None:
-        return "declared by the user" + ("; that of the camera from the corners of the target" if corners else "")
-    if estimate.from_corners:
-        return "robot: estimated from the residuals; camera: from the corners of the target"
+        known = next((f"; that of the camera from the {what}" for attribute, what in _OF_CAMERA.items()
+                      if getattr(result.data, attribute, None) is not None), "")  # fmt: skip
+        return f"declared by the user{known}"
+    if estimate.camera_known:
+        what = _OF_CAMERA["camera_calibration" if estimate.from_corners else "camera_covariance"]
+        return f"robot: estimated from the residuals; camera: from the {what}"
     if result.kinematics is not None:
         return f"estimated from the residuals; errors of the arm: {_OF_ARM.get(result.kinematics.how, 'assumed')}"
     if estimate.has_prior:
@@ -135,6 +137,7 @@ def noise_source(result: Calibration) -> str:
     return "estimated from the residuals"
 
 
+_OF_CAMERA = {"camera_calibration": "corners of the target", "camera_covariance": "points of the target"}
 _OF_ARM = {DECLARED: "declared", ESTIMATE: "from arms of the kind and the residuals", EXACT: "none, taken as exact"}
 
 

@@ -43,8 +43,8 @@ class StreamFiles:
         Path | None,
         typer.Argument(
             metavar="CAMERA",
-            help="Camera poses likewise, or the folder of camera -o. camera_T_target, row by row as in ROBOT unless "
-            "--pair says otherwise.",
+            help="Camera poses likewise, or the folder of camera -o or points -o. camera_T_target, row by row as in ROBOT "
+            "unless --pair says otherwise.",
             show_default=False,
         ),
     ] = None
@@ -487,12 +487,12 @@ class PoseFiles(StreamFiles):
 
 
 def _is_camera_folder(path: Path) -> bool:
-    """Return whether a folder is that of a calibrated camera, not one of pose files."""
+    """Return whether a folder is that of camera -o or points -o, not one of pose files."""
     if not path.is_dir():
         return False
-    from ..camera.files.folder import is_camera_folder
+    from ..io.known_camera import is_folder_of_poses
 
-    return is_camera_folder(path)
+    return is_folder_of_poses(path)
 
 
 def missing_robot(instead: str = ", or --joints and --urdf") -> InputError:
@@ -521,7 +521,7 @@ def _complete_noise(
             f"The residuals are at rounding level, so the other noise cannot be estimated. Give {open_side}, or "
             f"{open_side} {EXACT}."
         )
-    known = given is not None or poses.camera_calibration is not None
+    known = given is not None or poses.camera_known
     errors = list(default_errors(known)) if shared is None else shared
     return without_shared(found, errors), errors
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry.se3 import Array
-from ..noise.camera_noise import INTRINSICS
+from ..noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ..noise.estimate import NoiseEstimate
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PoseNoise
@@ -29,7 +29,7 @@ def with_types(budget: Budget, noise: Noise, estimate: NoiseEstimate | None, fro
     """The budget of a fit with the types of its sources; ``from_corners``: they gave the covariance of camera poses."""
     index: dict[str, int] = {}  # of the variance of a source, among those of the estimate
     data = {CLOCK_OFFSET}
-    views = {*_of_side("camera"), f"camera {EACH}", f"camera {SHARED}", INTRINSICS}
+    views = {*_of_side("camera"), f"camera {EACH}", f"camera {SHARED}", INTRINSICS, TARGET_SHAPE}
     if from_corners:
         data |= views
     if estimate is not None:
@@ -56,7 +56,7 @@ def _variances_of(estimate: NoiseEstimate) -> list[list[str]]:
     """The sources that each of the estimated variances is that of."""
     if estimate.names:
         return [[name] for name in estimate.names]
-    if estimate.from_corners or estimate.by_geometry:
+    if estimate.camera_known or estimate.by_geometry:
         own = ("robot rotation", "robot translation", _PIXELS)
         return [[part.name] for part in estimate.components if part.name in own][: len(estimate.variances)]
     first, second = (part.name.removesuffix(" rotation") for part in estimate.components[1:3])

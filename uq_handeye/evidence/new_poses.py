@@ -109,7 +109,8 @@ def _effects_on_camera(result: Calibrated, poses: PosePairs) -> tuple[Array, Arr
     posterior, seen = joint_posterior_of(result), poses.camera_calibration
     F = shared_effects(result, "camera", poses.robot, poses.camera)
     if seen is None:
-        return F, own_noise(result, "camera")
+        S = poses.camera_covariance
+        return F, own_noise(result, "camera") if S is None else S
     data = result.counted
     before = data.camera_calibration if isinstance(data, PosePairs) else None
     if before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters):

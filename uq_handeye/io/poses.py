@@ -5,15 +5,13 @@ from __future__ import annotations
 import logging
 import warnings
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError, InputWarning
-from ..files import lines as _lines
-from ..files.open import StrPath, as_path, opened, shown
+from ..files.open import StrPath, as_path, shown
 from ..files.source import Source
 from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
@@ -24,12 +22,14 @@ from ..geometry.se3 import Array
 from ..poses.pose_pairs import PosePairs
 from ..poses.stream import Stream
 from .joints import Joints, give_joints, joints_of
+from .known_camera import KnownCamera, known_camera
 from .matching import SYNCHRONOUS, match_times
 from .readings import chosen_readings, reading_beside
 
 if TYPE_CHECKING:
     from ..camera.result import CameraCalibration
     from ..kinematics.chain import Kinematics
+    from ..points.result import PointPoses
 
 _PAIRINGS = ("rows", "time")
 # Timestamps (s) above this are times of a clock, not numbers of rows.
@@ -40,7 +40,7 @@ _log = logging.getLogger("uq_handeye")
 
 def read_poses(
     robot: StrPath | None,
-    camera: StrPath | CameraCalibration | None = None,
+    camera: StrPath | CameraCalibration | PointPoses | None = None,
     *,
     setup: str | None = None,
     units: str | tuple[str | None, str | None] | None = None,
@@ -62,11 +62,12 @@ def read_poses(
     robot : path or None
         ``base_T_gripper``; any of `uq_handeye.io.FORMATS`. None: the poses are those of ``joints``, by forward
         kinematics.
-    camera : path, CameraCalibration or None
+    camera : path, CameraCalibration, PointPoses or None
         ``camera_T_target``. None: the robot's file holds both sides. A calibrated camera, or the folder that
         `CameraCalibration.write` made of it, brings the joint covariance of its poses along (field
         ``camera_calibration``); its rows number those of the robot's file, and robot poses without a picture are left
-        out. Units, format and rotation are then those of the robot's file.
+        out. Poses from points, or the folder of `PointPoses.write`, bring theirs likewise (``camera_covariance``).
+        Units, format and rotation are then those of the robot's file.
     setup : "eye-in-hand", "eye-to-hand" or None
         None: what a file says, else eye-in-hand.
     units : str, None or (robot, camera)
@@ -128,7 +129,7 @@ def read_poses(
             raise InputError(f"Expected {missing}, or a file of robot poses.")
         both_units, formats, forms = ("m", both_units[1]), (None, formats[1]), (None, forms[1])
         robot_frame = FRAMES["robot"][0]
-    seen = _calibrated(camera)
+    seen = known_camera(camera)
     if seen is not None:
         if pair != "rows" or camera_frame != FRAMES["camera"][0]:
             raise InputError(
@@ -213,38 +214,9 @@ def _joint_source(arm: Joints | None, robot: StrPath | None) -> tuple[Source, ..
     return () if arm is None or robot is None else (arm.source,)
 
 
-class _Seen(NamedTuple):
-    """A calibrated camera and where it comes from."""
-
-    camera: CameraCalibration
-    name: str
-    source: tuple[Source, ...]
-
-
-def _calibrated(camera: Any) -> _Seen | None:
-    """The calibrated camera that is meant, if one is."""
-    from ..camera.result import CameraCalibration
-
-    if isinstance(camera, CameraCalibration):
-        return _Seen(camera, "the pictures", ())
-    from ..camera.files.folder import is_camera_folder, read_camera
-
-    if camera is None or not is_camera_folder(as_path(camera)):
-        return None
-    from ..camera.files.folder_writer import CORNERS
-
-    folder = as_path(camera)
-    seen = read_camera(folder)
-    with opened(folder / CORNERS, _lines.MAX_BYTES) as file:
-        data = file.read()
-    note = f"{seen.corners.n} poses of the model {seen.model} with their joint covariance"
-    name = shown(Path(folder.name) / CORNERS)
-    return _Seen(seen, shown(folder), (Source(name, "corners", len(data), sha256(data).hexdigest(), (note,)),))
-
-
 def _with_calibrated(
     robot: StrPath | None,
-    seen: _Seen,
+    seen: KnownCamera,
     setup: str | None,
     units: str | None,
     format: str | None,
@@ -253,7 +225,7 @@ def _with_calibrated(
     arm: Joints | None,
     tolerance: float,
 ) -> PosePairs:
-    """The robot poses of a file that the pictures were taken at, and the poses of the pictures."""
+    """The robot poses of a file that the pictures or points were taken at, and the camera poses."""
     path = _robot_path(robot, arm)
     contents, source = _robot_contents(robot, arm, format)
     setup = _setup(setup, (contents, contents), (path, path))
@@ -262,34 +234,16 @@ def _with_calibrated(
     if contents.robot_enters and setup == "eye-to-hand":
         frame = FRAMES["robot"][1]
         sources = _noted(sources, 0, path, ["robot poses are gripper_T_base in this format, and inverted"])
-    rows = seen.camera.rows
-    if rows[-1] < len(side):  # else the error is below
-        side, note = reading_beside(side, seen.camera.poses, rows, units, rotation, frame, setup)
-        sources = _noted(sources, 0, path, [note] if note else [])
+    rows, notes = seen.rows_of(len(side), side.name, "rows" if robot is None else "poses")
+    side, note = reading_beside(side, seen.poses, rows, units, rotation, frame, setup)
+    sources = _noted(sources, 0, path, [note] if note else [])
     poses = finished(side, "robot", units, rotation, frame)
     warn_if_back(side)
     values = _joint_values(arm, robot, side, tolerance)
-    corners = seen.camera.corners
-    taken = corners.n + len(corners.missing)
-    # Of pictures it is known how many there were; a table of corners may leave out some.
-    counted = bool(corners.missing) or (corners.image_size is not None and not seen.source)
-    if (counted and taken != len(side)) or rows[-1] >= len(side):
-        count = (
-            f"{taken} pictures, {len(corners.missing) or 'none'} of them without a board"
-            if counted
-            else (f"{corners.n} pictures, the last of row {rows[-1]}")
-        )
-        raise InputError(
-            f"{side.name} has {len(side)} {'rows' if robot is None else 'poses'} and {seen.name} {count}: picture k, "
-            "counted from 0 in the order of the names (the column row of corners), belongs to row k of the robot. "
-            "Leave out what the other side lacks; a picture without a board stays."
-        )
-    if len(left := np.setdiff1d(np.arange(len(side)), rows)):
-        which = ", ".join(map(str, left[:20])) + (", ..." if len(left) > 20 else "")
-        sources = _noted(sources, 0, path, [f"rows without a picture of the board are left out: {which}"])
+    sources = _noted(sources, 0, path, notes)
     times = None if side.timestamps is None else side.timestamps[rows]
     sources = (*sources, *_joint_source(arm, robot), *seen.source)
-    pairs = PosePairs(poses[rows], seen.camera.poses, setup, times, sources=sources, camera_calibration=seen.camera)
+    pairs = PosePairs(poses[rows], seen.poses, setup, times, sources=sources, **seen.of_pairs)
     return pairs if values is None or arm is None else give_joints(pairs, values[rows], arm.name)
 
 

@@ -32,7 +32,7 @@ def misread(X: Array, W: Array, poses: PosePairs, evidence: Evidence, d2_of: Jud
     d2 = evidence.d2
     if d2 < GROSS * evidence.dof:
         return None
-    bare = replace(poses, camera_calibration=None, timing=None, truth=None)
+    bare = replace(poses, camera_calibration=None, camera_covariance=None, timing=None, truth=None)
     best: tuple[float, dict[str, Any]] | None = None
     for reading, robot, camera in _readings(bare):
         rough = _rough(X, W, robot, camera, poses.setup)

@@ -81,7 +81,7 @@ def component_names(estimate: NoiseEstimate) -> tuple[str, ...]:
         return estimate.names
     of = tuple(part.name for part in estimate.components)
     free = [part.name for part in estimate.components if not part.is_given]
-    beside = estimate.from_corners or estimate.by_geometry or CAMERA_EXCESS in of
+    beside = estimate.camera_known or estimate.by_geometry or CAMERA_EXCESS in of
     if not beside and len(estimate.variances) == 3:
         return _PLAIN
     return tuple(free[: len(estimate.variances)]) if len(free) >= len(estimate.variances) else _PLAIN

@@ -23,8 +23,9 @@ from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
 from .joint_covariance import JointCovariance
 
-# The name of the shared columns, in the budget of X.
+# The names of the shared columns, in the budget of X: of a camera, and of a target whose shape was estimated.
 INTRINSICS = "intrinsics"
+TARGET_SHAPE = "target shape"
 
 
 @dataclass(frozen=True, eq=False)

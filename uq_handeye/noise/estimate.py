@@ -94,8 +94,8 @@ class Component:
     ``status``: "estimated"; "zero" (the estimate is 0, on the edge of what is possible); "prior" (estimated with its
     data sheet); "population" (of the errors of an arm: at least that of arms of its kind); "fixed" (given); "not told
     apart" (between ``low`` and ``high``, the data say no more); "exact" (the residuals are rounding errors; ``high`` is
-    then not determined: None); "from corners", "by geometry" (of the camera poses, from their own covariance: root of
-    the mean variance); "given" (the pixel noise of it).
+    then not determined: None); "from corners", "from points", "by geometry" (of the camera poses, from their own
+    covariance: root of the mean variance); "given" (the pixel noise of it).
     """
 
     name: str
@@ -114,7 +114,7 @@ class Component:
     @property
     def is_given(self) -> bool:
         """True if it has no interval: it was not estimated."""
-        return self.status in ("fixed", "exact", "given", "from corners", "by geometry")
+        return self.status in ("fixed", "exact", "given", "from corners", "from points", "by geometry")
 
     @property
     def shown_status(self) -> str:
@@ -189,6 +189,16 @@ class NoiseEstimate(ReadOnlyArrays):
     def from_corners(self) -> bool:
         """True if the noise of the camera poses comes from their corners, and only the robot's was estimated."""
         return any(component.status == "from corners" for component in self.components)
+
+    @property
+    def from_points(self) -> bool:
+        """True if the noise of the camera poses comes from points in 3-D, and only the robot's was estimated."""
+        return any(component.status == "from points" for component in self.components)
+
+    @property
+    def camera_known(self) -> bool:
+        """True if the camera poses came with their covariance."""
+        return self.from_corners or self.from_points
 
     @property
     def by_geometry(self) -> bool:

@@ -69,7 +69,7 @@ PIXEL, PIXEL_FACTOR = 0.2, 3.0
 PIXEL_ENDS = (0.005, 20.0)  # pixels between which it is looked for
 # The data tell the pixel noise if they leave less than this share of that deviation.
 TOLD = 0.5
-FROM_CORNERS, BY_VIEWS = "from corners", "by geometry"
+FROM_CORNERS, FROM_POINTS, BY_VIEWS = "from corners", "from points", "by geometry"
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +183,7 @@ class BesideCamera:
     robot: Any = None  # covariance, where it is known
     columns: Mapping[str, JointCovariance] = field(default_factory=dict)  # errors that all poses of a side share
     pose_prior: PosePrior | None = None
+    how: str = FROM_CORNERS  # where a known covariance comes from
     excess: JointCovariance | None = None  # of the camera beside what corners say, per pixel^2, if the robot is known
 
     @property
@@ -420,7 +421,7 @@ def _report(of: FoundRobotNoise) -> NoiseEstimate:
     if isinstance(camera, CameraNoise) and camera.pixel_sd is not None:
         s = camera.pixel_sd
         components.append(Component(*PIXEL_KIND, s, s, s, "given"))
-    how = BY_VIEWS if isinstance(camera, CameraNoise) else FROM_CORNERS
+    how = BY_VIEWS if isinstance(camera, CameraNoise) else of.source.how
     variances = np.diagonal(marginals(of.camera), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
     for what, unit, variance in zip(("rotation", "translation"), ("rad", "m"), variances, strict=True):
         sd = float(np.sqrt(variance))

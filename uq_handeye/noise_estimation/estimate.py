@@ -59,7 +59,7 @@ from ..noise.pose_prior import PosePrior
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.shared_error import SharedError, add_columns, checked_errors, shared_columns
-from .beside_camera import BesideCamera
+from .beside_camera import FROM_POINTS, BesideCamera
 from .findings import noise_findings
 from .restricted_likelihood import (
     GAIN,
@@ -133,7 +133,8 @@ def estimate_noise(
     ----------
     data : PosePairs or Motions
         One data set (no leading axes); on poses where there are any. With camera poses from corners
-        (``camera_calibration``) the robot's noise is estimated beside their joint covariance.
+        (``camera_calibration``) or points (``camera_covariance``) the robot's noise is estimated beside their joint
+        covariance.
     prior : NoisePrior or None
     start : (4, 4) or None
         A consistent estimate of X.
@@ -210,7 +211,10 @@ def choose_source(
         return BesideCamera(constraint, camera, prior, robot, columns, pose_prior)
     if poses is not None and poses.camera_calibration is not None:
         seen = poses.camera_calibration
-        return BesideCamera(constraint, seen.covariance, prior, None, columns, pose_prior, seen.per_pixel)
+        return BesideCamera(constraint, seen.covariance, prior, None, columns, pose_prior, excess=seen.per_pixel)
+    if poses is not None and poses.camera_covariance is not None:
+        S = poses.camera_covariance
+        return BesideCamera(constraint, S, prior, None, columns, pose_prior, how=FROM_POINTS)
     return FromResiduals(constraint, prior, columns, pose_prior)
 
 

@@ -58,7 +58,9 @@ def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | N
     )
     pixels = parts.get("pixel noise")
     if pixels is None:
-        found = [_note("camera_from_corners", rotation=camera[0].value, translation=camera[1].value)]
+        found = [
+            _note(f"camera_{camera[0].status.replace(' ', '_')}", rotation=camera[0].value, translation=camera[1].value)
+        ]
     else:
         found = [_note("camera_by_geometry", component=asdict(pixels), components=_plain(camera))]
         high = float("inf") if pixels.high is None else pixels.high

@@ -122,6 +122,14 @@ def _(rotation: float, translation: float) -> str:
     )
 
 
+@sentence("noise_estimation.camera_from_points")
+def _(rotation: float, translation: float) -> str:
+    return (
+        "The covariance of the camera poses comes from the measured points of the target. Each pose by itself: "
+        f"rotation {_amount(rotation, 'rad')}, translation {_amount(translation, 'm')}."
+    )
+
+
 @sentence("noise_estimation.camera_by_geometry")
 def _(component: Part, components: Sequence[Part]) -> str:
     how = {

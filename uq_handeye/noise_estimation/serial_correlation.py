@@ -101,7 +101,7 @@ def account_for_correlation(
         return None
     kept = np.arange(poses.n) if fit.weights is None else np.flatnonzero(fit.weights)
     time = times_of(poses)
-    tied = not (estimate.has_prior or estimate.from_corners or estimate.by_geometry)
+    tied = not (estimate.has_prior or estimate.camera_known or estimate.by_geometry)
     distance = float(np.sqrt(np.mean(np.sum(poses.camera[:, :3, 3] ** 2, axis=-1))))
     found = _find(fit, kept, time, tied, distance)
     return None if found is None else _included(found, fit, noise, estimate, time)

@@ -50,7 +50,7 @@ from ..likelihood.constraint import Linearised, OnPoses, constraint_of, residual
 from ..likelihood.gauss_helmert import efficient
 from ..noise.estimate import NoisePrior
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import PoseNoise, is_joint
+from ..noise.models import PoseNoise, is_joint, marginals
 from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES, warn_left_out
@@ -181,6 +181,9 @@ def plan(
     ):
         noise = _of_each_pose(noise)  # of a drift
     intrinsics, seen = np.zeros((data.n, 6, 0)), data.camera_calibration
+    if isinstance(noise, PoseNoise) and data.camera_covariance is not None:
+        S = data.camera_covariance if noise.camera is None else noise.camera
+        noise = PoseNoise(noise.robot, marginals(S), prior=noise.prior)
     if seen is not None and isinstance(noise, PoseNoise):
         if noise.camera is None:
             noise = PoseNoise(noise.robot, seen.covariance, prior=noise.prior)
@@ -318,7 +321,7 @@ def _estimated_noise(
     settled = {found.error: found.prior_sd for found in result.shared}
     errors = tuple(
         replace(error, sd=np.full_like(error.sd, settled[error.name]), doubt=None)
-        for error in (default_errors(data.camera_calibration is not None) if shared is None else shared)
+        for error in (default_errors(data.camera_known) if shared is None else shared)
         if error.name in settled
     )
     noise = without_shared(noise, errors)

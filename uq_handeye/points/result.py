@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..files.open import StrPath
 from ..findings import Finding, texts
 from ..geometry.se3 import Array
+from ..noise.camera_noise import TARGET_SHAPE
 from ..noise.joint_covariance import JointCovariance
 from ..presentation.document import to_text
 from ..presentation.notebook import to_html
@@ -23,13 +24,10 @@ from .model import NoiseModel, sight_lines
 from .start import placed
 from .text import points_document
 
-# Name of the shared columns of the covariance, in the budget of X.
-SHAPE = "target shape"
-
 
 def shape_names(q: int) -> tuple[str, ...]:
     """Names of the q shared columns of the covariance."""
-    return tuple(f"{SHAPE}: {k + 1}" for k in range(q))
+    return tuple(f"{TARGET_SHAPE}: {k + 1}" for k in range(q))
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from ..files.source import Source
 from ..geometry.checks import as_numbers, as_transforms, first_duplicate
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array, inverse
+from ..noise.joint_covariance import JointCovariance
 from ..runtime.read_only import read_only
 from .joint_values import as_joint_values
 from .timing import Timing
@@ -60,6 +61,8 @@ class PosePairs:
         Of poses that `synchronise` paired: their time offset and how it moves them.
     camera_calibration : CameraCalibration or None
         Where the camera poses come from corners (`calibrate_camera`): their joint covariance, and the corners.
+    camera_covariance : JointCovariance or None
+        Where the camera poses come from points in 3-D (`poses_from_points`): the joint covariance of their errors.
     joints : (n, L) array or None
         Joint values of the robot at each pose (rad, or m for prismatic joints), in the order of its chain.
 
@@ -79,6 +82,7 @@ class PosePairs:
     timing: Timing | None = None
     camera_calibration: CameraCalibration | None = None
     joints: Array | None = None
+    camera_covariance: JointCovariance | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.setup, str) or self.setup not in SETUPS:
@@ -110,6 +114,12 @@ class PosePairs:
         seen = self.camera_calibration
         if seen is not None and not np.array_equal(seen.poses, self.camera):
             raise InputError("Expected the `camera` poses to be those of the `camera_calibration`, got others.")
+        S = self.camera_covariance
+        if S is not None and (seen is not None or S.own.ndim != 3 or self.robot.ndim != 3 or S.n != self.n):
+            raise InputError(
+                f"Expected `camera_covariance` of these {self.n} poses and no `camera_calibration` beside it, got that "
+                f"of {S.n} poses."
+            )
 
     @property
     def n(self) -> int:
@@ -136,7 +146,18 @@ class PosePairs:
         timing = None if self.timing is None else self.timing.rows(of[self.timing.side])
         seen = None if self.camera_calibration is None else self.camera_calibration.select(of["camera"])
         joints = None if self.joints is None else self.joints[index]
-        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen, joints)
+        S = None if self.camera_covariance is None else self.camera_covariance.rows(of["camera"])
+        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen, joints, S)
+
+    @property
+    def known_camera(self) -> JointCovariance | None:
+        """Covariance that the camera poses come with, from corners or from points in 3-D."""
+        return self.camera_covariance if self.camera_calibration is None else self.camera_calibration.covariance
+
+    @property
+    def camera_known(self) -> bool:
+        """True if the camera poses come with their covariance."""
+        return self.camera_calibration is not None or self.camera_covariance is not None
 
     @property
     def effective_robot(self) -> Array:

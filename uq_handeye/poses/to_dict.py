@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..files.source import Source
 from ..files.validate import array_of
 from ..geometry.se3 import Array
+from ..noise.joint_covariance import JointCovariance
 from .motions import Motions, relative_motions
 from .pose_pairs import PosePairs
 from .timing import Timing
@@ -44,6 +45,7 @@ def data_to_dict(data: PosePairs | Motions) -> dict[str, Any]:
         **({} if poses.joints is None else {"joints": poses.joints.tolist()}),
         **({} if timing is None else {"timing": asdict(timing) | {"rate": timing.rate.tolist()}}),
         **({} if seen is None else {"camera_calibration": camera_to_dict(seen)}),
+        **({} if poses.camera_covariance is None else {"camera_covariance": poses.camera_covariance.to_dict()}),
         **({} if pairs is None else {"pairs": pairs.tolist()}),
     }
 
@@ -70,6 +72,7 @@ def data_from_dict(data: dict[str, Any], setup: str | None, sources: tuple[Sourc
         None if timing is None else Timing(**(timing | {"rate": array_of(timing["rate"], (n, 6), "data.timing.rate")})),
         None if seen is None else camera_from_dict(seen, second),
         None if joints is None else array_of(joints, (n, len(joints[0])), "data.joints"),
+        None if data.get("camera_covariance") is None else JointCovariance.from_dict(data["camera_covariance"]),
     )
     if data.get("pairs") is None:
         return poses

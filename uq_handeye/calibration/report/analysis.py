@@ -36,6 +36,8 @@ def noise_blocks(result: Calibration) -> list[Block]:
         caption = "Noise, estimated from the residuals:"
         if estimate.from_corners:
             caption = "Noise of the robot, estimated; the noise of the camera is known from its corners:"
+        if estimate.from_points:
+            caption = "Noise of the robot, estimated; the noise of the camera is known from the points of the target:"
         if estimate.by_geometry:
             caption = "Noise, estimated from the residuals and the geometry of the views:"
         head = ["source", "1 sigma per axis", "95 % interval", "status"]

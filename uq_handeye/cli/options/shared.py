@@ -135,6 +135,6 @@ class SharedOptions:
             raise InputError("Shared errors need noise of poses ([robot], [camera]), got noise of motions ([A], [B]).")
         errors = list(declared.values())
         if not none and noise is None:
-            known = views is not None or poses.camera_calibration is not None
+            known = views is not None or poses.camera_known
             errors = replace_defaults(declared.values(), known)
         return list(checked_errors(errors, poses))

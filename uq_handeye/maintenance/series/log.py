@@ -132,7 +132,7 @@ class LoggedCheck(ReadOnlyArrays):
         time: str | None = None,
     ) -> LoggedCheck:
         """Build it from the check of ``poses`` against ``result``; ``time`` None is now."""
-        if noise is None and poses.camera_calibration is not None:
+        if noise is None and poses.camera_known:
             noise = _noise_of_pictures(result, poses)
         codes = {finding.code for finding in check.findings}
         wrong = next((words for words, of in NOT_USED.items() if codes & set(of)), None)
@@ -324,7 +324,8 @@ def _noise_of_pictures(result: Checkable, poses: PosePairs) -> PoseNoise:
     Poses with intrinsics of their own share these errors; the log takes those of the calibration in addition.
     """
     seen = poses.camera_calibration
-    assert seen is not None
+    if seen is None:
+        return PoseNoise(robot=own_noise(result, "robot"), camera=poses.camera_covariance)
     data = result.counted
     before = data.camera_calibration if isinstance(data, PosePairs) else None
     same = before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters)

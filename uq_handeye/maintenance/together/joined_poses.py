@@ -16,6 +16,7 @@ from ...camera.result import CameraCalibration
 from ...errors import InputError
 from ...geometry.frames import SETUPS
 from ...geometry.se3 import Array
+from ...noise.joint_covariance import JointCovariance
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import Timing
 
@@ -50,7 +51,21 @@ def joined_poses(old: PosePairs, new: PosePairs) -> tuple[PosePairs, NDArray[np.
         joints = None if joints is None else joints[kept]
         times = None if times is None else times[kept]
         cam = replace(cam, corners=replace(cam.corners, row=cam.corners.picture))
-    return PosePairs(robot, camera, old.setup, times, None, sources, timing, cam, joints), numbers
+    S = joined_covariance(old.camera_covariance, new.camera_covariance)
+    return PosePairs(robot, camera, old.setup, times, None, sources, timing, cam, joints, S), numbers
+
+
+def joined_covariance(old: JointCovariance | None, new: JointCovariance | None) -> JointCovariance | None:
+    """Return the covariance of the camera poses of both, whose errors are independent."""
+    if old is None or new is None:
+        return None
+    if new.shared.shape[-1]:
+        raise InputError(
+            "The shape of the target was estimated again with the new points, in another frame of the target. Give "
+            "the target of the result: uq-handeye points --target DIR/target.csv."
+        )
+    shared = np.concatenate([old.shared, np.zeros((new.n, 6, old.shared.shape[-1]))])
+    return JointCovariance(np.concatenate([old.own, new.own]), shared, old.names)
 
 
 def require_joinable(old: PosePairs, new: PosePairs) -> None:
@@ -70,12 +85,18 @@ def require_joinable(old: PosePairs, new: PosePairs) -> None:
                 "metres. Name the unit of the file."
             )
     require_new(old, new)
-    given = {True: "come from corners", False: "come without corners"}
-    corners = [poses.camera_calibration is not None for poses in (old, new)]
-    if corners[0] != corners[1]:
+    given = [
+        "come from corners"
+        if poses.camera_calibration is not None
+        else "come without corners"
+        if poses.camera_covariance is None
+        else "come from points"
+        for poses in (old, new)
+    ]
+    if given[0] != given[1]:
         raise InputError(
-            f"The camera poses of the result {given[corners[0]]} and the new ones {given[corners[1]]}: give both in "
-            "the same way (pictures, or the folder of uq-handeye camera)."
+            f"The camera poses of the result {given[0]} and the new ones {given[1]}: give both in the same way "
+            "(pictures, or the folder of uq-handeye camera or points)."
         )
 
 

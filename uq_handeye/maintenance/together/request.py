@@ -66,7 +66,7 @@ def arguments(
     shared = None if request["shared"] is None else [SharedError.from_dict(error) for error in request["shared"]]
     noise_of_all = _noise(request["noise"], poses, _Rows(result, numbers), noise)
     if shared is None and noise_of_all is None and request["simulated"]:
-        shared = list(default_errors(poses.camera_calibration is not None))
+        shared = list(default_errors(poses.camera_known))
     if shared is None and isinstance(noise_of_all, CameraNoise) and request["simulated"]:
         shared = list(default_errors(True))
     if not isinstance(pairs := options["pairs"], str) or pairs.endswith(" given"):
