@@ -43,8 +43,8 @@ class StreamFiles:
         Path | None,
         typer.Argument(
             metavar="CAMERA",
-            help="Camera poses likewise, or the folder of camera -o or points -o. camera_T_target, row by row as in ROBOT "
-            "unless --pair says otherwise.",
+            help="Camera poses likewise, or the folder of camera -o or points -o. camera_T_target, row by row as in "
+            "ROBOT unless --pair says otherwise.",
             show_default=False,
         ),
     ] = None

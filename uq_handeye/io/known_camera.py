@@ -91,7 +91,7 @@ def _listed(rows: NDArray[Any]) -> str:
 def is_folder_of_poses(path: Path) -> bool:
     """Return whether a folder is one of ``uq-handeye camera`` or ``uq-handeye points``."""
     from ..camera.files.folder import is_camera_folder
-    from ..points.folder import is_points_folder
+    from ..points.files.folder import is_points_folder
 
     return is_points_folder(path) or is_camera_folder(path)
 
@@ -101,8 +101,8 @@ def known_camera(camera: Any) -> KnownCamera | None:
     from ..camera.files.folder import is_camera_folder, read_camera
     from ..camera.files.folder_writer import CORNERS
     from ..camera.result import CameraCalibration
-    from ..points.folder import is_points_folder, read_point_poses
-    from ..points.folder_writer import POINTS
+    from ..points.files.folder import is_points_folder, read_point_poses
+    from ..points.files.folder_writer import POINTS
     from ..points.result import PointPoses
 
     if isinstance(camera, CameraCalibration):

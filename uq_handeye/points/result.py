@@ -131,7 +131,7 @@ class PointPoses(ReadOnlyArrays):
 
     def write(self, folder: StrPath) -> Path:
         """Everything as files in a folder, all or none, which `read_point_poses` and `read_poses` take."""
-        from .folder_writer import write_point_poses
+        from .files.folder_writer import write_point_poses
 
         return write_point_poses(self, folder)
 

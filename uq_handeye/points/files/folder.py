@@ -7,21 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..files import trees as _trees
-from ..files.lines import one_line, short
-from ..files.open import StrPath, as_path, opened, shown
-from ..files.trees import parse_tree
-from ..findings import Finding
-from ..formats.csv_poses import read_pose_file
-from ..formats.numpy_poses import MAX_BYTES, unpacked
-from ..geometry.checks import as_transforms
-from ..geometry.se3 import Array
-from ..noise.joint_covariance import JointCovariance
+from ...errors import InputError
+from ...files import trees as _trees
+from ...files.lines import one_line, short
+from ...files.open import StrPath, as_path, opened, shown
+from ...files.trees import parse_tree
+from ...findings import Finding
+from ...formats.csv_poses import read_pose_file
+from ...formats.numpy_poses import MAX_BYTES, unpacked
+from ...geometry.checks import as_transforms
+from ...geometry.se3 import Array
+from ...noise.joint_covariance import JointCovariance
+from ..model import NoiseModel
+from ..result import PointPoses, shape_names
 from .folder_writer import COVARIANCE, FORMAT, POINTS, POSES, SUMMARY, TARGET
-from .model import NoiseModel
 from .point_file import read_points, read_target
-from .result import PointPoses, shape_names
 
 # Poses of camera.csv, whose quaternions are rounded, and residuals are those of the archive within this.
 ROUNDED = 1e-9

@@ -19,13 +19,13 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, InputWarning
-from ..files.lines import decoded, is_number, rows_of, short
-from ..files.open import StrPath, as_path, opened, shown
-from ..formats.columns import meaning_and_unit
-from ..formats.contents import require_units
-from ..geometry.se3 import Array
-from .measured import PointSet, Target
+from ...errors import InputError, InputWarning
+from ...files.lines import decoded, is_number, rows_of, short
+from ...files.open import StrPath, as_path, opened, shown
+from ...formats.columns import meaning_and_unit
+from ...formats.contents import require_units
+from ...geometry.se3 import Array
+from ..measured import PointSet, Target
 
 MAX_BYTES = 200_000_000
 POSE = ("pose", "row", "view", "frame", "shot", "scan", "capture", "image", "picture", "station", "position")

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..files.atomic import json_text, write_files
-from ..files.open import StrPath, as_path
-from ..formats.csv_poses import pose_text
-from ..geometry.conventions import TOOLKIT
-from .posed import Posed
+from ...files.atomic import json_text, write_files
+from ...files.open import StrPath, as_path
+from ...formats.csv_poses import pose_text
+from ...geometry.conventions import TOOLKIT
+from ..posed import Posed
 
 FORMAT = "uq-handeye points 1"
 POSES, COVARIANCE, SUMMARY, POINTS, TARGET = (
@@ -91,8 +91,8 @@ def to_dict(found: Posed) -> dict[str, Any]:
 
 def write_point_poses(found: Posed, folder: StrPath) -> Path:
     """Write poses, covariance, points, target and figure into a folder: all of them or none."""
-    from ..presentation.named_figure import render
-    from .figure import residual_figure
+    from ...presentation.named_figure import render
+    from ..figure import residual_figure
 
     figure = render(residual_figure(found), "png")
     write_files(folder, {**point_pose_files(found), FIGURE: figure})

@@ -1,0 +1,1 @@
+"""Files of points: tables of points and targets, folders of poses from points."""
