@@ -12,7 +12,10 @@ from cli_cases import run
 from stream_cases import motion
 from support import moved, random_transforms
 
+import uq_handeye as uq
 from uq_handeye.geometry.se3 import logarithm
+from uq_handeye.io import read_stream
+from uq_handeye.rosbag.streams import read_bag
 
 SIDE, OFFSET = 0.08, 0.03
 # Of the robot's poses (rad, m), and of the pixels.
@@ -24,13 +27,13 @@ def fixture_cell(tmp_path_factory):
     """Write a cell that moves: tf of the robot with a static flange, tags by corners, joints; return X and the file."""
     folder, rng = tmp_path_factory.mktemp("bag"), np.random.default_rng(17)
     X, W = random_transforms(rng, (2,))
-    sway = motion(rng, 15.0, turn=0.25, shift=0.05)
+    sway = motion(rng, 8.0, turn=0.25, shift=0.05)
     face = np.eye(4)
     face[:3, :3], face[:3, 3] = np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 0.4]
     first = sway(np.zeros(1))[0]
     seen = lambda t: face @ np.linalg.inv(first) @ sway(t)  # noqa: E731
     flange = random_transforms(rng, (1,))[0]
-    fast, slow = np.arange(0.0, 15.0, 0.01), np.arange(0.5, 14.5, 0.1)
+    fast, slow = np.arange(0.0, 8.0, 0.02), np.arange(0.5, 7.5, 0.1)
     G = W @ np.linalg.inv(seen(fast)) @ np.linalg.inv(X) @ np.linalg.inv(flange)
     G = moved(G, rng.normal(size=(len(G), 6)) * np.repeat(ROBOT, 3))
     C = seen(slow)
@@ -40,7 +43,7 @@ def fixture_cell(tmp_path_factory):
         bag.tf(START, ("wrist", "tool0", flange), static=True)
         for t, T in zip(fast, G, strict=True):
             bag.tf(START + OFFSET + t, ("base_link", "wrist", T))
-            if round(t * 100) % 10 == 0:
+            if round(t * 100) % 8 == 0:
                 bag.joints("/joint_states", START + t, ["a", "b"], [t, -t])
         for t, p in zip(slow[visible], pixels[visible], strict=True):
             bag.camera_info("/camera/camera_info", START + t, "cam")
@@ -56,12 +59,12 @@ def test_the_listing_and_its_command(cell):
     done = run("bag", path)
     assert (done.returncode, done.stderr) == (0, "")
     for words in (
-        r"/tf +tf2_msgs/TFMessage +1500 +transforms",
-        r"base_link:wrist +1500 poses",
+        r"/tf +tf2_msgs/TFMessage +400 +transforms",
+        r"base_link:wrist +400 poses",
         r"wrist:tool0 +static",
         r"cam:tag36h11_0 +\d+ detections in /detections",
         r"/camera/camera_info +cam, 1280 x 720 px, fx 900, fy 900, cx 640, cy 360, rectified",
-        r"/joint_states +150 rows of a, b",
+        r"/joint_states +100 rows of a, b",
     ):
         assert re.search(words, done.stdout), words
     command = shlex.split(done.stdout.splitlines()[-1].replace("LENGTH", "80mm"))
@@ -84,16 +87,24 @@ def test_tables_give_the_same_as_the_bag(cell, tmp_path):
     said = f"Wrote camera_info.yaml, robot.csv, camera.csv and joints.csv to {tmp_path}"
     assert done.stdout.split() == said.split()
     assert (tmp_path / "joints.csv").read_text().splitlines()[0] == "timestamp,a,b"
-    common = ("--setup", "eye-in-hand", "--json")
-    direct = run("calibrate", "--bag", path, *ASKED, *common)
-    of_tables = run(
-        *("calibrate", tmp_path / "robot.csv", tmp_path / "camera.csv", "--pair", "async", "--tag", "80mm"),
-        *("--camera-matrix", tmp_path / "camera_info.yaml", *common),
-    )
-    X = [np.array(json.loads(one.stdout)["X"]) for one in (direct, of_tables)]
-    np.testing.assert_allclose(X[0], X[1], atol=1e-9)
+    of_bag = read_bag(path, robot=ASKED[1], camera=ASKED[3], tag=SIDE)
+    for name, stream in zip(("robot", "camera"), of_bag, strict=True):
+        table = read_stream(tmp_path / f"{name}.csv", name)
+        np.testing.assert_array_equal(table.timestamps, stream.timestamps)
+        np.testing.assert_allclose(table.poses, stream.poses, rtol=0, atol=1e-14)
     half = run("calibrate", "--bag", path, *ASKED[:2], tmp_path / "camera.csv", "--json")  # and a file of the camera
     assert half.returncode == 0 and "base_link" in half.stderr
+
+
+def test_poses_without_a_motion_that_shows_the_offset(tmp_path):
+    """Six poses with the stamps of one clock: the offset is taken as 0, and that is said."""
+    poses = uq.simulate(6, seed=5)
+    with Writer(tmp_path, "mcap") as bag:
+        for k in range(6):
+            bag.tf(START + k, ("base", "tool0", poses.robot[k]), ("camera", "tag", poses.camera[k]))
+    done = run("calibrate", "--bag", bag.path, "--robot", "base:tool0", "--camera", "camera:tag", "--json")
+    assert done.returncode == 0 and "as with --offset 0. A delay of the camera is not covered." in done.stderr
+    np.testing.assert_allclose(json.loads(done.stdout)["X"], poses.truth.X, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -17,9 +17,9 @@ OFFSET = 0.037
 
 @pytest.fixture(name="hand_held", scope="module")
 def fixture_hand_held():
-    """Return X, W and two streams as of a hand-held camera: another clock, 40 s."""
+    """Return X, W and two streams as of a hand-held camera with a clock of its own."""
     rng = np.random.default_rng(11)
-    X, W, robot, camera = streams(rng, motion(rng, 12.0), OFFSET, 12.0, rates=(100.0, 15.0))
+    X, W, robot, camera = streams(rng, motion(rng, 8.0), OFFSET, 8.0, rates=(60.0, 15.0))
     return X, W, robot, camera
 
 
@@ -67,16 +67,16 @@ def uq_log(R):
 
 def links(rng, n):
     """Return times, moving links of two rates, static links, and what they make of base and tool."""
-    slow, fast = START + np.arange(n) * 0.1, START - 0.2 + np.arange(25 * n) * 0.005
+    slow, fast = START + np.arange(n) * 0.1, START - 0.2 + np.arange(12 * n) * 0.01
     rail, arm = motion(rng, n * 0.1), motion(rng, n * 0.1)
     base, flange = random_transforms(rng, (2,))
     return slow, fast, rail, arm, base, flange
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_a_chain_with_static_links_and_links_of_two_rates(tmp_path, kind):
     rng = np.random.default_rng(3)
-    slow, fast, rail, arm, mount, flange = links(rng, 30)
+    slow, fast, rail, arm, mount, flange = links(rng, 20)
     with Writer(tmp_path, kind) as bag:
         # world -> rail (slow), rail -> base (static), base -> wrist (fast), tool -> wrist (static, upwards)
         bag.tf(START, ("rail", "base", mount), ("tool0", "wrist", np.linalg.inv(flange)), static=True)
@@ -88,7 +88,7 @@ def test_a_chain_with_static_links_and_links_of_two_rates(tmp_path, kind):
     slow = stamped(slow)
     np.testing.assert_array_equal(robot.timestamps, slow)
     expected = rail(slow - START) @ mount @ arm(slow - START) @ flange
-    np.testing.assert_allclose(robot.poses, expected, atol=2e-5)  # second order in 5 ms
+    np.testing.assert_allclose(robot.poses, expected, atol=1e-4)  # second order in 10 ms
     assert any("4 transforms, 2 of which move" in note for note in robot.source.notes)
     back = robot_stream(read_recording(bag.path), "tool0:world")
     np.testing.assert_allclose(back.poses, np.linalg.inv(robot.poses), atol=1e-12)

@@ -156,15 +156,22 @@ class BagFiles(PoseFiles):
                 frame=(self.robot_frame, self.camera_frame)[k],
                 **(arm.of_files if arm is not None and role == "robot" else {}),
             )
-        setup = SETUP_NAMES[0] if self.setup is None else self.setup
+        how = {"setup": SETUP_NAMES[0] if self.setup is None else self.setup, "still": self.still, **options}
         try:
-            return synchronise(
-                streams["robot"], streams["camera"], setup=setup, offset=self._offset(), still=self.still, **options
-            )
+            return synchronise(streams["robot"], streams["camera"], offset=self._offset(), **how)
         except (InputError, NotConvergedError) as error:
-            if self.offset is not None or self.still:
+            if self.offset is not None or len(self.sides) < 2:
                 raise
-            raise InputError(f"{error} For stamps of one clock: --offset 0; if the robot stops: --still.") from error
+            try:  # both have stamps of the computer that recorded them
+                found = synchronise(streams["robot"], streams["camera"], offset=0.0, **how)
+            except (InputError, NotConvergedError):
+                raise error from None
+            LOG.warning(
+                "The clock offset was not estimated: %s The stamps of the bag are taken as those of one clock, as with "
+                "--offset 0. A delay of the camera is not covered.",
+                error,
+            )
+            return found
 
     def _shown(self, arm: Arm | None = None) -> str:
         return str(self.robot)

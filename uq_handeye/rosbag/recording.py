@@ -222,8 +222,8 @@ class _Reader:
                 self._at(message, time)
             return
         at = self._at(message, time)
-        tags = self.found.tags.setdefault(message.topic, {})
         for name, pixels in corners:
+            tags = self.found.tags.setdefault(message.topic, {})
             tags.setdefault((frame, name), TagTrack(f"{message.topic} ({pair_text(frame, name)})")).add(at, pixels)
 
     def _joints(self, message: Message) -> None:

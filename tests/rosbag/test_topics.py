@@ -1,0 +1,128 @@
+"""Topics by their messages: markers, older tags, joints, odometry, texts of topic echo; and what is guessed of them."""
+
+import numpy as np
+import pytest
+from bag_cases import START, Writer
+from support import random_transforms
+
+from uq_handeye.errors import InputError
+from uq_handeye.rosbag.guess import guess
+from uq_handeye.rosbag.listing import command_of, text_of
+from uq_handeye.rosbag.recording import read_recording
+from uq_handeye.rosbag.streams import camera_stream, robot_stream
+from uq_handeye.rosbag.tables import joints_csv
+
+# AprilRobotics/apriltag_ros, which ROS 1 has: poses and no corners.
+OLDER = {
+    "apriltag_ros/msg/AprilTagDetection": (
+        "int32[] id\nfloat64[] size\ngeometry_msgs/PoseWithCovarianceStamped pose\n"
+    ),
+    "apriltag_ros/msg/AprilTagDetectionArray": (
+        "std_msgs/Header header\napriltag_ros/AprilTagDetection[] detections\n"
+    ),
+}
+
+
+@pytest.fixture(name="poses", scope="module")
+def fixture_poses():
+    return random_transforms(np.random.default_rng(7), (5,))
+
+
+def with_covariance(bag, T):
+    return bag.type("geometry_msgs/msg/PoseWithCovariance")(bag.pose(T), np.zeros(36))
+
+
+def test_tags_of_apriltag_ros_of_ros_1(tmp_path, poses):
+    with Writer(tmp_path, "ros1", definitions=OLDER) as bag:
+        for k, T in enumerate(poses):
+            header = bag.header(START + k, "/camera")
+            stamped = bag.type("geometry_msgs/msg/PoseWithCovarianceStamped")(header, with_covariance(bag, T))
+            tag = bag.type("apriltag_ros/msg/AprilTagDetection")(np.array([3], np.int32), np.array([0.08]), stamped)
+            message = bag.type("apriltag_ros/msg/AprilTagDetectionArray")(header, [tag] * (k != 2))
+            bag.write("/tag_detections", message, START + k)
+    recording = read_recording(bag.path)
+    for spec in ("camera:tag_3", "/tag_detections", "tag_detections", "camera:3"):
+        np.testing.assert_allclose(camera_stream(recording, spec).stream.poses, poses[[0, 1, 3, 4]], atol=1e-12)
+    assert "/tag_detections  4 poses in camera" in text_of(recording, ["cell.bag"])
+    assert guess(recording).camera == "/tag_detections"
+
+
+@pytest.mark.parametrize("named", ["aruco_ros", "ros2_aruco"])
+def test_markers(tmp_path, poses, named):
+    with Writer(tmp_path, "sqlite3") as bag:
+        for k, T in enumerate(poses):
+            header = bag.header(START + k, "camera")
+            if named == "aruco_ros":
+                marker = bag.type("aruco_msgs/msg/Marker")
+                found = [marker(header, n, with_covariance(bag, T @ T if n else T), 1.0) for n in (0, 26)]
+                message = bag.type("aruco_msgs/msg/MarkerArray")(header, found)
+            else:
+                both = [bag.pose(T), bag.pose(T @ T)]
+                message = bag.type("ros2_aruco_interfaces/msg/ArucoMarkers")(header, np.array([0, 26]), both)
+            bag.write("/markers", message, START + k)
+    recording = read_recording(bag.path)
+    for spec, expected in (("camera:marker_0", poses), ("/markers:26", poses @ poses)):
+        np.testing.assert_allclose(camera_stream(recording, spec).stream.poses, expected, atol=1e-12)
+    with pytest.raises(InputError, match=r"poses of several frames. Choose one: /markers:marker_0, /markers:marker_26"):
+        camera_stream(recording, "/markers")
+
+
+def test_odometry_joints_and_the_guess(tmp_path, poses):
+    with Writer(tmp_path, "mcap") as bag:
+        for k, T in enumerate(poses):
+            t = START + k
+            zero = bag.type("geometry_msgs/msg/Vector3")(0.0, 0.0, 0.0)
+            twist = bag.type("geometry_msgs/msg/TwistWithCovariance")(
+                bag.type("geometry_msgs/msg/Twist")(zero, zero), np.zeros(36)
+            )
+            odometry = bag.type("nav_msgs/msg/Odometry")(bag.header(t, "odom"), "tcp", with_covariance(bag, T), twist)
+            bag.write("/arm/odometry", odometry, t)
+            bag.pose_stamped("/board_pose", t, "rgb_camera", T)
+            bag.joints("/joint_states", t, ["a", "b"] if k != 3 else ["gripper"], [k, -k] if k != 3 else [0.1])
+    recording = read_recording(bag.path)
+    np.testing.assert_allclose(robot_stream(recording, "/arm/odometry").poses, poses, atol=1e-12)
+    np.testing.assert_allclose(robot_stream(recording, "odom:tcp").poses, poses, atol=1e-12)
+    assert command_of(recording, ["my cell"]) == (
+        "uq-handeye calibrate --bag 'my cell' --robot /arm/odometry --camera /board_pose"
+    )
+    table = joints_csv(recording, "joint_states").splitlines()
+    assert table[0] == "timestamp,a,b" and len(table) == 5 and table[2] == f"{START + 1},1.0,-1.0"
+    assert "1 messages of other joints" in text_of(recording, ["cell"])
+    with pytest.raises(InputError, match="no such topic of JointState; there are: /joint_states"):
+        joints_csv(recording, "/joints")
+
+
+def test_poses_with_a_receipt_time_and_several_bags(tmp_path, poses):
+    for name, part in (("first", poses[:2]), ("second", poses[2:])):
+        with Writer(tmp_path, "ros1", name) as bag:
+            for k, T in enumerate(part):
+                t = START + k + (2 if name == "second" else 0)
+                bag.write("/tcp", bag.pose(T), t)
+    stream = robot_stream(read_recording([tmp_path / "first.bag", tmp_path / "second.bag"]), "/tcp")
+    np.testing.assert_allclose(stream.poses, poses, atol=1e-12)
+    np.testing.assert_allclose(stream.timestamps, START + np.arange(5))
+
+
+def test_a_text_of_topic_echo_in_place_of_a_bag(tmp_path, poses):
+    def block(k, parent, child, T):
+        return (
+            f"- header:\n    stamp:\n      sec: {k}\n      nanosec: 5\n    frame_id: {parent}\n"
+            f"  child_frame_id: {child}\n"
+            "  transform:\n    translation:\n"
+            + "".join(f"      {a}: {v!r}\n" for a, v in zip("xyz", T[:3, 3].tolist(), strict=True))
+            + "    rotation:\n      x: 0.0\n      y: 0.0\n      z: 0.0\n      w: 1.0\n"
+        )
+
+    path = tmp_path / "tf.txt"
+    path.write_text(
+        "".join(
+            f"transforms:\n{block(k, 'base', 'wrist', T)}{block(k, 'wrist', 'tool0', np.eye(4))}---\n"
+            for k, T in enumerate(poses, start=1)
+        )
+    )
+    stream = robot_stream(read_recording(path), "base:tool0")
+    np.testing.assert_allclose(stream.poses[:, :3, 3], poses[:, :3, 3], atol=1e-14)
+    assert guess(read_recording(path)).robot == "base:tool0"
+    path.write_text("position:\n  x: 1\n  y: 1\n  z: 1\norientation:\n  x: 0\n  y: 0\n  z: 0\n  w: 1\n---\n")
+    with pytest.raises(InputError, match="Give the file as ROBOT or CAMERA"):
+        read_recording(path)
