@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .evidence.touches import Touches
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .geometry.nearest_rotation import orthonormalise
+    from .input_checks.pose_ambiguity import resolve_pose_ambiguity
     from .io import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
     from .kinematics.against_controller import ControllerComparison, compare_with_controller
     from .kinematics.chain import Joint, Kinematics
@@ -189,6 +190,7 @@ __all__ = [
     "register",
     "relative_motions",
     "resolve_board_rotation",
+    "resolve_pose_ambiguity",
     "sample_posterior",
     "se3_from_so4",
     "series_alarm",
@@ -299,6 +301,7 @@ _LATER = {
     "noise_estimation.estimate": ("estimate_noise",),
     "planning.plan": ("plan",),
     "planning.result": ("Plan",),
+    "input_checks.pose_ambiguity": ("resolve_pose_ambiguity",),
     "poses.board_symmetry": ("resolve_board_rotation",),
     "rosbag.streams": ("read_bag",),
     "shared_errors.camera_noise": ("camera_noise",),

@@ -34,7 +34,7 @@ from .analysis import Analysis
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
-from .findings import look_at, reasons, require_determined, shifted
+from .findings import flipped_poses, look_at, reasons, require_determined, shifted
 from .provenance import provenance, requested
 from .request import BUNDLE, Job, request
 from .result import Calibration
@@ -294,7 +294,9 @@ def _calibrate(
     findings += more
     if result.opened is not None:  # says what parallel axes leave open, and that nothing of it is stated
         findings = [finding for finding in findings if finding.code != "input_checks.parallel_axes"]
-    findings = _numbered([*findings, *shifted(job, result)], selection)
+    if flips := flipped_poses(job, result):  # which are why angles disagree
+        findings = [finding for finding in findings if finding.code != "input_checks.angles_disagree"]
+    findings = _numbered([*findings, *shifted(job, result), *flips], selection)
     options = {
         "method": result.method,
         "pairs": pairs if isinstance(pairs, str) else f"{len(job.motions)} given",

@@ -15,6 +15,8 @@ from ..diagnostics.pose_table import PoseTable, pose_table
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import GROSS, Finding, Severity
 from ..input_checks.checks import check_fit, check_poses, check_rotations
+from ..input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
+from ..input_checks.pose_ambiguity import flipped_rows
 from ..input_checks.shifted_rows import find_shift, shifted_run
 from ..likelihood.constraint import Unknowns
 from ..likelihood.gauss_helmert import Fit
@@ -23,7 +25,7 @@ from ..likelihood.robust import robust_fit
 from ..likelihood.shared_estimates import JointFit, SharedEstimate
 from ..noise.estimate import NoiseEstimate
 from ..noise.joint_covariance import group_of
-from ..noise.models import Noise
+from ..noise.models import Noise, PoseNoise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import rotation_angles
@@ -32,6 +34,8 @@ from ..shared_errors.shared_error import TARGET_SCALE
 from .request import FEWEST_FOR_ROBUST, Job, request
 from .result import Calibration
 
+# Noise of the corners of finished poses, pixels, that input checks allow for where it is to be estimated.
+MOST_PIXELS = 1.0
 # A first-order covariance of a rotation means nothing beyond this standard deviation.
 UNDETERMINED = np.radians(20.0)
 
@@ -182,7 +186,21 @@ def check_input(data: PosePairs | Motions, noise: Noise | None = None, pairs: st
 def look_at(job: Job) -> list[Finding]:
     """The poses and the rotations of their motions, before there is an X."""
     found = [] if job.poses is None else check_poses(job.poses)
-    return found + (check_rotations(job.motions, job.noise, job.method) if job.motions.N >= 2 else [])
+    seen = None if job.poses is None else job.poses.camera_calibration
+    found += [] if seen is None else [finding for finding in seen.findings if finding.code == POSE_AMBIGUITY]
+    return found + (check_rotations(job.motions, _known_noise(job), job.method) if job.motions.N >= 2 else [])
+
+
+def _known_noise(job: Job) -> Noise | None:
+    """Return the noise given, else that of the corners: rotations of small targets are uncertain by degrees."""
+    seen = None if job.poses is None else job.poses.camera_calibration
+    if job.noise is not None or job.arm is not None:
+        return job.noise
+    if seen is not None:
+        return PoseNoise(camera=seen.covariance)
+    if job.camera_noise is not None:
+        return PoseNoise(camera=job.camera_noise.covariance(job.camera_noise.pixel_sd or MOST_PIXELS))
+    return None
 
 
 def reasons(job: Job) -> list[Finding]:
@@ -209,6 +227,22 @@ def shifted(job: Job, result: Calibration | None) -> list[Finding]:
         return []
     run = shifted_run(job.poses, Unknowns(result.X, result.W), result.table.weight == 0)
     return [] if run is None else [run]
+
+
+def flipped_poses(job: Job, result: Calibration) -> list[Finding]:
+    """Return a finding if outliers among finished camera poses fit with the target flipped."""
+    table, poses = result.table, job.poses
+    if (
+        poses is None
+        or table is None
+        or table.item != "pose"
+        or result.W is None
+        or poses.camera_calibration is not None
+    ):
+        return []
+    views = None if job.camera_noise is None else job.camera_noise.views
+    rows = flipped_rows(poses, Unknowns(result.X, result.W), table.weight > 0.9, table.flagged, views)
+    return [Finding("input_checks.flipped_poses", "caution", {"rows": rows})] if rows else []
 
 
 def said_open(opened: OpenDirections | None, setup: str | None) -> list[Finding]:

@@ -30,12 +30,13 @@ from .board_pattern import BoardPattern, board_pattern_of
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
 from .corners import Corners, without_pictures
 from .measured_board import measured_board
-from .models import MODELS
+from .models import LINEAR, MODELS
 from .residual_pattern import Pattern, pattern_of
 from .result import SMALL, UNCERTAIN, CameraCalibration
 
 # Pictures that must remain where others are left out as a whole.
 FEWEST_PICTURES = 3
+FEWEST_POINTS = 8  # of a board, from which on it calibrates a camera
 TELLING = 0.001  # pixels that corners are moved by without a word
 # Squares wider than high by this share, and by so many standard deviations, are warned of.
 STRETCHED, CERTAIN = 5e-4, 3.0
@@ -92,6 +93,11 @@ def calibrate_camera(
         )
     size = _checked_size(corners.image_size if image_size is None else image_size, corners)
     known = dict(intrinsics or {})
+    if len(corners.on_board[0]) < FEWEST_POINTS and (open_ones := [name for name in LINEAR if name not in known]):
+        raise InputError(
+            f"{len(corners.on_board[0])} points, such as the corners of a single tag, do not calibrate a camera: give "
+            f"its {', '.join(open_ones)} as `intrinsics` (--camera-matrix)."
+        )
     wrong: list[str] = []
     if (bad := unlike_a_board(corners)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
         wrong += np.array(corners.names)[bad].tolist()

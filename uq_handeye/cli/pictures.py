@@ -1,8 +1,8 @@
 """Options of pictures of a board: board, camera model, and the camera poses computed from them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ..errors import InputError
 from ..runtime.progress import working
@@ -252,13 +252,28 @@ class LensOptions:
         return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
 
     def calibrate(
-        self, corners: "Corners", image_size: tuple[int, int] | None, measured: "BoardShape | None" = None
+        self,
+        corners: "Corners",
+        image_size: tuple[int, int] | None,
+        measured: "BoardShape | None" = None,
+        camera: "KnownCamera | None" = None,
     ) -> "CameraCalibration":
-        """Calibrate the camera from corners, of a board that may have been ``measured`` before."""
+        """Calibrate the camera from corners, of a board that may have been ``measured`` before, or take the intrinsics
+        of a known ``camera``."""
         from ..camera.calibrate import calibrate_camera
 
         if measured is not None and self.board_shape is not None:
             raise InputError("--board-shape: the file of --board holds the shape of the board. Remove one of them.")
+        if camera is not None:
+            with timed("the poses of the target"), working("the poses of the target", progress_wanted()):
+                return calibrate_camera(
+                    corners,
+                    image_size,
+                    camera.model,
+                    coefficients=(),
+                    intrinsics=camera.values,
+                    shape=measured or "flat",
+                )
         model = None if self.model is None else one_of(self.model, "--model", MODEL_NAMES)
         values: Any = None
         if self.intrinsics is not None:
@@ -285,6 +300,13 @@ class LensOptions:
             )  # fmt: skip
 
 
+class KnownCamera(NamedTuple):
+    """Intrinsics of a camera that is not calibrated from the pictures."""
+
+    model: str
+    values: dict[str, float | tuple[float, float]]  # exact, or with a standard deviation
+
+
 @dataclass(frozen=True)
 class Pictures:
     """Pictures, with the board and the camera model."""
@@ -292,6 +314,11 @@ class Pictures:
     images: str
     board: BoardOptions
     lens: LensOptions
+    known: KnownCamera | None = field(default=None, kw_only=True)  # for a single tag
+
+    def calibrate(self, corners: "Corners") -> "CameraCalibration":
+        """Return the camera that saw these corners."""
+        return self.lens.calibrate(corners, None, self.board.shape(), self.known)
 
     def poses(self, robot: Path | None, **how: Any) -> "PosePairs":
         """Return robot poses with the camera poses of the pictures; ``how`` are further arguments of `read_poses`."""
@@ -305,7 +332,7 @@ class Pictures:
         board = self.board.read()
         with timed(f"looking for the board in {self.images}"):
             corners = find_corners(self.images, board, progress_wanted())
-        seen = self.lens.calibrate(corners, None, self.board.shape())
+        seen = self.calibrate(corners)
         LOG.info("the camera: %s, pixel noise %.3g pixels", model_name(seen), seen.pixel_noise)
         poses = resolve_board_rotation(read_poses(robot, seen, **how), board)
         return replace(poses, sources=(*poses.sources, source_of(self.images, board)))

@@ -366,6 +366,10 @@ class PoseFiles(StreamFiles):
             shared = given.shared.errors(poses, None, given.file, seen)
         else:
             poses, noise = files._poses_and_noise(given.noise, seen, arm)
+            if poses.camera_calibration is not None:
+                from ..input_checks.pose_ambiguity import resolve_pose_ambiguity
+
+                poses = resolve_pose_ambiguity(poses)
             shared = given.shared.errors(poses, noise, given.file)
         return poses, noise, shared
 

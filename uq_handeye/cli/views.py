@@ -1,13 +1,13 @@
 """Options of finished camera poses: target and camera matrix, from which the camera noise is computed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError
 from .groups import CAMERA_MODEL, PICTURES, VIEWS
 from .options.common import made_of, option
-from .pictures import BoardOptions, LensOptions, Pictures, read_length
+from .pictures import BoardOptions, KnownCamera, LensOptions, Pictures, read_length
 
 if TYPE_CHECKING:
     from ..noise.camera_noise import CameraNoise
@@ -30,14 +30,19 @@ class ViewOptions:
             metavar="MATRIX",
             panel=VIEWS,
             common=True,
-            help="Camera matrix fx,fy,cx,cy (px), for finished poses. With --board and --square, or --tag, "
-            "the camera noise follows from the view of each pose. Or a file: camera_info of ROS, OpenCV, JSON with "
-            "standard deviations, or the folder of camera -o.",
+            help="Camera matrix fx,fy,cx,cy (px), for finished poses, or pictures of a single tag. With --board and "
+            "--square, or --tag, the camera noise follows from the view of each pose. Or a file: camera_info of "
+            "ROS, OpenCV, JSON with standard deviations, or the folder of camera -o.",
         ),
     ] = None
     tag: Annotated[
         str | None,
-        option("--tag", metavar="LENGTH", panel=VIEWS, help="Side of a single tag, e.g. 40mm, in place of --board."),
+        option(
+            "--tag",
+            metavar="LENGTH",
+            panel=VIEWS,
+            help="Side of a single tag, e.g. 40mm, in place of --board; with --images that of the tag to look for.",
+        ),
     ] = None
     pixel_noise: Annotated[
         str | None,
@@ -178,6 +183,62 @@ def views_of(
     return Views(board, options, intrinsics_of(intrinsics))
 
 
+def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: ViewOptions) -> Pictures:
+    """Return pictures; those of a single tag are of a known camera."""
+    if options.pixel_noise is not None:
+        raise InputError("--pixel-noise: for finished camera poses, not for --images. Remove the option.")
+    if options.tag is not None:
+        if given := [name for name in board.given if name not in ("--dictionary", "--first-id")]:
+            raise InputError(f"Give either --tag or {', '.join(given)}: not both.")
+        from ..camera.boards.dictionaries import APRILTAGS, dictionary_name
+
+        april = board.dictionary is None or dictionary_name(board.dictionary) in APRILTAGS
+        board = replace(board, square=options.tag, pattern="apriltag" if april else "aruco")
+    single = board.file is None and board.pattern in ("apriltag", "aruco") and board.board in (None, "1x1")
+    if options.camera_matrix is None:
+        if single and lens.intrinsics is None:
+            raise InputError(
+                "The four corners of a single tag do not calibrate the camera. Add --camera-matrix, e.g. "
+                "1080,1080,960,540 or a file of its intrinsics."
+            )
+        return Pictures(images, board, lens)
+    if not single:
+        raise InputError(
+            "--camera-matrix: for finished camera poses and single tags, not for --images of a board, which calibrate "
+            "the camera. Remove it. Known intrinsics: --intrinsics FILE."
+        )
+    if wrong := [name for name in lens.given if name != "--intrinsics"]:
+        raise InputError(f"{', '.join(wrong)}: not used with --camera-matrix. Remove the option.")
+    exact = intrinsics_of(lens.intrinsics) == "exact"
+    return Pictures(images, board, lens, known=_known(_camera(options.camera_matrix), exact))
+
+
+def _known(camera: Any, exact: bool) -> KnownCamera:
+    """Return known intrinsics with standard deviations, by default those of finished poses of a tag."""
+    from ..camera.models import LINEAR, MODELS
+    from ..shared_errors.shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
+
+    values: dict[str, Any]
+    if isinstance(camera, list):
+        values, model = dict(zip(LINEAR, camera, strict=True)), "pinhole"
+    elif hasattr(camera, "values"):
+        values = dict(camera.values)
+        model = camera.model or ("brown" if set(values) - set(LINEAR) else "pinhole")
+    else:
+        values, model = {name: (v, camera.std[name]) for name, v in camera.intrinsics.items()}, camera.model
+    if missing := [name for name in LINEAR if name not in values]:
+        raise InputError(f"--camera-matrix lacks {', '.join(missing)}. Give fx, fy, cx and cy.")
+    values = {name: values.get(name, 0.0) for name in MODELS[model].names}
+    plain = {name: value[0] if isinstance(value, tuple) else value for name, value in values.items()}
+    if exact:
+        return KnownCamera(model, plain)
+    if any(isinstance(value, tuple) and value[1] > 0 for value in values.values()):
+        return KnownCamera(model, values)
+    f = 0.5 * (plain["fx"] + plain["fy"])
+    of = {"fx": FOCAL_LENGTH, "fy": FOCAL_LENGTH, "cx": PRINCIPAL_POINT, "cy": PRINCIPAL_POINT}
+    return KnownCamera(model, plain | {name: (plain[name], f * DEFAULT_SD[sort]) for name, sort in of.items()})
+
+
 @made_of(board=BoardOptions, lens=LensOptions, options=ViewOptions)
 def pictures_of(
     *,
@@ -198,10 +259,7 @@ def pictures_of(
 ) -> Pictures | Views | None:
     """Return the pictures of the options, or the views of finished camera poses, or None if neither is given."""
     if images is not None:
-        if options.given:
-            refused = ", ".join(options.given)
-            raise InputError(f"{refused}: for finished camera poses, not for --images. Remove the option.")
-        return Pictures(images, board, lens)
+        return _pictures(images, board, lens, options)
     if options.given:
         if wrong := [name for name in lens.given if name != "--intrinsics"]:
             raise InputError(f"{', '.join(wrong)}: for pictures, not for --camera-matrix. Remove the option.")

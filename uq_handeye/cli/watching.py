@@ -58,6 +58,7 @@ class Arrivals:
 
     def _with_pictures(self, pictures: Pictures, robot: list[Path]) -> "tuple[int, PosePairs | None]":
         from ..camera.board import find_corners, source_of
+        from ..input_checks.pose_ambiguity import resolve_pose_ambiguity
         from ..io.arrived import count_arrived, read_arrived
         from ..poses.board_symmetry import resolve_board_rotation
 
@@ -66,10 +67,10 @@ class Arrivals:
         if n < 3:
             return n, None
         corners = find_corners(paths[:n], board, False)
-        seen = pictures.lens.calibrate(corners, None, pictures.board.shape())
+        seen = pictures.calibrate(corners)
         poses = read_arrived(robot, seen, **self._how())
         assert poses is not None
-        poses = resolve_board_rotation(poses, board)
+        poses = resolve_pose_ambiguity(resolve_board_rotation(poses, board))
         return n, replace(poses, sources=(*poses.sources, source_of(paths[:n], board)))
 
     def _how(self) -> dict[str, Any]:

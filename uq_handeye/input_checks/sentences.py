@@ -270,6 +270,28 @@ def _(first: int, last: int, shift: int, lacks: str, near: int) -> str:
     )
 
 
+@sentence("input_checks.pose_ambiguity")
+def _(count: int, n: int, changed: int, undecided: Sequence[str]) -> str:
+    poses = f"{count} of {n} poses of the target" if count > 1 else f"1 of {n} poses of the target"
+    text = f"{poses} had a second solution that fits its corners about as well: the other poses decided"
+    if changed:
+        text += f", {changed} of them for the solution that fits the corners less"
+    if undecided:
+        text += f". They do not decide {', '.join(undecided)}: leave {'it' if len(undecided) == 1 else 'them'} out"
+    return text + "."
+
+
+@sentence("input_checks.flipped_poses")
+def _(rows: Sequence[int]) -> str:
+    one = len(rows) == 1
+    named = f"{'Pose' if one else 'Poses'} {', '.join(map(str, rows))}"
+    return (
+        f"{named} (counted from 0) {'fits' if one else 'fit'} if the target is flipped: a "
+        "small flat target has two solutions, and the program that gave the poses took the other one. Exclude "
+        f"{'it' if one else 'them'} (--exclude {','.join(map(str, rows))}), or take the other solution there."
+    )
+
+
 def _plus(k: int) -> str:
     return f"i {'+' if k > 0 else '-'} {abs(k)}" if k else "i"
 

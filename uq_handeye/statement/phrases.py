@@ -188,6 +188,9 @@ _PHRASES: dict[str, Phrase] = {
     "input_checks.outliers": Phrase(
         OUTLIERS, lambda v: f"{v['count']} of {v['n']} {v['what']}s fit much worse", _constant(3)
     ),
+    "input_checks.flipped_poses": Phrase(
+        OUTLIERS, lambda v: f"{len(v['rows'])} flipped: second solution of the target"
+    ),
     "calibration.robust_failed": Phrase(OUTLIERS, _text("no robust weights found; outliers bias X"), _constant(3)),
     "calibration.robust_skipped": Phrase(OUTLIERS, _text("rejection skipped: X not determined without"), _constant(3)),
     "calibration.few_for_outliers": Phrase(OUTLIERS, _text("too few poses to be sure of outliers"), _constant(1.3)),

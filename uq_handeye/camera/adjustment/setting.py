@@ -16,7 +16,9 @@ from ..corners import Corners
 from ..models import LINEAR, CameraModel
 from .bundle import Bundle, Prior, adjust
 from .initial_guess import first_guess, poses_of
+from .two_minima import better_start
 
+SMALL = 8  # points of a target whose pose may be ambiguous
 # A value, which is exact, or a value and its standard deviation.
 Known = Mapping[str, float | tuple[float, float]]
 
@@ -70,7 +72,10 @@ class Setting:
             parameters = np.where(np.isnan(self.values), parameters, self.values)
         else:
             parameters = self.values
-        return parameters, poses_of(corners, (corners.pixels - parameters[2:4]) / parameters[:2])
+        poses = poses_of(corners, (corners.pixels - parameters[2:4]) / parameters[:2])
+        if len(self.shape.points) < SMALL:
+            poses = better_start(self.model, parameters, self.shape, corners, poses)
+        return parameters, poses
 
     def after(self, found: Bundle) -> tuple[Array, Array]:
         """Parameters and poses to start from once others were fitted, both of a fisheye or neither."""
