@@ -41,7 +41,7 @@ class BoardOptions:
             metavar="COLSxROWS",
             panel=PICTURES,
             common=True,
-            help="Inner corners of a chessboard, e.g. 9x6; squares of a ChArUco board; tags of a grid. Or the "
+            help="Inner corners of a chessboard, e.g. 9x6. Of a ChArUco board the squares, of a grid the tags. Or the "
             "board.csv of an earlier camera -o, the board as measured; or target.yaml of Kalibr; with --camera-matrix "
             "also a table of points x,y,z.",
         ),

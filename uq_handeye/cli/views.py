@@ -30,8 +30,8 @@ class ViewOptions:
             metavar="MATRIX",
             panel=VIEWS,
             common=True,
-            help="Camera matrix fx,fy,cx,cy (px), for finished poses, or pictures of a single tag. With --board and "
-            "--square, or --tag, the camera noise follows from the view of each pose. Or a file: camera_info of "
+            help="Camera matrix fx,fy,cx,cy (px), for finished poses. Also for pictures of a single tag. With --board "
+            "and --square, or --tag, the camera noise follows from the view of each pose. Or a file: camera_info of "
             "ROS, OpenCV, JSON with standard deviations, or the folder of camera -o.",
         ),
     ] = None
@@ -210,7 +210,7 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
     if wrong := [name for name in lens.given if name != "--intrinsics"]:
         raise InputError(f"{', '.join(wrong)}: not used with --camera-matrix. Remove the option.")
     exact = intrinsics_of(lens.intrinsics) == "exact"
-    return Pictures(images, board, lens, known=_known(_camera(options.camera_matrix), exact))
+    return Pictures(images, board, lens, known=_known(camera_of(options.camera_matrix), exact))
 
 
 def _known(camera: Any, exact: bool) -> KnownCamera:
