@@ -180,6 +180,27 @@ def test_csv_of_topic_echo(poses, kind):
         read_ros_topic(text + "1,2,base\n", "pose.csv")
 
 
+def test_csv_of_tf_with_several_transforms_and_flow_style(poses):
+    line = lambda k, T, child: f"{BASE + k},0,base,{child},{','.join(map(repr, seven(T)))}"  # noqa: E731
+    one = "".join(line(k, T, "tool0") + "\n" for k, T in enumerate(poses))
+    np.testing.assert_allclose(read(read_ros_topic(one, "tf.csv")), poses, atol=1e-14)
+    two = "".join(f"{line(k, T, 'tool0')},{line(k, T, 'tag')}\n" for k, T in enumerate(poses))
+    assert is_ros_topic(two)
+    with pytest.raises(InputError, match=r"base:tool0 \(12\), base:tag \(12\)"):
+        read_ros_topic(two, "tf.csv")
+    flow = ""
+    for k, T in enumerate(poses):
+        x = seven(T)
+        place = ", ".join(f"{a}: {v!r}" for a, v in zip("xyz", x[:3], strict=True))
+        turn = ", ".join(f"{a}: {v!r}" for a, v in zip("xyzw", x[3:], strict=True))
+        header = f"{{stamp: {{sec: {BASE + k}, nanosec: 0}}, frame_id: base}}"
+        flow += f"header: {header}\npose: {{position: {{{place}}}, orientation: {{{turn}}}}}\n---\n"
+    whole = "".join("{" + part.strip().replace("\n", ", ") + "}\n---\n" for part in flow.split("---\n")[:-1])
+    for text in (flow, whole, f"me@cell:~$ ros2 topic echo --flow-style /pose\n{flow}^C"):
+        assert is_ros_topic(text)
+        np.testing.assert_allclose(read(read_ros_topic(text, "pose.txt")), poses, atol=1e-14)
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -9,13 +9,18 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from ...errors import InputError
 from ...files.lines import short
+from ...files.trees import parse_tree
 
 MAX_DEPTH = 30
 
 _KEY = re.compile(r"([A-Za-z_]\w*):(?:\s+(.*))?$")
 # What the tools say between messages.
-SAID = re.compile(r"\[?(WARNING|WARN|ERROR|INFO)|A message was lost|total count|Subscribing|Could not|\^C|%YAML")
+SAID = re.compile(
+    r"\[?(WARNING|WARN|ERROR|INFO)|A message was lost|total count|Subscribing|Could not|\^C|%YAML"
+    r"|\S*[$#>]? ?(ros2 (topic|run|launch)|rostopic |rosrun )"
+)
 
 
 class EchoError(Exception):
@@ -46,6 +51,9 @@ def messages_of(text: str) -> Iterator[tuple[int, dict[str, Any], EchoError | No
 
 def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Any], EchoError | None]:
     try:
+        if lines[0][1].lstrip().startswith("{"):  # of --flow-style
+            found = _flow(" ".join(text for _, text in lines), lines[0][0])
+            return found if isinstance(found, dict) else {}, None
         return parse_message(lines), None
     except EchoError as error:
         return {}, error
@@ -74,7 +82,7 @@ def parse_message(lines: list[tuple[int, str]]) -> dict[str, Any]:
             waiting = None
             rest = body[1:].lstrip(" ")
             if rest and not _KEY.match(rest) and not rest.startswith("- "):
-                items.append(_value(rest))
+                items.append(_value(rest, line))
                 scalar = True
                 break
             inner: dict[str, Any] = {}
@@ -96,7 +104,7 @@ def parse_message(lines: list[tuple[int, str]]) -> dict[str, Any]:
         key, value = found.group(1), found.group(2)
         if key in level:
             raise EchoError(line, f"the field {short(key)} is given twice in a message; is a line of --- missing?")
-        level[key] = None if value is None or value == "" else _value(value)
+        level[key] = None if value is None or value == "" else _value(value, line)
         waiting = (level, key, column) if level[key] is None else None
         if len(stack) > MAX_DEPTH:
             raise EchoError(line, f"expected at most {MAX_DEPTH} levels of nesting, got more")
@@ -132,11 +140,21 @@ def _map_at(stack: list[_Level], column: int, line: int) -> dict[str, Any]:
     raise EchoError(line, "the indentation fits no field above")
 
 
-def _value(text: str) -> Any:
+def _flow(text: str, line: int) -> Any:
+    """Return a value in braces."""
+    try:
+        return parse_tree(text.encode(), "the message")
+    except InputError as error:
+        raise EchoError(line, f"expected a value in braces, got {short(text)} ({error})") from None
+
+
+def _value(text: str, line: int) -> Any:
     """Return a scalar as text without quotation marks; a list in brackets as a list of texts."""
     text = text.strip()
     if text[:1] == text[-1:] and text[:1] in ("'", '"') and len(text) > 1:
         return text[1:-1]
+    if text.startswith("{"):
+        return _flow(text, line)
     if text.startswith("[") and text.endswith("]"):
         return [part.strip() for part in text[1:-1].split(",") if part.strip()]
     return text

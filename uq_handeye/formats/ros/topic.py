@@ -19,12 +19,14 @@ from .messages import MessageError, Stamped, frame_name, poses_in
 from .side import side_of
 
 _FIRST = re.compile(
-    r"(header|transforms|transform|translation|pose|position|poses|detections|markers|child_frame_id):\s*$"
+    r"\{?(header|transforms|transform|translation|pose|position|poses|detections|markers|child_frame_id):\s*($|[{\[])"
 )
-_PART = re.compile(r"^[\s-]*(position|translation):\s*$", re.MULTILINE)
+_PART = re.compile(r"(^|[\s{-])(position|translation):\s*($|\{)", re.MULTILINE)
 _NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 # Numbers after the frames of the lines of --csv: a pose, and one with its covariance.
 _COUNTS = (7, 43)
+# Fields of a TransformStamped.
+_TRANSFORM = 11
 # Fields that a message names.
 NAMED = 10
 
@@ -78,9 +80,18 @@ def records_of(text: str, name: str, notes: list[str]) -> Iterator[tuple[int, li
         yield line, found
 
 
-def _csv_row(line: str) -> Stamped | None:
-    """Return the pose of a line of --csv; None for any other line."""
+def _csv_row(line: str) -> list[Stamped] | None:
+    """Return the poses of a line of --csv, several of a TFMessage; None for any other line."""
     fields = [field.strip() for field in line.strip().split(",")]
+    if len(fields) > _TRANSFORM and len(fields) % _TRANSFORM == 0:
+        parts = [fields[k : k + _TRANSFORM] for k in range(0, len(fields), _TRANSFORM)]
+        found = [one for part in parts if (one := _csv_pose(part)) is not None and one.child]
+        return found if len(found) == len(parts) else None
+    one = _csv_pose(fields)
+    return None if one is None else [one]
+
+
+def _csv_pose(fields: list[str]) -> Stamped | None:
     if len(fields) < 10 or not (fields[0].isdecimal() and fields[1].isdecimal() and int(fields[1]) < 10**9):
         return None
     frames = 2
@@ -107,4 +118,4 @@ def _csv_records(text: str, name: str) -> Iterator[tuple[int, list[Stamped]]]:
                 f"{name}, line {number}: expected sec,nanosec,frame_id,{','.join(_NAMES)} as ros2 topic echo --csv "
                 "prints a PoseStamped, got another line."
             )
-        yield number, [found]
+        yield number, found
