@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from arm_cases import SIX_AXES
 from bag_cases import START, Writer, pixels_of
 from cli_cases import run
 from stream_cases import motion
@@ -15,6 +16,7 @@ from support import moved, random_transforms
 import uq_handeye as uq
 from uq_handeye.geometry.se3 import logarithm
 from uq_handeye.io import read_stream
+from uq_handeye.kinematics.chain import Kinematics
 from uq_handeye.rosbag.streams import read_bag
 
 SIDE, OFFSET = 0.08, 0.03
@@ -118,7 +120,7 @@ def test_poses_without_a_motion_that_shows_the_offset(tmp_path):
         ([*ASKED, "--robot-units", "mm"], "--robot-units: for pose files, not for --bag"),
         ([*ASKED[:4], "--images", "*.png", "--board", "9x6", "--square", "2cm"], "--images with --bag"),
         (["--robot", "base:tool", *ASKED[2:]], "There is no frame base in the transforms. Did you mean base_link"),
-        (["--robot", "/joint_states", *ASKED[2:]], "joint values. Write them by uq-handeye bag"),
+        (["--robot", "/joint_states", *ASKED[2:]], "holds joint values. Give the robot model, --urdf robot.urdf"),
     ],
 )
 def test_what_does_not_fit_is_one_line(cell, arguments, expected):
@@ -151,3 +153,30 @@ def test_without_the_extra_one_line_says_how_to_get_it(cell, monkeypatch):
     done = run("bag", cell[1])
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "pip install 'uq-handeye[rosbag]'. ROS is not needed" in done.stderr
+
+
+def test_joint_values_of_the_bag_with_the_robot_model(tmp_path):
+    arm, rng = Kinematics.from_urdf(SIX_AXES, tip="tool0"), np.random.default_rng(2)
+    X, W = random_transforms(rng, (2,))
+    phase = rng.uniform(0, 6, (2, 6))
+    joints = lambda t: 0.5 * np.sin(0.9 * t[:, None] + phase[0]) + 0.2 * np.sin(2.1 * t[:, None] + phase[1])  # noqa: E731
+    fast, slow = np.arange(0.0, 8.0, 0.02), np.arange(0.5, 7.5, 0.1)
+    C = np.linalg.inv(X) @ np.linalg.inv(arm.poses(joints(slow))) @ W
+    C = moved(C, rng.normal(size=(len(C), 6)) * np.repeat((5e-4, 2e-4), 3))
+    names = [joint.name for joint in arm.joints]
+    (tmp_path / "robot.urdf").write_text(SIX_AXES)
+    with Writer(tmp_path, "mcap") as bag:
+        for t, q in zip(fast, joints(fast), strict=True):
+            bag.joints("/joint_states", START + t, names[::-1], q[::-1])
+        for t, T in zip(slow, C, strict=True):
+            bag.pose_stamped("/marker", START + t, "cam", T)
+    asked = ("--bag", bag.path, "--camera", "/marker", "--urdf", tmp_path / "robot.urdf", "--tip", "tool0")
+    done = run("calibrate", *asked, "--robot", "/joint_states", "--kinematics", "exact", "--json")
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_allclose(json.loads(done.stdout)["X"], X, atol=1e-3)
+    for spec, words in (
+        ("/marker", "--robot must name joint values in the bag (topics: /joint_states)"),
+        (None, "Add"),
+    ):
+        wrong = run("calibrate", *asked, *(() if spec is None else ("--robot", spec)))
+        assert wrong.returncode == 2 and words in wrong.stderr

@@ -1,5 +1,8 @@
 """Options of a ROS bag, and its streams in the place of pose files."""
 
+import atexit
+import shutil
+import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -64,9 +67,13 @@ class BagGiven:
     robot: str | None
     camera: str | None
     still: bool
+    chain: ChainOptions | None = None  # of an arm whose joint values are in the bag
+    errors: ErrorOptions = field(default_factory=ErrorOptions)
 
-    def beside(self, files: PoseFiles, seen: "Pictures | Views | None", arm: Arm | None) -> "tuple[BagFiles, Any]":
-        """Return the streams in the place of ``files``, and the views of tags that were seen by their corners."""
+    def beside(
+        self, files: PoseFiles, seen: "Pictures | Views | None", arm: Arm | None
+    ) -> "tuple[BagFiles, Any, Arm | None]":
+        """Return the streams in the place of ``files``, the views of tags seen by their corners, and the arm."""
         if isinstance(seen, Pictures):
             raise InputError(
                 "--images with --bag: pictures have no times. Write robot poses with uq-handeye bag -o DIR."
@@ -89,13 +96,31 @@ class BagGiven:
 
         with timed(f"reading {self.paths[0]}"):
             recording = read_recording(self.paths)
+        if self.chain is not None:
+            arm = self._arm_of_topic(recording, self.chain)
         sides, views = self._streams(recording, files, seen if isinstance(seen, Views) else None)
         for role, stream in sides.items():
             for note in () if stream.source is None else stream.source.notes:
                 LOG.info("%s, %s: %s", recording.name, role, note)
         options = {"pair": "async", "robot": Path(recording.name), "camera": None}
         own = {name: getattr(files, name) for name in files.__dataclass_fields__} | options
-        return BagFiles(**own, sides=sides, spare=spare, still=self.still), views
+        return BagFiles(**own, sides=sides, spare=spare, still=self.still), views, arm
+
+    def _arm_of_topic(self, recording: "Recording", chain: ChainOptions) -> Arm | None:
+        """Return the arm that a topic of joint values moves, by way of a table that is removed at the end."""
+        from ..rosbag.tables import joints_csv
+
+        topic = self.robot or ""
+        if topic not in recording.joints and f"/{topic}" not in recording.joints:
+            given, there = ", ".join(chain.given), ", ".join(recording.joints) or "none"
+            raise InputError(
+                f"{given}: --robot must name joint values in the bag (topics: {there}), or add --joints joints.csv."
+            )
+        folder = Path(tempfile.mkdtemp(prefix="uq-handeye-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        table = folder / f"{Path(recording.name).stem}{topic.replace('/', '_')}.csv"
+        table.write_text(joints_csv(recording, topic), encoding="utf-8")
+        return arm_of_parts(replace(chain, joints=table), self.errors)
 
     def _streams(
         self, recording: "Recording", files: PoseFiles, seen: Views | None
@@ -112,7 +137,7 @@ class BagGiven:
             if wrong and getattr(self, role):
                 raise InputError(f"{', '.join(wrong)}: for pose files, not for --bag. Remove the option.")
             assert frame in frames
-        if self.robot:
+        if self.robot and self.chain is None:
             sides["robot"] = robot_stream(recording, self.robot, frame=files.robot_frame)
         if not self.camera:
             return sides, seen
@@ -160,7 +185,7 @@ class BagFiles(PoseFiles):
         try:
             return synchronise(streams["robot"], streams["camera"], offset=self._offset(), **how)
         except (InputError, NotConvergedError) as error:
-            if self.offset is not None or len(self.sides) < 2:
+            if self.offset is not None or self.spare is not None:
                 raise
             try:  # both have stamps of the computer that recorded them
                 found = synchronise(streams["robot"], streams["camera"], offset=0.0, **how)
@@ -172,6 +197,9 @@ class BagFiles(PoseFiles):
                 error,
             )
             return found
+
+    def _beside_joints(self, arm: Arm, pictures: bool) -> "BagFiles":
+        return self
 
     def _shown(self, arm: Arm | None = None) -> str:
         return str(self.robot)
@@ -210,4 +238,7 @@ def given_of_robot(chain: "ChainOptions", options: "ErrorOptions", bag: "BagOpti
         return RobotGiven(arm_of_parts(chain, options), None)
     robot = None if options.robot_file is None else str(options.robot_file)
     options = replace(options, robot_file=None)
-    return RobotGiven(arm_of_parts(chain, options), BagGiven(bag.bag, robot, bag.bag_camera, bag.still))
+    given = BagGiven(bag.bag, robot, bag.bag_camera, bag.still)
+    if (chain.given or options.given) and chain.joints is None and robot is not None:
+        return RobotGiven(None, replace(given, chain=chain, errors=options))
+    return RobotGiven(arm_of_parts(chain, options), given)

@@ -98,8 +98,8 @@ def robot_stream(recording: Recording, spec: str, *, frame: str | None = None) -
     name, pair = _asked(recording, spec, "robot")
     if name in recording.joints:
         raise InputError(
-            f"--robot {spec}: the topic holds joint values. Write them by uq-handeye bag {recording.name} --joints "
-            f"{spec} -o DIR, and calibrate with --joints and --urdf."
+            f"--robot {spec}: the topic holds joint values. Give the robot model, --urdf robot.urdf (or --dh FILE), or "
+            "frames of /tf."
         )
     found = _of_topic(recording, name, pair, "robot") if name else _of_frames(recording, pair, "robot", spec)
     return _stream(recording, found, "robot", frame)

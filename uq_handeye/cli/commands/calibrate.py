@@ -217,7 +217,7 @@ def calibrate_command(
     if robot.bag is not None:
         if watch is not None:
             raise InputError("--watch takes pose files, not --bag. Calibrate the bag afterwards.")
-        files, pictures = robot.bag.beside(files, pictures, arm)
+        files, pictures, arm = robot.bag.beside(files, pictures, arm)
     for name, asked in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
         if asked and report is None:
             raise InputError(f"{name} needs --report FILE. Add it.")
