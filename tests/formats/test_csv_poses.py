@@ -170,7 +170,7 @@ ROW = "0,1,2,3,0,0,0,1\n"
         (HEADER.replace("x,y", "x_mm,y_m") + "\n" + ROW, ["line 1", "one unit for x, y and z", "m, mm, none"]),
         (HEADER.replace("qx", "qx_deg") + "\n" + ROW, ["line 1", "missing: 'qx'"]),
         ("1,2,3,0,0,0,1\n", ["line 1", "header line is missing", "x,y,z,qx,qy,qz,qw"]),
-        (",".join("1" * 16) + "\n", ["line 1", "(n, 4, 4)", "numpy.save"]),
+        (",".join("1" * 16) + "\n", ["line 1", "--format matrix"]),
         (GOOD.replace("\n", "\r"), ["line 1", "line feed"]),
         ("when,x,y,qx,qy,qz,qw\n" + ROW, ["line 1", HEADER, "'when,x,y", "missing: 'z'", "unknown: 'when'"]),
         ("x,x,y,z,qx,qy,qz,qw\n", ["repeated: 'x'"]),

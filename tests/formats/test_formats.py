@@ -49,6 +49,9 @@ def assert_same(poses, other, atol=1e-14):
         (["poses.json"], "json", True, 1e-14),
         (["robot.tf_echo.txt", "camera.tf_echo.txt"], "tf-echo", True, 1e-14),
         (["robot.topic.txt", "camera.topic.txt"], "ros-topic", True, 1e-14),
+        (["robot.matrix.txt", "camera.npy"], ("matrix", "npy"), False, 1e-14),
+        (["robot.kitti.txt", "camera.npy"], ("matrix", "npy"), False, 1e-11),
+        (["robot.franka.csv", "camera.npy"], ("franka", "npy"), True, 1e-14),
     ],
 )
 def test_samples(truth, files, format, times, atol):
@@ -60,7 +63,9 @@ def test_samples(truth, files, format, times, atol):
         np.testing.assert_array_equal(poses.timestamps, TIMES)
     else:
         assert poses.timestamps is None
-    assert [source.format for source in poses.sources] == [format] * len(files)
+    assert [source.format for source in poses.sources] == (
+        [format] * len(files) if isinstance(format, str) else [*format]
+    )
     for source, path in zip(poses.sources, paths, strict=True):
         assert source.name == path.name
         assert source.size == path.stat().st_size

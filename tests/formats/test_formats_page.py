@@ -11,7 +11,7 @@ from uq_handeye.formats.detect import read_contents
 from uq_handeye.io import FORMATS, read_poses
 
 PAGE = (DOCS / "formats.md").read_text(encoding="utf-8")
-HEADINGS = {"MoveIt calibration": "moveit", "OpenCV FileStorage": "opencv"}
+HEADINGS = {"MoveIt calibration": "moveit", "OpenCV FileStorage": "opencv", "Matrices in text": "matrix"}
 
 
 def examples():

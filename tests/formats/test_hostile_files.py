@@ -95,7 +95,7 @@ EYE = "[ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]"
         ("some words\n", ["not a pose file", "'some words'"]),
         # tables
         ("0 1 2 3 0 0 0 1\n1 1 2\n", ["line 2", "timestamp tx ty tz qx qy qz qw", "got 3 fields"]),
-        (" ".join("1" * 12), ["line 1", "KITTI"]),
+        (" ".join("1" * 12), ["line 1", "no rotation", "Matrices in text"]),
         ("0 1 2 3 0 0 0 1\n1 1 x 3 0 0 0 1\n", ["line 2", "column ty", "'x'"]),
         ("0 1 2 3 0 0 0 1\n1 1 1_0 3 0 0 0 1\n", ["line 2", "column ty", "'1_0'"]),
         ("0 1 2 nan 0 0 0 1\n", ["line 1", "column tz", "finite"]),

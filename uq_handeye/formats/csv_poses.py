@@ -247,6 +247,6 @@ def _header(line: bytes, where: str) -> _Header:
 def _missing_line(n: int) -> str:
     """Describe what to do with n numbers in a line without names."""
     if n in (12, 16):
-        return f"or, if the {n} numbers are a matrix, save the matrices (n, 4, 4) with numpy.save"
+        return f"or, if the {n} numbers are a matrix, it is read as --format matrix, or by its content"
     names = f"{HEADER} or {','.join(COLUMNS[1:])}"
     return f"add it as the first line, as the columns stand in the file: {names}, or with qw first"

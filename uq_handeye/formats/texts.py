@@ -6,6 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .contents import Contents
+from .matrices.franka import is_franka, read_franka
+from .matrices.halcon import is_halcon, read_halcon
+from .matrices.text import is_matrix_text, read_matrix_text
+from .matrices.zivid import is_zivid, read_zivid
 from .ros.tf_echo import is_tf_echo, read_tf_echo
 from .ros.topic import is_ros_topic, read_ros_topic
 
@@ -29,9 +33,15 @@ class TextFormat:
 TEXTS: dict[str, TextFormat] = {
     "tf-echo": TextFormat("what tf2_echo and tf_echo print", read_tf_echo, is_tf_echo),
     "ros-topic": TextFormat("what ros2 topic echo and rostopic echo print", read_ros_topic, is_ros_topic),
+    "franka": TextFormat("O_T_EE of Franka robots: tables, JSON, printed states", read_franka, is_franka),
+    "zivid": TextFormat("a transform of Zivid, YAML, in mm", read_zivid, is_zivid),
+    "halcon": TextFormat("what write_pose of HALCON writes", read_halcon, is_halcon),
+    # The last one: numbers alone.
+    "matrix": TextFormat("4x4 or 3x4 matrices in text, also KITTI", read_matrix_text, is_matrix_text),
 }
 
 
 def named_by(head: str) -> list[str]:
     """Return the formats that a text may have, by its beginning."""
-    return [name for name, known in TEXTS.items() if known.is_it(head)]
+    named = [name for name, known in TEXTS.items() if name != "matrix" and known.is_it(head)]
+    return named or ["matrix"] * TEXTS["matrix"].is_it(head)

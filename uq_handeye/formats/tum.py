@@ -20,12 +20,12 @@ from .rotation_form import QUATERNIONS
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
-_SAVE = "save the matrices (n, 4, 4) with numpy.save"
+_MATRIX = "; matrices are read as --format matrix, or by their content"
 _HINTS = {
-    4: f"; if four lines are a 4x4 matrix, {_SAVE}",
+    4: _MATRIX,
     7: "; add a time, or the row number, as the first column",
-    12: f"; 12 numbers are a KITTI pose, which is not read: {_SAVE}",
-    16: f"; if they are a 4x4 matrix, {_SAVE}",
+    12: _MATRIX,
+    16: _MATRIX,
 }
 
 

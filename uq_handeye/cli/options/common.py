@@ -37,7 +37,7 @@ COVARIANCE_NAMES = ("model", "sigma-points", "sandwich", "hac", "jackknife", "bo
 CONTROLLER_NAMES = ("ur", "kuka", "fanuc", "abb", "staubli", "yaskawa", "kawasaki", "rpy")
 FORMAT_NAMES = (
     *("csv", "tum", "npz", "npy", "easy_handeye", "easy_handeye2", "moveit", "opencv", "json"),
-    *("tf-echo", "ros-topic"),
+    *("tf-echo", "ros-topic", "franka", "zivid", "halcon", "matrix"),
 )
 ROBOT_FRAMES = ("base_T_gripper", "gripper_T_base")
 CAMERA_FRAMES = ("camera_T_target", "target_T_camera")

@@ -1,1 +1,1 @@
-"""Matrices as text and as the tools of robots and 3-D cameras write them."""
+"""Poses written as matrices, and as 3-D camera software and Franka robots write them."""

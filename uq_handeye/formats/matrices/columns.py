@@ -1,0 +1,189 @@
+"""Matrices in tables whose columns are named by row and column: ``r11,r12,...,tx,ty,tz``, ``m00 ... m33``, ``T[0][3]``.
+
+A name ends with two indices from 0 or from 1, with brackets, points or underscores between them or none, or with one
+index of all 16 or 12 numbers (``O_T_EE_0 ... O_T_EE_15``, ``field.O_T_EE0``). A 3x3 needs the columns of a translation
+(`..columns`), or t1, t2, t3. Other columns are not used, but for a time.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...errors import InputError
+from ...files.lines import short
+from ...formatting.units import LENGTH_UNITS
+from ..columns import SECONDS, meaning_and_unit
+from ..contents import Contents, Reading, matrices_side
+from .layout import found_in, with_last_row
+
+_MARKS = (",", ";", "\t")
+_TWO = re.compile(r"(.*?)[\[(_. ]*(\d)[\])(\[_., ]*(\d)[\])]*")
+_ONE = re.compile(r"(.*?)[\[(_. ]*(\d{1,2})[\])]*")
+_UNIT = re.compile(r"\s*[\[(]\s*([a-z]{1,2})\s*[\])]$|_([a-z]{1,2})$", re.IGNORECASE)
+FRANKA = "o_t_ee"
+
+
+@dataclass(frozen=True)
+class Header:
+    """Places of the numbers in a table.
+
+    Parameters
+    ----------
+    line : line of the names, counted from 1
+    separator : of the fields; "" for blanks
+    count : of fields
+    matrix : columns of the numbers of the matrix, row by row or as they are counted
+    names : of all columns
+    translation : columns of x, y, z; empty: in the matrix
+    units : of the translation, or None
+    time : column and its unit
+    """
+
+    line: int
+    separator: str
+    count: int
+    matrix: list[int]
+    names: list[str]
+    translation: list[int] = field(default_factory=list)
+    units: str | None = None
+    time: tuple[int, str] | None = None
+
+
+def header_of(text: str) -> Header | None:
+    """Return the names of the columns, if the first line that holds anything names those of matrices."""
+    for number, raw in enumerate(text[:65536].split("\n"), start=1):
+        content = raw.strip().lstrip("#%").strip()
+        if not content:
+            continue
+        separator = next((mark for mark in _MARKS if mark in content), "")
+        names = [name.strip(" \t\"'") for name in (content.split(separator) if separator else content.split())]
+        if len(names) >= 12 and sum(bool(re.search("[A-Za-z]", name)) for name in names) >= 9:
+            return _header(number, separator, names)
+        if not raw.strip().startswith(("#", "%")):
+            return None
+    return None
+
+
+def _header(number: int, separator: str, names: list[str]) -> Header | None:
+    two: dict[str, dict[tuple[int, int], int]] = defaultdict(dict)
+    one: dict[str, dict[int, int]] = defaultdict(dict)
+    units: dict[int, str] = {}
+    for k, name in enumerate(names):
+        bare = name
+        if (unit := _UNIT.search(name)) is not None and (said := unit[1] or unit[2]).lower() in LENGTH_UNITS:
+            bare, units[k] = name[: unit.start()], said.lower()
+        if (match := _TWO.fullmatch(bare)) is not None:
+            two[match[1].lower()][int(match[2]), int(match[3])] = k
+        if (match := _ONE.fullmatch(bare)) is not None:
+            one[match[1].lower()][int(match[2])] = k
+    meant = [meaning_and_unit(name) for name in names]
+    times = [(k, unit or "s") for k, (column, unit) in enumerate(meant) if column == "timestamp"]
+    found: list[tuple[str, list[int]]] = [(stem, order) for stem, at in two.items() if (order := _grid(at))]
+    found += [(stem, order) for stem, at in one.items() if (order := _counted(at))]
+    if len(found) > 1:
+        found = [one for one in found if re.sub(".*[/.]", "", one[0]).strip("_") == FRANKA] or found[:1]
+    if not found:
+        return None
+    matrix = found[0][1]
+    translation: list[int] = []
+    if len(matrix) == 9:
+        axes = [[k for k, (column, _) in enumerate(meant) if column == axis] for axis in "xyz"]
+        by_number = [at for at in one.values() if sorted(at) in ([0, 1, 2], [1, 2, 3])]
+        if all(axes):
+            translation = [columns[0] for columns in axes]
+        elif by_number:
+            translation = [by_number[0][index] for index in sorted(by_number[0])]
+        else:
+            return None
+    of = translation or [matrix[k] for k in (3, 7, 11)]
+    said_units = {units.get(k) or meant[k][1] for k in of}
+    return Header(
+        number,
+        separator,
+        len(names),
+        matrix,
+        names,
+        translation,
+        said_units.pop() if len(said_units) == 1 else None,
+        times[0] if times else None,
+    )
+
+
+def _grid(at: dict[tuple[int, int], int]) -> list[int]:
+    """The columns of a full 3x3, 3x4 or 4x4, row by row; empty for anything else."""
+    for rows, columns in ((4, 4), (3, 4), (3, 3)):
+        for start in (0, 1):
+            wanted = [(start + i, start + j) for i in range(rows) for j in range(columns)]
+            if sorted(at) == wanted:
+                return [at[place] for place in wanted]
+    return []
+
+
+def _counted(at: dict[int, int]) -> list[int]:
+    """The columns of 16 or 12 numbers that are counted from 0 or 1; empty for anything else."""
+    for count in (16, 12):
+        for start in (0, 1):
+            if sorted(at) == list(range(start, start + count)):
+                return [at[k] for k in sorted(at)]
+    return []
+
+
+def read_columns(text: str, name: str, header: Header, readings: tuple[Reading, ...] = ()) -> Contents:
+    """Return the poses below a header; ``readings`` say what they are where the names do."""
+    used = [*header.matrix, *header.translation, *([] if header.time is None else [header.time[0]])]
+    rows: list[list[float]] = []
+    lines: list[int] = []
+    for number, raw in enumerate(text.split("\n"), start=1):
+        content = raw.strip()
+        if number <= header.line or not content or content.startswith(("#", "%")):
+            continue
+        where = f"{name}, line {number}"
+        fields = content.split(header.separator) if header.separator else content.split()
+        if len(fields) != header.count:
+            raise InputError(f"{where}: expected {header.count} fields, as the header has, got {len(fields)}.")
+        rows.append([_number(fields[k], f"{where}, column {header.names[k]}", header.separator) for k in used])
+        lines.append(number)
+    if not rows:
+        raise InputError(f"{name}: no rows after the header; expected one line per pose.")
+    table = np.array(rows)
+    k = len(header.matrix)
+    notes = [f"matrices from the columns {short(header.names[header.matrix[0]])} to {header.names[header.matrix[-1]]}"]
+    if header.translation:
+        T = with_last_row(np.concatenate([table[:, :9].reshape(-1, 3, 3), table[:, 9:12, None]], axis=2))
+    else:
+        found = found_in(table[:, :k])
+        if found is None:
+            raise InputError(
+                f"{name}, line {lines[0]}: expected a matrix in the columns {header.names[header.matrix[0]]} to "
+                f"{header.names[header.matrix[-1]]}, got no last row 0, 0, 0, 1 and no rotation (docs/formats.md, "
+                "Matrices in text)."
+            )
+        T = found.T
+        readings = readings or found.readings
+        notes.append(found.note)
+    times = None
+    if header.time is not None:
+        times = table[:, -1] * SECONDS[header.time[1]]
+    if header.units is not None:
+        notes.append(f"translations in {header.units}, as the columns are named")
+    side = matrices_side(
+        name, T, rows=np.array(lines), counted="line", timestamps=times, units=header.units, readings=readings
+    )
+    return Contents(only=side, notes=tuple(notes))
+
+
+def _number(text: str, where: str, separator: str) -> float:
+    word = text.strip(" \t\r\"'")
+    if separator not in (",", "") and "," in word:
+        word = word.replace(",", ".")
+    try:
+        if "_" in word:
+            raise ValueError
+        return float(word)
+    except ValueError:
+        what = short(word) if word else "an empty field"
+        raise InputError(f"{where}: expected a number, got {what}.") from None

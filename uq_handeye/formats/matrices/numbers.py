@@ -1,0 +1,108 @@
+"""Lines of a text as numbers: without comments, brackets, names and the words of NumPy, MATLAB and C++ around them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ...errors import InputError
+from ...files.lines import short
+
+_COMMENT = re.compile(r"(#|//|%|--).*")
+_DTYPE = re.compile(r",?\s*(dtype|device|requires_grad)\s*=\s*[\w.:']+")
+_CALL = re.compile(r"\b[A-Za-z_][\w.]*\s*(?=\()")
+_NAME = re.compile(r"^.*?:?=")  # up to the last sign of equality
+_LABEL = re.compile(r"^[^:\[({]*[A-Za-z][^:\[({]*:")
+# MATLAB prints one factor for all numbers of a matrix.
+_FACTOR = re.compile(r"^\s*\d(\.\d+)?e[+-]?\d+\s*\*\s*$", re.IGNORECASE)
+_MARKS = str.maketrans("[](){};\t\"'", " " * 10)
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?[fF]?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
+# Words in front of the numbers of a line: a file, a name.
+MOST_WORDS = 3
+
+
+@dataclass(frozen=True)
+class NumberLine:
+    """Numbers of a line, and its number in the file."""
+
+    line: int
+    values: tuple[float, ...]
+
+
+class NotNumbersError(InputError):
+    """A line that holds something else."""
+
+
+def number_lines(text: str, name: str) -> Iterator[NumberLine]:
+    """The lines that hold numbers; lines of words only are names, and left out.
+
+    Raises `NotNumbersError` for anything else between numbers, and for a factor that MATLAB printed before them.
+    """
+    commas = _decimal_commas(text)
+    for line, raw in enumerate(text.splitlines(), start=1):
+        where = f"{name}, line {line}"
+        if _FACTOR.match(raw):
+            raise NotNumbersError(
+                f"{where}: the numbers are printed with a common factor ({raw.strip()}), which leaves too few digits "
+                "for a rotation; write them with more (MATLAB: format long g, or writematrix)."
+            )
+        content = _content(raw)
+        if not content:
+            continue
+        words = _words(content, commas)
+        values = tuple(map(_value, words))
+        known = [value is not None for value in values]
+        if not any(known):
+            continue
+        first = known.index(True)
+        if first and len(known) - first < 3:  # "Pose 3", "Columns 1 through 4"
+            continue
+        if first > MOST_WORDS or not all(known[first:]):
+            wrong = words[first + known[first:].index(False)] if not all(known[first:]) else words[0]
+            raise NotNumbersError(f"{where}: expected numbers of a matrix, got {short(wrong)}.")
+        yield NumberLine(line, tuple(value for value in values[first:] if value is not None))
+
+
+def _content(raw: str) -> str:
+    """A line without comments, names and brackets."""
+    content = _DTYPE.sub("", _COMMENT.sub("", raw.replace("\u2212", "-").replace("...", " ")))
+    if "=" in content:
+        content = content[content.rindex("=") + 1 :]
+    content = _LABEL.sub("", _CALL.sub("", content))
+    return content.translate(_MARKS).strip()
+
+
+def _words(content: str, commas: bool) -> list[str]:
+    if commas:
+        return content.replace(", ", " ").rstrip(",").replace(",", ".").split()
+    return content.replace(",", " ").split()
+
+
+def _value(word: str) -> float | None:
+    if _NUMBER.fullmatch(word) is None:
+        return None
+    try:
+        return float(re.sub("[dD](?=[-+]?[0-9])", "e", word) if word[-1].lower() != "f" else _c_number(word))
+    except ValueError:
+        return None
+
+
+def _c_number(word: str) -> str:
+    """A number of C without its suffix; ``inf`` stays."""
+    return word if word.lower().endswith("inf") else word[:-1]
+
+
+def _decimal_commas(text: str) -> bool:
+    """Return whether the numbers have decimal commas: no point, and nothing else separates as many digits."""
+    for raw in text[:65536].splitlines():
+        content = _content(raw)
+        if "," not in content:
+            continue
+        if "." in content or ", " in content:
+            return False
+        words = content.split()
+        if len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words):
+            return True
+    return False

@@ -1,0 +1,217 @@
+"""Matrices in text: a line per pose, or lines of four numbers, as people, NumPy, MATLAB, Eigen and KITTI write them.
+
+One line: 16 numbers of a 4x4, 12 of its first three rows (KITTI odometry: devkit ``readme.txt``), or 9 + 3 of rotation
+and translation, also with a row number or a time in front, with names of columns above (`columns`) or without. Several
+lines: 4 lines of 4 numbers, 3 lines of 4, or any other division, such as that of ``print`` in Python. Brackets, commas,
+semicolons, names (``T1 =``), labels and comments (``#``, ``%``, ``//``) do not matter. Where the numbers are those of
+the transposed matrix, it is told by their places (`layout`).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...geometry.se3 import Array
+from ..contents import Contents, matrices_side
+from .columns import header_of, read_columns
+from .layout import COUNTS, MOST_BEFORE, Found, fitting, found_in
+from .numbers import NotNumbersError, NumberLine, number_lines
+
+_PER_LINE = tuple(count + before for count in COUNTS for before in range(MOST_BEFORE + 1))
+_YAML = re.compile(r"^\s*(- |-?\s*[\w\"']+\s*:\s*([\[{|>]|$))|^\s*\{\s*([\"'A-Za-z]|$)")
+HELP = "docs/formats.md, Matrices in text"
+# Of 12 or 16 numbers, those of a robtarget or a jointtarget that say "no external axis".
+_NONE = 1e8
+
+
+def is_matrix_text(head: str) -> bool:
+    """Return whether a text is of numbers of matrices, and of no other format."""
+    if head.lstrip()[:1] == "<" or _is_tree(head):
+        return False
+    if header_of(head) is not None:
+        return True
+    whole = head if len(head) < 60000 else head[: head.rfind("\n")]
+    try:
+        lines = list(number_lines(whole, ""))
+    except NotNumbersError:
+        return False
+    if not lines:
+        return False
+    counts = {len(line.values) for line in lines}
+    if len(counts) == 1:
+        (count,) = counts
+        table = np.array([line.values for line in lines])
+        if count in COUNTS:
+            return bool(np.abs(table).max() < _NONE) or not np.isfinite(table).all()
+        if count in _PER_LINE:
+            return fitting(table)
+        if count == 4 and len(lines) >= 3:
+            return True
+        if count > 3:
+            return False  # poses of other forms
+    blocks = _blocks(lines)
+    return blocks is not None and fitting(blocks[0])
+
+
+def _is_tree(head: str) -> bool:
+    """Return whether a text is JSON or YAML."""
+    first = next((line for line in head.split("\n", 200) if line.strip() and not line.lstrip().startswith("#")), "")
+    if _YAML.match(first) and not re.match(r"^\s*[\w\"']+\s*:\s*$", first):
+        return True
+    if re.match(r"^\s*[\w\"']+\s*:\s*$", first) and re.search(r"^\s*(- |[\w\"']+\s*:\s*[\[{-])", head, re.MULTILINE):
+        return True
+    if not head.lstrip().startswith("["):
+        return False
+    try:
+        json.JSONDecoder().raw_decode(head.lstrip())
+    except json.JSONDecodeError as error:
+        return len(head) >= 60000 and error.pos > len(head) - 1000
+    except (ValueError, RecursionError):
+        return True
+    _, end = json.JSONDecoder().raw_decode(head.lstrip())
+    return not head.lstrip()[end:].strip()
+
+
+def read_matrix_text(text: str, name: str) -> Contents:
+    """Return the poses of a text."""
+    if (header := header_of(text)) is not None:
+        return read_columns(text, name, header)
+    lines = list(number_lines(text, name))
+    if not lines:
+        raise InputError(f"{name}: expected numbers of matrices, got none ({HELP}).")
+    if len(lines) > 1 and lines[0].values == tuple(range(len(lines[0].values))) and len(lines[0].values) > 2:
+        lines = lines[1:]  # names of columns, as pandas writes them
+    counts = {len(line.values) for line in lines}
+    if len(counts) == 1 and (count := next(iter(counts))) in _PER_LINE:
+        table = np.array([line.values for line in lines])
+        numbers = np.array([line.line for line in lines])
+        found = found_in(table)
+        if found is None:
+            raise _no_layout(table[0], f"{name}, line {lines[0].line}", count)
+        return contents_of(found, table, name, numbers, "line")
+    if (blocks := _blocks(lines)) is None:
+        raise _uneven(lines, name)
+    table, numbers, note = blocks
+    found = found_in(table)
+    if found is None:
+        raise _no_layout(table[0], f"{name}, line {numbers[0]}", table.shape[1])
+    return contents_of(found, table, name, numbers, "the matrix of line", note)
+
+
+def contents_of(
+    found: Found,
+    table: Array,
+    name: str,
+    rows: NDArray[np.int64] | None,
+    counted: str,
+    *more: str,
+) -> Contents:
+    """The poses that were found, with times where numbers in front of the matrices are some."""
+    notes = [found.note, *(note for note in more if note)]
+    times, said = times_of(table[:, : found.before])
+    side = matrices_side(name, found.T, rows=rows, counted=counted, timestamps=times, readings=found.readings)
+    return Contents(only=side, notes=(*notes, *said))
+
+
+def times_of(before: Array) -> tuple[NDArray[np.float64] | None, list[str]]:
+    """Times (s) among the numbers in front of the matrices (n, k), and what is to be said of them."""
+    said: list[str] = []
+    for column in before.T:
+        if np.isfinite(column).all() and (column == np.round(column)).all() and (np.diff(column) == 1).all():
+            said.append("the first number of each row counts the poses")
+            continue
+        if not np.isfinite(column).all() or (np.diff(column) <= 0).any():
+            said.append("the numbers before the matrices are not used")
+            continue
+        unit = next((unit for limit, unit in _STAMPS if abs(column[0]) > limit), None)
+        said.append("timestamps before the matrices" + ("" if unit is None else f", in {unit[0]}"))
+        return column * (1.0 if unit is None else unit[1]), said
+    return None, said
+
+
+# Times since 1970 by their size.
+_STAMPS = ((1e17, ("ns", 1e-9)), (1e14, ("us", 1e-6)), (1e11, ("ms", 1e-3)))
+
+
+def _blocks(lines: Sequence[NumberLine]) -> tuple[Array, NDArray[np.int64], str] | None:
+    """Numbers (n, 16) or (n, 12) of matrices over several lines, the line where each begins, what is to be said."""
+    fours = [line for line in lines if len(line.values) == 4]
+    few = [line for line in lines if len(line.values) < 4]
+    note = ""
+    if fours and few and len(fours) + len(few) == len(lines):
+        note = "the numbers between the matrices are not used"
+        for rows in (4, 3):
+            groups = _groups(lines, rows)
+            if groups is not None and fitting(groups[0]):
+                return *groups, note
+    flat = np.concatenate([line.values for line in lines])
+    owners = np.repeat([line.line for line in lines], [len(line.values) for line in lines])
+    first = None
+    for count in COUNTS:
+        if len(flat) % count == 0:
+            table = flat.reshape(-1, count)
+            begins = owners[::count]
+            if fitting(table):
+                return table, begins, ""
+            first = first or ((table, begins, "") if {len(line.values) for line in lines} == {4} else None)
+    return first
+
+
+def _groups(lines: Sequence[NumberLine], rows: int) -> tuple[Array, NDArray[np.int64]] | None:
+    """Matrices of ``rows`` lines of four numbers, with lines of fewer numbers before them only."""
+    matrices: list[list[float]] = []
+    begins: list[int] = []
+    for line in lines:
+        whole = not matrices or len(matrices[-1]) == 4 * rows
+        if len(line.values) < 4:
+            if not whole:
+                return None
+            continue
+        if whole:
+            matrices.append([])
+            begins.append(line.line)
+        matrices[-1] += line.values
+    if not matrices or len(matrices[-1]) != 4 * rows:
+        return None
+    return np.array(matrices), np.array(begins)
+
+
+def _no_layout(row: Array, where: str, count: int) -> InputError:
+    numbers = ", ".join(f"{value:g}" for value in row[-4:])
+    if count - 16 in range(MOST_BEFORE + 1):
+        return InputError(
+            f"{where}: expected a matrix 4x4 whose last row (or, column by column, every fourth number) is 0, 0, 0, 1; "
+            f"the numbers end with {numbers} ({HELP})."
+        )
+    return InputError(
+        f"{where}: expected 12 numbers of a matrix 3x4, or of a rotation and a translation, got no rotation among "
+        f"them; the numbers end with {numbers}. Are digits lost, or is it another table ({HELP})?"
+    )
+
+
+def _uneven(lines: Sequence[NumberLine], name: str) -> InputError:
+    """Return the error of lines that do not divide into matrices."""
+    counts = [len(line.values) for line in lines]
+    usual = max(set(counts), key=counts.count)
+    if usual == 4 and set(counts) == {4}:
+        over = len(lines) % 4
+        return InputError(
+            f"{name}: expected 4 lines of 4 numbers for each matrix (or 3), got {len(lines)} lines; the last one "
+            f"has {over}, line {lines[-over].line} and after. Is the file cut off ({HELP})?"
+        )
+    odd = next((line for line in lines if len(line.values) != usual), lines[-1])
+    if usual in (*_PER_LINE, 4):
+        return InputError(
+            f"{name}, line {odd.line}: expected {usual} numbers as in the other lines, got {len(odd.values)}. Is the "
+            f"file cut off ({HELP})?"
+        )
+    return InputError(
+        f"{name}, line {odd.line}: expected matrices of 16 or 12 numbers, on one line or in rows of 4, got "
+        f"{len(odd.values)} numbers ({HELP})."
+    )
