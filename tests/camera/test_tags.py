@@ -88,7 +88,7 @@ def test_a_single_tag_stands_as_apriltag_has_it(rng, family):
 def test_small_tags_are_not_drawn_together(rng):
     """cornerSubPix moves the corners of dark squares inwards by 0.2 pixels and more."""
     find, inwards = tag_finder(TAG), []
-    for roll in range(0, 90, 9):
+    for roll in range(0, 90, 18):
         T = facing(TAG, roll, distance=0.75)  # 40 pixels
         _, pixels, _ = find(picture(TAG, T, rng))
         truth = projected(TAG, T)

@@ -132,7 +132,7 @@ def test_other_commands_take_the_same(rig):
         ),
         ((*BOARD, "--camera-matrix", "K", "--pixel-noise", "2mm"), "--pixel-noise"),
         ((*BOARD, "--camera-matrix", "K", "--model", "brown"), "for pictures, not for --camera-matrix"),
-        ((*BOARD, "--camera-matrix", "K", "--images", "img/*.png"), "for finished camera poses"),
+        ((*BOARD, "--camera-matrix", "K", "--images", "img/*.png"), "for finished camera poses and single tags"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_one_line(rig, arguments, words):

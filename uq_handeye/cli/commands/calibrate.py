@@ -32,6 +32,7 @@ from ..options.noise import Given, given_of, pose_prior_of, prior_of
 from ..options.report import ReportOptions, report_options_of
 from ..options.touches import TouchesToUse
 from ..outcome import Wanted, emit_refusal, emit_result, json_of, wanted_of
+from ..pictures import KINDS as BOARDS
 from ..pose_files import PoseFiles
 from ..starting_point import problem_for
 from ..views import pictures_of
@@ -223,6 +224,8 @@ def calibrate_command(
             raise InputError(f"{name} needs --report FILE. Add it.")
     if method is not None:
         method = one_of(method, "--method", METHODS)
+    if kind in BOARDS:
+        raise InputError(f"--kind is that of the noise propagation. Name the kind of the board as --pattern {kind}.")
     from ...calibration.calibrate import calibrate
 
     if given.one_side is not None:  # that of the other is estimated beside it
