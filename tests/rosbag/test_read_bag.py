@@ -2,15 +2,19 @@
 
 import numpy as np
 import pytest
-from bag_cases import KINDS, START, Writer, pixels_of, stamped
+from bag_cases import CENTRE, FOCAL, KINDS, START, Writer, pixels_of, stamped
+from scipy.spatial.transform import Rotation
 from stream_cases import motion, streams
 from support import random_transforms
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.io import write_pose_file
+from uq_handeye.rosbag.info import CameraInfo
 from uq_handeye.rosbag.recording import read_recording
+from uq_handeye.rosbag.second_solutions import decide_stream
 from uq_handeye.rosbag.streams import camera_stream, read_bag, robot_stream
+from uq_handeye.rosbag.tags import TagTrack, tag_poses
 
 OFFSET = 0.037
 
@@ -128,8 +132,6 @@ def write_tags(folder, kind, X, W, *, noise=0.0, n=60, tf=False, info=True):
     rng = np.random.default_rng(8)
     times = START + 0.4 * np.arange(n)
     C = np.tile(np.eye(4), (n, 1, 1))
-    from scipy.spatial.transform import Rotation
-
     tilt = Rotation.from_euler("xyz", rng.uniform(-0.5, 0.5, (n, 3))).as_matrix()
     C[:, :3, :3] = tilt @ np.diag([1.0, -1.0, -1.0])
     C[:, :3, 3] = rng.uniform([-0.08, -0.05, 0.3], [0.08, 0.05, 0.45], (n, 3))
@@ -189,3 +191,26 @@ def test_no_camera_info_asks_for_the_matrix(tmp_path):
     path, *_ = write_tags(tmp_path, "mcap", X, W, n=5, info=False)
     with pytest.raises(InputError, match=r"no camera_info belongs to /detections.*--camera-matrix"):
         camera_stream(read_recording(path), "camera:tag36h11_0", tag=SIDE)
+
+
+def test_second_solutions_of_a_small_tag_are_decided_by_the_robot():
+    rng = np.random.default_rng(6)
+    X, W = random_transforms(rng, (2,))
+    C = np.tile(np.eye(4), (80, 1, 1))
+    tilt = Rotation.from_euler("xyz", rng.uniform(-0.6, 0.6, (80, 3))).as_matrix()
+    C[:, :3, :3] = tilt @ np.diag([1.0, -1.0, -1.0])
+    C[:, :3, 3] = rng.uniform([-0.1, -0.1, 0.75], [0.1, 0.1, 0.85], (80, 3))
+    track = TagTrack("tag")
+    for k, pixels in enumerate(pixels_of(C, 0.03, 0.3, rng)):
+        track.add(float(k), pixels.ravel().tolist())
+    info = CameraInfo("", (0, 0), "", np.array([FOCAL, FOCAL, *CENTRE]), np.zeros(0), np.zeros(4))
+    found = tag_poses(track, info, 0.03)
+    turned = lambda poses: Rotation.from_matrix(np.swapaxes(C[:, :3, :3], 1, 2) @ poses[:, :3, :3]).magnitude()  # noqa: E731
+    assert (turned(found.poses) > np.radians(15)).sum() >= 5
+    stream = uq.Stream(found.times, found.poses)
+    pairs = uq.PosePairs(W @ np.linalg.inv(C) @ np.linalg.inv(X), stream.poses)
+    decided = decide_stream(pairs, stream, found.minima)
+    assert (turned(decided.stream.poses) > np.radians(15)).sum() <= 1
+    assert decided.changed >= 5 and decided.doubtful > 60 and decided.undecided < 5
+    others = uq.PosePairs(pairs.robot, C)  # not the poses of the stream
+    assert decide_stream(others, stream, found.minima) is None

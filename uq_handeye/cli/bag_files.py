@@ -17,6 +17,7 @@ from .pose_files import PoseFiles
 from .views import Views, camera_of
 
 if TYPE_CHECKING:
+    from ..camera.adjustment.two_minima import Minima
     from ..rosbag.info import CameraInfo
     from ..rosbag.recording import Recording
     from ..synchronisation.result import Synchronised
@@ -98,13 +99,13 @@ class BagGiven:
             recording = read_recording(self.paths)
         if self.chain is not None:
             arm = self._arm_of_topic(recording, self.chain)
-        sides, views = self._streams(recording, files, seen if isinstance(seen, Views) else None)
+        sides, views, minima = self._streams(recording, files, seen if isinstance(seen, Views) else None)
         for role, stream in sides.items():
             for note in () if stream.source is None else stream.source.notes:
                 LOG.info("%s, %s: %s", recording.name, role, note)
         options = {"pair": "async", "robot": Path(recording.name), "camera": None}
         own = {name: getattr(files, name) for name in files.__dataclass_fields__} | options
-        return BagFiles(**own, sides=sides, spare=spare, still=self.still), views, arm
+        return BagFiles(**own, sides=sides, spare=spare, still=self.still, minima=minima), views, arm
 
     def _arm_of_topic(self, recording: "Recording", chain: ChainOptions) -> Arm | None:
         """Return the arm that a topic of joint values moves, by way of a table that is removed at the end."""
@@ -124,7 +125,7 @@ class BagGiven:
 
     def _streams(
         self, recording: "Recording", files: PoseFiles, seen: Views | None
-    ) -> tuple[dict[str, Any], Views | None]:
+    ) -> "tuple[dict[str, Any], Views | None, Minima | None]":
         from ..rosbag.streams import camera_stream, robot_stream
 
         sides: dict[str, Any] = {}
@@ -140,7 +141,7 @@ class BagGiven:
         if self.robot and self.chain is None:
             sides["robot"] = robot_stream(recording, self.robot, frame=files.robot_frame)
         if not self.camera:
-            return sides, seen
+            return sides, seen, None
         text = None if seen is None else seen.options.tag
         side = None if text is None else read_length(text, "--tag")
         matrix = None if seen is None else seen.options.camera_matrix
@@ -151,7 +152,7 @@ class BagGiven:
             LOG.info("%s: %s", recording.name, found.hint)
         if seen is not None and matrix is None and found.info is not None:
             seen = replace(seen, options=replace(seen.options, camera_matrix=found.info.text()))
-        return sides, seen
+        return sides, seen, found.minima
 
 
 @dataclass(frozen=True)
@@ -161,11 +162,11 @@ class BagFiles(PoseFiles):
     sides: dict[str, Any] = field(default_factory=dict)
     spare: Path | None = None
     still: bool = False
+    minima: "Minima | None" = None  # both solutions of the poses of a tag, as the stream has them
 
     def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
         """Return both sides as streams on one clock."""
         from ..io import read_stream
-        from ..synchronisation.synchronise import synchronise
 
         streams = dict(self.sides)
         for k, role in enumerate(("robot", "camera")):
@@ -182,6 +183,28 @@ class BagFiles(PoseFiles):
                 **(arm.of_files if arm is not None and role == "robot" else {}),
             )
         how = {"setup": SETUP_NAMES[0] if self.setup is None else self.setup, "still": self.still, **options}
+        found = self._on_one_clock(streams, how)
+        if self.minima is None or self.still:
+            return found
+        from ..rosbag.second_solutions import decide_stream
+
+        decided = decide_stream(found.poses, streams["camera"], self.minima)
+        if decided is None:
+            return found
+        LOG.info(
+            "%s: %d of %d poses of the tag have two solutions that its corners do not decide between; %d were changed "
+            "to agree with the robot, %d remain undecided",
+            self.robot,
+            decided.doubtful,
+            found.poses.n,
+            decided.changed,
+            decided.undecided,
+        )
+        return self._on_one_clock(streams | {"camera": decided.stream}, how) if decided.changed else found
+
+    def _on_one_clock(self, streams: dict[str, Any], how: dict[str, Any]) -> "Synchronised":
+        from ..synchronisation.synchronise import synchronise
+
         try:
             return synchronise(streams["robot"], streams["camera"], offset=self._offset(), **how)
         except (InputError, NotConvergedError) as error:

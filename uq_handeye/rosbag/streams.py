@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.adjustment.two_minima import Minima
 from ..errors import InputError
 from ..files.open import StrPath
 from ..formats.contents import FRAMES
@@ -36,6 +37,7 @@ class BagStream:
     info: CameraInfo | None = None
     tag: float | None = None
     hint: str = ""  # what the bag holds beyond that
+    minima: Minima | None = None  # both solutions of the poses of a tag
 
 
 class _Found(NamedTuple):
@@ -126,10 +128,12 @@ def camera_stream(
                     f"{recording.name}: no camera_info belongs to {topic}. Give the camera matrix: --camera-matrix "
                     "FX,FY,CX,CY."
                 )
-            found = _Found(*tag_poses(track[1], known, tag))
+            seen_tag = tag_poses(track[1], known, tag)
+            found = _Found(seen_tag.times, seen_tag.poses, seen_tag.notes)
             rectified = "P, of the rectified picture" if known.rectified else "K and D"
             found.notes.append(f"intrinsics of camera_info: {rectified}" if info is None else "intrinsics as given")
-            return BagStream(_stream(recording, found, "camera", frame), known, tag)
+            minima = seen_tag.minima if frame in (None, FRAMES["camera"][0]) else None
+            return BagStream(_stream(recording, found, "camera", frame), known, tag, minima=minima)
         if not connected:
             raise InputError(
                 f"--camera {spec}: {topic} holds corners of the tag in pixels, not its poses. Give the side of its "

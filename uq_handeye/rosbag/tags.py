@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import re
 from array import array
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.adjustment.bundle import adjust
 from ..camera.adjustment.initial_guess import poses_of
+from ..camera.adjustment.two_minima import Minima, both_minima
 from ..camera.board import tag_points
 from ..camera.corners import Corners
 from ..camera.rays import rays
@@ -96,8 +97,21 @@ def same_tag(name: str, asked: str) -> bool:
     return wanted in (plain, plain.removeprefix("tag"), f"tag_{plain.rpartition('_')[2]}", plain.rpartition("_")[2])
 
 
-def tag_poses(track: TagTrack, info: CameraInfo, side: float) -> tuple[NDArray[np.float64], Array, list[str]]:
-    """Return times (n,), poses (n, 4, 4) ``camera_T_target`` by least squares of the corners, and notes."""
+class TagPoses(NamedTuple):
+    """Poses of a tag at times, with the second solution of each."""
+
+    times: NDArray[np.float64]  # (n,)
+    minima: Minima
+    notes: list[str]
+
+    @property
+    def poses(self) -> Array:
+        """(n, 4, 4) ``camera_T_target``, the better solution."""
+        return np.asarray(self.minima.poses[0])
+
+
+def tag_poses(track: TagTrack, info: CameraInfo, side: float) -> TagPoses:
+    """Return the poses of a tag by least squares of its corners."""
     times, pixels = track.corners()
     if not len(times):
         raise InputError(f"{track.name}: no detection has four corners.")
@@ -110,12 +124,13 @@ def tag_poses(track: TagTrack, info: CameraInfo, side: float) -> tuple[NDArray[n
         raise InputError(f"{track.name}: corners lie where the camera of its camera_info sees nothing.")
     start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
     bundle = adjust(model, corners, (parameters, start), free=np.zeros(len(parameters), dtype=bool))
-    poses = np.asarray(bundle.poses)
-    C = poses[row]
+    minima = both_minima(bundle, corners)
+    C = minima.poses[0][row]
     at = (C[:, :3, :3] @ corners.points[..., None])[..., 0] + C[:, :3, 3]
     off = np.abs(model.project(parameters, at).pixels - corners.pixels).reshape(n, -1).max(axis=1)
     fine = off < SPOILT
     notes = [f"{n} poses from corners, side {side:g} m; the tag's frame is in its middle, z towards the camera"]
     if not fine.all():
         notes.append(f"{int((~fine).sum())} detections fit no pose of the tag within {SPOILT:g} px, and are left out")
-    return times[fine], poses[fine], notes
+    kept = Minima(minima.poses[:, fine], minima.own[:, fine], minima.squares[:, fine])
+    return TagPoses(times[fine], kept, notes)
