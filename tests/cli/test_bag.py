@@ -129,6 +129,12 @@ def test_what_does_not_fit_is_one_line(cell, arguments, expected):
     assert done.stderr.splitlines()[-1].startswith("uq-handeye: error:") and "Traceback" not in done.stderr
 
 
+def test_a_bag_in_place_of_pose_files(cell):
+    for path in (cell[1], cell[1].parent):
+        done = run("calibrate", path, path)
+        assert done.returncode == 2 and f"is a ROS bag: give it as --bag {path}; uq-handeye bag" in done.stderr
+
+
 def test_options_without_a_bag(tmp_path):
     for arguments, expected in (
         (["--camera", "cam:tag"], "--camera needs --bag FILE"),

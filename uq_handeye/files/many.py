@@ -12,6 +12,8 @@ from ..errors import InputError
 from .open import shown
 
 MOST = 100_000
+# Files in the folder of a ROS bag.
+BAGS = (".mcap", ".db3", ".zstd")
 
 
 def natural(path: Path) -> tuple[Any, ...]:
@@ -32,6 +34,11 @@ def paths_of(path: Path) -> list[Path]:
     """
     if path.is_dir():
         found = [child for child in path.iterdir() if child.is_file() and not child.name.startswith(".")]
+        if any(child.name == "metadata.yaml" for child in found) and any(child.suffix in BAGS for child in found):
+            raise InputError(
+                f"{shown(path)} is a ROS bag: give it as --bag {shown(path)}; uq-handeye bag {shown(path)} lists what is "
+                "in it."
+            )
         suffixes = sorted({child.suffix.lower() for child in found})
         if len(suffixes) > 1:
             raise InputError(
