@@ -36,8 +36,8 @@ def paths_of(path: Path) -> list[Path]:
         found = [child for child in path.iterdir() if child.is_file() and not child.name.startswith(".")]
         if any(child.name == "metadata.yaml" for child in found) and any(child.suffix in BAGS for child in found):
             raise InputError(
-                f"{shown(path)} is a ROS bag: give it as --bag {shown(path)}; uq-handeye bag {shown(path)} lists what is "
-                "in it."
+                f"{shown(path)} is a ROS bag: give it as --bag {shown(path)}; uq-handeye bag {shown(path)} lists what "
+                "is in it."
             )
         suffixes = sorted({child.suffix.lower() for child in found})
         if len(suffixes) > 1:
