@@ -42,6 +42,7 @@ SHOWN = [
             "kinematics",
             "looks_wrong",
             "opencv",
+            "points",
             "ros",
             "shared_errors",
             "update",

@@ -68,6 +68,11 @@ if TYPE_CHECKING:
     from .noise_estimation.estimate import estimate_noise
     from .planning.plan import plan
     from .planning.result import Plan
+    from .points.estimate import poses_from_points
+    from .points.files.folder import read_point_poses
+    from .points.files.point_file import read_points, read_target
+    from .points.measured import PointSet, Target
+    from .points.result import PointPoses
     from .poses.board_symmetry import resolve_board_rotation
     from .poses.motions import Motions, relative_motions
     from .poses.pose_pairs import PosePairs
@@ -132,6 +137,8 @@ __all__ = [
     "NotConvergedError",
     "PairNoise",
     "Plan",
+    "PointPoses",
+    "PointSet",
     "PoseNoise",
     "PosePairs",
     "PosePrior",
@@ -145,6 +152,7 @@ __all__ = [
     "Stream",
     "Sweep",
     "Synchronised",
+    "Target",
     "Touches",
     "Verification",
     "bound",
@@ -173,6 +181,7 @@ __all__ = [
     "paper_from_theta",
     "parse_known_values",
     "plan",
+    "poses_from_points",
     "propagate",
     "read_bag",
     "read_board",
@@ -182,10 +191,13 @@ __all__ = [
     "read_intrinsics",
     "read_joints",
     "read_noise_file",
+    "read_point_poses",
+    "read_points",
     "read_poses",
     "read_prior",
     "read_shared_errors",
     "read_stream",
+    "read_target",
     "read_touches",
     "register",
     "relative_motions",
@@ -302,6 +314,11 @@ _LATER = {
     "planning.plan": ("plan",),
     "planning.result": ("Plan",),
     "input_checks.pose_ambiguity": ("resolve_pose_ambiguity",),
+    "points.estimate": ("poses_from_points",),
+    "points.files.folder": ("read_point_poses",),
+    "points.files.point_file": ("read_points", "read_target"),
+    "points.measured": ("PointSet", "Target"),
+    "points.result": ("PointPoses",),
     "poses.board_symmetry": ("resolve_board_rotation",),
     "rosbag.streams": ("read_bag",),
     "shared_errors.camera_noise": ("camera_noise",),

@@ -29,6 +29,7 @@ from .commands.compare import compare_command
 from .commands.cross_check import cross_check_command
 from .commands.files import export_command, report_command
 from .commands.plan import plan_command
+from .commands.points import points_command
 from .commands.posterior import posterior_command
 from .commands.predict import predict_command
 from .commands.simulate import simulate_command
@@ -82,6 +83,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "calibrate": calibrate_command,
         "demo": demo_command,
         "camera": camera_command,
+        "points": points_command,
         "sync": sync_command,
         "bag": bag_command,
     },

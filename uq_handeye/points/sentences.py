@@ -8,6 +8,9 @@ from typing import Any
 from ..findings import sentence
 from ..formatting.numbers import concise, digits, probability
 
+# Points that a sentence names.
+NAMED = 6
+
 
 def listed(items: Sequence[Any], most: int = 10) -> str:
     """The first of several, with commas."""
@@ -17,9 +20,10 @@ def listed(items: Sequence[Any], most: int = 10) -> str:
 @sentence("points.left_out")
 def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
     which = "; ".join(
-        f"pose {one['pose']}, point {one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in far_points[:6]
+        f"pose {one['pose']}, point {one['point']} ({digits(1e3 * one['distance'], 2)} mm)"
+        for one in far_points[:NAMED]
     )
-    more = ", and others" if count > min(len(far_points), 6) else ""
+    more = ", and others" if count > min(len(far_points), NAMED) else ""
     were = "was" if count == 1 else "were"
     return f"{count} of {n} points {were} rejected as outliers: {which}{more}. Check how they were measured and named."
 

@@ -9,8 +9,9 @@ from ..geometry.se3 import Array
 from ..noise.models import marginals
 from ..presentation.document import Block, Caution, Document, Heading, Paragraph, Table
 from .posed import Posed
+from .sentences import NAMED
 
-MOST_LISTED = 12
+MOST_LISTED = 30
 
 
 def points_document(found: Posed) -> Document:
@@ -20,7 +21,7 @@ def points_document(found: Posed) -> Document:
         *map(Caution, found.warnings),
         noise_table(found),
         Paragraph(noise_words(found)),
-        *_outlier_lines(found),
+        _outlier_lines(found),
         Paragraph(target_words(found)),
         Paragraph(
             "The covariance of the poses is joint, to first order, for independent noise of the points. Errors that "
@@ -97,9 +98,11 @@ def target_words(found: Posed) -> str:
 
 
 def _outlier_lines(found: Posed) -> list[Block]:
-    lines = [f"pose {pose}, point {point}: {fixed(1e3 * distance)} mm" for pose, point, distance in found.outliers]
-    more = len(lines) - MOST_LISTED
-    if not lines:
+    """Points left out, where the caution does not name them all."""
+    outliers = found.outliers
+    if len(outliers) <= NAMED:
         return []
-    shown = lines[:MOST_LISTED] + ([f"and {more:,} more that are nearer"] if more > 0 else [])
+    shown = [f"pose {pose}, point {point}: {fixed(1e3 * distance)} mm" for pose, point, distance in outliers]
+    more = len(shown) - MOST_LISTED
+    shown = shown[:MOST_LISTED] + ([f"and {more:,} more that are nearer"] if more > 0 else [])
     return [Paragraph("Points left out:"), *(Paragraph(text, indent="  ") for text in shown)]

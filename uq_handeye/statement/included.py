@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..formatting.numbers import digits
 from ..kinematics.kinematic_errors import DECLARED_AS
 from ..likelihood.shared_groups import SharedGroup, grouped
-from ..noise.camera_noise import INTRINSICS
+from ..noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import PoseNoise, is_joint
 from ..shared_errors.accuracy_field import ROBOT_ACCURACY
@@ -37,7 +37,8 @@ def included(result: Stated) -> list[tuple[str, bool]]:
             continue
         sizes = list(dict.fromkeys(map(sizes_of, of_error)))
         parts.append((f"{name} {' and '.join(sizes)}", of_error[0].default))
-    parts += [(name, False) for name in dict.fromkeys(map(group_of, column_names(result))) if not groups]
+    columns = dict.fromkeys(map(group_of, column_names(result)))
+    parts += [(name, False) for name in columns if not groups or name == TARGET_SHAPE]
     if result.time_offset is not None and result.time_offset.std > 0:
         parts.append((f"{CLOCK_OFFSET} {digits(1e3 * result.time_offset.std, 2)} ms", False))
     return parts
@@ -48,6 +49,8 @@ def not_included(result: Stated) -> list[str]:
     names = column_names(result)
     known = of_camera(result) or FOCAL_LENGTH in names
     camera = "camera model" if known else "camera intrinsics"
+    if from_points(result):
+        camera = "depth errors that points share"
     target = "target shape" if TARGET_SCALE in names or of_camera(result) else "target size"
     robot = "robot kinematics"
     if any(error.error == ROBOT_ACCURACY for error in result.shared):
@@ -55,6 +58,8 @@ def not_included(result: Stated) -> list[str]:
         robot = f"robot errors beyond those {'assumed' if assumed else 'declared'}"
     if set(DECLARED_AS) & set(map(group_of, names)):
         robot = "arm errors outside its model"
+    if TARGET_SHAPE in map(group_of, names):  # the camera gave it
+        return [camera, robot] if TARGET_SCALE in names else [camera, robot, "scale of the camera"]
     return [camera, robot, target]
 
 
@@ -82,6 +87,11 @@ def of_camera(result: Stated) -> bool:
     """Return whether the noise of the camera poses holds the errors of the intrinsics."""
     S = result.noise.camera if isinstance(result.noise, PoseNoise) else None
     return isinstance(S, JointCovariance) and bool({INTRINSICS, ""} & set(S.names))
+
+
+def from_points(result: Stated) -> bool:
+    """Return whether the camera poses come from points in 3-D."""
+    return getattr(getattr(result, "data", None), "camera_covariance", None) is not None
 
 
 def _unnamed(noise: PoseNoise) -> bool:

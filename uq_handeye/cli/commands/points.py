@@ -1,0 +1,107 @@
+"""Command ``points``: from points of a target, measured in 3-D, to camera poses."""
+
+import warnings
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ...errors import InputError, InputWarning
+from ...runtime.progress import working
+from ..messages import progress_wanted, timed
+from ..options.common import UNITS, JsonOption, emit, folder_option, one_of, option
+
+
+def points_command(
+    points: Annotated[
+        Path,
+        typer.Argument(
+            metavar="POINTS",
+            help="Points in the frame of the camera, CSV with the header pose,point,x,y,z (m). Pose k, from 0, belongs "
+            "to row k of the robot poses.",
+            show_default=False,
+        ),
+    ],
+    target: Annotated[
+        Path | None,
+        option(
+            "--target",
+            metavar="FILE",
+            common=True,
+            help="Points in the frame of the target, CSV with the header point,x,y,z (m). Default: the shape of the "
+            "target is estimated with the poses.",
+        ),
+    ] = None,
+    noise: Annotated[
+        str | None,
+        option(
+            "--noise",
+            metavar="SD",
+            common=True,
+            help="Standard deviations of a point across and along the line of sight, e.g. 0.1mm,0.5mm. One value, or "
+            "isotropic to estimate one: the same in all directions (trackers). Default: both are estimated.",
+        ),
+    ] = None,
+    units: Annotated[
+        str | None,
+        option("--units", of=UNITS, metavar="UNIT", common=True, help="Length unit of POINTS. Default: m."),
+    ] = None,
+    target_units: Annotated[
+        str | None,
+        option("--target-units", of=UNITS, metavar="UNIT", help="Length unit of the target. Default: m."),
+    ] = None,
+    as_json: JsonOption = False,
+    output: Annotated[
+        Path | None,
+        folder_option(
+            "Folder for camera poses and their covariance. It holds camera.csv, points_covariance.npz, points.json, "
+            "points.csv, target.csv and residuals.png, and takes the place of CAMERA in the other commands."
+        ),
+    ] = None,
+) -> None:
+    """Compute camera poses from points of a target measured in 3-D.
+
+    Examples:
+      uq-handeye points points.csv --target target.csv -o seen/
+      # Then estimate X from the robot poses and these poses
+      uq-handeye calibrate robot.csv seen/ -o result/
+      # Target not measured: its shape is estimated, too
+      uq-handeye points points.csv -o seen/
+      # Tracker with the same noise in all directions
+      uq-handeye points points.csv --target target.csv --noise isotropic
+
+    For depth cameras, structured light and trackers. Each pose needs three
+    points that are not in a line. The noise is estimated across and along the
+    line of sight; wrong points are left out and named.
+    """
+    from ...points.estimate import poses_from_points
+    from ...points.files.point_file import read_points, read_target
+
+    if target is None and target_units is not None:
+        raise InputError("--target-units needs --target. Give the file of the target, or remove the option.")
+    of_points, of_target = (
+        None if unit is None else one_of(unit, name, UNITS)
+        for unit, name in ((units, "--units"), (target_units, "--target-units"))
+    )
+    with timed(f"reading {points}"):
+        measured = read_points(points, of_points)
+        known = None if target is None else read_target(target, of_target)
+    with timed("fitting poses"), working("fitting poses", progress_wanted()), warnings.catch_warnings():
+        if not as_json:
+            warnings.simplefilter("ignore", InputWarning)  # the summary has them
+        found = poses_from_points(measured, known, noise)
+    if output is not None:
+        with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
+            found.write(output)
+    if as_json:
+        from ...io import json_text
+        from ...points.files.folder_writer import to_dict
+
+        emit(json_text(to_dict(found)))
+        return
+    text = found.summary()
+    if output is None:
+        text += "\nNothing was written: give -o seen/ to go on with uq-handeye calibrate robot.csv seen/\n"
+    else:
+        text += f"\nWrote {output}. Next: uq-handeye calibrate robot.csv {output}\n"
+    emit(text)
