@@ -24,8 +24,8 @@ def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
         for one in far_points[:NAMED]
     )
     more = ", and others" if count > min(len(far_points), NAMED) else ""
-    were = "was" if count == 1 else "were"
-    return f"{count} of {n} points {were} rejected as outliers: {which}{more}. Check how they were measured and named."
+    were = "was rejected as an outlier" if count == 1 else "were rejected as outliers"
+    return f"{count} of {n} points {were}: {which}{more}. Check how they were measured and named."
 
 
 @sentence("points.poses_left_out")

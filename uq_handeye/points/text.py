@@ -52,7 +52,7 @@ def answer(found: Posed) -> str:
     """State how well the poses are known."""
     turn, move = pose_deviations(found)
     return (
-        f"The poses are known to {digits(np.degrees(np.median(turn)), 2)} deg and {digits(1e3 * np.median(move), 2)} "
+        f"The poses are known to {fixed(np.degrees(np.median(turn)), 2)} deg and {fixed(1e3 * np.median(move), 2)} "
         "mm (median over the poses, 1 sigma in the worst direction, at the centroid of the target)."
     )
 
