@@ -86,6 +86,12 @@ def test_a_folder_takes_the_place_of_the_camera_file(session):
     np.testing.assert_array_equal(poses.rows(np.arange(3)).camera_covariance.own, seen.covariance.own[:3])
 
 
+def test_points_in_place_of_poses_lead_to_the_command(session):
+    folder, _ = session
+    with pytest.raises(InputError, match="uq-handeye points -o DIR"):
+        uq.read_poses(folder / "robot.csv", folder / "seen" / "points.csv")
+
+
 def test_poses_numbered_from_1_and_missing_ones(session):
     folder, seen = session
     rows = np.array(seen.points.row) + 1

@@ -31,6 +31,9 @@ from .contents import COLUMNS, Contents, Side, finished, require_units
 
 HEADER = ",".join(COLUMNS)
 
+# Columns of points in place of poses.
+_POINTS = ("point", "point_id", "id", "marker", "marker_id", "feature", "label")
+
 _MARKS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 
@@ -241,6 +244,8 @@ def _header(line: bytes, where: str) -> _Header:
     hint = "; end each line with a line feed" if "\r" in text else ""
     if not {"x", "y", "z"} & set(missing) and set(COLUMNS[4:]) <= set(missing):
         hint = "; rotations must be quaternions, which scipy.spatial.transform.Rotation makes of angles or vectors"
+        if any(name.lower() in _POINTS for name in unknown):
+            hint = "; of points, uq-handeye points -o DIR makes camera poses (docs/how-to/points.md)"
     raise InputError(f"{where}: expected the header {HEADER}, got {short(text)} ({details}){hint}.")
 
 

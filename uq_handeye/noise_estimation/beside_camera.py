@@ -193,7 +193,8 @@ class BesideCamera:
     def find(self, at: Unknowns, weights: Array | None = None) -> FoundRobotNoise:
         """The variances near the unknowns; ``weights`` (n,) of 0 leave poses out. Raises as `estimate_robot_noise`."""
         if not np.isnan(self.prior.values[2:]).all():
-            how = "but for that of their pixels" if isinstance(self.camera, CameraNoise) else self.how.replace("from", "from their")
+            how = self.how.replace("from", "from their")
+            how = "but for that of their pixels" if isinstance(self.camera, CameraNoise) else how
             raise InputError(f"Expected a `prior` for the robot only: the noise of the camera poses is known {how}.")
         constraint, camera, robot, columns = self.constraint, self.camera, self.robot, self.columns
         excess = self.excess if self._robot_known else None

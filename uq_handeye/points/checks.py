@@ -35,10 +35,10 @@ def require_scale(sight: Sight, T: Array, p: Array) -> None:
     for factor, unit in FACTORS.items():
         # y / p = 1000: the points are in mm and the target in m
         if abs(ratio / factor - 1.0) < TOLERANCE and unit != "in":
-            which, option = ("points", "--units") if factor > 1 else ("target", "--target-units")
+            which, verb, option = ("points", "seem", "--units") if factor > 1 else ("target", "seems", "--target-units")
             other = unit if factor > 1 else {0.001: "mm", 0.01: "cm"}[factor]
             raise InputError(
-                f"The {which} seem to be in {other}: the measured points are {ratio:.3g} times as far apart "
+                f"The {which} {verb} to be in {other}: the measured points are {ratio:.3g} times as far apart "
                 f"as those of the target. Give {option} {other}."
             )
     if not 0.5 < ratio < 2.0:
