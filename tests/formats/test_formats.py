@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from support import SEED, exact_poses
 
 from uq_handeye.errors import InputError, InputWarning
+from uq_handeye.formats.controllers.forms import CONTROLLERS
 from uq_handeye.io import FORMATS, read_poses, read_stream, write_pose_file
 
 cv2 = pytest.importorskip("cv2")
@@ -73,6 +74,13 @@ def test_samples(truth, files, format, times, atol):
     assert_same(read_poses(*paths, setup="eye-in-hand", format=format), truth, atol)
 
 
+@pytest.mark.parametrize("name", [*CONTROLLERS, "table"])
+def test_samples_of_controllers(truth, name):
+    (path,) = SAMPLES.glob(f"robot.{name}.*")
+    poses = read_poses(path, SAMPLES / "camera.csv", format=(None if name == "table" else name, None))
+    np.testing.assert_allclose(poses.robot, truth.robot, rtol=0, atol=2e-9)
+
+
 @pytest.mark.parametrize("name", ["easy_handeye_eob.yaml", "easy_handeye2_eob.samples"])
 def test_easy_handeye_on_base_holds_inverse_robot_poses(name):
     truth = read_poses(SAMPLES / "robot_eob.csv", SAMPLES / "camera_eob.csv", setup="eye-to-hand")
@@ -98,7 +106,8 @@ def test_every_format_has_a_sample():
 def read_stream_format(path):
     from uq_handeye.formats.detect import read_contents
 
-    return read_contents(path, None)[1].format
+    name = path.name.split(".")[1]  # the columns of some makers bear the names of others
+    return read_contents(path, name if name in CONTROLLERS else None)[1].format
 
 
 # -------------------------------------------------------------------------------------- what the tools' libraries write

@@ -18,6 +18,8 @@ ALIASES = {
     **{f"{prefix}{axis}": axis for prefix in ("t", "t_", "p", "p_", "pos_") for axis in "xyz"},
     **{f"{prefix}{axis}": f"q{axis}" for prefix in ("q_", "quat_") for axis in "xyzw"},
 }
+# Longest name of a column.
+LONGEST = 200
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 _UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_([a-z]{1,3}))")
@@ -36,6 +38,8 @@ def meaning_and_unit(name: str) -> tuple[str, str | None]:
     >>> meaning_and_unit("x [mm]"), meaning_and_unit("pose.orientation.w"), meaning_and_unit("time_ns")
     (('x', 'mm'), ('qw', None), ('timestamp', 'ns'))
     """
+    if len(name) > LONGEST:
+        return name, None
     small = name.lower()
     if small == "%time":
         return "timestamp", "ns"

@@ -249,6 +249,14 @@ def _header(line: bytes, where: str) -> _Header:
     raise InputError(f"{where}: expected the header {HEADER}, got {short(text)} ({details}){hint}.")
 
 
+def is_csv_header(line: str) -> bool:
+    """Return whether a line names the columns of `COLUMNS`, and perhaps others."""
+    with suppress(InputError):
+        _header(line.encode(errors="replace"), "")
+        return True
+    return False
+
+
 def _missing_line(n: int) -> str:
     """Describe what to do with n numbers in a line without names."""
     if n in (12, 16):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from .contents import Contents
+from .controllers.registry import ABOUT, NAMES, kind_of, read_controller
 from .matrices.franka import is_franka, read_franka
 from .matrices.halcon import is_halcon, read_halcon
 from .matrices.text import is_matrix_text, read_matrix_text
@@ -30,18 +32,26 @@ class TextFormat:
     is_it: Callable[[str], bool]
 
 
+def _is_kind(name: str, head: str) -> bool:
+    return kind_of(head) == name
+
+
 TEXTS: dict[str, TextFormat] = {
     "tf-echo": TextFormat("what tf2_echo and tf_echo print", read_tf_echo, is_tf_echo),
     "ros-topic": TextFormat("what ros2 topic echo and rostopic echo print", read_ros_topic, is_ros_topic),
     "franka": TextFormat("O_T_EE of Franka robots: tables, JSON, printed states", read_franka, is_franka),
     "zivid": TextFormat("a transform of Zivid, YAML, in mm", read_zivid, is_zivid),
     "halcon": TextFormat("what write_pose of HALCON writes", read_halcon, is_halcon),
-    # The last one: numbers alone.
+    **{name: TextFormat(ABOUT[name], partial(read_controller, name), partial(_is_kind, name)) for name in NAMES},
     "matrix": TextFormat("4x4 or 3x4 matrices in text, also KITTI", read_matrix_text, is_matrix_text),
 }
 
 
+# Numbers alone, which the others may hold as well.
+_LAST = ("table", "matrix")
+
+
 def named_by(head: str) -> list[str]:
     """Return the formats that a text may have, by its beginning."""
-    named = [name for name, known in TEXTS.items() if name != "matrix" and known.is_it(head)]
-    return named or ["matrix"] * TEXTS["matrix"].is_it(head)
+    named = [name for name, known in TEXTS.items() if name not in _LAST and known.is_it(head)]
+    return named or [name for name in _LAST if TEXTS[name].is_it(head)][:1]

@@ -34,10 +34,15 @@ BUNDLE = "bundle"
 EVERY_METHOD = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
 SETUP_NAMES = ("eye-in-hand", "eye-to-hand")
 COVARIANCE_NAMES = ("model", "sigma-points", "sandwich", "hac", "jackknife", "bootstrap")
-CONTROLLER_NAMES = ("ur", "kuka", "fanuc", "abb", "staubli", "yaskawa", "kawasaki", "rpy")
+CONTROLLER_NAMES = (
+    *("ur", "kuka", "fanuc", "abb", "staubli", "yaskawa", "kawasaki", "mitsubishi", "denso", "epson", "doosan"),
+    *("comau", "techman", "dobot", "jaka", "xarm", "rpy"),
+)
 FORMAT_NAMES = (
     *("csv", "tum", "npz", "npy", "easy_handeye", "easy_handeye2", "moveit", "opencv", "json"),
     *("tf-echo", "ros-topic", "franka", "zivid", "halcon", "matrix"),
+    *CONTROLLER_NAMES,
+    "table",
 )
 ROBOT_FRAMES = ("base_T_gripper", "gripper_T_base")
 CAMERA_FRAMES = ("camera_T_target", "target_T_camera")

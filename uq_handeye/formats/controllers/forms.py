@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+# Tables of many makers in one place; each convention was compared with the maker's words where these are public.
+_POSE_FORMATS = "rc_visard manual, appendix Pose formats (docs.baslerweb.com/stereovisard)"
+_MECH_MIND = "Mech-Mind documentation, Euler Angles (docs.mech-mind.net, appendix)"
+_ROBODK = "RoboDK Python API, robomath (robodk.com/doc/en/PythonAPI/robodk.html)"
+
 
 @dataclass(frozen=True)
 class PoseForm:
@@ -27,6 +32,7 @@ class PoseForm:
     source: str
 
 
+_RXYZ = ("Rx", "Ry", "Rz")
 _FORMS = (
     PoseForm(
         "ur",
@@ -74,7 +80,7 @@ _FORMS = (
         "Yaskawa",
         "xyz-deg",
         "mm",
-        ("Rx", "Ry", "Rz"),
+        _RXYZ,
         "Yaskawa Operator's Manual, wrist attitude: Rx, Ry, Rz about the fixed axes X, Y, Z",
     ),
     PoseForm(
@@ -84,6 +90,29 @@ _FORMS = (
         "mm",
         ("O", "A", "T"),
         "Kawasaki AS Language Reference Manual: transformation values X, Y, Z, O, A, T, Euler angles Z, Y, Z",
+    ),
+    PoseForm(
+        "mitsubishi",
+        "Mitsubishi Electric (MELFA)",
+        "xyz-deg",
+        "mm",
+        ("A", "B", "C"),
+        f"{_POSE_FORMATS}, Mitsubishi: A, B, C about the fixed axes X, Y, Z",
+    ),
+    PoseForm("denso", "Denso", "xyz-deg", "mm", ("RX", "RY", "RZ"), f"{_MECH_MIND}: static XYZ"),
+    PoseForm("epson", "Epson", "ZYX-deg", "mm", ("U", "V", "W"), f"{_MECH_MIND}: rotated ZYX; U about Z, V, W"),
+    PoseForm("doosan", "Doosan", "ZYZ-deg", "mm", ("A", "B", "C"), f"{_MECH_MIND}: rotated ZYZ; posx in DRL"),
+    PoseForm("comau", "Comau", "ZYZ-deg", "mm", ("A", "E", "R"), f"{_MECH_MIND}: rotated ZYZ; {_ROBODK}, Pose_2_Comau"),
+    PoseForm("techman", "Techman", "xyz-deg", "mm", _RXYZ, f"{_MECH_MIND}, TM: static XYZ"),
+    PoseForm("dobot", "Dobot", "xyz-deg", "mm", _RXYZ, f"{_MECH_MIND}: static XYZ"),
+    PoseForm("jaka", "JAKA", "xyz-deg", "mm", _RXYZ, f"{_MECH_MIND}: static XYZ"),
+    PoseForm(
+        "xarm",
+        "UFACTORY",
+        "xyz-deg",
+        "mm",
+        ("roll", "pitch", "yaw"),
+        "UFACTORY xArm User Manual, Attitude: R = Rz(yaw) Ry(pitch) Rx(roll); mm and deg by default in its Python SDK",
     ),
     PoseForm(
         "rpy",

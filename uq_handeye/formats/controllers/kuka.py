@@ -1,0 +1,65 @@
+"""Poses of KUKA's ``.dat`` and ``.src`` files: ``DECL E6POS XP1={X 100.0,Y 0.0,Z 500.0,A 0.0,B 90.0,C 0.0,...}``.
+
+Millimetres and degrees: A about Z, B about the new Y, C about the new X. Source: KUKA System Software, Operating and
+Programming Instructions for System Integrators: structures FRAME, POS and E6POS; AXIS and E6AXIS hold joints. The
+frames of tools and bases (``$TOOL``, ``BASE_DATA`` ...) are no poses.
+"""
+
+from __future__ import annotations
+
+import re
+
+from ..contents import Contents
+from .forms import CONTROLLERS
+from .found import VALUE, Found, Lines, contents_of
+
+_STRUCTURE = re.compile(r"\{([^{}]*)\}")
+_PAIR = re.compile(rf"\b([A-Z]\w*)(?:\s*[:=]\s*|\s+)({VALUE})", re.IGNORECASE)
+_NAME = re.compile(r"([$\w]+)(?:\s*\[[\d,\s]*\])?\s*=\s*(?:E6POS|POS|FRAME)?\s*:?\s*$", re.IGNORECASE)
+_NUMBERS = ("X", "Y", "Z", "A", "B", "C")
+_NO_POSES = re.compile(r"^\$|TOOL|BASE|LOAD|WORLD|^ROBROOT", re.IGNORECASE)
+
+
+def is_kuka(head: str) -> bool:
+    """Return whether a text holds structures of poses or joints in KRL."""
+    if re.search(r"\bE6AXIS\b", head, re.IGNORECASE):
+        return True
+    if head.lstrip().startswith(("{", "[")) and ":" in head[:200] and '"' in head[:200]:
+        return False  # JSON
+    for match in _STRUCTURE.finditer(head):
+        keys = {key.upper() for key, _ in _PAIR.findall(match[1])}
+        if {"X", "A"} <= keys or {"A1", "A2"} <= keys:
+            return True
+    return False
+
+
+def read_kuka(text: str, name: str) -> Contents:
+    """Return the poses of a text."""
+    lines = Lines(text)
+    found = Found()
+    parts = others = 0
+    for match in _STRUCTURE.finditer(text):
+        line_start = text.rfind("\n", 0, match.start()) + 1
+        before = text[max(line_start, match.start() - 100) : match.start()]
+        if before.lstrip().startswith(";"):
+            continue
+        values = {key.upper(): value for key, value in _PAIR.findall(match[1])}
+        if {"A1", "A2"} <= values.keys():
+            found.joints += 1
+            continue
+        if not {"X", "Y", "Z", "A", "B", "C"} & values.keys():
+            continue
+        label = _NAME.search(before)
+        if label is not None and _NO_POSES.search(label[1]):
+            others += 1
+        elif not set(_NUMBERS) <= values.keys() or "_REL" in before.upper():
+            parts += 1
+        else:
+            found.add(
+                lines.at(match.start()), "" if label is None else label[1], [values[key] for key in _NUMBERS], name
+            )
+    if parts:
+        found.notes.append(f"{parts} relative or incomplete frames (not all of X, Y, Z, A, B, C) are left out")
+    if others:
+        found.notes.append(f"{others} frames of tools and bases are left out")
+    return contents_of(found, name, CONTROLLERS["kuka"])

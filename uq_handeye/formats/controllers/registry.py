@@ -1,0 +1,86 @@
+"""Formats of the makers: how each is told by its beginning and read, as a program or as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+from ..contents import COLUMNS, Contents
+from ..csv_poses import is_csv_header
+from ..tum import names_order
+from .abb import has_lists, is_abb, read_abb
+from .fanuc import is_fanuc, read_fanuc
+from .forms import CONTROLLERS
+from .kawasaki import is_kawasaki, read_kawasaki
+from .kuka import is_kuka, read_kuka
+from .staubli import has_braces, is_staubli, read_staubli
+from .tables import read_pose_table, table_kind
+from .ur import is_ur, read_ur
+from .yaskawa import is_yaskawa, read_yaskawa
+
+_Test = Callable[[str], bool]
+_Reader = Callable[[str, str], Contents]
+
+# Programs of the makers; in this order a text is asked.
+PROGRAMS: dict[str, tuple[_Test, _Reader]] = {
+    "yaskawa": (is_yaskawa, read_yaskawa),
+    "fanuc": (is_fanuc, read_fanuc),
+    "kawasaki": (is_kawasaki, read_kawasaki),
+    "kuka": (is_kuka, read_kuka),
+    "ur": (is_ur, read_ur),
+    "staubli": (is_staubli, read_staubli),
+    "abb": (is_abb, read_abb),
+}
+# What is theirs only if the format is asked for.
+_LOOSE: dict[str, _Test] = {"abb": has_lists, "staubli": has_braces}
+NAMES = (*CONTROLLERS, "table")
+ABOUT = {
+    **{name: f"{form.maker}: x, y, z, {', '.join(form.columns)}" for name, form in CONTROLLERS.items()},
+    "table": "numbers of poses in columns, with or without names",
+}
+# What a text of another format begins with.
+_OTHERS = ("%YAML", "---", "- ", '<?xml version="1.0"?>\n<opencv')
+
+
+@lru_cache(maxsize=4)
+def kind_of(head: str) -> str | None:
+    """Return the format of a text by its beginning, or None."""
+    for name, (is_it, _) in PROGRAMS.items():
+        if is_it(head):
+            return name
+    if has_lists(head):
+        return "table"
+    if head.lstrip().startswith(("<", *_OTHERS)):
+        return None
+    for line in head.split("\n", 40)[:40]:
+        content = line.strip()
+        if not content:
+            continue
+        if is_csv_header(content.lstrip("# \t")):
+            return None
+        if content.startswith("#"):
+            continue
+        words = content.split()
+        if len(words) == len(COLUMNS) and (_numbers(words) or names_order([word.encode() for word in words])):
+            return None  # TUM
+        break
+    return table_kind(head)
+
+
+def _numbers(words: list[str]) -> bool:
+    try:
+        list(map(float, words))
+    except ValueError:
+        return False
+    return True
+
+
+def read_controller(format: str, text: str, name: str) -> Contents:
+    """Return the poses of a text in the format of a maker: a program of theirs, or a table of numbers."""
+    if format in PROGRAMS:
+        is_it, read = PROGRAMS[format]
+        if is_it(text) or (format in _LOOSE and _LOOSE[format](text)):
+            return read(text, name)
+    if format == "table" and has_lists(text):
+        return read_abb(text, name, sure=False)
+    return read_pose_table(text, name, CONTROLLERS.get(format))

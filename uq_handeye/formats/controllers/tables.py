@@ -1,0 +1,203 @@
+"""Tables of poses from controllers and people: columns by their names, or by their number where there are no names.
+
+Without names, a line holds x, y, z and three numbers of a rotation, or x, y, z and a quaternion, or axis and angle; one
+or two columns before them may number or time the rows. What the rotation is, the maker says that is asked for; the
+names of the columns; or, where several are possible, the other side (`io.readings`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...files.lines import short
+from ...geometry.se3 import Array
+from ..columns import SECONDS
+from ..contents import NORM_TOLERANCE, Contents, Side
+from ..number_table import NumberTable, read_number_table
+from .columns import QUATERNIONS, ROTATIONS, ColumnError, Columns, is_pose_header, pose_columns
+from .forms import CONTROLLERS, PoseForm
+from .readings import interpret
+
+HELP = "docs: From the robot's controller (docs/how-to/controller.md)"
+# Rows that tell whether a text is a table of poses.
+_LOOKED_AT = 50
+_POSITION = ("x", "y", "z")
+
+
+def read_pose_table(text: str, name: str, form: PoseForm | None = None) -> Contents:
+    """Return the poses of a table, in the convention of ``form``, or of the names of its columns, or in doubt."""
+    table = read_number_table(text, name, is_pose_header, HELP)
+    return _contents(table, _columns(table, form), form)
+
+
+def table_kind(head: str) -> str | None:
+    """Return the format that the beginning of a text is a table of: a maker, "table" where that is open, or None."""
+    text = "\n".join(head.splitlines()[:_LOOKED_AT]) if head.count("\n") > _LOOKED_AT else head
+    try:
+        table = read_number_table(text, "", is_pose_header, "", guessed=text is not head or len(head) > 65_000)
+        columns = _columns(table, None)
+        contents = _contents(table, columns, None)
+    except InputError:
+        return None
+    assert contents.only is not None
+    names = {reading.format for reading in contents.only.readings}
+    return names.pop() if len(names) == 1 else "table"
+
+
+def _columns(table: NumberTable, form: PoseForm | None) -> Columns:
+    """Return the columns of a table, by their names or by their number."""
+    if table.names is not None:
+        try:
+            return pose_columns(table.names, table.units)
+        except ColumnError as error:
+            raise InputError(
+                f"{table.name}: expected columns of a position and a rotation, got {short(', '.join(table.names))} "
+                f"({error}); {HELP}."
+            ) from error
+    columns = _by_number(table)
+    if columns is None:
+        n = table.values.shape[1]
+        raise InputError(
+            f"{table.name}, line {table.lines[0]}: expected x, y, z and a rotation of three or four numbers, got {n} "
+            f"numbers without names. Name the columns in a first line, e.g. x,y,z,rx,ry,rz; {HELP}."
+        )
+    if form is not None and columns.kind == "unsaid" and len(columns.rotation) == 4 and len(form.columns) == 3:
+        raise InputError(
+            f"{table.name}: expected x, y, z, {', '.join(form.columns)} ({form.maker}), got a quaternion in each line; "
+            f"{HELP}."
+        )
+    return columns
+
+
+def _by_number(table: NumberTable) -> Columns | None:
+    """Return the columns of a table without names; None where their number fits no pose."""
+    values = table.values
+    n = values.shape[1]
+    first = 0
+    while n - first > 6 and first < 2 and not _is_pose(values[:, first:]) and _counts(values[:, first]):
+        first += 1
+    rest = values[:, first:]
+    kind, rotation = "unsaid", 3
+    if rest.shape[1] == 7 and _unit(rest[:, 3:7]):
+        rotation = 4
+    elif rest.shape[1] == 7 and _unit(rest[:, 3:6]):
+        kind, rotation = "axis-angle", 4
+    elif rest.shape[1] == 7 and _unit(rest[:, :4]):
+        units = [unit for unit in table.units[first + 4 : first + 7] if unit]
+        return Columns(
+            kind, _time(values, first), (first + 4, first + 5, first + 6), tuple(range(first, first + 4)),
+            units[0] if units else None, None,
+        )  # fmt: skip
+    elif rest.shape[1] != 6:
+        return None
+    lengths, angles = set(table.units[first : first + 3]) - {""}, set(table.units[first + 3 :]) - {""}
+    return Columns(
+        kind,
+        _time(values, first),
+        (first, first + 1, first + 2),
+        tuple(range(first + 3, first + 3 + rotation)),
+        lengths.pop() if len(lengths) == 1 else None,
+        {"°": "deg"}.get(angle := angles.pop(), angle) if len(angles) == 1 else None,
+    )
+
+
+def _is_pose(rest: Array) -> bool:
+    return rest.shape[1] == 7 and (_unit(rest[:, 3:7]) or _unit(rest[:, :4]) or _unit(rest[:, 3:6]))
+
+
+def _unit(numbers: Array) -> bool:
+    with np.errstate(all="ignore"):
+        return bool((np.abs(np.linalg.norm(numbers, axis=1) - 1.0) <= NORM_TOLERANCE).all())
+
+
+def _counts(column: Array) -> bool:
+    """Return whether a column numbers or times the rows: it grows."""
+    return bool((np.diff(column) > 0).all())
+
+
+def _time(values: Array, first: int) -> int | None:
+    """Return the column of times among the first; row numbers are none."""
+    for k in range(first):
+        if len(values) > 1 and not (np.abs(np.diff(values[:, k]) - 1.0) < 1e-9).all():
+            return k
+    return None
+
+
+def _contents(table: NumberTable, columns: Columns, form: PoseForm | None) -> Contents:
+    values = table.values
+    notes = list(table.notes)
+    position, rotation = values[:, columns.position], values[:, columns.rotation]
+    names = _names(table, columns, form)
+    if table.names is not None:
+        _require_kind(table, columns, form)
+        left = [one for k, one in enumerate(table.names) if k not in columns.used]
+        if left:
+            notes.append(f"not used: the columns {short(', '.join(left))}")
+    kind = columns.kind
+    if kind == "axis-angle":
+        with np.errstate(all="ignore"):
+            rotation = rotation[:, :3] / np.linalg.norm(rotation[:, :3], axis=1)[:, None] * rotation[:, 3:]
+        kind, form, names = "rotvec", None, (*names[:4], *(f"{one} times angle" for one in names[4:7]))
+        notes.append("axis and angle read as a rotation vector")
+    times, note = _times(values, columns)
+    notes += [note] if note else []
+    found = interpret(kind, position, rotation, form, columns.length, columns.angle)
+    notes += found.notes
+    if len(found.readings) == 1:
+        reading = found.readings[0]
+        maker = CONTROLLERS.get(reading.format)
+        what = "a table" if maker is None else maker.maker
+        by = "" if form is not None else ", by the names of the columns"
+        notes.append(f"{', '.join(names[4:])} read as {reading.rotation} ({what}{by}), lengths in {reading.units}")
+    side = Side(
+        table.name, position, rotation, times, table.lines, "line", "xyzw", names,
+        units=columns.length, readings=found.readings,
+    )  # fmt: skip
+    return Contents(only=side, notes=tuple(notes))
+
+
+def _names(table: NumberTable, columns: Columns, form: PoseForm | None) -> tuple[str, ...]:
+    """Return the names of time, position and rotation for messages."""
+    used = (*columns.position, *columns.rotation)
+    if table.names is not None:
+        time = "timestamp" if columns.time is None else table.names[columns.time]
+        return (time, *(table.names[k] for k in used))
+    if form is not None and len(form.columns) == len(columns.rotation):
+        return ("timestamp", *_POSITION, *form.columns)
+    return ("1", *(str(k + 1) for k in used))
+
+
+def _require_kind(table: NumberTable, columns: Columns, form: PoseForm | None) -> None:
+    """Raise where the names of the columns say another form than the one asked for."""
+    if form is None or columns.kind in ("rxyz", "euler", "axis-angle"):
+        return
+    assert table.names is not None
+    quaternion = columns.kind in QUATERNIONS
+    if quaternion != (len(form.columns) == 4) or (
+        columns.kind in ("abc", "wpr", "oat", "rotvec", "uvw", "aer")
+        and (
+            tuple(name.lower() for name in form.columns) != ROTATIONS[columns.kind]
+            and not (columns.kind == "rotvec" and form.name == "ur")
+        )
+    ):
+        got = ", ".join(table.names[k] for k in columns.rotation)
+        raise InputError(
+            f"{table.name}: expected {', '.join(form.columns)} ({form.maker}), got the columns {got}. Leave --format "
+            f"and --robot-format out, or rename the columns; {HELP}."
+        )
+
+
+def _times(values: Array, columns: Columns) -> tuple[NDArray[np.float64] | None, str]:
+    """Return the times in seconds, and what is to be said of their unit."""
+    if columns.time is None:
+        return None, ""
+    times = values[:, columns.time] * SECONDS[columns.time_unit]
+    if columns.time_unit in ("s", "sec"):
+        largest = np.nanmax(np.abs(times)) if len(times) else 0.0
+        for limit, unit in ((1e17, "ns"), (1e14, "us"), (1e11, "ms")):  # seconds since 1970 are 1.7e9
+            if largest > limit:
+                return times * SECONDS[unit], f"timestamps in {unit}, as their size shows"
+        return times, ""
+    return times, f"timestamps in {columns.time_unit}, as the column is named"

@@ -1,0 +1,301 @@
+"""Tables of numbers as people and programs write them: with or without a line of names, in any of the usual styles.
+
+Fields are separated by commas, semicolons, tabs or spaces, or stand in brackets, one pair per pose (Python, JSON and
+NumPy lists, also over several lines); or each number stands behind its name (``X=1 Y=2``, ``{"x": 1, "y": 2}``).
+Taken as well: decimal commas where commas do not separate, quotes, units behind numbers (``90 deg``), comments (lines
+that start with #, %, //, ! or ;), a line of units below the names, a byte order mark, line ends of any system, and
+columns of text, which are left out. What the numbers mean is not decided here.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files.lines import MAX_LINE, MAX_ROWS, short
+from ..geometry.se3 import Array
+
+# Lines before the names or the first numbers that may hold a title.
+TITLE_LINES = 30
+# Comments that may hold the names of the columns.
+MOST_COMMENTS = 200
+# Numbers that a pose of a table without names has at least.
+FEWEST = 6
+
+NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_FIELD = re.compile(rf"({NUMBER}|[+-]?(?:nan|inf(?:inity)?))\s*(mm|cm|m|in|deg|rad|°)?", re.IGNORECASE)
+_COMMA_NUMBER = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?|[+-]?\d+")
+_NAMED = re.compile(
+    rf"""(?<![\w.])["']?([A-Za-z_][\w.]*)["']?\s*(?:[:=]\s*|\s)({NUMBER}|[+-]?nan\b)\s*(mm\b|deg\b|rad\b|m\b|°)?""",
+    re.IGNORECASE,
+)
+_COMMENT = re.compile(r"#|%|//|!|;")
+_GROUP = re.compile(r"\[([^\[\]{}()]*)\]")
+_MAP = re.compile(r"\{([^{}\[\]]*)\}")
+_SPACED_UNIT = re.compile(r"\s+(?=[\[(][\w°/^ -]*[\])])")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table: the fields as texts, or the numbers behind their names."""
+
+    line: int
+    fields: list[str]
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class NumberTable:
+    """The numbers (n, k) of a table.
+
+    Parameters
+    ----------
+    name : the file, for messages
+    values : (n, k) numbers, finite or not
+    lines : (n,) line number of each row
+    names : of the columns, as they stand in the file; None: the file names none
+    units : behind the numbers of each column; empty where there is none
+    notes : what was found out
+    """
+
+    name: str
+    values: Array
+    lines: NDArray[np.int64]
+    names: tuple[str, ...] | None
+    units: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+def read_number_table(
+    text: str, name: str, is_header: Callable[[Sequence[str]], bool], help: str, guessed: bool = False
+) -> NumberTable:
+    """Return the numbers of a text.
+
+    Parameters
+    ----------
+    text : the whole file, or with ``guessed`` its beginning, of which the last line is left out
+    name : of the file, for messages
+    is_header : whether names of columns are those of poses
+    help : what the messages end with: the page or the option that helps
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the line, and the column.
+    """
+    text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+    if guessed and "\n" in text[1:]:
+        text = text[: text.rindex("\n")]
+    names, rows, notes = _named_rows(text, name, is_header)
+    if names is None and not rows:
+        raise InputError(f"{name}: expected a table of poses, got no line of at least {FEWEST} numbers; {help}.")
+    if not rows:
+        raise InputError(f"{name}: no rows below the names of the columns; expected one line per pose.")
+    return _table(name, names, rows, notes, help)
+
+
+def number_of(field: str) -> float | None:
+    """Return the number of a field, with a point or, alone, a decimal comma; None for a text."""
+    match = _FIELD.fullmatch(field.strip())
+    return None if match is None else float(match[1])
+
+
+def _named_rows(
+    text: str, name: str, is_header: Callable[[Sequence[str]], bool]
+) -> tuple[tuple[str, ...] | None, list[Row], list[str]]:
+    """Return the names of the columns, if there are any, the rows, and notes."""
+    names: tuple[str, ...] | None = None
+    rows: list[Row] = []
+    notes: list[str] = []
+    title = comments = 0
+    separator: str | None = None
+    for number, line in _lines_of(text, name):
+        content = line.strip()
+        comment = _COMMENT.match(content)
+        if comment is not None:
+            comments += 1
+            bare = content.lstrip("#%/!; \t")
+            if names is None and not rows and comments < MOST_COMMENTS:
+                names = tuple(found) if is_header(found := _split(bare, _separator(bare))) else None
+            continue
+        named = _named_row(number, content, is_header)
+        if named is not None:
+            rows.append(named)
+            continue
+        if not rows and _is_unit_row(content):
+            names = None if names is None else _with_units(names, _split(content, _separator(content)))
+            continue
+        if not rows:
+            separator = _separator(content, len(names or ()))
+        fields = _split(content, separator)
+        numbers = [field for field in fields if number_of(_point(field, separator)) is not None]
+        if not rows and len(numbers) < min(FEWEST, len(fields)) and not (names and len(fields) == len(names)):
+            found = _split(content, _separator(content))
+            if is_header(found):
+                names = tuple(found)
+                continue
+            title += 1
+            if title > TITLE_LINES:
+                break
+            continue
+        if rows and not numbers and is_header(fields):  # files put together repeat the names
+            continue
+        if separator != "," and any("," in field for field in numbers):
+            note = "numbers with decimal commas"
+            notes += [note] if note not in notes else []
+        rows.append(Row(number, [_point(field, separator) for field in fields]))
+        if len(rows) > MAX_ROWS:
+            raise InputError(f"{name}, line {number}: expected at most {MAX_ROWS} rows; split the file.")
+    if title and rows:
+        notes.append(f"{title} lines before the table are left out")
+    return names, rows, notes
+
+
+def _lines_of(text: str, name: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines with their numbers; brackets that hold one pose each are a line."""
+    begin = text[: 2 * MAX_LINE].lstrip()
+    if begin.startswith(("[", "(", "{", "array", "np.")) or re.match(r"[A-Za-z_]\w*\s*=\s*(np\.)?(array)?\(?\[", begin):
+        maps = list(islice(_MAP.finditer(text), MAX_ROWS + 1))
+        groups = maps or list(islice(_GROUP.finditer(text), MAX_ROWS + 1))
+        if groups:
+            ends = [match.start() for match in re.finditer("\n", text)]
+            for match in groups:
+                if match.end() - match.start() > MAX_LINE:
+                    raise InputError(f"{name}: expected a pose in each pair of brackets, got {match.end()} characters.")
+                yield bisect_right(ends, match.start()) + 1, " ".join(match[1].split("\n"))
+            return
+    start = 0
+    number = 0
+    while start <= len(text):
+        number += 1
+        end = text.find("\n", start)
+        end = len(text) if end < 0 else end
+        if end - start > MAX_LINE:
+            raise InputError(
+                f"{name}, line {number}: expected lines of at most {MAX_LINE} characters, got a longer one; is it a "
+                "table in text?"
+            )
+        if line := text[start:end].strip():
+            yield number, line
+        start = end + 1
+
+
+def _named_row(number: int, content: str, is_header: Callable[[Sequence[str]], bool]) -> Row | None:
+    """Return a line in which each number stands behind its name."""
+    pairs = _NAMED.findall(content)
+    if len(pairs) < FEWEST or not is_header(names := [pair[0] for pair in pairs]):
+        return None
+    return Row(number, [pair[1] for pair in pairs], tuple(names), tuple(pair[2].lower() for pair in pairs))
+
+
+def _separator(content: str, columns: int = 0) -> str | None:
+    """Return what separates the fields of a line; None for spaces."""
+    content = content.rstrip("; \t,")
+    bare = _bare(content)
+    if ";" in bare:
+        return ";"
+    if "\t" in bare.strip() and len(bare.split("\t")) > len(bare.replace("\t", " ").split(", ")):
+        return "\t"
+    if "," in bare:
+        words = bare.split()
+        if len(words) >= FEWEST and len(words) >= columns and all(_COMMA_NUMBER.fullmatch(word) for word in words):
+            return None
+        return ","
+    return None
+
+
+def _bare(content: str) -> str:
+    """Return a line without the brackets, the quotes and the name around its fields."""
+    if '"' in content:
+        return content
+    match = re.fullmatch(r"[^\[\](){}]*?[\[({](.*)[\])}]\W*", content)
+    return (
+        match[1] if match is not None and number_of(match[1].replace(";", ",").split(",")[0]) is not None else content
+    )
+
+
+def _split(content: str, separator: str | None) -> list[str]:
+    """Return the fields of a line."""
+    content = _bare(content.rstrip("; \t" if separator != "\t" else "; "))
+    if separator is None:
+        return [field.strip("\"',") for field in _SPACED_UNIT.sub("", " ".join(content.split())).split()]
+    fields = (
+        next(csv.reader([content], delimiter=separator, skipinitialspace=True))
+        if '"' in content
+        else (content.split(separator))
+    )
+    fields = [field.strip(" \t'\"") for field in fields]
+    while len(fields) > 1 and not fields[-1]:
+        fields.pop()
+    if fields and ":" in fields[0] and number_of(fields[0]) is None:  # "pose 1: 0.1, ..."
+        label, _, first = fields[0].rpartition(":")
+        if number_of(first) is not None:
+            fields[:1] = [label, first.strip()]
+    return fields
+
+
+def _point(field: str, separator: str | None) -> str:
+    """Return a number with a decimal comma with a point."""
+    return field.replace(",", ".") if "," in field and re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", field) else field
+
+
+def _is_unit_row(content: str) -> bool:
+    """Return whether a line holds units only: [mm];[mm];[mm];[deg];..."""
+    words = [word.strip("[]()\"' ") for word in re.split(r"[,;\t]|\s{1,}", content)]
+    known = {"mm", "cm", "m", "in", "deg", "rad", "°", "s", "ms", "ns", "-", "", "degree", "degrees"}
+    return len(set(words) & {"mm", "cm", "m", "deg", "rad", "°"}) > 0 and set(words) <= known
+
+
+def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
+    if len(names) != len(units):
+        return tuple(names)
+    bare = [unit.strip("[]() ") for unit in units]
+    return tuple(f"{one} [{unit}]" if unit not in ("", "-") else one for one, unit in zip(names, bare, strict=True))
+
+
+def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: list[str], help: str) -> NumberTable:
+    """Return the columns of numbers, each row with as many fields."""
+    first = rows[0]
+    if first.names:
+        names = first.names
+        rows = [row for row in rows if row.names]
+        for row in rows:
+            if row.names != names:
+                raise InputError(
+                    f"{name}, line {row.line}: expected the numbers {', '.join(names)} as in line {first.line}, got "
+                    f"{short(', '.join(row.names))}; {help}."
+                )
+    count = len(first.fields) if names is None else len(names)
+    what = "the columns of the first line" if names is None else "the names"
+    for row in rows:
+        if len(row.fields) != count or row.names != first.names:
+            raise InputError(
+                f"{name}, line {row.line}: expected {count} fields as {what} say, got {len(row.fields)}; {help}."
+            )
+    columns = [k for k in range(count) if number_of(first.fields[k]) is not None]
+    values = np.empty((len(rows), len(columns)))
+    for i, row in enumerate(rows):
+        for j, k in enumerate(columns):
+            value = number_of(row.fields[k])
+            if value is None:
+                column = str(k + 1) if names is None else names[k]
+                got = short(row.fields[k]) if row.fields[k] else "an empty field"
+                raise InputError(f"{name}, line {row.line}, column {column}: expected a number, got {got}.")
+            values[i, j] = value
+    if len(columns) < count:
+        left = [str(k + 1) if names is None else names[k] for k in range(count) if k not in columns]
+        notes.append(f"not used: the columns of text {short(', '.join(left))}")
+    matches = [_FIELD.fullmatch(first.fields[k].strip()) for k in columns]
+    units = first.units or tuple("" if match is None else (match[2] or "").lower() for match in matches)
+    chosen = None if names is None else tuple(names[k] for k in columns)
+    lines = np.array([row.line for row in rows], dtype=np.int64)
+    return NumberTable(name, values, lines, chosen, units, tuple(notes))
