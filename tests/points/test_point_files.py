@@ -1,10 +1,12 @@
 """Tables of points as people write them, folders of poses from points, the figure."""
 
 import dataclasses
+import re
 import warnings
 
 import numpy as np
 import pytest
+from pages import DOCS
 from points_cases import rig
 from support import SEED
 
@@ -42,6 +44,13 @@ def test_tables_that_people_write(text, tmp_path):
     found = uq.read_points(path)
     assert found.row.tolist() == ROWS and found.point.tolist() == NAMES
     np.testing.assert_array_equal(found.xyz, XYZ)
+
+
+@pytest.mark.parametrize("page", ["formats.md", "how-to/points.md"])
+def test_examples_of_the_documentation(page, tmp_path):
+    text = re.search(r"^```csv\n(pose,point.*?)^```", (DOCS / page).read_text(), re.DOTALL | re.MULTILINE)[1]
+    (tmp_path / "points.csv").write_text(text)
+    assert uq.read_points(tmp_path / "points.csv").point.tolist() == ["A", "B"]
 
 
 def test_units_and_tables_without_names(tmp_path):
