@@ -21,6 +21,9 @@ from .contents import COLUMNS, Contents
 from .csv_poses import read_csv
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
 from .many_files import joined_contents
+from .matrices.text import is_tree
+from .matrices.trees import matrices_of, read_matrix_tree
+from .not_poses import refuse_foreign
 from .numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from .numpy_poses import read_npy, read_npz
 from .opencv_storage import PAIRS, is_storage, read_opencv
@@ -52,6 +55,7 @@ _TREES: dict[str, Callable[[Any, str], Contents]] = {
     "moveit": read_moveit,
     "opencv": read_opencv,
     "json": read_json,
+    "matrix": read_matrix_tree,
 }
 
 # Suffixes that say the format, so that nothing needs to be said.
@@ -90,7 +94,8 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
         hashed = Hashed(raw)
         with BufferedReader(cast(Any, hashed), _HEAD) as file:
             head = file.peek(_HEAD)
-            kind = _kind(head, name, path.suffix) if format is None else _of(format)
+            refuse_foreign(head, name, path.suffix)
+            kind = _kind(head, name, path.suffix) if format is None else _of(format, head)
             found, contents = format, None
             try:
                 found, contents = _read(file, kind, format, path, name)
@@ -106,7 +111,11 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
     return contents, Source(shown(Path(path.name)), found, hashed.size, hashed.digest.hexdigest(), tuple(notes))
 
 
-def _of(format: str) -> str:
+def _of(format: str, head: bytes = b"") -> str:
+    if format == "matrix" and b"\0" not in head and is_tree(_text(head)):
+        return "tree"
+    if format in ("franka", "matrix") and head.startswith((b"PK", b"\x93NUMPY")):
+        return "npz" if head.startswith(b"PK") else "npy"
     return format if format in _TABLES or format in _ARRAYS or format in TEXTS else "tree"
 
 
@@ -122,7 +131,7 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         require_size(total, limit, path)
     data = b"".join(pieces)
     if kind in _ARRAYS:
-        return kind, _ARRAYS[kind](data, name)
+        return format or kind, _ARRAYS[kind](data, name)
     if kind in TEXTS:
         return kind, TEXTS[kind].read(_text(data), name)
     tree = _trees.parse_tree(data, name)
@@ -206,6 +215,8 @@ def _tree_format(tree: Any, name: str) -> str:
     found = [format for format, is_it in _MARKS.items() if is_it(tree)]
     if len(found) == 1:
         return found[0]
+    if not found and matrices_of(tree) is not None:
+        return "matrix"
     if found:
         raise InputError(f"{name}: the content fits {' and '.join(found)}; say which of them by `format` (--format).")
     raise InputError(

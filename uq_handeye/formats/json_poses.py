@@ -22,6 +22,8 @@ from ..files.fields import POSE_NAMES, got, item, matrix, number, transform, vec
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from .contents import Contents, Side, matrices_side
+from .matrices.arrays import is_poses, side_of_array
+from .matrices.trees import matrices_of, numbers_of
 
 QUATERNIONS = {"quaternion_xyzw": "xyzw", "quaternion_wxyz": "wxyz"}
 
@@ -113,7 +115,10 @@ def _side(values: Any, name: str, within: str, frame: str | None, times: Any) ->
     where = [f"{name}{within}, pose {k}" for k in range(len(values))]
     options: dict[str, Any] = {"frame": frame}
     if times is not None:
-        options["timestamps"] = np.array(vector(times, len(values), f"{name}, timestamps"))
+        n = 1 if (numbers := numbers_of(values)) is not None and numbers.shape in ((4, 4), (16,)) else len(values)
+        options["timestamps"] = np.array(vector(times, n, f"{name}, timestamps"))
+    if not isinstance(values[0], dict) and (numbers := numbers_of(values)) is not None and is_poses(numbers.shape):
+        return side_of_array(numbers, f"{name}{within}", options["frame"], options.get("timestamps"))[0]
     if not isinstance(values[0], dict):
         T = np.array([matrix(value, at) for value, at in zip(values, where, strict=True)])
         return matrices_side(f"{name}{within}", T, **options)
@@ -125,6 +130,8 @@ def _side(values: Any, name: str, within: str, frame: str | None, times: Any) ->
         return matrices_side(f"{name}{within}", T, **options)
     keys = [key for key in QUATERNIONS if key in values[0]]
     if len(keys) != 1:
+        if (found := matrices_of(values)) is not None:
+            return side_of_array(found[0], f"{name}{within}", frame, options.get("timestamps"))[0]
         raise InputError(
             f"{where[0]}: expected a 4x4 matrix, or translation and quaternion_xyzw or quaternion_wxyz, got "
             f"{got(values[0])}."

@@ -3,9 +3,9 @@
 Names in ``.npz``: ``robot`` and ``camera``, or a frame (`POSE_NAMES`), each (n, 4, 4); or rotations and translations by
 the names of OpenCV's arguments (`opencv_storage.PAIRS`); ``timestamps`` for both, or ``robot_timestamps`` and
 ``camera_timestamps``; ``setup``. A file with a single array (n, 4, 4) of another name, or with ``R`` and ``t`` or
-``rvecs`` and ``tvecs`` only, holds one side. Matrices may lack their last row, (n, 3, 4), or be flat, (n, 16). Nothing
-is unpickled, and the sizes that a file declares are checked before anything is read. Source of the rules: numpy/numpy,
-``numpy/lib/_format_impl.py``.
+``rvecs`` and ``tvecs`` only, holds one side. Matrices may lack their last row, (n, 3, 4), be flat, (n, 16), or stand
+column by column (`matrices.arrays`). Nothing is unpickled, and the sizes that a file declares are checked before
+anything is read. Source of the rules: numpy/numpy, ``numpy/lib/_format_impl.py``.
 """
 
 from __future__ import annotations
@@ -24,18 +24,21 @@ from ..files.fields import POSE_NAMES
 from ..files.lines import one_line, short
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
-from .contents import Contents, Side, matrices_side
+from .contents import Contents, Side
+from .matrices.arrays import is_poses, side_of_array
+from .not_poses import conversion
 from .opencv_storage import EITHER_SIDE, PAIRS, joined
 
 MAX_BYTES = 500_000_000  # of all arrays of a file, unpacked
 MAX_ARRAYS = 100
-_SHAPES = ((4, 4), (3, 4), (16,))  # of a pose
+FRANKA = "O_T_EE"
 TIMES = ("timestamps", "timestamp", "times", "t")
 
 
 def read_npy(data: bytes, name: str) -> Contents:
     """One array (n, 4, 4)."""
-    return Contents(only=_side(_array(io.BytesIO(data), len(data), name), name, name, None, None))
+    side, notes = _side(_array(io.BytesIO(data), len(data), name), name, None, None)
+    return Contents(only=side, notes=tuple(notes))
 
 
 def read_one_array(data: bytes, name: str) -> Array:
@@ -92,21 +95,25 @@ def read_npz(data: bytes, name: str) -> Contents:
         if key != role:
             notes.append(f"{role} poses from {key}")
         times = next((k for k in (f"{role}_timestamps", f"{role}_times") if k in arrays), common)
-        sides[role] = _side(array, name, f"{name}, {key}", None if key == role else frame, _times(arrays, times, name))
+        stamps = _times(arrays, times, name)
+        sides[role], said = _side(array, f"{name}, {key}", None if key == role else frame, stamps)
+        notes += said
     if sides:
         return Contents(sides.get("robot"), sides.get("camera"), setup=setup, notes=tuple(notes))
     if either is not None:
-        side = _side(either[1], name, f"{name}, {either[0]}", None, _times(arrays, common, name))
-        return Contents(only=side, setup=setup, notes=(*notes, f"poses from {either[0]}"))
-    stacks = [key for key, array in arrays.items() if array.shape[1:] in _SHAPES]
+        side, said = _side(either[1], f"{name}, {either[0]}", None, _times(arrays, common, name))
+        return Contents(only=side, setup=setup, notes=(*notes, f"poses from {either[0]}", *said))
+    stacks = [key for key, array in arrays.items() if is_poses(array.shape) and array.dtype.kind in "fiu"]
+    if FRANKA in stacks:
+        stacks = [FRANKA]
     if len(stacks) != 1:
         raise InputError(
             f"{name}: expected the arrays robot and camera, each (n, 4, 4), or a single one of that shape, or "
             f"rotations and translations as R_gripper2base and t_gripper2base, got the arrays {keys}."
         )
     notes.append(f"poses from {short(stacks[0])}")
-    side = _side(arrays[stacks[0]], name, f"{name}, {short(stacks[0])}", None, _times(arrays, common, name))
-    return Contents(only=side, setup=setup, notes=tuple(notes))
+    side, said = _side(arrays[stacks[0]], f"{name}, {short(stacks[0])}", None, _times(arrays, common, name))
+    return Contents(only=side, setup=setup, notes=(*notes, *said))
 
 
 def _times(arrays: dict[str, NDArray[Any]], key: str | None, name: str) -> Array | None:
@@ -118,17 +125,8 @@ def _times(arrays: dict[str, NDArray[Any]], key: str | None, name: str) -> Array
     return times.astype(float)
 
 
-def _side(array: NDArray[Any], name: str, where: str, frame: str | None, times: Array | None) -> Side:
-    T = _numbers(array, where)
-    if T.shape[1:] not in _SHAPES or not len(T):
-        hint = "; as x, y, z and quaternion they can be read from CSV" if T.shape[1:] in ((7,), (8,)) else ""
-        raise InputError(f"{where}: expected poses of shape (n, 4, 4), got {array.shape}{hint}.")
-    if T.shape[1:] == (3, 4):
-        T = np.concatenate([T, np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(T), 1, 4))], axis=1)
-    T = T.reshape(-1, 4, 4)
-    if times is not None and len(times) != len(array):
-        raise InputError(f"{where}: expected a time for each of the {len(array)} poses, got {len(times)}.")
-    return matrices_side(where, T, timestamps=times, frame=frame)
+def _side(array: NDArray[Any], where: str, frame: str | None, times: Array | None) -> tuple[Side, list[str]]:
+    return side_of_array(_numbers(array, where), where, frame, times)
 
 
 def _named(key: str) -> list[tuple[str, str]]:
@@ -170,7 +168,10 @@ def _array(file: Any, size: int, where: str) -> NDArray[Any]:
     try:
         shape, dtype, start = _header(file)
         if dtype.hasobject:
-            raise InputError(f"{where}: expected an array of numbers, got Python objects, which are not unpickled.")
+            raise InputError(
+                f"{where}: expected an array of numbers, got Python objects, which are never unpickled: they "
+                f"can run any code. {conversion(where, 'list(np.load(FILE, allow_pickle=True))')}"
+            )
         if math.prod(shape) * dtype.itemsize > size - file.tell() or any(length < 0 for length in shape):
             raise InputError(f"{where}: the file is cut off: its header declares more numbers than it holds.")
         file.seek(start)

@@ -24,7 +24,9 @@ from .layout import COUNTS, MOST_BEFORE, Found, fitting, found_in
 from .numbers import NotNumbersError, NumberLine, number_lines
 
 _PER_LINE = tuple(count + before for count in COUNTS for before in range(MOST_BEFORE + 1))
-_YAML = re.compile(r"^\s*(- |-?\s*[\w\"']+\s*:\s*([\[{|>]|$))|^\s*\{\s*([\"'A-Za-z]|$)")
+_YAML = re.compile(r"^\s*(- |---|%YAML)|^\s*\{\s*([\"'A-Za-z]|$)")
+# An entry of YAML that holds a list, or an item of a list.
+_ENTRY = re.compile(r"^\s*(- )*[\"']?\w+[\"']?\s*:\s*([\[{][^\]}\n]*,|\n\s*- )", re.MULTILINE)
 HELP = "docs/formats.md, Matrices in text"
 # Of 12 or 16 numbers, those of a robtarget or a jointtarget that say "no external axis".
 _NONE = 1e8
@@ -32,7 +34,7 @@ _NONE = 1e8
 
 def is_matrix_text(head: str) -> bool:
     """Return whether a text is of numbers of matrices, and of no other format."""
-    if head.lstrip()[:1] == "<" or _is_tree(head):
+    if head.lstrip()[:1] == "<" or is_tree(head):
         return False
     if header_of(head) is not None:
         return True
@@ -59,12 +61,10 @@ def is_matrix_text(head: str) -> bool:
     return blocks is not None and fitting(blocks[0])
 
 
-def _is_tree(head: str) -> bool:
+def is_tree(head: str) -> bool:
     """Return whether a text is JSON or YAML."""
     first = next((line for line in head.split("\n", 200) if line.strip() and not line.lstrip().startswith("#")), "")
-    if _YAML.match(first) and not re.match(r"^\s*[\w\"']+\s*:\s*$", first):
-        return True
-    if re.match(r"^\s*[\w\"']+\s*:\s*$", first) and re.search(r"^\s*(- |[\w\"']+\s*:\s*[\[{-])", head, re.MULTILINE):
+    if _YAML.match(first) or _ENTRY.search(head):
         return True
     if not head.lstrip().startswith("["):
         return False

@@ -1,0 +1,92 @@
+"""Poses in arrays of numbers: matrices in any shape and order, or rows of translation and rotation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...geometry.se3 import Array
+from ..contents import NORM_TOLERANCE, Reading, Side, matrices_side
+from .layout import COUNTS, MOST_BEFORE, found_in, with_last_row
+
+HELP = "docs/formats.md, NPZ and NPY"
+_ONE = ((4, 4), (3, 4), (16,), (12,), (7,))  # shapes of one pose
+_PER_ROW = tuple(count + before for count in COUNTS for before in range(MOST_BEFORE + 1))
+# Shapes that people give in place of poses, and what they are.
+_OTHERS = {(3, 3): "; rotations alone hold no poses: add the translations", (3,): "; rotations are missing"}
+QUATERNIONS = ("xyzw", "wxyz")
+
+
+def is_poses(shape: tuple[int, ...]) -> bool:
+    """Return whether an array of this shape may hold poses."""
+    return shape in _ONE or shape[1:] in ((4, 4), (3, 4), *((k,) for k in (*_PER_ROW, 7, 8))) or _last_axis(shape)
+
+
+def _last_axis(shape: tuple[int, ...]) -> bool:
+    """Return whether the poses are counted by the last axis, as MATLAB does."""
+    return len(shape) == 3 and shape[:2] in ((4, 4), (3, 4))
+
+
+def side_of_array(
+    values: Array, name: str, frame: str | None = None, times: Array | None = None, units: str | None = None
+) -> tuple[Side, list[str]]:
+    """Return the poses of an array, and what was found out; ``times`` (n,) in s.
+
+    Raises `InputError` for other shapes, and for matrices that are no poses.
+    """
+    options: dict[str, Any] = {"frame": frame, "units": units}
+    shape = values.shape
+    if not is_poses(shape) or not values.size:
+        raise InputError(
+            f"{name}: expected poses of shape (n, 4, 4), (n, 16), (n, 3, 4), (n, 12) or (n, 7), got {shape}"
+            f"{_OTHERS.get(shape[1:], '')} ({HELP})."
+        )
+    notes = [f"an array of shape {shape}"] if shape[1:] not in ((4, 4), (3, 4)) or shape in _ONE else []
+    if shape in _ONE:
+        values = values[None]
+    elif shape[1:] not in ((4, 4), (3, 4)) and len(shape) == 3:
+        values = np.moveaxis(values, -1, 0)
+    flat = values.reshape(len(values), -1)
+    if flat.shape[1] in (7, 8):
+        side = _quaternions(flat, name, options)
+    else:
+        found = found_in(flat)
+        if found is None and flat.shape[1] == 12 and values.ndim == 3:
+            T, layout = with_last_row(values), ""
+        elif found is None and flat.shape[1] == 16:
+            T, layout = flat.reshape(-1, 4, 4), ""
+        elif found is None:
+            raise InputError(f"{name}: expected matrices in the rows of {shape}, got no rotations ({HELP}).")
+        else:
+            T, layout = found.T, found.note
+            if values.ndim < 3 or "column" in layout:
+                notes.append(layout)
+            options["readings"] = found.readings
+        side = matrices_side(name, T, timestamps=_times(times, len(T), name), **options)
+        return side, notes
+    if times is not None:
+        side = Side(name, side.translation, side.rotation, _times(times, len(side), name), **_of(side))
+    return side, notes
+
+
+def _of(side: Side) -> dict[str, Any]:
+    return {"frame": side.frame, "units": side.units, "readings": side.readings}
+
+
+def _times(times: Array | None, n: int, name: str) -> NDArray[np.float64] | None:
+    if times is not None and len(times) != n:
+        raise InputError(f"{name}: expected a time for each of the {n} poses, got {len(times)}.")
+    return times
+
+
+def _quaternions(rows: Array, name: str, options: dict[str, Any]) -> Side:
+    """Rows of x, y, z and a quaternion, or the quaternion first; of 8 numbers the first is a time."""
+    times, rows = (rows[:, 0], rows[:, 1:]) if rows.shape[1] == 8 else (None, rows)
+    with np.errstate(all="ignore"):
+        first, last = (np.abs(np.linalg.norm(q, axis=1) - 1.0).max() for q in (rows[:, :4], rows[:, 3:]))
+    t, q = (rows[:, 4:], rows[:, :4]) if first < NORM_TOLERANCE < last else (rows[:, :3], rows[:, 3:])
+    readings = tuple(Reading("npy", order) for order in QUATERNIONS)
+    return Side(name, t, q, times, readings=readings, **options)
