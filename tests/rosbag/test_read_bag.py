@@ -1,5 +1,8 @@
 """Bags of ROS 1 and ROS 2 read without ROS: chains of frames, topics, tags; and what is refused."""
 
+import sqlite3
+from contextlib import closing
+
 import numpy as np
 import pytest
 from bag_cases import CENTRE, FOCAL, KINDS, START, Writer, pixels_of, stamped
@@ -173,6 +176,16 @@ def test_tags_by_their_corners(tmp_path, kind):
     ):
         with pytest.raises(InputError, match=words):
             camera_stream(recording, spec, tag=tag)
+
+
+def test_a_bag_of_ros_2_without_definitions_and_frames_with_slashes(tmp_path):
+    X, W = random_transforms(np.random.default_rng(2), (2,))
+    path, _, G, C = write_tags(tmp_path, "sqlite3", X, W, n=6)
+    with closing(sqlite3.connect(next(path.glob("*.db3")))) as data, data:
+        data.execute("DELETE FROM message_definitions")
+    robot, camera = read_bag(path, robot="/base:/tool0", camera="/camera:tag36h11_0", tag=SIDE)
+    np.testing.assert_allclose(robot.poses, G, atol=1e-12)
+    np.testing.assert_allclose(camera.poses, C, atol=1e-7)
 
 
 def test_poses_of_tf_are_taken_until_the_tag_has_a_side(tmp_path):

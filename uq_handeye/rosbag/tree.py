@@ -3,7 +3,8 @@
 A chain runs from the base up to the first common frame and down to the tip; an edge that is run through upwards is
 inverted. Edges that never change are static. The times are those of the moving edge that has the fewest; the others
 are interpolated at them (`synchronisation.interpolation`), never beyond their ends nor across gaps. tf2 interpolates
-likewise (ros2/geometry2, ``tf2/src/cache.cpp`` and ``buffer_core.cpp``), and takes a frame's latest parent.
+likewise (ros2/geometry2, ``tf2/src/cache.cpp`` and ``buffer_core.cpp``). Of a frame with several parents, of which tf2
+takes the latest, the shortest chain is used, and a note names them.
 """
 
 from __future__ import annotations
@@ -125,9 +126,9 @@ class Tree:
     def _notes(
         self, base: str, tip: str, chain: list[tuple[Pair, bool]], moving: list[Pair], leading: Pair, left: int
     ) -> list[str]:
-        notes = []
+        notes = [f"the pose of {tip} in {base}, of one transform"]
         if len(chain) > 1:
-            notes.append(f"{base} to {tip} by {len(chain)} transforms, {len(moving)} of which move")
+            notes = [f"{base} to {tip} by {len(chain)} transforms, {len(moving)} of which move"]
         if len(moving) > 1:
             notes.append(f"at the times of {pair_text(*leading)}; the other transforms are interpolated")
         if left:
