@@ -11,6 +11,7 @@ from ..geometry.se3 import Array
 from .adjustment.bent_edges import bias
 from .adjustment.bundle import Bundle, adjust
 from .adjustment.initial_guess import poses_of
+from .adjustment.two_minima import AMBIGUOUS, better_start
 from .corners import Corners
 from .rays import rays
 from .result import CameraCalibration
@@ -59,4 +60,7 @@ def _adjusted(before: Bundle, corners: Corners, poses: Array) -> Bundle:
 def _start(before: Bundle, corners: Corners) -> Array:
     """Poses (n, 4, 4) by OpenCV, of pixels without the lens."""
     seen = rays(before.model, before.intrinsics, corners.pixels)
-    return poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
+    poses = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
+    if len(before.shape.points) >= AMBIGUOUS:
+        return poses
+    return better_start(before.model, before.parameters, before.shape, corners, poses)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.adjustment.bundle import adjust
-from ..camera.adjustment.two_minima import Minima, both_minima, flipped
+from ..camera.adjustment.two_minima import Minima, both_minima, flipped, may_be_ambiguous
 from ..camera.corners import Corners
 from ..camera.models import MODELS
 from ..camera.result import CameraCalibration
@@ -38,6 +38,8 @@ from ..poses.pose_pairs import PosePairs
 
 # Odds of exp(UNDECIDED / 2) below which the other poses do not decide either.
 UNDECIDED = 6.0
+# Differences of the sums of squares, over s^2, below which a second solution fits about as well (p = 0.0005).
+CLOSE = 12.0
 # The least noise of a robot pose, rad and m.
 ROBOT = (np.radians(0.02), 1e-4)
 # Median of chi-square(6).
@@ -100,20 +102,25 @@ def resolve_pose_ambiguity(poses: PosePairs) -> PosePairs:
     if any(finding.code == CODE for finding in seen.findings):
         return poses
     try:
+        if not may_be_ambiguous(seen.bundle, seen.corners):
+            return poses
         minima = both_minima(seen.bundle, seen.corners)
         if not minima.doubtful.any():
             return poses
         chosen = decide(poses, minima)
         found = _refitted(seen, minima.poses[chosen.label, np.arange(poses.n)])
-    except (DegenerateMotionError, InputError, NotConvergedError):
+    except (DegenerateMotionError, InputError, NotConvergedError, np.linalg.LinAlgError):
         return poses
     names = np.array(seen.corners.names)
+    close = minima.squares[1] - minima.squares[0] < CLOSE
     values = {
-        "count": int(chosen.doubtful.sum()),
+        "count": int((chosen.doubtful & (close | (chosen.label == 1))).sum()),
         "n": poses.n,
         "changed": int((chosen.label == 1).sum()),
         "undecided": names[chosen.undecided].tolist(),
     }
+    if not values["count"]:
+        return poses
     found = replace(found, findings=(*seen.findings, Finding(CODE, "note", values)))
     return replace(poses, camera=found.poses, camera_calibration=found)
 

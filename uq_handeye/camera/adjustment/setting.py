@@ -16,9 +16,8 @@ from ..corners import Corners
 from ..models import LINEAR, CameraModel
 from .bundle import Bundle, Prior, adjust
 from .initial_guess import first_guess, poses_of
-from .two_minima import better_start
+from .two_minima import AMBIGUOUS, better_start
 
-SMALL = 8  # points of a target whose pose may be ambiguous
 # A value, which is exact, or a value and its standard deviation.
 Known = Mapping[str, float | tuple[float, float]]
 
@@ -73,7 +72,7 @@ class Setting:
         else:
             parameters = self.values
         poses = poses_of(corners, (corners.pixels - parameters[2:4]) / parameters[:2])
-        if len(self.shape.points) < SMALL:
+        if len(self.shape.points) < AMBIGUOUS:
             poses = better_start(self.model, parameters, self.shape, corners, poses)
         return parameters, poses
 

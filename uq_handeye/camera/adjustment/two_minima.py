@@ -20,10 +20,13 @@ from ...geometry.se3 import Array
 from ..board_shape import BoardShape
 from ..corners import Corners
 from ..models import CameraModel
-from .bundle import Bundle, adjust
+from .bundle import Bundle, Sight, adjust
 
+# Points of a target below which the start of a fit is looked at for the other minimum.
+AMBIGUOUS = 8
 # Differences of the sums of squares, over s^2, from which on a picture decides alone.
 DOUBTFUL = 60.0
+MANY = 20.0  # times this many before the second minimum is reached
 # Rotation (rad) between two minima from which on they are two.
 TWO = np.radians(0.5)
 
@@ -53,6 +56,18 @@ def flipped(poses: Array, middle: Array) -> Array:
     found[:, :3, 2] *= -1.0
     found[:, :3, 3] = at - found[:, :3, :3] @ middle
     return found
+
+
+def may_be_ambiguous(bundle: Bundle, corners: Corners) -> bool:
+    """Return whether any picture may have a second minimum that matters, by one linear step from the flipped poses."""
+    weight = bundle.used * np.sqrt(bundle.weights)[corners.picture]
+    sight = Sight.of(bundle.model, bundle.shape, corners, weight)
+    start = flipped(bundle.poses, corners.on_board[0].mean(axis=0))
+    free = np.zeros(len(bundle.parameters), dtype=bool)
+    r, _, B = sight.rows(bundle.parameters, start, free)
+    left = r - (B @ np.linalg.solve(B.mT @ B, B.mT @ r[..., None]))[..., 0]
+    gain = np.sum(left**2, axis=-1) - _squares(bundle, corners)
+    return bool((gain < MANY * DOUBTFUL * bundle.pixel_noise**2).any())
 
 
 def both_minima(bundle: Bundle, corners: Corners) -> Minima:
