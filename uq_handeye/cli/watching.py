@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Seconds between two looks; files that change from one to the next are waited for, but not for ever.
 INTERVAL, MOST_CHANGES = 0.5, 6
-POSE_FILES = (".csv", ".txt", ".tum", ".json", ".yaml", ".yml", ".npz", ".npy")
+POSE_FILES = (".csv", ".txt", ".tum", ".json", ".yaml", ".yml", ".npz", ".npy", ".dat")
 
 State = tuple[tuple[str, int, int], ...]
 

@@ -79,8 +79,8 @@ def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
     if format is not None and (not isinstance(format, str) or format not in FORMATS):
         raise InputError(f"Expected `format` (--format) to be one of {', '.join(FORMATS)}, got {format!r}.")
     if is_many(path):
-        paths = paths_of(path)
-        contents, source = joined_contents(shown(path), paths, [_of_file(one, format) for one in paths])
+        paths, left = paths_of(path)
+        contents, source = joined_contents(shown(path), paths, [_of_file(one, format) for one in paths], left)
     else:
         contents, source = _of_file(path, format)
     for note in source.notes:

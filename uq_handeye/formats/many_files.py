@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..files.many import last_number
 from ..files.open import shown
 from ..files.source import Source
 from ..geometry.checks import first_duplicate
@@ -17,9 +18,9 @@ from .contents import Contents, Side
 
 
 def joined_contents(
-    name: str, paths: Sequence[Path], parts: Sequence[tuple[Contents, Source]]
+    name: str, paths: Sequence[Path], parts: Sequence[tuple[Contents, Source]], left: Sequence[str] = ()
 ) -> tuple[Contents, Source]:
-    """The contents of several files as one, in their order.
+    """The contents of several files as one, in their order; ``left`` are notes of what is not among them.
 
     Raises `InputError` for a file that holds more than one pose, and for files of different formats, units or sides, by
     the first name that differs.
@@ -28,7 +29,8 @@ def joined_contents(
     for path, one, source in zip(paths, contents, sources, strict=True):
         if any((n := len(getattr(one, role))) != 1 for role in _sides_of(one)):
             raise InputError(
-                f"Expected one pose in each file of the folder or pattern {name}, got {n} in {shown(path)}."
+                f"Expected one pose in each file of the folder or pattern {name}, got {n} in {shown(path)}. Give a "
+                "file of several poses by its own name."
             )
         same = source.format == sources[0].format and one.setup == contents[0].setup
         if not same or _sides_of(one) != _sides_of(contents[0]):
@@ -40,6 +42,7 @@ def joined_contents(
     for source in sources:
         total.update(bytes.fromhex(source.sha256))
     notes = list(dict.fromkeys(note for source in sources for note in source.notes))[:5]
+    notes += left
     notes.append(f"{len(paths)} files, {shown(Path(paths[0].name))} to {shown(Path(paths[-1].name))}, by their names")
     source = Source(
         shown(Path(Path(name).name)),
@@ -50,6 +53,30 @@ def joined_contents(
     )
     joined = {role: _joined(name, paths, [getattr(one, role) for one in contents]) for role in _sides_of(contents[0])}
     return replace(contents[0], **joined, notes=tuple(notes)), source
+
+
+def check_numbers_of_files(robot: Side, camera: Side) -> None:
+    """Raise `InputError` where the numbers in the names of the files say that pose k of both is not the same."""
+    numbers = [[last_number(label) for label in side.labels] for side in (robot, camera)]
+    if any(not ours or None in ours or len(set(ours)) < len(ours) for ours in numbers):
+        return
+    ours, theirs = (sorted(number for number in side if number is not None) for side in numbers)
+    if ours == theirs or (len(ours) == len(theirs) and ours[-1] - ours[0] == theirs[-1] - theirs[0] == len(ours) - 1):
+        return
+    if not set(ours) & set(theirs):
+        return  # counted by something else
+    lacks = [
+        f"{side.name} lacks {', '.join(map(str, missing[:8]))}{', ...' * (len(missing) > 8)}"
+        for side, missing in (
+            (robot, sorted(set(theirs) - set(ours))),
+            (camera, sorted(set(ours) - set(theirs))),
+        )
+        if missing
+    ]
+    raise InputError(
+        f"Files are paired by their order, and the numbers in their names differ: {'; '.join(lacks)}. Move the files "
+        "without a partner away."
+    )
 
 
 def _sides_of(contents: Contents) -> list[str]:

@@ -48,7 +48,7 @@ TEXTS: dict[str, TextFormat] = {
 
 
 # Numbers alone, which the others may hold as well.
-_LAST = ("table", "matrix")
+_LAST = ("matrix", "table")
 
 
 def named_by(head: str) -> list[str]:

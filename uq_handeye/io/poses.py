@@ -16,6 +16,7 @@ from ..files.source import Source
 from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
+from ..formats.many_files import check_numbers_of_files
 from ..formats.rotation_form import QUATERNIONS, rotation_form
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
@@ -385,6 +386,7 @@ def _numbers_beside_times(first: Array, second: Array) -> bool:
 
 def _check_rows(robot: Side, camera: Side) -> None:
     """Raise or warn unless row k of both sides may be of the same moment."""
+    check_numbers_of_files(robot, camera)
     n, m = len(robot), len(camera)
     timed = robot.timestamps is not None and camera.timestamps is not None
     if n != m:

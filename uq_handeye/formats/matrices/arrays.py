@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...geometry.se3 import Array
 from ..contents import NORM_TOLERANCE, Reading, Side, matrices_side
+from ..controllers.readings import interpret
 from .layout import COUNTS, MOST_BEFORE, found_in, with_last_row
 
 HELP = "docs/formats.md, NPZ and NPY"
-_ONE = ((4, 4), (3, 4), (16,), (12,), (7,))  # shapes of one pose
+_ONE = ((4, 4), (3, 4), (16,), (12,), (7,), (6,))  # shapes of one pose
 _PER_ROW = tuple(count + before for count in COUNTS for before in range(MOST_BEFORE + 1))
 # Shapes that people give in place of poses, and what they are.
 _OTHERS = {(3, 3): "; rotations alone hold no poses: add the translations", (3,): "; rotations are missing"}
@@ -22,7 +23,7 @@ QUATERNIONS = ("xyzw", "wxyz")
 
 def is_poses(shape: tuple[int, ...]) -> bool:
     """Return whether an array of this shape may hold poses."""
-    return shape in _ONE or shape[1:] in ((4, 4), (3, 4), *((k,) for k in (*_PER_ROW, 7, 8))) or _last_axis(shape)
+    return shape in _ONE or shape[1:] in ((4, 4), (3, 4), *((k,) for k in (*_PER_ROW, 6, 7, 8))) or _last_axis(shape)
 
 
 def _last_axis(shape: tuple[int, ...]) -> bool:
@@ -41,7 +42,7 @@ def side_of_array(
     shape = values.shape
     if not is_poses(shape) or not values.size:
         raise InputError(
-            f"{name}: expected poses of shape (n, 4, 4), (n, 16), (n, 3, 4), (n, 12) or (n, 7), got {shape}"
+            f"{name}: expected poses of shape (n, 4, 4), (n, 16), (n, 3, 4), (n, 12), (n, 7) or (n, 6), got {shape}"
             f"{_OTHERS.get(shape[1:], '')} ({HELP})."
         )
     notes = [f"an array of shape {shape}"] if shape[1:] not in ((4, 4), (3, 4)) or shape in _ONE else []
@@ -50,7 +51,11 @@ def side_of_array(
     elif shape[1:] not in ((4, 4), (3, 4)) and len(shape) == 3:
         values = np.moveaxis(values, -1, 0)
     flat = values.reshape(len(values), -1)
-    if flat.shape[1] in (7, 8):
+    if flat.shape[1] == 6:
+        meant = interpret("unsaid", flat[:, :3], flat[:, 3:], None, units, None)
+        side = Side(name, flat[:, :3], flat[:, 3:], readings=meant.readings, **options)
+        notes += meant.notes
+    elif flat.shape[1] in (7, 8):
         side = _quaternions(flat, name, options)
     else:
         found = found_in(flat)

@@ -65,8 +65,8 @@ def matrices_of(tree: Any) -> tuple[Array, str] | None:
 
 
 def _matrices(values: Array) -> bool:
-    """Return whether an array holds matrices, and not rows of seven or eight numbers."""
-    return is_poses(values.shape) and values.shape[-1] not in (7, 8)
+    """Return whether an array holds matrices, and not rows of six to eight numbers."""
+    return is_poses(values.shape) and values.shape[-1] not in (6, 7, 8)
 
 
 def _stacked(parts: list[Array], name: str) -> tuple[Array, str] | None:
