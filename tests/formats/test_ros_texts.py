@@ -9,8 +9,10 @@ from support import random_transforms
 
 from uq_handeye.errors import InputError
 from uq_handeye.formats.contents import finished
+from uq_handeye.formats.detect import read_contents
 from uq_handeye.formats.ros.tf_echo import is_tf_echo, read_tf_echo
 from uq_handeye.formats.ros.topic import is_ros_topic, read_ros_topic
+from uq_handeye.io import read_poses
 
 BASE = 1_700_000_000
 
@@ -235,3 +237,21 @@ def test_what_is_wrong_is_one_line(text, expected):
     with pytest.raises(InputError, match=expected) as error:
         read_ros_topic(text, "pose.txt")
     assert "\n" not in str(error.value)
+
+
+def test_a_file_per_pose(poses, tmp_path):
+    for k, T in enumerate(poses):
+        (tmp_path / f"a{k}.txt").write_text(tf_echo([T, T, T], 12))
+        (tmp_path / f"b{k}.yaml").write_text("\n".join(stamped(T, k, "PoseStamped")))
+    found = read_poses(str(tmp_path / "a*.txt"), str(tmp_path / "b*.yaml"), setup="eye-in-hand")
+    np.testing.assert_allclose(found.robot, poses, atol=1e-11)
+    np.testing.assert_allclose(found.camera, poses, atol=1e-14)
+    assert any("the same pose 3 times, taken once" in note for note in found.sources[0].notes)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_texts_are_told_from_all_other_formats(poses, tmp_path, kind):
+    for ros in (1, 2):
+        for name, text in (("ros-topic", echo(poses, kind, ros)), ("tf-echo", tf_echo(poses, 6, ros))):
+            (tmp_path / "poses.txt").write_text(text)
+            assert read_contents(tmp_path / "poses.txt", None)[1].format == name

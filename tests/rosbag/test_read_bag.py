@@ -183,7 +183,13 @@ def test_a_bag_of_ros_2_without_definitions_and_frames_with_slashes(tmp_path):
     path, _, G, C = write_tags(tmp_path, "sqlite3", X, W, n=6)
     with closing(sqlite3.connect(next(path.glob("*.db3")))) as data, data:
         data.execute("DELETE FROM message_definitions")
+    inverse = {"robot_frame": "gripper_T_base", "camera_frame": "target_T_camera"}
+    turned = read_bag(path, robot="base:tool0", camera="camera:tag36h11_0", tag=SIDE, **inverse)
     robot, camera = read_bag(path, robot="/base:/tool0", camera="/camera:tag36h11_0", tag=SIDE)
+    for one, other in zip(turned, (robot, camera), strict=True):
+        np.testing.assert_allclose(one.poses @ other.poses, np.tile(np.eye(4), (6, 1, 1)), atol=1e-12)
+    with pytest.raises(InputError, match="Expected `robot_frame`"):
+        read_bag(path, robot="base:tool0", camera="camera:tag36h11_0", tag=SIDE, robot_frame="base")
     np.testing.assert_allclose(robot.poses, G, atol=1e-12)
     np.testing.assert_allclose(camera.poses, C, atol=1e-7)
 

@@ -49,6 +49,9 @@ def one_side(
     name: str, numbers: Array, stamps: NDArray[np.float64] | None, lines: NDArray[np.int64], notes: list[str]
 ) -> Contents:
     """Return poses (n, 7) as they stand; a pose that is printed again with the time of the last one is left out."""
+    if len(numbers) > 1 and not np.ptp(numbers, axis=0).any():  # of a robot that stood still: a file per pose
+        notes.append(f"the same pose {len(numbers)} times, taken once")
+        numbers, stamps, lines = numbers[:1], None if stamps is None else stamps[:1], lines[:1]
     if stamps is not None and len(stamps) > 1 and (stamps == stamps[0]).all() and np.ptp(numbers, axis=0).any():
         notes.append(f"all stamps are {stamps[0]:g}, and not used as times")
         stamps = None
