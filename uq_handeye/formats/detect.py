@@ -61,9 +61,6 @@ _TREES: dict[str, Callable[[Any, str], Contents]] = {
 # Suffixes that say the format, so that nothing needs to be said.
 _SUFFIXES = {".csv": "csv", ".tum": "tum", ".npz": "npz", ".npy": "npy", ".json": "json", ".samples": "easy_handeye2"}
 
-# First bytes of MCAP, of bags of ROS 1 and of SQLite, in which ROS 2 keeps them.
-_BAGS = (b"\x89MCAP0", b"#ROSBAG V", b"SQLite format 3\0")
-
 # What is looked at to tell the format.
 _HEAD = 65536
 
@@ -173,8 +170,6 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
         return "npy"
     if head.startswith(b"\x1f\x8b"):
         raise InputError(f"{name} is compressed by gzip; unpack it first.")
-    if head.startswith(_BAGS):
-        raise InputError(f"{name} is a ROS bag: give it as --bag {name}; uq-handeye bag {name} lists what is in it.")
     if b"\0" not in head and (named := named_by(_text(head))):
         if len(named) > 1:
             raise InputError(

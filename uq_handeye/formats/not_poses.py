@@ -10,7 +10,9 @@ _PICTURE = (
     "is a picture: give pictures of the board by --images 'DIR/*.png' with --board (docs/how-to/camera.md), in place "
     "of a file of camera poses."
 )
-_BAG = "is a ROS bag: give it by --bag, with --robot and --camera (docs/how-to/ros.md)."
+_BAG = (
+    "is a ROS bag: give it by --bag, with --robot and --camera; uq-handeye bag lists its content (docs/how-to/ros.md)."
+)
 _CLOUD = "is a point cloud, and holds no poses: detect the target in it, and give its points or its poses."
 _SHEET = "is a spreadsheet: save the sheet as CSV (docs/formats.md)."
 # Beginnings that leave no doubt.
