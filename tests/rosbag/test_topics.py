@@ -47,7 +47,7 @@ def test_tags_of_apriltag_ros_of_ros_1(tmp_path, poses):
     assert guess(recording).camera == "/tag_detections"
 
 
-@pytest.mark.parametrize("named", ["aruco_ros", "ros2_aruco"])
+@pytest.mark.parametrize("named", ["aruco_ros", "ros2_aruco", "aruco_opencv"])
 def test_markers(tmp_path, poses, named):
     with Writer(tmp_path, "sqlite3") as bag:
         for k, T in enumerate(poses):
@@ -56,6 +56,11 @@ def test_markers(tmp_path, poses, named):
                 marker = bag.type("aruco_msgs/msg/Marker")
                 found = [marker(header, n, with_covariance(bag, T @ T if n else T), 1.0) for n in (0, 26)]
                 message = bag.type("aruco_msgs/msg/MarkerArray")(header, found)
+            elif named == "aruco_opencv":
+                marker = bag.type("aruco_opencv_msgs/msg/MarkerPose")
+                markers = [marker(0, bag.pose(T)), marker(26, bag.pose(T @ T))]
+                boards = [bag.type("aruco_opencv_msgs/msg/BoardPose")("plate", bag.pose(T))]
+                message = bag.type("aruco_opencv_msgs/msg/ArucoDetection")(header, markers, boards)
             else:
                 both = [bag.pose(T), bag.pose(T @ T)]
                 message = bag.type("ros2_aruco_interfaces/msg/ArucoMarkers")(header, np.array([0, 26]), both)
@@ -63,6 +68,9 @@ def test_markers(tmp_path, poses, named):
     recording = read_recording(bag.path)
     for spec, expected in (("camera:marker_0", poses), ("/markers:26", poses @ poses)):
         np.testing.assert_allclose(camera_stream(recording, spec).stream.poses, expected, atol=1e-12)
+    if named == "aruco_opencv":
+        np.testing.assert_allclose(camera_stream(recording, "camera:plate").stream.poses, poses, atol=1e-12)
+        return
     with pytest.raises(InputError, match=r"poses of several frames. Choose one: /markers:marker_0, /markers:marker_26"):
         camera_stream(recording, "/markers")
 

@@ -19,8 +19,8 @@ JOINTS, INFO = "sensor_msgs/msg/JointState", "sensor_msgs/msg/CameraInfo"
 TAGS = ("AprilTagDetectionArray", "ArucoMarkers", "ArucoDetection")
 MARKERS = {"aruco_msgs/msg/MarkerArray", "aruco_msgs/msg/Marker"}
 
-# Fields as in christianrauch/apriltag_msgs, pal-robotics/aruco_ros and JMU-ROBOTICS-VIVA/ros2_aruco; for bags of ROS 2
-# that hold no definitions.
+# Fields as in christianrauch/apriltag_msgs, pal-robotics/aruco_ros, fictionlab/ros_aruco_opencv and
+# JMU-ROBOTICS-VIVA/ros2_aruco; for bags of ROS 2 that hold no definitions.
 DEFINITIONS = {
     "apriltag_msgs/msg/Point": "float64 x\nfloat64 y\n",
     "apriltag_msgs/msg/AprilTagDetection": (
@@ -34,6 +34,11 @@ DEFINITIONS = {
         "std_msgs/Header header\nuint32 id\ngeometry_msgs/PoseWithCovariance pose\nfloat64 confidence\n"
     ),
     "aruco_msgs/msg/MarkerArray": "std_msgs/Header header\naruco_msgs/Marker[] markers\n",
+    "aruco_opencv_msgs/msg/MarkerPose": "uint16 marker_id\ngeometry_msgs/Pose pose\n",
+    "aruco_opencv_msgs/msg/BoardPose": "string board_name\ngeometry_msgs/Pose pose\n",
+    "aruco_opencv_msgs/msg/ArucoDetection": (
+        "std_msgs/Header header\naruco_opencv_msgs/MarkerPose[] markers\naruco_opencv_msgs/BoardPose[] boards\n"
+    ),
     "ros2_aruco_interfaces/msg/ArucoMarkers": (
         "std_msgs/Header header\nint64[] marker_ids\ngeometry_msgs/Pose[] poses\n"
     ),

@@ -2,8 +2,9 @@
 
 Fields as in ros/common_msgs and ros2/common_interfaces (``geometry_msgs/msg``: Pose, PoseStamped, PoseArray,
 PoseWithCovarianceStamped, TransformStamped; ``nav_msgs/msg/Odometry``), ros2/geometry2 (``tf2_msgs/msg/TFMessage``),
-AprilRobotics/apriltag_ros (``AprilTagDetectionArray``, with poses), pal-robotics/aruco_ros (``aruco_msgs/MarkerArray``)
-and JMU-ROBOTICS-VIVA/ros2_aruco (``ArucoMarkers``). Metres; quaternions by the names x, y, z, w. A pose is that of the
+AprilRobotics/apriltag_ros (``AprilTagDetectionArray``, with poses), pal-robotics/aruco_ros
+(``aruco_msgs/MarkerArray``), JMU-ROBOTICS-VIVA/ros2_aruco (``ArucoMarkers``) and fictionlab/ros_aruco_opencv
+(``ArucoDetection``, with boards by their names). Metres; quaternions by the names x, y, z, w. A pose is that of the
 child in the frame of the header: ``parent_T_child``.
 """
 
@@ -88,7 +89,7 @@ def _poses(value: Any, time: float | None, parent: str, child: str) -> list[Stam
     for name in ("transforms", "detections", "markers"):
         items = part(value, name)
         if items is not None:
-            items = _listed(items, name)
+            items = _listed(items, name) + _listed(part(value, "boards") or [], "boards")
             return [one for item in items for one in _poses(item, time, parent, _marker(item)) or []]
     poses, ids = part(value, "poses"), part(value, "marker_ids")
     if poses is not None:
@@ -118,8 +119,9 @@ def _listed(value: Any, name: str) -> list[Any]:
 def _marker(item: Any) -> str:
     """Return the name of a tag or marker by its number: tag_3 of apriltag_ros, marker_3 of aruco_msgs."""
     ids, name = part(item, "id"), "marker_"
+    ids = part(item, "marker_id") if ids is None else ids
     if ids is None:
-        return ""
+        return frame_name(part(item, "board_name"))
     if part(item, "size") is not None or not isinstance(ids, int | float):
         name = "tag_"
     values = _listed(ids, "id") if not isinstance(ids, int | float | str) else [ids]
