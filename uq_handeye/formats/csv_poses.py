@@ -32,7 +32,8 @@ from .contents import COLUMNS, Contents, Side, finished, require_units
 HEADER = ",".join(COLUMNS)
 
 # Columns of points in place of poses.
-_POINTS = ("point", "point_id", "id", "marker", "marker_id", "feature", "label")
+_POINTS = ("point", "point_id", "marker", "marker_id", "feature", "feature_id")
+OF_POINTS = "of points, uq-handeye points -o DIR makes camera poses (docs/how-to/points.md)"
 
 _MARKS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
@@ -245,7 +246,7 @@ def _header(line: bytes, where: str) -> _Header:
     if not {"x", "y", "z"} & set(missing) and set(COLUMNS[4:]) <= set(missing):
         hint = "; rotations must be quaternions, which scipy.spatial.transform.Rotation makes of angles or vectors"
         if any(name.lower() in _POINTS for name in unknown):
-            hint = "; of points, uq-handeye points -o DIR makes camera poses (docs/how-to/points.md)"
+            hint = f"; {OF_POINTS}"
     raise InputError(f"{where}: expected the header {HEADER}, got {short(text)} ({details}){hint}.")
 
 
@@ -255,6 +256,13 @@ def is_csv_header(line: str) -> bool:
         _header(line.encode(errors="replace"), "")
         return True
     return False
+
+
+def is_points_header(line: str) -> bool:
+    """Return whether a line names points in 3-D: x, y, z and a point, no rotation."""
+    names = [name.strip(" \t\"'#\ufeff").lower() for name in re.split(r"[,;\t]", line)]
+    meant = {meaning_and_unit(name)[0] for name in names}
+    return {"x", "y", "z"} <= meant and "qw" not in meant and any(name in _POINTS for name in names)
 
 
 def _missing_line(n: int) -> str:

@@ -18,7 +18,7 @@ from ..files.many import is_many, paths_of
 from ..files.open import Hashed, opened, require_size, shown
 from ..files.source import Source
 from .contents import COLUMNS, Contents
-from .csv_poses import read_csv
+from .csv_poses import OF_POINTS, is_points_header, read_csv
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
 from .many_files import joined_contents
 from .matrices.text import is_tree
@@ -170,6 +170,8 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
         return "npy"
     if head.startswith(b"\x1f\x8b"):
         raise InputError(f"{name} is compressed by gzip; unpack it first.")
+    if is_points_header(head.partition(b"\n")[0].decode(errors="replace")):
+        raise InputError(f"{name}: expected poses, got a table of points: {OF_POINTS}.")
     if b"\0" not in head and (named := named_by(_text(head))):
         if len(named) > 1:
             raise InputError(

@@ -13,7 +13,10 @@ _PICTURE = (
 _BAG = (
     "is a ROS bag: give it by --bag, with --robot and --camera; uq-handeye bag lists its content (docs/how-to/ros.md)."
 )
-_CLOUD = "is a point cloud, and holds no poses: detect the target in it, and give its points or its poses."
+_CLOUD = (
+    "is a point cloud, and holds no poses: detect the target in it, and give its poses, or its points to uq-handeye "
+    "points (docs/how-to/points.md)."
+)
 _SHEET = "is a spreadsheet: save the sheet as CSV (docs/formats.md)."
 # Beginnings that leave no doubt.
 _STARTS: tuple[tuple[bytes, str], ...] = (

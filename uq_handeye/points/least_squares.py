@@ -30,8 +30,6 @@ from .start import placed, sums
 
 # A direction of the shape with less than this share of the information of the best is open.
 OPEN = 1e-10
-# Numbers of a block of work arrays.
-BLOCK = 1_000_000
 
 
 class Sight(NamedTuple):
@@ -125,29 +123,36 @@ class Normal:
         return np.asarray(np.linalg.qr(motions.reshape(-1, 6))[0])
 
     @cached_property
-    def shape_information(self) -> tuple[Array, Array, float]:
-        """Eigenvalues and vectors of ``S + s G G^T``, and s."""
+    def held_information(self) -> tuple[Array, float]:
+        """``S + s G G^T`` (3m, 3m), and s."""
         S, G = self.reduced[0], self.gauge
         s = float(np.trace(S)) / len(S)
-        values, vectors = np.linalg.eigh(S + s * G @ G.T)
-        return values, vectors, s
+        return S + s * G @ G.T, s
+
+    @cached_property
+    def pivots(self) -> Array:
+        """(3m,) squared pivots of ``S + s G G^T``; zeros where it is singular."""
+        try:
+            return np.asarray(np.diag(np.linalg.cholesky(self.held_information[0])) ** 2)
+        except np.linalg.LinAlgError:
+            return np.zeros(3 * self.sight.m)
 
     @property
     def determined(self) -> bool:
         """Return whether the poses have all points of an unknown shape in common."""
-        values = self.shape_information[0]
-        return bool(values[0] > OPEN * values[-1])
+        return bool(self.pivots.min() > OPEN * self.pivots.max())
 
     @cached_property
     def C(self) -> Array:
         """(3m, 3m) covariance of the shape."""
-        values, vectors, s = self.shape_information
-        return np.asarray((vectors / values) @ vectors.T - self.gauge @ self.gauge.T / s)
+        A, s = self.held_information
+        C = np.linalg.inv(A) - self.gauge @ self.gauge.T / s
+        return np.asarray(0.5 * (C + C.T))
 
     @cached_property
     def L(self) -> Array:
         """(3m, 3m - 6) with ``C = L L^T``."""
-        values, vectors = np.linalg.eigh(0.5 * (self.C + self.C.T))
+        values, vectors = np.linalg.eigh(self.C)
         return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0)))[:, 6:])
 
     @cached_property
@@ -184,19 +189,18 @@ class Normal:
         S = self.own[sight.pose]
         if not self.shape_open:
             return np.asarray(J @ S @ J.mT)
-        F, L = -self.own @ (self.mixed @ self.L), self.L.reshape(self.sight.m, 3, -1)
-        Q = J @ S @ J.mT
-        chunk = max(1, BLOCK // max(L.shape[-1], 1))
-        for start in range(0, len(Q), chunk):
-            some = slice(start, start + chunk)
-            E = J[some] @ F[sight.pose[some]] + R[some] @ L[sight.point[some]]
-            Q[some] += E @ E.mT
-        return np.asarray(Q)
+        m = self.sight.m
+        K = self.own @ self.mixed  # (n, 6, 3m)
+        KC = K @ self.C
+        across = KC.reshape(len(KC), 6, m, 3)[sight.pose, :, sight.point] @ R.mT  # (k, 6, 3)
+        shape = self.C.reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m)][sight.point]
+        mixed = J @ across
+        whole = S + (KC @ K.mT)[sight.pose]
+        return np.asarray(J @ whole @ J.mT - mixed - mixed.mT + R @ shape @ R.mT)
 
     def log_determinant(self) -> float:
         """Return that of the normal equations, without the gauge."""
         own = float(np.linalg.slogdet(self.N)[1].sum())
         if not self.shape_open:
             return own
-        values, _, s = self.shape_information
-        return own + float(np.log(np.maximum(values, 1e-300)).sum() - 6 * np.log(s))
+        return own + float(np.log(np.maximum(self.pivots, 1e-300)).sum() - 6 * np.log(self.held_information[1]))

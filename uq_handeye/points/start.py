@@ -9,6 +9,8 @@ from ..geometry.nearest_rotation import nearest_rotation
 from ..geometry.se3 import Array
 
 SWEEPS, STILL = 40, 1e-6
+# The first sweeps take medians over the poses.
+BY_MEDIANS = 5
 
 
 def sums(values: Array, index: NDArray[np.intp], n: int) -> Array:
@@ -76,15 +78,17 @@ def unknown_shape(
             break
         mine = pose == i
         both = mine & known[point]
-        T[i] = kabsch(y[both], shape[point[both]], np.zeros(int(both.sum()), dtype=np.intp), 1, np.ones(both.sum()))[0]
+        T[i] = robust_kabsch(y[both], shape[point[both]], np.zeros(int(both.sum()), dtype=np.intp), 1)[0]
         new = mine & ~known[point]
         shape[point[new]] = (y[new] - T[i, :3, 3]) @ T[i, :3, :3]
         known[point[new]], open_[i] = True, False
     joined = ~open_[pose]
-    for _ in range(SWEEPS):
+    for sweep in range(SWEEPS):
         before = shape
         T = robust_kabsch(y, shape[point], pose, n, 3)
         back = ((y - T[pose, :3, 3])[:, None] @ T[pose, :3, :3])[:, 0]
+        if sweep < BY_MEDIANS:  # the pose that the shape started from may have wrong points, too
+            shape = np.stack([medians(back[:, c], point, m) for c in range(3)], axis=-1)
         r = np.linalg.norm(back - shape[point], axis=-1)
         weight = joined * (1.0 + (r / max(2.0 * float(np.median(r)), 1e-12)) ** 2) ** -2.0
         total = np.bincount(point, weight, m)

@@ -23,7 +23,7 @@ from .start import placed
 # The last step of a pose (standard deviations) and of a variance (relative), and how often at most.
 STILL, STILL_VARIANCE, MOST_STEPS = 1e-5, 1e-5, 300
 # Standard deviations below this share of the distance are rounding.
-ROUNDING = 1e-13
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +88,15 @@ def fit(sight: Sight, T: Array, p: Array, model: NoiseModel, phi: Array, *, shap
         at = placed(T, p[sight.point], sight.pose)
         u, growth = sight_lines(at), model.growth(at)
         W = weight_matrices(u, *(1.0 / (growth * phi)).T)
-        normal, size = Normal(sight, T, p, W, shape_open).moved()
+        before = Normal(sight, T, p, W, shape_open)
+        if shape_open and not before.determined:
+            normal = before
+            break
+        normal, size = before.moved()
         T, p = normal.T, normal.p
         if not np.isfinite(T).all():
             break
-        Q = normal.predicted_covariance(sight)
+        Q = before.predicted_covariance(sight)  # at the end both are one
         along = np.einsum("ka,kab,kb->k", u, Q, u)
         across = np.trace(Q, axis1=-2, axis2=-1) - along
         used = (np.stack([across, along], axis=-1) / (growth * phi)).sum(axis=0)
