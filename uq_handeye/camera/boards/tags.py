@@ -23,6 +23,9 @@ from .refinement import Found, Picture, refined
 
 # Fewest tags of a grid that are worth a pose: one has two.
 FEWEST = 2
+# How much darker than its surroundings black is (`adaptiveThreshConstant`): that of OpenCV, which poor contrast needs,
+# and where tags are missing a larger one, which parts tags that blur joins to the squares at their corners.
+CONSTANTS = (7.0, 15.0)
 # Half the side of the window of a chessboard corner, as a share of the distance to the next structure.
 SHARE = 0.6
 # Tags farther from their place in the grid than this share of their side are others.
@@ -63,13 +66,28 @@ def tag_finder(board: Board) -> Callable[[Picture], Found]:
             "another `dictionary` (--dictionary), or a smaller `first_id` (--first-id)."
         )
 
-    def detector(border: int) -> Any:
+    def detector(border: int, constant: float) -> Any:
         how = cv2.aruco.DetectorParameters()
-        how.markerBorderBits = border
+        how.markerBorderBits, how.adaptiveThreshConstant = border, constant
         return cv2.aruco.ArucoDetector(words, how)
 
+    wanted = set() if board.single and board.first_id is None else set(layout.ids.tolist())
+
+    def detected(picture: Picture, border: int) -> tuple[NDArray[np.intp], Array]:
+        """Ids (k,) and corners (k, 4, 2) of tags, some perhaps twice."""
+        ids: list[int] = []
+        quads: list[Array] = []
+        for one in detectors[border]:
+            corners, numbers, _ = one.detectMarkers(picture)
+            if numbers is not None:
+                ids += np.asarray(numbers).ravel().tolist()
+                quads += [np.asarray(corner, dtype=float).reshape(4, 2) for corner in corners]
+            if wanted.issubset(ids) and ids:
+                break
+        return np.array(ids, dtype=np.intp), np.array(quads).reshape(-1, 4, 2)
+
     borders = [2, 1] if board.kind == "aprilgrid" else [1, 2]
-    detectors = {border: detector(border) for border in borders}
+    detectors = {border: [detector(border, constant) for constant in CONSTANTS] for border in borders}
     upside_down = drawn_upside_down(board.dictionary)
     # Which corner of OpenCV's is the upper left one. Grids of AprilTags are about that OpenCV 4 drew.
     turns = [2, 0] if upside_down else [0, 2]
@@ -77,14 +95,13 @@ def tag_finder(board: Board) -> Callable[[Picture], Found]:
 
     def find(picture: Picture) -> Found:
         for border in tuple(borders):
-            corners, ids, _ = detectors[border].detectMarkers(picture)
-            if ids is None:
+            ids, quads = detected(picture, border)
+            if not len(ids):
                 continue
-            quads = np.asarray(corners, dtype=float).reshape(-1, 4, 2)
             share = border / (words.markerSize + 2 * border)
             quads, good = corners_by_edges(picture, quads, share, _room(board))
             good = good & _inside(quads, picture)
-            chosen = _chosen(layout, np.asarray(ids).ravel()[good], quads[good], turns)
+            chosen = _chosen(layout, ids[good], quads[good], turns)
             if chosen is None:
                 continue
             if border != borders[0]:
