@@ -168,7 +168,7 @@ def test_joint_values_of_the_bag_with_the_robot_model(tmp_path):
     X, W = random_transforms(rng, (2,))
     phase = rng.uniform(0, 6, (2, 6))
     joints = lambda t: 0.5 * np.sin(0.9 * t[:, None] + phase[0]) + 0.2 * np.sin(2.1 * t[:, None] + phase[1])  # noqa: E731
-    fast, slow = np.arange(0.0, 8.0, 0.02), np.arange(0.5, 7.5, 0.1)
+    fast, slow = np.arange(0.0, 6.0, 0.04), np.arange(0.5, 5.5, 0.15)
     C = np.linalg.inv(X) @ np.linalg.inv(arm.poses(joints(slow))) @ W
     C = moved(C, rng.normal(size=(len(C), 6)) * np.repeat((5e-4, 2e-4), 3))
     names = [joint.name for joint in arm.joints]

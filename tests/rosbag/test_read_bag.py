@@ -131,7 +131,7 @@ def test_gaps_and_repeated_transforms(tmp_path):
 SIDE = 0.08
 
 
-def write_tags(folder, kind, X, W, *, noise=0.0, n=60, tf=False, info=True):
+def write_tags(folder, kind, X, W, *, noise=0.0, n=24, tf=False, info=True):
     rng = np.random.default_rng(8)
     times = START + 0.4 * np.arange(n)
     C = np.tile(np.eye(4), (n, 1, 1))
@@ -156,7 +156,8 @@ def test_tags_by_their_corners(tmp_path, kind):
     X, W = random_transforms(np.random.default_rng(2), (2,))
     path, times, G, C = write_tags(tmp_path, kind, X, W)
     recording = read_recording(path)
-    for spec in ("camera:tag36h11_0", "camera:tag36h11:0", "/detections:tag36h11_0", "/detections:0"):
+    specs = ("camera:tag36h11_0", "camera:tag36h11:0", "/detections:tag36h11_0", "/detections:0")
+    for spec in specs if kind == "mcap" else specs[:1]:
         seen = camera_stream(recording, spec, tag=SIDE)
         np.testing.assert_allclose(seen.stream.poses, C, atol=1e-7)
         np.testing.assert_array_equal(seen.stream.timestamps, stamped(times))
