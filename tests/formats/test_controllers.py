@@ -207,6 +207,32 @@ def test_other_forms_of_programs(robot_file, rigs):
     check(robot_file("\n".join(f"12:00:{k:02d}.5 INFO p[{row}]" for k, row in enumerate(rows))), T)
 
 
+def test_tables_of_other_programs(robot_file, rigs):
+    numbers, T = rigs["kuka"]
+    rows = [list(map(repr, row)) for row in numbers.tolist()]
+    pendant = "\n\n".join(
+        f"Point {k}\n" + "\n".join(f" {a} {value}" for a, value in zip("XYZABC", row, strict=True))
+        for k, row in enumerate(rows)
+    )
+    check(robot_file(pendant), T, "kuka")
+    for sep in (" | ", ";"):
+        text = sep.join("XYZABC") + "\n" + "\n".join(sep.join(row) for row in rows)
+        check(robot_file(text), T)
+        check(robot_file(text.replace("\n", "\r").encode("utf-16")), T)
+    check(
+        robot_file("X (mm);Y (mm);Z (mm);A (°);B (°);C (°)\n".encode("latin-1") + csv(numbers, None, ";").encode()), T
+    )
+    check(robot_file("X,Y,Z,A,B,C,S,T\n" + "\n".join(",".join([*row, "2", "35"]) for row in rows)), T)
+    check(robot_file("\n".join(",".join([*row, "2", "35", *"000000"]) for row in rows)), T, "kuka")
+    text = "\n".join(f"<Rob><RIst {' '.join(f'{a}={v!r}' for a, v in zip('XYZABC', row, strict=True))} /></Rob>"
+                     for row in rows)  # fmt: skip
+    check(robot_file(text.replace("'", '"')), T)
+    text = "\n".join(f"[INFO] pose {k}: " + ", ".join(
+        f"{a}: {v} {unit}" for a, v, unit in zip("XYZABC", row, ["mm"] * 3 + ["deg"] * 3, strict=True)
+    ) for k, row in enumerate(rows))  # fmt: skip
+    check(robot_file(text), T)
+
+
 def test_one_file_per_pose(tmp_path, rigs):
     numbers, T = rigs["kuka"]
     folder = tmp_path / "poses"

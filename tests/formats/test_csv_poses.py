@@ -166,7 +166,16 @@ ROW = "0,1,2,3,0,0,0,1\n"
         ("# time x y z\n0 1 2 3 0 0 0 1\n", ["line 2", "header line is missing"]),
         (HEADER.replace(",", ";") + "\n0;1;2\n", ["line 2", "8 fields separated by semicolons", "got 3"]),
         ("x,y,z,qx,qy,qz\n" + ROW, ["line 1", "missing: 'qw'"]),
-        ("x,y,z,roll,pitch,yaw\n" + ROW, ["line 1", "unknown: 'roll, pitch, yaw'", "must be quaternions"]),
+        (
+            "x,y,z,roll,pitch,yaw\n" + ROW,
+            [
+                "line 1",
+                "unknown: 'roll, pitch, yaw'",
+                "must be quaternions",
+                "--rotation",
+                "From the robot's controller",
+            ],
+        ),
         (HEADER.replace("x,y", "x_mm,y_m") + "\n" + ROW, ["line 1", "one unit for x, y and z", "m, mm, none"]),
         (HEADER.replace("qx", "qx_deg") + "\n" + ROW, ["line 1", "missing: 'qx'"]),
         ("1,2,3,0,0,0,1\n", ["line 1", "header line is missing", "x,y,z,qx,qy,qz,qw"]),

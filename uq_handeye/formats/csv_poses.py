@@ -244,7 +244,9 @@ def _header(line: bytes, where: str) -> _Header:
     details = "; ".join(f"{what}: {short(', '.join(which))}" for what, which in parts if which)
     hint = "; end each line with a line feed" if "\r" in text else ""
     if not {"x", "y", "z"} & set(missing) and set(COLUMNS[4:]) <= set(missing):
-        hint = "; rotations must be quaternions, which scipy.spatial.transform.Rotation makes of angles or vectors"
+        hint = "; rotations must be quaternions here; for others see --rotation and docs: From the robot's controller"
+    elif missing:
+        hint += "; docs: From the robot's controller"
         if any(name.lower() in _POINTS for name in unknown):
             hint = f"; {OF_POINTS}"
     raise InputError(f"{where}: expected the header {HEADER}, got {short(text)} ({details}){hint}.")
@@ -270,4 +272,7 @@ def _missing_line(n: int) -> str:
     if n in (12, 16):
         return f"or, if the {n} numbers are a matrix, it is read as --format matrix, or by its content"
     names = f"{HEADER} or {','.join(COLUMNS[1:])}"
-    return f"add it as the first line, as the columns stand in the file: {names}, or with qw first"
+    return (
+        f"add it as the first line, as the columns stand in the file: {names}, or with qw first; for other numbers see "
+        "docs: From the robot's controller"
+    )

@@ -61,6 +61,9 @@ _TREES: dict[str, Callable[[Any, str], Contents]] = {
 # Suffixes that say the format, so that nothing needs to be said.
 _SUFFIXES = {".csv": "csv", ".tum": "tum", ".npz": "npz", ".npy": "npy", ".json": "json", ".samples": "easy_handeye2"}
 
+# Marks of text in UTF-16, which spreadsheets write.
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
 # What is looked at to tell the format.
 _HEAD = 65536
 
@@ -145,6 +148,8 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
 def _text(data: bytes) -> str:
     """Text of a controller or a tool, which need not be UTF-8 in its comments."""
     data = data.removeprefix(b"\xef\xbb\xbf")
+    if data.startswith(_UTF16):
+        return data.decode("utf-16", errors="replace")
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError:
@@ -172,7 +177,7 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
         raise InputError(f"{name} is compressed by gzip; unpack it first.")
     if is_points_header(head.partition(b"\n")[0].decode(errors="replace")):
         raise InputError(f"{name}: expected poses, got a table of points: {OF_POINTS}.")
-    if b"\0" not in head and (named := named_by(_text(head))):
+    if (b"\0" not in head or head.startswith(_UTF16)) and (named := named_by(_text(head))):
         if len(named) > 1:
             raise InputError(
                 f"{name}: the content fits {' and '.join(named)}; say which of them by `format` (--format)."

@@ -34,11 +34,15 @@ NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _FIELD = re.compile(rf"({NUMBER}|[+-]?(?:nan|inf(?:inity)?))\s*(mm|cm|m|in|deg|rad|°)?", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?|[+-]?\d+")
 _NAMED = re.compile(
-    rf"""(?<![\w.])["']?([A-Za-z_][\w.]*)["']?\s*(?:[:=]\s*|\s)({NUMBER}|[+-]?nan\b)\s*(mm\b|deg\b|rad\b|m\b|°)?""",
+    rf"""(?<![\w.])["']?([A-Za-z_][\w.]*)["']?\s*(?:[:=]\s*["']?|\s)({NUMBER}|[+-]?nan\b)\s*(mm\b|deg\b|rad\b|m\b|°)?""",
     re.IGNORECASE,
 )
+_ANY_NUMBER = re.compile(NUMBER)
 _COMMENT = re.compile(r"#|%|//|!|;")
 _GROUP = re.compile(r"\[([^\[\]{}()]*)\]")
+_INNER = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
+_JOINTS = re.compile(r"(?:joints?|angles|positions_rad|\bq)\w*[\"']?\s*[:=]?\s*[\[({]*$", re.IGNORECASE)
+_END_COMMENT = re.compile(r"\s(?:#|//|%).*$")
 _MAP = re.compile(r"\{([^{}\[\]]*)\}")
 _SPACED_UNIT = re.compile(r"\s+(?=[\[(][\w°/^ -]*[\])])")
 
@@ -97,6 +101,8 @@ def read_number_table(
         text = text[: text.rindex("\n")]
     names, rows, notes = _named_rows(text, name, is_header)
     if names is None and not rows:
+        rows = list(_stacked_rows(text, is_header))
+    if names is None and not rows:
         raise InputError(f"{name}: expected a table of poses, got no line of at least {FEWEST} numbers; {help}.")
     if not rows:
         raise InputError(f"{name}: no rows below the names of the columns; expected one line per pose.")
@@ -118,6 +124,7 @@ def _named_rows(
     notes: list[str] = []
     title = comments = 0
     separator: str | None = None
+    in_groups = False
     for number, line in _lines_of(text, name):
         content = line.strip()
         comment = _COMMENT.match(content)
@@ -134,6 +141,13 @@ def _named_rows(
         if not rows and _is_unit_row(content):
             names = None if names is None else _with_units(names, _split(content, _separator(content)))
             continue
+        grouped = _group(content)
+        if rows and in_groups and grouped is None:
+            title += 1
+            continue
+        if not rows:
+            in_groups = grouped is not None
+        content = _END_COMMENT.sub("", content) if grouped is None else grouped
         if not rows:
             separator = _separator(content, len(names or ()))
         fields = _split(content, separator)
@@ -156,7 +170,7 @@ def _named_rows(
         if len(rows) > MAX_ROWS:
             raise InputError(f"{name}, line {number}: expected at most {MAX_ROWS} rows; split the file.")
     if title and rows:
-        notes.append(f"{title} lines before the table are left out")
+        notes.append(f"lines without a pose left out: {title}")
     return names, rows, notes
 
 
@@ -166,9 +180,15 @@ def _lines_of(text: str, name: str) -> Iterator[tuple[int, str]]:
     if begin.startswith(("[", "(", "{", "array", "np.")) or re.match(r"[A-Za-z_]\w*\s*=\s*(np\.)?(array)?\(?\[", begin):
         maps = list(islice(_MAP.finditer(text), MAX_ROWS + 1))
         groups = maps or list(islice(_GROUP.finditer(text), MAX_ROWS + 1))
-        if groups:
+        if groups and len(_ANY_NUMBER.findall(groups[0][1][:MAX_LINE])) >= FEWEST:
+            if len(groups) == 1 and re.search(r"[;\n]", groups[0][1].strip()):  # a matrix of MATLAB
+                inner = "\n" * text.count("\n", 0, groups[0].start()) + groups[0][1].replace(";", "\n")
+                yield from ((k, line) for k, line in enumerate(inner.split("\n"), start=1) if line.strip())
+                return
             ends = [match.start() for match in re.finditer("\n", text)]
             for match in groups:
+                if _JOINTS.search(text[max(0, match.start() - 40) : match.start()]):
+                    continue
                 if match.end() - match.start() > MAX_LINE:
                     raise InputError(f"{name}: expected a pose in each pair of brackets, got {match.end()} characters.")
                 yield bisect_right(ends, match.start()) + 1, " ".join(match[1].split("\n"))
@@ -195,6 +215,36 @@ def _named_row(number: int, content: str, is_header: Callable[[Sequence[str]], b
     if len(pairs) < FEWEST or not is_header(names := [pair[0] for pair in pairs]):
         return None
     return Row(number, [pair[1] for pair in pairs], tuple(names), tuple(pair[2].lower() for pair in pairs))
+
+
+def _stacked_rows(text: str, is_header: Callable[[Sequence[str]], bool]) -> Iterator[Row]:
+    """Yield poses whose numbers stand below each other, each behind its name."""
+    pairs: dict[str, tuple[str, str]] = {}
+    begin = 1
+    for number, line in enumerate(text.split("\n"), start=1):
+        for name, value, unit in _NAMED.findall(line[:MAX_LINE]):
+            if name in pairs:
+                if is_header(list(pairs)):
+                    yield _row(begin, pairs)
+                pairs, begin = {}, number
+            pairs[name] = (value, unit.lower())
+    if is_header(list(pairs)):
+        yield _row(begin, pairs)
+
+
+def _row(number: int, pairs: dict[str, tuple[str, str]]) -> Row:
+    return Row(number, [value for value, _ in pairs.values()], tuple(pairs), tuple(unit for _, unit in pairs.values()))
+
+
+def _group(content: str) -> str | None:
+    """Return the numbers of a pose that stand in brackets in a line, as in ``p1 = posx(1, 2, 3, 4, 5, 6)``."""
+    for match in _INNER.finditer(content):
+        inner = match[1].strip()
+        fields = re.split(r"\s*[,;]\s*|\s+", inner)
+        numbers = len(fields) >= FEWEST and all(number_of(field) is not None for field in fields[:FEWEST])
+        if numbers and not _JOINTS.search(content[max(0, match.start() - 40) : match.start()]):
+            return inner
+    return None
 
 
 def _separator(content: str, columns: int = 0) -> str | None:
@@ -291,6 +341,11 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
                 got = short(row.fields[k]) if row.fields[k] else "an empty field"
                 raise InputError(f"{name}, line {row.line}, column {column}: expected a number, got {got}.")
             values[i, j] = value
+    between = [k for k in range(count) if k not in columns and columns and columns[0] < k < columns[-1]]
+    if names is None and between:
+        raise InputError(
+            f"{name}, line {first.line}: expected numbers, got {short(first.fields[between[0]])} between them; {help}."
+        )
     if len(columns) < count:
         left = [str(k + 1) if names is None else names[k] for k in range(count) if k not in columns]
         notes.append(f"not used: the columns of text {short(', '.join(left))}")

@@ -157,7 +157,8 @@ def pose_columns(names: Sequence[str], units: Sequence[str]) -> Columns:
     angles = rotation[-1:] if kind == "axis-angle" else rotation
     length = _one_unit([unit_of[k] for k in position], dict.fromkeys(LENGTH_UNITS), "x, y, z")
     angle = None if kind in QUATERNIONS else _one_unit([unit_of[k] for k in angles], ANGLES, "the rotation")
-    time = where.get("timestamp", None if kind == "oat" else where.get("t"))
+    status_and_turn = "s" in {name.strip().lower() for name in names}  # KUKA's S and T
+    time = where.get("timestamp", None if kind == "oat" or status_and_turn else where.get("t"))
     time_unit = "s" if time is None else unit_of[time] or "s"
     return Columns(kind, time, position, rotation, length, angle, time_unit if time_unit in SECONDS else "s")
 

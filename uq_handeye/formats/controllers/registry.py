@@ -39,7 +39,7 @@ ABOUT = {
     "table": "numbers of poses in columns, with or without names",
 }
 # What a text of another format begins with.
-_OTHERS = ("%YAML", "---", "- ", '<?xml version="1.0"?>\n<opencv')
+_OTHERS = ("%YAML", "---", '<?xml version="1.0"?>\n<opencv')
 
 
 @lru_cache(maxsize=4)
@@ -50,6 +50,8 @@ def kind_of(head: str) -> str | None:
             return name
     if has_lists(head):
         return "table"
+    if "<RIst" in head:  # what the robot sensor interface of KUKA sends
+        return "kuka"
     if head.lstrip().startswith(("<", *_OTHERS)):
         return None
     for line in head.split("\n", 40)[:40]:

@@ -57,6 +57,8 @@ def _columns(table: NumberTable, form: PoseForm | None) -> Columns:
                 f"({error}); {HELP}."
             ) from error
     columns = _by_number(table)
+    if columns is None and form is not None and _has_whole_numbers_behind(table.values, len(form.columns)):
+        columns = Columns("unsaid", None, (0, 1, 2), tuple(range(3, 3 + len(form.columns))), None, None)
     if columns is None:
         n = table.values.shape[1]
         raise InputError(
@@ -101,6 +103,12 @@ def _by_number(table: NumberTable) -> Columns | None:
         lengths.pop() if len(lengths) == 1 else None,
         {"°": "deg"}.get(angle := angles.pop(), angle) if len(angles) == 1 else None,
     )
+
+
+def _has_whole_numbers_behind(values: Array, rotation: int) -> bool:
+    """Return whether only whole numbers follow a pose: configurations, status and turn, external axes at rest."""
+    pose, rest = values[:, : 3 + rotation], values[:, 3 + rotation :]
+    return bool(rest.size and (rest == np.round(rest)).all() and (pose[:, :3] != np.round(pose[:, :3])).any())
 
 
 def _is_pose(rest: Array) -> bool:
