@@ -138,6 +138,8 @@ def _named_rows(
         if named is not None:
             rows.append(named)
             continue
+        if not content.strip("|-+=: \t"):  # a rule of a table
+            continue
         if not rows and _is_unit_row(content):
             names = None if names is None else _with_units(names, _split(content, _separator(content)))
             continue
@@ -152,7 +154,7 @@ def _named_rows(
             separator = _separator(content, len(names or ()))
         fields = _split(content, separator)
         numbers = [field for field in fields if number_of(_point(field, separator)) is not None]
-        if not rows and len(numbers) < min(FEWEST, len(fields)) and not (names and len(fields) == len(names)):
+        if not rows and len(numbers) < FEWEST and not (names and len(fields) == len(names)):
             found = _split(content, _separator(content))
             if is_header(found):
                 names = tuple(found)
@@ -251,8 +253,9 @@ def _separator(content: str, columns: int = 0) -> str | None:
     """Return what separates the fields of a line; None for spaces."""
     content = content.rstrip("; \t,")
     bare = _bare(content)
-    if ";" in bare:
-        return ";"
+    for mark in "|;":
+        if mark in bare:
+            return mark
     if "\t" in bare.strip() and len(bare.split("\t")) > len(bare.replace("\t", " ").split(", ")):
         return "\t"
     if "," in bare:
@@ -276,6 +279,7 @@ def _bare(content: str) -> str:
 def _split(content: str, separator: str | None) -> list[str]:
     """Return the fields of a line."""
     content = _bare(content.rstrip("; \t" if separator != "\t" else "; "))
+    content = content.strip("| ") if separator == "|" else content
     if separator is None:
         return [field.strip("\"',") for field in _SPACED_UNIT.sub("", " ".join(content.split())).split()]
     fields = (
