@@ -233,6 +233,34 @@ def test_tables_of_other_programs(robot_file, rigs):
     check(robot_file(text), T)
 
 
+@pytest.mark.parametrize(
+    ("maker", "line"),
+    [
+        ("mitsubishi", "P{k}=({0},{1},{2},{3},{4},{5})(7,0)"),
+        ("denso", "P[{k}] = P({0}, {1}, {2}, {3}, {4}, {5}, -1)"),
+        ("epson", "P{k} : XY({0},{1},{2},{3},{4},{5}) /R"),
+        ("doosan", "set_velx(30)\nmovel(posx({0},{1},{2},{3},{4},{5}), v=100, a=200)"),
+        ("dobot", "0,{{{0},{1},{2},{3},{4},{5}}},GetPose();"),
+        ("dobot", '{{"joint": [1, 2, 3, 4, 5, 6], "pose": [{0}, {1}, {2}, {3}, {4}, {5}]}}'),
+        ("xarm", "(0, [{0}, {1}, {2}, {3}, {4}, {5}])"),
+        ("techman", 'Point["P{k}"].Value={{{0},{1},{2},{3},{4},{5}}}'),
+        ("jaka", "joint: [1.5,2.5,3.5,4.5,5.5,6.5] tcp: [{0}, {1}, {2}, {3}, {4}, {5}] time: {k}"),
+    ],
+)
+def test_poses_in_the_lines_of_programs_and_logs(robot_file, rigs, maker, line):
+    numbers, T = rigs[maker]
+    check(robot_file("\n".join(line.format(*map(repr, row), k=k) for k, row in enumerate(numbers.tolist()))), T, maker)
+
+
+def test_matrices_of_matlab_and_rules_of_tables(robot_file, rigs):
+    numbers, T = rigs["kuka"]
+    rows = csv(numbers, None, " ").replace("\n", ";\n")
+    check(robot_file(f"P = [\n{rows}];\n"), T, "kuka")
+    check(robot_file(f"P = [{rows.replace(chr(10), ' ')}];\n"), T, "kuka")
+    rows = "".join(f"| {' | '.join(map(repr, row))} |\n" for row in numbers.tolist())
+    check(robot_file(f"| X | Y | Z | A | B | C |\n|---|---|---|---|---|---|\n{rows}"), T)
+
+
 def test_one_file_per_pose(tmp_path, rigs):
     numbers, T = rigs["kuka"]
     folder = tmp_path / "poses"
@@ -301,6 +329,7 @@ PAGE = "From the robot's controller"
         ("1,2,3,4,5\n1,2,3,4,5\n", "kuka", [PAGE]),
         ("1,2,3,4,5,6,7,8,9,10,11\n" * 2, "ur", ["11 numbers without names", "x,y,z,rx,ry,rz", PAGE]),
         ("1,2,3,4,5,6\n1,2,3,4\n", "ur", ["line 2", "got 4"]),
+        ("1,2,3,x(7)y,4,5,6\n", "kuka", ["line 1", "'x(7)y'", PAGE]),
         (KUKA.replace(",C 6", ""), None, ["expected poses as KUKA", PAGE]),
         ("P[1]{\n X = 1 mm, Y = 2 mm, Z = 3 mm, W = 4 deg, P = 5 deg };\n", None, ["P[1]", "R is missing"]),
         ("P[1]{\n X = 1 mm, Y = ***** mm, Z = 3 mm, W = 4 deg, P = 5 deg, R = 6 deg };\n", None, ["P[1]", "'*****'"]),

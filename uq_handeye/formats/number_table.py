@@ -154,7 +154,7 @@ def _named_rows(
             separator = _separator(content, len(names or ()))
         fields = _split(content, separator)
         numbers = [field for field in fields if number_of(_point(field, separator)) is not None]
-        if not rows and len(numbers) < FEWEST and not (names and len(fields) == len(names)):
+        if not rows and len(numbers) < (FEWEST if names is None else 1):
             found = _split(content, _separator(content))
             if is_header(found):
                 names = tuple(found)
