@@ -36,7 +36,7 @@ from .result import SMALL, UNCERTAIN, CameraCalibration
 
 # Pictures that must remain where others are left out as a whole.
 FEWEST_PICTURES = 3
-FEWEST_POINTS = 8  # of a board, from which on it calibrates a camera
+FEWEST_POINTS = 5  # of a board: the four of a single tag do not calibrate a camera
 TELLING = 0.001  # pixels that corners are moved by without a word
 # Squares wider than high by this share, and by so many standard deviations, are warned of.
 STRETCHED, CERTAIN = 5e-4, 3.0
