@@ -29,7 +29,7 @@ def cell(rng, n=15):
     return G, noisy(rng, at, LATERAL, AXIAL), p
 
 
-def mean_d2(known, noise, trials=25):
+def mean_d2(known, noise, trials=20):
     rng = np.random.default_rng(SEED)
     d2 = []
     for _ in range(trials):

