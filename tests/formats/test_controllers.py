@@ -329,6 +329,7 @@ PAGE = "From the robot's controller"
         ("1,2,3,4,5\n1,2,3,4,5\n", "kuka", [PAGE]),
         ("1,2,3,4,5,6,7,8,9,10,11\n" * 2, "ur", ["11 numbers without names", "x,y,z,rx,ry,rz", PAGE]),
         ("1,2,3,4,5,6\n1,2,3,4\n", "ur", ["line 2", "got 4"]),
+        ("x,y,z,roll,pitch,yaw\n1,2,3,4,5,6\n", "ur", ["rx, ry, rz", "roll, pitch, yaw", "--robot-format rpy", PAGE]),
         ("1,2,3,x(7)y,4,5,6\n", "kuka", ["line 1", "'x(7)y'", PAGE]),
         (KUKA.replace(",C 6", ""), None, ["expected poses as KUKA", PAGE]),
         ("P[1]{\n X = 1 mm, Y = 2 mm, Z = 3 mm, W = 4 deg, P = 5 deg };\n", None, ["P[1]", "R is missing"]),

@@ -18,6 +18,7 @@ from ..files.many import is_many, paths_of
 from ..files.open import Hashed, opened, require_size, shown
 from ..files.source import Source
 from .contents import COLUMNS, Contents
+from .controllers.forms import CONTROLLERS
 from .csv_poses import OF_POINTS, is_points_header, read_csv
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
 from .many_files import joined_contents
@@ -162,7 +163,7 @@ def _looks_like(head: bytes, name: str, format: str) -> str | None:
         kind = _kind(head, name, "")
     except InputError:
         return None
-    if kind == _of(format):
+    if kind == _of(format) or (kind in _TABLES and format in CONTROLLERS):
         return None
     return "YAML, JSON or XML" if kind == "tree" else kind
 

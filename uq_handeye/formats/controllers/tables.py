@@ -183,6 +183,11 @@ def _require_kind(table: NumberTable, columns: Columns, form: PoseForm | None) -
         return
     assert table.names is not None
     quaternion = columns.kind in QUATERNIONS
+    if columns.kind == "rpy" and not form.rotation.startswith("xyz"):
+        raise InputError(
+            f"{table.name}: expected {', '.join(form.columns)} ({form.maker}), got the columns roll, pitch, yaw. Give "
+            f"--robot-format rpy or xarm, or rename the columns; {HELP}."
+        )
     if quaternion != (len(form.columns) == 4) or (
         columns.kind in ("abc", "wpr", "oat", "rotvec", "uvw", "aer")
         and (
