@@ -178,6 +178,25 @@ FORMS = {
     "columns, blanks": lambda T: "# " + table(["timestamp", *names("r{i}{j}", 1, 3)], timed(rows12(T)), " "),
 }
 
+NOAP = ["nx", "ox", "ax", "px", "ny", "oy", "ay", "py", "nz", "oz", "az", "pz"]
+FORMS |= {
+    "16, times last": lambda T: lines([[*row, 0.5 * k] for k, row in enumerate(rows16(T))]),
+    "16, pictures last": lambda T: "".join(lines([row], end=f" img{k}.png\n") for k, row in enumerate(rows16(T))),
+    "16, all on one line": lambda T: " ".join(lines(rows16(T)).split()),
+    "16, pandas with an index": lambda T: "," + ",".join(map(str, range(16))) + "\n" + lines(indexed(rows16(T)), ","),
+    "a list in a field": lambda T: "id,pose\n" + "".join(f'{k},"{M.tolist()}"\n' for k, M in enumerate(T)),
+    "4 lines, bars": lambda T: blocks(T, mark=" | "),
+    "4 lines, rules": lambda T: blocks(T, between="--- pose {k} ---\n"),
+    "4 lines, count first": lambda T: f"{len(T)}\n" + blocks(T),
+    "R and t": lambda T: "".join("R =\n" + lines(M[:3, :3].tolist()) + "t =\n" + lines(M[:3, 3:].tolist()) for M in T),
+    "torch": lambda T: f"tensor({T.tolist()}, dtype=torch.float64)",
+    "SymPy": lambda T: "".join("Matrix([\n" + ",\n".join(map(str, M.tolist())) + "])\n" for M in T),
+    "columns, noap": lambda T: table(NOAP, rows12(T)),
+    "columns, r1 to r9": lambda T: table(
+        [f"r{k}" for k in range(1, 10)] + ["x", "y", "z"], rotation_then_translation(T)
+    ),
+}
+
 STATE = {"q": [0.0] * 7, "F_T_EE": list(np.eye(4).reshape(16)), "robot_mode": "Idle"}
 
 

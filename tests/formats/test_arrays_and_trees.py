@@ -130,3 +130,26 @@ def test_files_that_hold_no_poses(tmp_path, camera, name, content, message):
         with pytest.raises(InputError, match=message) as error:
             read_poses(tmp_path / name, camera, format=format)
         assert "\n" not in str(error.value)
+
+
+def test_mat_files(tmp_path, camera, monkeypatch):
+    savemat = pytest.importorskip("scipy.io").savemat
+    cells = np.empty((1, 30), dtype=object)
+    for k, M in enumerate(ROBOT):
+        cells[0, k] = M
+    for values in (np.moveaxis(ROBOT, 0, -1), np.moveaxis(TURNED, 0, -1), ROBOT.reshape(-1, 16), cells):
+        for packed in (False, True):
+            savemat(tmp_path / "robot.mat", {"T": values, "comment": "of the cell"}, do_compression=packed)
+            np.testing.assert_allclose(read_poses(tmp_path / "robot.mat", camera).robot, ROBOT, atol=1e-12)
+    data = (tmp_path / "robot.mat").read_bytes()
+    for wrong, message in (
+        (data[:-20], "cut off"),
+        (data[:140] + b"\1" * (len(data) - 140), "damaged|cut off|expected"),
+    ):
+        (tmp_path / "wrong.mat").write_bytes(wrong)
+        with pytest.raises(InputError, match=message):
+            read_poses(tmp_path / "wrong.mat", camera)
+    monkeypatch.setattr("uq_handeye.formats.matrices.mat_file.MAX_BYTES", 100_000)
+    savemat(tmp_path / "bomb.mat", {"T": np.zeros((4, 4, 2000))}, do_compression=True)
+    with pytest.raises(InputError, match=r"at most 0\.1 MB unpacked"):
+        read_poses(tmp_path / "bomb.mat", camera)

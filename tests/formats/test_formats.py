@@ -50,6 +50,7 @@ def assert_same(poses, other, atol=1e-14):
         (["poses.json"], "json", True, 1e-14),
         (["robot.tf_echo.txt", "camera.tf_echo.txt"], "tf-echo", True, 1e-14),
         (["robot.topic.txt", "camera.topic.txt"], "ros-topic", True, 1e-14),
+        (["poses.mat"], "mat", True, 1e-14),
         (["robot.matrix.txt", "camera.npy"], ("matrix", "npy"), False, 1e-14),
         (["robot.kitti.txt", "camera.npy"], ("matrix", "npy"), False, 1e-11),
         (["robot.franka.csv", "camera.npy"], ("franka", "npy"), True, 1e-14),

@@ -22,6 +22,8 @@ from .controllers.forms import CONTROLLERS
 from .csv_poses import OF_POINTS, is_points_header, read_csv
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
 from .many_files import joined_contents
+from .matrices.mat_file import START as MAT_START
+from .matrices.mat_file import read_mat
 from .matrices.text import is_tree
 from .matrices.trees import matrices_of, read_matrix_tree
 from .not_poses import refuse_foreign
@@ -40,6 +42,7 @@ FORMATS = {
     "tum": "timestamp tx ty tz qx qy qz qw, separated by spaces",
     "npz": "NumPy arrays robot and camera (n, 4, 4)",
     "npy": "one NumPy array (n, 4, 4)",
+    "mat": "MAT-file of MATLAB, 4 x 4 x n",
     "easy_handeye": "hand_world_samples and camera_marker_samples, YAML",
     "easy_handeye2": "samples of robot and tracking, YAML",
     "moveit": "samples of MoveIt calibration, YAML",
@@ -49,7 +52,7 @@ FORMATS = {
 }
 
 _TABLES: dict[str, Callable[[BinaryIO, str], Contents]] = {"csv": read_csv, "tum": read_tum}
-_ARRAYS: dict[str, Callable[[bytes, str], Contents]] = {"npz": read_npz, "npy": read_npy}
+_ARRAYS: dict[str, Callable[[bytes, str], Contents]] = {"npz": read_npz, "npy": read_npy, "mat": read_mat}
 _TREES: dict[str, Callable[[Any, str], Contents]] = {
     "easy_handeye": read_easy_handeye,
     "easy_handeye2": read_easy_handeye2,
@@ -60,7 +63,15 @@ _TREES: dict[str, Callable[[Any, str], Contents]] = {
 }
 
 # Suffixes that say the format, so that nothing needs to be said.
-_SUFFIXES = {".csv": "csv", ".tum": "tum", ".npz": "npz", ".npy": "npy", ".json": "json", ".samples": "easy_handeye2"}
+_SUFFIXES = {
+    ".csv": "csv",
+    ".tum": "tum",
+    ".npz": "npz",
+    ".npy": "npy",
+    ".json": "json",
+    ".mat": "mat",
+    ".samples": "easy_handeye2",
+}
 
 # Marks of text in UTF-16, which spreadsheets write.
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -174,6 +185,8 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
         return "npz"
     if head.startswith(b"\x93NUMPY"):
         return "npy"
+    if head.startswith(MAT_START):
+        return "mat"
     if head.startswith(b"\x1f\x8b"):
         raise InputError(f"{name} is compressed by gzip; unpack it first.")
     if is_points_header(head.partition(b"\n")[0].decode(errors="replace")):

@@ -39,7 +39,7 @@ CONTROLLER_NAMES = (
     *("comau", "techman", "dobot", "jaka", "xarm", "rpy"),
 )
 FORMAT_NAMES = (
-    *("csv", "tum", "npz", "npy", "easy_handeye", "easy_handeye2", "moveit", "opencv", "json"),
+    *("csv", "tum", "npz", "npy", "mat", "easy_handeye", "easy_handeye2", "moveit", "opencv", "json"),
     *("tf-echo", "ros-topic", "franka", "zivid", "halcon", "matrix"),
     *CONTROLLER_NAMES,
     "table",

@@ -18,7 +18,7 @@ from ...files.lines import short
 from ...formatting.units import LENGTH_UNITS
 from ..columns import SECONDS, meaning_and_unit
 from ..contents import Contents, Reading, matrices_side
-from .layout import found_in, with_last_row
+from .layout import BOTH, found_in, with_last_row
 
 _MARKS = (",", ";", "\t")
 _TWO = re.compile(r"(.*?)[\[(_. ]*(\d)[\])(\[_., ]*(\d)[\])]*")
@@ -41,6 +41,7 @@ class Header:
     translation : columns of x, y, z; empty: in the matrix
     units : of the translation, or None
     time : column and its unit
+    counted : whether the nine numbers of a rotation are only counted
     """
 
     line: int
@@ -51,6 +52,7 @@ class Header:
     translation: list[int] = field(default_factory=list)
     units: str | None = None
     time: tuple[int, str] | None = None
+    counted: bool = False
 
 
 def header_of(text: str) -> Header | None:
@@ -110,6 +112,7 @@ def _header(number: int, separator: str, names: list[str]) -> Header | None:
         translation,
         said_units.pop() if len(said_units) == 1 else None,
         times[0] if times else None,
+        len(matrix) == 9 and not any(_grid(at) == matrix for at in two.values()),
     )
 
 
@@ -124,8 +127,8 @@ def _grid(at: dict[tuple[int, int], int]) -> list[int]:
 
 
 def _counted(at: dict[int, int]) -> list[int]:
-    """The columns of 16 or 12 numbers that are counted from 0 or 1; empty for anything else."""
-    for count in (16, 12):
+    """The columns of 16, 12 or 9 numbers that are counted from 0 or 1; empty for anything else."""
+    for count in (16, 12, 9):
         for start in (0, 1):
             if sorted(at) == list(range(start, start + count)):
                 return [at[k] for k in sorted(at)]
@@ -153,6 +156,7 @@ def read_columns(text: str, name: str, header: Header, readings: tuple[Reading, 
     k = len(header.matrix)
     notes = [f"matrices from the columns {short(header.names[header.matrix[0]])} to {header.names[header.matrix[-1]]}"]
     if header.translation:
+        readings = readings or (BOTH if header.counted else ())
         T = with_last_row(np.concatenate([table[:, :9].reshape(-1, 3, 3), table[:, 9:12, None]], axis=2))
     else:
         found = found_in(table[:, :k])

@@ -35,13 +35,13 @@ class Found:
     Parameters
     ----------
     T : (n, 4, 4)
-    before : how many numbers stood in front of each
+    others : (n, k) numbers in front of each and behind it
     note : where the numbers stood, in words
     may : whether the rotations may be transposed
     """
 
     T: Array
-    before: int
+    others: Array
     note: str
     may: bool = False
 
@@ -55,18 +55,20 @@ def found_in(table: Array) -> Found | None:
     """Return the matrices of numbers (n, k), or None where no place of a matrix fits more than half of the rows."""
     best: tuple[float, int, str] | None = None
     for count in COUNTS:
-        before = table.shape[1] - count
-        if not 0 <= before <= MOST_BEFORE:
+        others = table.shape[1] - count
+        if not 0 <= others <= MOST_BEFORE:
             continue
-        for layout, fits in _FITS[count].items():
-            share = float(np.mean(fits(table[:, before:])))
-            if share > 0.5 and (best is None or share > best[0]):
-                best = (share, before, layout)
+        for before in range(others, -1, -1):
+            for layout, fits in _FITS[count].items():
+                share = float(np.mean(fits(table[:, before : before + count])))
+                if share > 0.5 and (best is None or share > best[0]):
+                    best = (share, before, layout)
     if best is None:
         return None
     _, before, layout = best
-    numbers = table[:, before:]
-    return Found(_matrices(numbers, layout), before, _NOTES[layout], layout in ("R t", "t R"))
+    after = before + (16 if layout in _FITS[16] else 12)
+    rest = np.concatenate([table[:, :before], table[:, after:]], axis=1)
+    return Found(_matrices(table[:, before:after], layout), rest, _NOTES[layout], layout in ("R t", "t R"))
 
 
 def fitting(numbers: Array) -> bool:

@@ -10,17 +10,19 @@ from ...errors import InputError
 from ...files.lines import short
 
 _COMMENT = re.compile(r"(#|//|%|--).*")
-_DTYPE = re.compile(r",?\s*(dtype|device|requires_grad)\s*=\s*[\w.:']+")
-_CALL = re.compile(r"\b[A-Za-z_][\w.]*\s*(?=\()")
-_NAME = re.compile(r"^.*?:?=")  # up to the last sign of equality
-_LABEL = re.compile(r"^[^:\[({]*[A-Za-z][^:\[({]*:")
+# Bounded, so that long lines take no longer than they are.
+_DTYPE = re.compile(r",?\s{0,3}(dtype|device|requires_grad)\s{0,3}=\s{0,3}[\w.:']{1,40}")
+_CALL = re.compile(r"\b[A-Za-z_][\w.]{0,40}\s{0,3}(?=\()")
+_LABEL = re.compile(r"[:\[({]")
 # MATLAB prints one factor for all numbers of a matrix.
 _FACTOR = re.compile(r"^\s*\d(\.\d+)?e[+-]?\d+\s*\*\s*$", re.IGNORECASE)
-_MARKS = str.maketrans("[](){};\t\"'", " " * 10)
+_MARKS = str.maketrans("[](){};|\t\"'", " " * 11)
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?[fF]?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
 # Words in front of the numbers of a line: a file, a name.
 MOST_WORDS = 3
+# Numbers of a line that holds a whole matrix.
+LONG = 12
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,10 @@ class NotNumbersError(InputError):
     """A line that holds something else."""
 
 
+class CommonFactorError(NotNumbersError):
+    """A factor that MATLAB printed once for all numbers."""
+
+
 def number_lines(text: str, name: str) -> Iterator[NumberLine]:
     """The lines that hold numbers; lines of words only are names, and left out.
 
@@ -44,7 +50,7 @@ def number_lines(text: str, name: str) -> Iterator[NumberLine]:
     for line, raw in enumerate(text.splitlines(), start=1):
         where = f"{name}, line {line}"
         if _FACTOR.match(raw):
-            raise NotNumbersError(
+            raise CommonFactorError(
                 f"{where}: the numbers are printed with a common factor ({raw.strip()}), which leaves too few digits "
                 "for a rotation; write them with more (MATLAB: format long g, or writematrix)."
             )
@@ -59,6 +65,9 @@ def number_lines(text: str, name: str) -> Iterator[NumberLine]:
         first = known.index(True)
         if first and len(known) - first < 3:  # "Pose 3", "Columns 1 through 4"
             continue
+        last = len(known) - known[::-1].index(True)
+        if last - first >= LONG and len(known) - last <= MOST_WORDS:  # the name of a picture behind the numbers
+            words, known, values = words[:last], known[:last], values[:last]
         if first > MOST_WORDS or not all(known[first:]):
             wrong = words[first + known[first:].index(False)] if not all(known[first:]) else words[0]
             raise NotNumbersError(f"{where}: expected numbers of a matrix, got {short(wrong)}.")
@@ -70,7 +79,10 @@ def _content(raw: str) -> str:
     content = _DTYPE.sub("", _COMMENT.sub("", raw.replace("\u2212", "-").replace("...", " ")))
     if "=" in content:
         content = content[content.rindex("=") + 1 :]
-    content = _LABEL.sub("", _CALL.sub("", content))
+    mark = _LABEL.search(content)
+    if mark is not None and mark[0] == ":" and re.search("[A-Za-z]", content[: mark.start()]):
+        content = content[mark.end() :]
+    content = _CALL.sub("", content)
     return content.translate(_MARKS).strip()
 
 

@@ -21,15 +21,19 @@ from ...geometry.se3 import Array
 from ..contents import Contents, matrices_side
 from .columns import header_of, read_columns
 from .layout import COUNTS, MOST_BEFORE, Found, fitting, found_in
-from .numbers import NotNumbersError, NumberLine, number_lines
+from .numbers import CommonFactorError, NotNumbersError, NumberLine, number_lines
 
 _PER_LINE = tuple(count + before for count in COUNTS for before in range(MOST_BEFORE + 1))
-_YAML = re.compile(r"^\s*(- |---|%YAML)|^\s*\{\s*([\"'A-Za-z]|$)")
+_YAML = re.compile(r"^\s*(- |---\s*$|%YAML)|^\s*\{\s*([\"'A-Za-z]|$)")
 # An entry of YAML that holds a list, or an item of a list.
 _ENTRY = re.compile(r"^\s*(- )*[\"']?\w+[\"']?\s*:\s*([\[{][^\]}\n]*,|\n\s*- )", re.MULTILINE)
+# Decimals that are too few for a rotation.
+FEW = 3
 HELP = "docs/formats.md, Matrices in text"
 # Of 12 or 16 numbers, those of a robtarget or a jointtarget that say "no external axis".
 _NONE = 1e8
+# Characters that are seen of a longer text.
+_CUT = 60000
 
 
 def is_matrix_text(head: str) -> bool:
@@ -38,11 +42,16 @@ def is_matrix_text(head: str) -> bool:
         return False
     if header_of(head) is not None:
         return True
-    whole = head if len(head) < 60000 else head[: head.rfind("\n")]
+    cut = len(head) >= _CUT
+    lines: list[NumberLine] = []
     try:
-        lines = list(number_lines(whole, ""))
+        for line in number_lines(head[: head.rfind("\n")] if cut and "\n" in head else head, ""):
+            lines.append(line)
+    except CommonFactorError:
+        return True
     except NotNumbersError:
-        return False
+        return _begins(lines)
+    lines = _without_names(lines)
     if not lines:
         return False
     counts = {len(line.values) for line in lines}
@@ -55,10 +64,28 @@ def is_matrix_text(head: str) -> bool:
             return fitting(table)
         if count == 4 and len(lines) >= 3:
             return True
-        if count > 3:
-            return False  # poses of other forms
+        if count > 3:  # all matrices on one line, or poses of other forms
+            return any(count >= 2 * one and fitting(table[:1, :one]) for one in COUNTS)
     blocks = _blocks(lines)
-    return blocks is not None and fitting(blocks[0])
+    return (blocks is not None and fitting(blocks[0])) or _begins(lines[:-1])
+
+
+def _begins(lines: Sequence[NumberLine]) -> bool:
+    """Return whether a text that is damaged further on begins with matrices."""
+    if not lines:
+        return False
+    first = np.array([lines[0].values])
+    if first.shape[1] in _PER_LINE:
+        return fitting(first)
+    rows = [line.values for line in lines[:5] if len(line.values) == 4][:4]
+    flat = np.array(rows).reshape(1, -1)
+    return len(lines[0].values) <= 4 and any(flat.shape[1] >= count and fitting(flat[:, :count]) for count in COUNTS)
+
+
+def _without_names(lines: Sequence[NumberLine]) -> list[NumberLine]:
+    """The lines without numbers of columns, as pandas writes them above."""
+    counted = len(lines) > 1 and len(lines[0].values) > 2 and lines[0].values == tuple(range(len(lines[0].values)))
+    return list(lines[1:] if counted else lines)
 
 
 def is_tree(head: str) -> bool:
@@ -71,7 +98,7 @@ def is_tree(head: str) -> bool:
     try:
         json.JSONDecoder().raw_decode(head.lstrip())
     except json.JSONDecodeError as error:
-        return len(head) >= 60000 and error.pos > len(head) - 1000
+        return len(head) >= _CUT and error.pos > len(head) - 1000
     except (ValueError, RecursionError):
         return True
     _, end = json.JSONDecoder().raw_decode(head.lstrip())
@@ -85,8 +112,7 @@ def read_matrix_text(text: str, name: str) -> Contents:
     lines = list(number_lines(text, name))
     if not lines:
         raise InputError(f"{name}: expected numbers of matrices, got none ({HELP}).")
-    if len(lines) > 1 and lines[0].values == tuple(range(len(lines[0].values))) and len(lines[0].values) > 2:
-        lines = lines[1:]  # names of columns, as pandas writes them
+    lines = _without_names(lines)
     counts = {len(line.values) for line in lines}
     if len(counts) == 1 and (count := next(iter(counts))) in _PER_LINE:
         table = np.array([line.values for line in lines])
@@ -94,19 +120,18 @@ def read_matrix_text(text: str, name: str) -> Contents:
         found = found_in(table)
         if found is None:
             raise _no_layout(table[0], f"{name}, line {lines[0].line}", count)
-        return contents_of(found, table, name, numbers, "line")
+        return contents_of(found, name, numbers, "line")
     if (blocks := _blocks(lines)) is None:
         raise _uneven(lines, name)
     table, numbers, note = blocks
     found = found_in(table)
     if found is None:
         raise _no_layout(table[0], f"{name}, line {numbers[0]}", table.shape[1])
-    return contents_of(found, table, name, numbers, "the matrix of line", note)
+    return contents_of(found, name, numbers, "the matrix of line", note)
 
 
 def contents_of(
     found: Found,
-    table: Array,
     name: str,
     rows: NDArray[np.int64] | None,
     counted: str,
@@ -114,23 +139,33 @@ def contents_of(
 ) -> Contents:
     """The poses that were found, with times where numbers in front of the matrices are some."""
     notes = [found.note, *(note for note in more if note)]
-    times, said = times_of(table[:, : found.before])
-    side = matrices_side(name, found.T, rows=rows, counted=counted, timestamps=times, readings=found.readings)
+    times, said = times_of(found.others)
+    try:
+        side = matrices_side(name, found.T, rows=rows, counted=counted, timestamps=times, readings=found.readings)
+    except InputError as error:
+        decimals = _decimals(found.T[:, :3, :3])
+        hint = f"the rotations have {decimals} decimals, and need 6 or more; " if decimals <= FEW else ""
+        raise InputError(f"{str(error).rstrip('.')} ({hint}{HELP}).") from error
     return Contents(only=side, notes=(*notes, *said))
 
 
-def times_of(before: Array) -> tuple[NDArray[np.float64] | None, list[str]]:
-    """Times (s) among the numbers in front of the matrices (n, k), and what is to be said of them."""
+def _decimals(R: Array) -> int:
+    """Decimals of rotations, up to one more than `FEW`."""
+    return next((k for k in range(FEW + 1) if np.abs(np.round(R, k) - R).max() < 1e-9), FEW + 1)
+
+
+def times_of(others: Array) -> tuple[NDArray[np.float64] | None, list[str]]:
+    """Times (s) among the numbers beside the matrices (n, k), and what is to be said of them."""
     said: list[str] = []
-    for column in before.T:
+    for column in others.T:
         if np.isfinite(column).all() and (column == np.round(column)).all() and (np.diff(column) == 1).all():
-            said.append("the first number of each row counts the poses")
+            said.append("a number in each row counts the poses")
             continue
         if not np.isfinite(column).all() or (np.diff(column) <= 0).any():
-            said.append("the numbers before the matrices are not used")
+            said.append("the numbers beside the matrices are not used")
             continue
         unit = next((unit for limit, unit in _STAMPS if abs(column[0]) > limit), None)
-        said.append("timestamps before the matrices" + ("" if unit is None else f", in {unit[0]}"))
+        said.append("timestamps beside the matrices" + ("" if unit is None else f", in {unit[0]}"))
         return column * (1.0 if unit is None else unit[1]), said
     return None, said
 
