@@ -35,8 +35,6 @@ _STARTS: tuple[tuple[bytes, str], ...] = (
     (b"#ROSBAG V", _BAG),
     (b"\x89MCAP0\r\n", _BAG),
     (b"SQLite format 3\0", _BAG),
-    (b"\xff\xfe", "is text in UTF-16: save it as UTF-8 or plain text."),
-    (b"\xfe\xff", "is text in UTF-16: save it as UTF-8 or plain text."),
     (b"ply\n", _CLOUD),
     (b"ply\r\n", _CLOUD),
     (b"# .PCD", _CLOUD),
