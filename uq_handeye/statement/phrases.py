@@ -290,6 +290,21 @@ _PHRASES: dict[str, Phrase] = {
     "camera.residual_pattern": Phrase(CAMERA, _text("residuals have a pattern over the image"), _constant(1.5)),
     "camera.board_pattern": Phrase(CAMERA, _text("residuals follow the points of the board"), _constant(1.5)),
     "camera.squares_stretched": Phrase(CAMERA, _text("squares wider than high, or higher than wide")),
+    "points.left_out": Phrase(CAMERA, lambda v: f"{v['count']} of {v['n']} points left out"),
+    "points.poses_left_out": Phrase(CAMERA, lambda v: f"{len(v['poses'])} poses left out: {v['why']}"),
+    "points.not_in_target": Phrase(CAMERA, lambda v: f"{len(v['points'])} measured points not in the target"),
+    "points.noise_differs": Phrase(
+        CAMERA,
+        lambda v: f"residuals of points {digits(v['ratio'], 2)} times the noise given",
+        lambda v: float(max(v["ratio"], 1.0)),
+    ),
+    "points.few_residuals": Phrase(CAMERA, _text("noise of the points from few residuals")),
+    "points.scale": Phrase(
+        CAMERA,
+        lambda v: f"scale of the points {digits(100 * abs(v['scale']), 2)} % off the target",
+        lambda v: float(abs(v["scale"]) / v["std"]),
+    ),
+    "points.target_off": Phrase(CAMERA, lambda v: f"{v['count']} of {v['n']} points off the target", _constant(1.5)),
 }
 
 
