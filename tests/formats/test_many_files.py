@@ -76,7 +76,7 @@ def test_a_folder_of_both_sides_shows_the_patterns(tmp_path, camera):
         with pytest.raises(InputError, match=r"robot_\*\.txt \(12\)") as error:
             read_poses(path, camera)
         assert f"'{tmp_path}/cell/robot_*.txt'" in str(error.value)
-        assert f"'{tmp_path}/cell/cam_*.txt'" in str(error.value)
+        assert f"'{tmp_path}/cell/robot_*.txt' '{tmp_path}/cell/cam_*.txt'" in str(error.value)
 
 
 def test_numbers_of_files_that_do_not_match(tmp_path):

@@ -169,7 +169,10 @@ def _status_of(arguments: list[str], interrupted: list[int]) -> int:
     except ClickException as error:
         context = getattr(error, "ctx", None)
         path = "uq-handeye" if context is None else context.command_path
-        return fail(f"{error.format_message()} (see {path} --help)")  # type: ignore[attr-defined]
+        said = error.format_message()  # type: ignore[attr-defined]
+        # Shells expand a pattern that is not in quotes.
+        quotes = ". Quote a pattern of files: 'poses/*.txt'" if said.startswith("Got unexpected extra") else ""
+        return fail(f"{said}{quotes} (see {path} --help)")
     except (typer.Abort, KeyboardInterrupt):
         return INTERRUPTED
     except Exception as error:

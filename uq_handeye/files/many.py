@@ -21,6 +21,8 @@ BESIDE = (
     *(".zdf", ".ply", ".pcd", ".stl", ".obj", ".las", ".mp4", ".avi", ".pdf", ".md", ".log", ".py", ".ipynb", ".zip"),
 )
 NOTES = ("readme", "license", "notes")
+# Beginnings of names of camera poses.
+_SEEN = re.compile(r"cam|target|board|marker|tag|pattern|object|checker|charuco|c[_*]", re.IGNORECASE)
 
 
 def natural(path: Path) -> tuple[Any, ...]:
@@ -114,6 +116,7 @@ def _one_kind(path: Path, found: list[Path]) -> None:
         return
     folders = {child.parent for child in found}
     folder = folders.pop() if len(folders) == 1 else path.parent
+    kinds = dict(sorted(kinds.items(), key=lambda kind: bool(_SEEN.match(kind[0]))))  # the robot's first
     patterns = [re.sub(r"\*.*\*", "*", kind) for kind in kinds]
     shown_kinds = " and ".join(
         f"{pattern} ({len(files)})" for pattern, files in zip(patterns, kinds.values(), strict=True)
