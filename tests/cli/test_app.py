@@ -174,7 +174,10 @@ def broken(session, tmp_path, edit):
 
 BAD_FILES = {
     "empty": (lambda lines: [], ["robot.csv", "empty"]),
-    "header": (lambda lines: ["a,b,c", *lines[1:]], ["robot.csv, line 1", "timestamp,x,y,z,qx,qy,qz,qw"]),
+    "header": (
+        lambda lines: ["a,b,c", *(",".join(line.split(",")[:3]) for line in lines[1:])],
+        ["robot.csv, line 1", "timestamp,x,y,z,qx,qy,qz,qw", "docs/"],
+    ),
     "text": (lambda lines: [*lines[:3], lines[3].replace(",", ",zero,", 1).rsplit(",", 1)[0]], ["line 4", "column x"]),
     "nan": (lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",nan", lines[3])], ["line 4", "column qw", "nan"]),
     "inf": (lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",inf", lines[3])], ["line 4", "column qw", "inf"]),

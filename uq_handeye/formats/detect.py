@@ -19,6 +19,7 @@ from ..files.open import Hashed, opened, require_size, shown
 from ..files.source import Source
 from .contents import COLUMNS, Contents
 from .controllers.forms import CONTROLLERS
+from .controllers.records import is_records
 from .csv_poses import OF_POINTS, is_points_header, read_csv
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
 from .many_files import joined_contents
@@ -255,7 +256,11 @@ def _is_json(tree: Any) -> bool:
     if isinstance(tree, list):
         one_side = isinstance(tree[0], list) if tree else False
         return (
-            one_side or is_message(tree[0] if tree else None) or "translation" in _keys(tree) or bool(samples_of(tree))
+            one_side
+            or is_message(tree[0] if tree else None)
+            or "translation" in _keys(tree)
+            or bool(samples_of(tree))
+            or (is_records(tree) and not _is_easy_handeye2(tree) and matrices_of(tree) is None)
         )
     if samples_of(tree) or (isinstance(tree, dict) and isinstance(tree.get(ONE_SIDE), list) and not is_storage(tree)):
         return True

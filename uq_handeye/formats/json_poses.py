@@ -13,6 +13,7 @@ POSE as well. ``setup`` and all times may be left out. ``robot`` and ``camera`` 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from ..files.fields import POSE_NAMES, got, item, matrix, number, transform, vec
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from .contents import Contents, Side, matrices_side
+from .controllers.records import records_side
 from .matrices.arrays import is_poses, side_of_array
 from .matrices.trees import matrices_of, numbers_of
 
@@ -132,6 +134,8 @@ def _side(values: Any, name: str, within: str, frame: str | None, times: Any) ->
     if len(keys) != 1:
         if (found := matrices_of(values)) is not None:
             return side_of_array(found[0], f"{name}{within}", frame, options.get("timestamps"))[0]
+        if (side := records_side(values, f"{name}{within}")) is not None:
+            return replace(side, **options)
         raise InputError(
             f"{where[0]}: expected a 4x4 matrix, or translation and quaternion_xyzw or quaternion_wxyz, got "
             f"{got(values[0])}."

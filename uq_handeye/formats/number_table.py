@@ -13,7 +13,7 @@ import csv
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -55,6 +55,7 @@ class Row:
     fields: list[str]
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()  # names above the first row that mean nothing of a pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,7 @@ class NumberTable:
     names : of the columns, as they stand in the file; None: the file names none
     units : behind the numbers of each column; empty where there is none
     notes : what was found out
+    unknown : names of the columns that mean nothing of a pose
     """
 
     name: str
@@ -77,6 +79,7 @@ class NumberTable:
     names: tuple[str, ...] | None
     units: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
 
 
 def read_number_table(
@@ -123,6 +126,7 @@ def _named_rows(
     rows: list[Row] = []
     notes: list[str] = []
     title = comments = 0
+    last: list[str] = []  # fields of the line before the numbers
     separator: str | None = None
     in_groups = False
     for number, line in _lines_of(text, name):
@@ -159,7 +163,7 @@ def _named_rows(
             if is_header(found):
                 names = tuple(found)
                 continue
-            title += 1
+            title, last = title + 1, found
             if title > TITLE_LINES:
                 break
             continue
@@ -171,7 +175,10 @@ def _named_rows(
         rows.append(Row(number, [_point(field, separator) for field in fields]))
         if len(rows) > MAX_ROWS:
             raise InputError(f"{name}, line {number}: expected at most {MAX_ROWS} rows; split the file.")
-    if title and rows:
+    if names is None and rows and last and len(last) == len(rows[0].fields):
+        rows[0] = replace(rows[0], unknown=tuple(last))
+        notes.append(f"columns taken in their order: the names {short(', '.join(last))} say nothing of a pose")
+    elif title and rows:
         notes.append(f"lines without a pose left out: {title}")
     return names, rows, notes
 
@@ -357,4 +364,4 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
     units = first.units or tuple("" if match is None else (match[2] or "").lower() for match in matches)
     chosen = None if names is None else tuple(names[k] for k in columns)
     lines = np.array([row.line for row in rows], dtype=np.int64)
-    return NumberTable(name, values, lines, chosen, units, tuple(notes))
+    return NumberTable(name, values, lines, chosen, units, tuple(notes), first.unknown)

@@ -166,6 +166,7 @@ def read_poses(
     for k, note in enumerate(chosen.notes):
         if note:
             sources = _noted(sources, min(k, len(sources) - 1), paths[k], [note])
+            sources = _called(sources, min(k, len(sources) - 1), chosen.sides[k])
     sides = chosen.sides
     robot_poses, camera_poses = (
         finished(side, role, units, form, frame)
@@ -366,6 +367,12 @@ def _setup(setup: str | None, contents: tuple[Contents, Contents], paths: Any) -
             stacklevel=3,
         )
     return said or "eye-in-hand"
+
+
+def _called(sources: tuple[Source, ...], k: int, side: Side) -> tuple[Source, ...]:
+    """Return the sources with the format of the reading that was taken."""
+    format = side.readings[0].format
+    return tuple(replace(source, format=format) if i == k else source for i, source in enumerate(sources))
 
 
 def _noted(sources: tuple[Source, ...], k: int, path: Any, notes: Any) -> tuple[Source, ...]:

@@ -7,6 +7,9 @@ names of the columns; or, where several are possible, the other side (`io.readin
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,12 +27,26 @@ HELP = "docs: From the robot's controller (docs/how-to/controller.md)"
 # Rows that tell whether a text is a table of poses.
 _LOOKED_AT = 50
 _POSITION = ("x", "y", "z")
+# Names of joints.
+_JOINT = re.compile(r"(?:joint|axis|j|a|q|theta|qpos)[\s_.]*\d+.*|.*_joint(?:_\d+)?", re.IGNORECASE)
 
 
 def read_pose_table(text: str, name: str, form: PoseForm | None = None) -> Contents:
     """Return the poses of a table, in the convention of ``form``, or of the names of its columns, or in doubt."""
     table = read_number_table(text, name, is_pose_header, HELP)
+    if table.unknown and all(map(_JOINT.fullmatch, table.unknown)):
+        raise InputError(
+            f"{name}: expected poses, got joint values ({short(', '.join(table.unknown))}): give them by --joints with "
+            "--urdf (docs/how-to/kinematics.md)."
+        )
     return _contents(table, _columns(table, form), form)
+
+
+def pose_side(table: NumberTable, counted: str) -> Side:
+    """Return the poses of a table that is read already, in the convention of the names of its columns, or in doubt."""
+    contents = _contents(table, _columns(table, None), None)
+    assert contents.only is not None
+    return replace(contents.only, counted=counted)
 
 
 def table_kind(head: str) -> str | None:

@@ -1,0 +1,83 @@
+"""Poses in JSON and YAML under names of people's own: maps of numbers and short lists, one per pose.
+
+``{"x": 0.1, ..., "rx": ...}`` is a row of a table; ``position`` and ``rpy`` may be lists, ``R`` a 3x3 matrix. What the
+numbers of a rotation are, the names say; where they do not, there are several readings, as in tables.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..contents import Side, matrices_side
+from ..matrices.trees import numbers_of
+from ..number_table import NumberTable
+from .columns import is_pose_header
+from .tables import pose_side
+
+_POSITIONS = ("translation", "position", "pos", "xyz", "t", "tvec", "trans", "p")
+_MATRICES = ("R", "rotation", "rotation_matrix", "rot", "rmat")
+# Names of lists of three angles, and the columns that they are.
+_LISTS = {
+    **dict.fromkeys(("rvec", "rotvec", "rotation_vector", "axis_angle"), ("rotvec_x", "rotvec_y", "rotvec_z")),
+    **dict.fromkeys(("rpy", "roll_pitch_yaw"), ("roll", "pitch", "yaw")),
+    "abc": ("a", "b", "c"),
+    "wpr": ("w", "p", "r"),
+}
+# Names that leave the form open: three angles, a rotation vector, or a quaternion of either order.
+_OPEN = ("rotation", "orientation", "quaternion", "quat", "q", "euler", "angles", "rot")
+# Names of six or seven numbers of a whole pose.
+_POSES = ("pose", "tcp", "tcp_pose", "value", "values")
+
+
+def is_records(values: Any) -> bool:
+    """Return whether a list holds one pose per map."""
+    return isinstance(values, list) and bool(values) and isinstance(values[0], dict) and _row(values[0]) is not None
+
+
+def records_side(values: list[Any], name: str) -> Side | None:
+    """Return the poses of a list of maps; None where they are no poses by names that are known.
+
+    Raises `InputError` for poses that are wrong.
+    """
+    rows = [_row(entry) if isinstance(entry, dict) else None for entry in values]
+    first = rows[0]
+    if first is None or any(row is None or row[0] != first[0] or len(row[1]) != len(first[1]) for row in rows):
+        return None
+    names, numbers = first[0], np.array([row[1] for row in rows if row is not None])
+    if names == ("matrix",):
+        return matrices_side(name, numbers.reshape(-1, 4, 4))
+    lines = np.arange(len(numbers))
+    table = NumberTable(name, numbers, lines, names or None, ("",) * numbers.shape[1])
+    return pose_side(table, "pose")
+
+
+def _row(entry: dict[str, Any]) -> tuple[tuple[str, ...], list[float]] | None:
+    """Return names and numbers of one map: of a table, ``("matrix",)`` of a 4x4, no names of a bare pose."""
+    lists: dict[str, Any] = {
+        str(key): found.tolist() for key, value in entry.items() if (found := numbers_of(value)) is not None
+    }
+    for key in _POSES:
+        if len(lists.get(key, [])) in (6, 7) and not isinstance(lists[key][0], list):
+            return (), lists[key]
+    position = next((lists[key] for key in _POSITIONS if np.shape(lists.get(key, 0)) in ((3,), (3, 1))), None)
+    if position is not None:
+        t = np.ravel(position).tolist()
+        for key in _MATRICES:
+            if np.shape(lists.get(key, 0)) == (3, 3):
+                T = np.eye(4)
+                T[:3, :3], T[:3, 3] = lists[key], t
+                return ("matrix",), T.ravel().tolist()
+        for key, columns in _LISTS.items():
+            if np.shape(lists.get(key, 0)) in ((3,), (3, 1)):
+                return ("x", "y", "z", *columns), [*t, *np.ravel(lists[key]).tolist()]
+        for key in _OPEN:
+            if np.shape(lists.get(key, 0)) in ((3,), (4,)):
+                return (), [*t, *lists[key]]
+    named: dict[str, float] = {} if position is None else dict(zip("xyz", t, strict=True))
+    for key, value in entry.items():
+        for inner, number in value.items() if isinstance(value, dict) else [("", value)]:
+            if isinstance(number, int | float) and not isinstance(number, bool):
+                named[f"{key}.{inner}" if inner else str(key)] = float(number)
+    return (tuple(named), list(named.values())) if is_pose_header(tuple(named)) else None
