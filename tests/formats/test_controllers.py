@@ -302,7 +302,7 @@ def test_command_line(robot_file, rigs, maker, flags, tmp_path, capsys):
 
 
 KUKA = "DECL E6POS XP1={X 1,Y 2,Z 300,A 4,B 5,C 6}\n"
-PAGE = "From the robot's controller"
+PAGE = "docs/how-to/controller.md"
 
 
 @pytest.mark.parametrize(

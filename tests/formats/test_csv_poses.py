@@ -173,7 +173,7 @@ ROW = "0,1,2,3,0,0,0,1\n"
                 "unknown: 'roll, pitch, yaw'",
                 "must be quaternions",
                 "--rotation",
-                "From the robot's controller",
+                "docs/how-to/controller.md",
             ],
         ),
         (HEADER.replace("x,y", "x_mm,y_m") + "\n" + ROW, ["line 1", "one unit for x, y and z", "m, mm, none"]),

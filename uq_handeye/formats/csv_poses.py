@@ -244,9 +244,9 @@ def _header(line: bytes, where: str) -> _Header:
     details = "; ".join(f"{what}: {short(', '.join(which))}" for what, which in parts if which)
     hint = "; end each line with a line feed" if "\r" in text else ""
     if not {"x", "y", "z"} & set(missing) and set(COLUMNS[4:]) <= set(missing):
-        hint = "; rotations must be quaternions here; for others see --rotation and docs: From the robot's controller"
+        hint = "; rotations must be quaternions here; for others see --rotation and docs/how-to/controller.md"
     elif missing:
-        hint += "; docs: From the robot's controller"
+        hint += "; docs/how-to/controller.md"
         if any(name.lower() in _POINTS for name in unknown):
             hint = f"; {OF_POINTS}"
     raise InputError(f"{where}: expected the header {HEADER}, got {short(text)} ({details}){hint}.")
@@ -274,5 +274,5 @@ def _missing_line(n: int) -> str:
     names = f"{HEADER} or {','.join(COLUMNS[1:])}"
     return (
         f"add it as the first line, as the columns stand in the file: {names}, or with qw first; for other numbers see "
-        "docs: From the robot's controller"
+        "docs/how-to/controller.md"
     )

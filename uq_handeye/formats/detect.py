@@ -89,6 +89,7 @@ def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
     Raises `InputError` for what cannot be read, in the words of the reader of the format; and for a content that is of
     no format or of several.
     """
+    format = format.lower() if isinstance(format, str) else format  # makers write their names in capitals
     if format is not None and (not isinstance(format, str) or format not in FORMATS):
         raise InputError(f"Expected `format` (--format) to be one of {', '.join(FORMATS)}, got {format!r}.")
     if is_many(path):

@@ -23,7 +23,7 @@ from .columns import QUATERNIONS, ROTATIONS, ColumnError, Columns, is_pose_heade
 from .forms import CONTROLLERS, PoseForm
 from .readings import interpret
 
-HELP = "docs: From the robot's controller (docs/how-to/controller.md)"
+HELP = "see docs/how-to/controller.md"
 # Rows that tell whether a text is a table of poses.
 _LOOKED_AT = 50
 _POSITION = ("x", "y", "z")
