@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from ..errors import InputError, InputWarning
 from .groups import POSE_FILES
-from .messages import LOG, command_line, timed
+from .messages import LOG, timed
 from .options.arm import Arm
-from .options.common import CAMERA_FRAMES, FORMAT_NAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, UNITS, one_of, option
+from .options.common import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, one_of, option
 from .options.noise import EXACT, Given
+from .stream_files import StreamFiles, missing_robot
 
 if TYPE_CHECKING:
     from ..noise.camera_noise import CameraNoise
@@ -21,264 +20,8 @@ if TYPE_CHECKING:
     from ..poses.pose_pairs import PosePairs
     from ..poses.selection import Selection
     from ..shared_errors.shared_error import SharedError
-    from ..synchronisation.result import Synchronised
     from .pictures import Pictures
     from .views import Views
-
-
-@dataclass(frozen=True)
-class StreamFiles:
-    """Options of the files of robot and camera poses."""
-
-    robot: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="ROBOT",
-            help="Robot poses: CSV timestamp,x,y,z,qx,qy,qz,qw (m). Scalar last, base_T_gripper; options state other "
-            "units, orders, frames and formats. Or one file that holds both sides.",
-            show_default=False,
-        ),
-    ] = None
-    camera: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="CAMERA",
-            help="Camera poses likewise, or the folder of camera -o or points -o. camera_T_target, row by row as in "
-            "ROBOT unless --pair says otherwise.",
-            show_default=False,
-        ),
-    ] = None
-    setup: Annotated[
-        str | None,
-        option(
-            "--setup",
-            of=SETUP_NAMES,
-            metavar="NAME",
-            panel=POSE_FILES,
-            common=True,
-            help="Camera mount: eye-in-hand (default) or eye-to-hand. eye-in-hand: on the gripper; eye-to-hand: in "
-            "the cell. A pose file may state it, too.",
-        ),
-    ] = None
-    format: Annotated[
-        str | None,
-        option(
-            "--format",
-            of=FORMAT_NAMES,
-            metavar="NAME",
-            panel=POSE_FILES,
-            help=f"Format of both files: {', '.join(FORMAT_NAMES)}. Default: detected.",
-        ),
-    ] = None
-    robot_format: Annotated[
-        str | None,
-        option(
-            "--robot-format",
-            of=FORMAT_NAMES,
-            metavar="NAME",
-            panel=POSE_FILES,
-            help="Format of the robot file. Default: --format.",
-        ),
-    ] = None
-    camera_format: Annotated[
-        str | None,
-        option(
-            "--camera-format",
-            of=FORMAT_NAMES,
-            metavar="NAME",
-            panel=POSE_FILES,
-            help="Format of the camera file. Default: --format.",
-        ),
-    ] = None
-    units: Annotated[
-        str | None,
-        option(
-            "--units",
-            of=UNITS,
-            metavar="UNIT",
-            panel=POSE_FILES,
-            common=True,
-            help=f"Length unit of both files. One of {', '.join(UNITS)}. Default: as the format says, else m.",
-        ),
-    ] = None
-    robot_units: Annotated[
-        str | None,
-        option(
-            "--robot-units",
-            of=UNITS,
-            metavar="UNIT",
-            panel=POSE_FILES,
-            help="Length unit of the robot file. Default: --units.",
-        ),
-    ] = None
-    camera_units: Annotated[
-        str | None,
-        option(
-            "--camera-units",
-            of=UNITS,
-            metavar="UNIT",
-            panel=POSE_FILES,
-            help="Length unit of the camera file. Default: --units.",
-        ),
-    ] = None
-    rotation: Annotated[
-        str | None,
-        option(
-            "--rotation",
-            metavar="FORM",
-            panel=POSE_FILES,
-            help="Rotations of both files, e.g. ZYX-deg. Euler angles by their axes and unit (ZYX-deg: rotated axes; "
-            "xyz-rad: fixed axes), rotvec-rad, rotvec-deg, xyzw, wxyz, or transposed matrices. Default: as the format "
-            "says.",
-        ),
-    ] = None
-    robot_rotation: Annotated[
-        str | None,
-        option(
-            "--robot-rotation",
-            metavar="FORM",
-            panel=POSE_FILES,
-            help="Rotations of the robot file. Default: --rotation.",
-        ),
-    ] = None
-    camera_rotation: Annotated[
-        str | None,
-        option(
-            "--camera-rotation",
-            metavar="FORM",
-            panel=POSE_FILES,
-            help="Rotations of the camera file. Default: --rotation.",
-        ),
-    ] = None
-    quaternion: Annotated[
-        str | None,
-        option(
-            "--quaternion",
-            of=("xyzw", "wxyz"),
-            metavar="ORDER",
-            panel=POSE_FILES,
-            help="Quaternion order of both files: xyzw, or wxyz (scalar first). Default: that of the format.",
-        ),
-    ] = None
-    robot_quaternion: Annotated[
-        str | None,
-        option(
-            "--robot-quaternion",
-            of=("xyzw", "wxyz"),
-            metavar="ORDER",
-            panel=POSE_FILES,
-            help="Quaternion order of the robot file. Default: --quaternion.",
-        ),
-    ] = None
-    camera_quaternion: Annotated[
-        str | None,
-        option(
-            "--camera-quaternion",
-            of=("xyzw", "wxyz"),
-            metavar="ORDER",
-            panel=POSE_FILES,
-            help="Quaternion order of the camera file. Default: --quaternion.",
-        ),
-    ] = None
-    robot_frame: Annotated[
-        str,
-        option(
-            "--robot-frame",
-            of=ROBOT_FRAMES,
-            metavar="FRAME",
-            panel=POSE_FILES,
-            help=f"Direction of the robot poses: {' or '.join(ROBOT_FRAMES)}.",
-        ),
-    ] = ROBOT_FRAMES[0]
-    camera_frame: Annotated[
-        str,
-        option(
-            "--camera-frame",
-            of=CAMERA_FRAMES,
-            metavar="FRAME",
-            panel=POSE_FILES,
-            help=f"Direction of the camera poses: {' or '.join(CAMERA_FRAMES)}.",
-        ),
-    ] = CAMERA_FRAMES[0]
-    offset: Annotated[
-        str | None,
-        option(
-            "--offset",
-            metavar="SECONDS",
-            panel=POSE_FILES,
-            help="Clock offset of unsynchronised streams (robot minus camera, s), taken as exact, or OFFSET,STD. "
-            "Default: estimated.",
-        ),
-    ] = None
-
-    def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
-        """Return both files as streams on one clock; ``options`` are further arguments of `synchronise`."""
-        from ..io import read_stream
-        from ..synchronisation.synchronise import synchronise
-
-        if self.robot is None and arm is None:
-            raise missing_robot("")
-        if self.camera is None:
-            raise InputError("Synchronisation needs two streams. Give the robot file and the camera file.")
-        files = ((self.robot, "robot", self.robot_frame), (self.camera, "camera", self.camera_frame))
-        robot, camera = (
-            read_stream(
-                file,
-                side,
-                units=units,
-                format=format,
-                rotation=rotation,
-                frame=frame,
-                **({} if arm is None or side != "robot" else arm.of_files),
-            )
-            for (file, side, frame), units, format, rotation in zip(
-                files, self.both_units, self.formats, self.rotations, strict=True
-            )
-        )
-        LOG.debug("%d poses of the robot, %d of the camera", len(robot), len(camera))
-        setup = SETUP_NAMES[0] if self.setup is None else self.setup
-        return synchronise(robot, camera, setup=setup, offset=self._offset(), **options)
-
-    def _offset(self) -> float | tuple[float, float] | None:
-        if self.offset is None:
-            return None
-        try:
-            numbers = [float(part) for part in self.offset.split(",")]
-        except ValueError:
-            numbers = []
-        if len(numbers) not in (1, 2):
-            raise InputError(f"Expected --offset to be seconds such as -0.015 or -0.015,0.002, got {self.offset!r}.")
-        return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
-
-    @property
-    def both_units(self) -> tuple[str | None, str | None]:
-        """Length units of the robot file and the camera file; None: as the format says, else m."""
-        return self.robot_units or self.units, self.camera_units or self.units
-
-    @property
-    def formats(self) -> tuple[str | None, str | None]:
-        """Formats of the robot file and the camera file; None: detected."""
-        return self.robot_format or self.format, self.camera_format or self.format
-
-    @property
-    def rotations(self) -> tuple[str | None, str | None]:
-        """Forms of the rotations of the robot file and the camera file; None: as the format says."""
-        return (
-            self._one_form("robot", self.robot_rotation, self.robot_quaternion),
-            self._one_form("camera", self.camera_rotation, self.camera_quaternion),
-        )
-
-    def _one_form(self, role: str, form: str | None, order: str | None) -> str | None:
-        """Return what --rotation or --quaternion says of one side; its own options win."""
-        if form is not None and order is not None:
-            raise InputError(f"--{role}-rotation and --{role}-quaternion are both given. Remove one of them.")
-        if self.rotation is not None and self.quaternion is not None:
-            raise InputError("--rotation and --quaternion are both given. Remove one of them.")
-        return form or order or self.rotation or self.quaternion
-
-    def _shown(self, arm: Arm | None = None) -> str:
-        robot = arm.shown if self.robot is None and arm is not None else str(self.robot)
-        return robot if self.camera is None else f"{robot} and {self.camera}"
 
 
 @dataclass(frozen=True)
@@ -497,12 +240,6 @@ def _is_camera_folder(path: Path) -> bool:
     from ..io.known_camera import is_folder_of_poses
 
     return is_folder_of_poses(path)
-
-
-def missing_robot(instead: str = ", or --joints and --urdf") -> InputError:
-    """Return the error of missing robot poses."""
-    command = " ".join(command_line().split()[:2])
-    return InputError(f"Missing argument 'ROBOT'{instead} (see {command} --help).")
 
 
 def _complete_noise(

@@ -6,7 +6,7 @@ from typing import Annotated
 from ..delivery import deliver
 from ..messages import LOG, timed
 from ..options.common import JsonOption, emit, flag, folder_option, made_of, one_of, option
-from ..pose_files import StreamFiles
+from ..stream_files import StreamFiles
 
 CLOCKS = "Synchronisation"
 INTERPOLATIONS = ("so4", "geodesic")

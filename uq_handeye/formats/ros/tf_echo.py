@@ -37,7 +37,10 @@ FEW, COARSE = 6, 4
 
 def is_tf_echo(head: str) -> bool:
     """Return whether a text is what tf_echo prints."""
-    return bool(re.search(r"^\s*-?\s*Translation:\s*\[", head, re.MULTILINE)) and "in Quaternion" in head
+    if "in Quaternion" not in head:
+        return False
+    lines = (line.lstrip(" \t-") for line in head.splitlines())
+    return any(line.startswith("Translation:") and "[" in line for line in lines)
 
 
 def read_tf_echo(text: str, name: str) -> Contents:
