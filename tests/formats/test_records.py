@@ -67,3 +67,20 @@ def test_joint_values_are_named(poses, tmp_path):
     np.savetxt(tmp_path / "joints.csv", numbers, delimiter=",", header="j1,j2,j3,j4,j5,j6", comments="")
     with pytest.raises(uq.InputError, match=r"joint values .*--joints with --urdf"):
         uq.read_poses(tmp_path / "joints.csv", tmp_path / "camera.csv")
+
+
+@pytest.mark.parametrize("names", [("rvec", "tvec"), ("rotations", "translations"), ("Rs", "ts")])
+def test_other_names_of_arrays(poses, tmp_path, names):
+    write_pose_file(tmp_path / "camera.csv", poses.camera)
+    rotation = Rotation.from_matrix(poses.robot[:, :3, :3])
+    values = rotation.as_rotvec() if names[0] == "rvec" else rotation.as_matrix()
+    np.savez(tmp_path / "robot.npz", **dict(zip(names, (values, poses.robot[:, :3, 3]), strict=True)))
+    read = uq.read_poses(tmp_path / "robot.npz", tmp_path / "camera.csv")
+    np.testing.assert_allclose(read.robot, poses.robot, atol=1e-9)
+
+
+def test_a_result_is_no_table_of_poses(poses, tmp_path):
+    write_pose_file(tmp_path / "camera.csv", poses.camera)
+    uq.calibrate(poses, noise=NOISE).to_json(tmp_path / "result.json")
+    with pytest.raises(uq.InputError, match="is a result of uq-handeye"):
+        uq.read_poses(tmp_path / "result.json", tmp_path / "camera.csv")

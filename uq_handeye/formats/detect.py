@@ -204,7 +204,7 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
     if not first:
         if len(head) >= _HEAD:
             raise _unknown(name, head[:80])
-        raise InputError(f"{name}: the file is empty; expected poses ({', '.join(FORMATS)}).")
+        raise InputError(f"{name}: the file is empty; expected poses in a format of docs/formats.md.")
     words, fields = first.split(), re.split(rb"[,;\t]", first)
     names = {column.encode() for column in COLUMNS}
     if all(map(is_number, words)):
@@ -223,8 +223,8 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
 def _unknown(name: str, start: bytes) -> InputError:
     began = short(start[:60].decode("utf-8", errors="backslashreplace"))
     return InputError(
-        f"{name}: not a pose file that is known; it begins with {began}. Expected one of {', '.join(FORMATS)} "
-        "(docs/formats.md); name it by `format` (--format, --robot-format, --camera-format) to see what is wrong."
+        f"{name}: not a pose file that is known; it begins with {began}. Expected one of the formats "
+        "of docs/formats.md; name it by `format` (--format, --robot-format, --camera-format) to see what is wrong."
     )
 
 

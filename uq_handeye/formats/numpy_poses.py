@@ -34,6 +34,9 @@ MAX_ARRAYS = 100
 FRANKA = "O_T_EE"
 TIMES = ("timestamps", "timestamp", "times", "t")
 
+# Other names of rotations and translations.
+_ALIASES = {"rvec": "rvecs", "tvec": "tvecs", "rotations": "R", "translations": "t", "Rs": "R", "ts": "t"}
+
 
 def read_npy(data: bytes, name: str) -> Contents:
     """One array (n, 4, 4)."""
@@ -65,6 +68,8 @@ def unpacked(data: bytes, name: str) -> dict[str, NDArray[Any]]:
 def read_npz(data: bytes, name: str) -> Contents:
     """Arrays by name."""
     arrays = unpacked(data, name)
+    if not arrays.keys() & _ALIASES.values():
+        arrays = {_ALIASES.get(key, key): array for key, array in arrays.items()}
     keys = short(", ".join(arrays))
     setup, notes = None, []
     if "setup" in arrays:

@@ -57,7 +57,7 @@ def read_tum(file: BinaryIO, name: str) -> Contents:
             orders[:] = orders or ["xyzw"]
         if len(fields) != len(COLUMNS):
             words = decoded(text, f"{where}: expected {' '.join(COLUMNS)}")
-            hint = _HINTS.get(len(fields), "")
+            hint = _HINTS.get(len(fields), "; docs/formats.md has the formats")
             raise InputError(
                 f"{where}: expected the 8 numbers {' '.join(COLUMNS)} separated by spaces, got {len(fields)} "
                 f"fields, {short(words)}{hint}."

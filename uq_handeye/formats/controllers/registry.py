@@ -48,6 +48,9 @@ def kind_of(head: str) -> str | None:
     for name, (is_it, _) in PROGRAMS.items():
         if is_it(head):
             return name
+    first = head.lstrip().partition("\n")[0].rstrip()
+    if first.startswith("{") and not first.endswith("}"):  # JSON over several lines
+        return None
     if has_lists(head):
         return "table"
     if "<RIst" in head:  # what the robot sensor interface of KUKA sends
