@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import logging
 import re
 from collections.abc import Callable
@@ -91,7 +92,11 @@ def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
     """
     format = format.lower() if isinstance(format, str) else format  # makers write their names in capitals
     if format is not None and (not isinstance(format, str) or format not in FORMATS):
-        raise InputError(f"Expected `format` (--format) to be one of {', '.join(FORMATS)}, got {format!r}.")
+        near = difflib.get_close_matches(str(format), FORMATS, n=1)
+        hint = f" Did you mean {near[0]}?" if near else ""
+        raise InputError(
+            f"Expected `format` (--format) to be one of {', '.join(FORMATS)} (docs/formats.md), got {format!r}.{hint}"
+        )
     if is_many(path):
         paths, left = paths_of(path)
         contents, source = joined_contents(shown(path), paths, [_of_file(one, format) for one in paths], left)
