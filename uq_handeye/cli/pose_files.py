@@ -110,9 +110,13 @@ class PoseFiles(StreamFiles):
         else:
             poses, noise = files._poses_and_noise(given.noise, seen, arm)
             if poses.camera_calibration is not None:
-                from ..input_checks.pose_ambiguity import resolve_pose_ambiguity
+                from ..input_checks.pose_ambiguity import CODE, resolve_pose_ambiguity
 
                 poses = resolve_pose_ambiguity(poses)
+                seen_by = poses.camera_calibration
+                for finding in () if seen_by is None else seen_by.findings:
+                    if finding.code == CODE:
+                        LOG.info("%s", finding)
             shared = given.shared.errors(poses, noise, given.file)
         return poses, noise, shared
 
