@@ -144,6 +144,13 @@ def test_noise_that_grows_with_the_distance_is_found():
     assert not poses_from_points(*rig(rng, 300, 5, LATERAL, AXIAL)[:2]).model.growing
 
 
+def test_few_residuals_matter_where_they_give_the_noise():
+    y, p, _ = rig(np.random.default_rng(SEED + 10), 1, 4, LATERAL, AXIAL)
+    assert not poses_from_points(y, p, noise=(LATERAL, AXIAL)).findings
+    with pytest.warns(InputWarning, match="from few residuals"):
+        poses_from_points(y, p, noise="isotropic")
+
+
 def test_wrong_points_are_named():
     rng = np.random.default_rng(SEED + 6)
     y, p, _ = rig(rng, 15, 6, LATERAL, AXIAL)

@@ -71,8 +71,11 @@ def _spread(sight: Sight, values: Array) -> float:
     return float(np.median(np.linalg.norm(values[1:] - values[:-1], axis=-1)[same]))
 
 
-def noise_finding(found: Fit) -> Finding | None:
-    """Return a finding if the residuals contradict the noise that was given."""
+def noise_finding(found: Fit, given: bool) -> Finding | None:
+    """Return a finding if the residuals contradict the noise that was given, or are few to estimate it from."""
+    if not given:
+        fewest = float(found.dof.sum() if found.model.isotropic else found.dof.min())
+        return Finding("points.few_residuals", "caution", {"dof": fewest}) if fewest < FEW_DOF else None
     value, dof = float((found.squares / found.phi).sum()), found.total_dof
     if dof < 1:
         return None
@@ -82,20 +85,12 @@ def noise_finding(found: Fit) -> Finding | None:
     return Finding("points.noise_differs", "caution", {"ratio": float(np.sqrt(value / dof)), "p_value": p})
 
 
-def fit_findings(found: Fit, target_known: bool, names: NDArray[np.str_]) -> list[Finding]:
-    """Return what the residuals say against the target, and of how few numbers the noise was estimated."""
-    findings = []
-    fewest = float(found.dof.sum() if found.model.isotropic else found.dof.min())
-    if fewest < FEW_DOF:
-        findings.append(Finding("points.few_residuals", "caution", {"dof": fewest}))
-    if not target_known:
-        return findings
+def target_findings(found: Fit, names: NDArray[np.str_]) -> list[Finding]:
+    """Return what the residuals say against the target."""
     scale, sd = scale_of(found.normal)
     if abs(scale) > max(CERTAIN * sd, TELLING):
-        findings.append(Finding("points.scale", "caution", {"scale": scale, "std": sd}))
-    else:
-        findings += _target_finding(found.normal, names)
-    return findings
+        return [Finding("points.scale", "caution", {"scale": scale, "std": sd})]
+    return _target_finding(found.normal, names)
 
 
 def scale_of(normal: Normal) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from ..errors import InputError, NotConvergedError
 from ..findings import Finding, warn
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
-from .checks import fit_findings, noise_finding, require_scale
+from .checks import noise_finding, require_scale, target_findings
 from .given_noise import GivenNoise, given_noise
 from .least_squares import Sight
 from .measured import PointSet, Target
@@ -71,9 +71,10 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
     --------
     >>> import numpy as np, uq_handeye as uq
     >>> target = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
-    >>> seen = uq.poses_from_points(target[None] + [0, 0, 1.0], target, noise="0.1mm,0.5mm")
-    >>> seen.poses[0, :3, 3].round(9).tolist(), seen.covariance.shape
-    ([0.0, 0.0, 1.0], (6, 6))
+    >>> measured = target + [0, 0, 1.0] + np.random.default_rng(1).normal(scale=[1e-4, 1e-4, 5e-4], size=(4, 3))
+    >>> seen = uq.poses_from_points(measured[None], target, noise="0.1mm,0.5mm")
+    >>> float(seen.poses[0, 2, 3].round(2)), seen.covariance.shape
+    (1.0, (6, 6))
     """
     measured = PointSet.of(points)
     given = given_noise(noise)
@@ -123,8 +124,9 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
         findings.append(
             Finding("points.left_out", "caution", {"count": len(out), "n": len(sight.y), "far_points": listed})
         )
-    findings += fit_findings(found, known is not None, names[kept_points])
-    if given.phi is not None and (finding := noise_finding(found)) is not None:
+    if known is not None:
+        findings += target_findings(found, names[kept_points])
+    if (finding := noise_finding(found, given.phi is not None)) is not None:
         findings.append(finding)
     warn(findings)
     L = found.normal.L if shape_open else np.zeros((3 * len(kept_points), 0))
