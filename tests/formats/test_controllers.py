@@ -182,6 +182,20 @@ def test_lists_of_position_and_quaternion(robot_file, rigs):
     check(robot_file("\n".join(f"TCP: {row[1:-1]}" for row in rows)), T, "abb")
 
 
+def two_groups(text):
+    """Add a rail as a second motion group to each position of a TP program."""
+    return text.replace("};", "   GP2:\n\tUF : 0, UT : 2,\n\tJ1=     0.000  mm\n};")
+
+
+def test_measured_columns_beside_commanded_ones(robot_file, rigs):
+    numbers, T = rigs["ur"]
+    both = np.hstack([numbers + 1e-4, numbers])
+    names = [f"{kind}_TCP_pose_{k}" for kind in ("target", "actual") for k in range(6)]
+    for order in (slice(None), slice(None, None, -1)):
+        source = check(robot_file(csv(both[:, order], ",".join(names[order]))), T)
+        assert any("not used: the columns" in note and "target_TCP" in note for note in source.notes)
+
+
 def test_other_forms_of_programs(robot_file, rigs):
     numbers, T = rigs["staubli"]
     rows = [", ".join(map(repr, row)) for row in numbers.tolist()]
@@ -192,12 +206,14 @@ def test_other_forms_of_programs(robot_file, rigs):
     pairs = [" ".join(f"{a} {b!r}," for a, b in zip("XYZABC", row, strict=True))[:-1] for row in numbers.tolist()]
     check(robot_file("\r\n".join(f"LIN {{{pair}}} C_DIS" for pair in pairs)), T)
     check(robot_file("\r\n".join(f"{{FRAME: {pair}}}" for pair in pairs)), T)
+    check(robot_file("\n".join(f"12:00:01 $POS_ACT={{E6POS: {pair}, S 6, T 27, E1 0.0}}" for pair in pairs)), T)
     numbers, T = rigs["fanuc"]
     text = "[*POSREG*]$POSREG  Storage: CMOS  Access: RW  : ARRAY[1,100] OF Position Reg\n"
     for k, row in enumerate(numbers.tolist()):
         text += f"     [1,{k + 1}] =   'cal'   Group: 1   Config: N U T, 0, 0, 0\n"
         text += "  X: {!r}   Y: {!r}   Z: {!r}\n  W: {!r}   P: {!r}   R: {!r}\n".format(*row)
     check(robot_file(text + "     [1,99] =   ''  Uninitialized\n"), T)
+    assert "groups" in " ".join(check(robot_file(two_groups(program("fanuc", rigs["fanuc"][0]))), T).notes)
     numbers, T = rigs["kawasaki"]
     rows = [", ".join(map(repr, row)) for row in numbers.tolist()]
     check(robot_file("\n".join(f"POINT p{k} = TRANS({row})" for k, row in enumerate(rows))), T)

@@ -112,7 +112,7 @@ EYE = "[ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]"
         ("a: 1\na: 2\n", ["line 2", "'a'", "twice"]),
         ("- " * 40 + "1", ["levels of nesting"]),
         ("a: 1\n? [1, 2]\n: 3\n", ["line 2", "key"]),
-        ("a: 1\n---\nb: 2\n", ["one YAML document"]),
+        ("a: 1\n---\nb: 2\n", ["names of a format that is known", "a list of 2"]),
         ("a: \x01\n", ["not YAML"]),
         ("nothing: here\n", ["names of a format that is known", "'nothing'", "--format"]),
         (b"a: \xff\n", ["UTF-8"]),

@@ -84,3 +84,36 @@ def test_a_result_is_no_table_of_poses(poses, tmp_path):
     uq.calibrate(poses, noise=NOISE).to_json(tmp_path / "result.json")
     with pytest.raises(uq.InputError, match="is a result of uq-handeye"):
         uq.read_poses(tmp_path / "result.json", tmp_path / "camera.csv")
+
+
+def quaternion_list(R, t):
+    return {"translation": t, "rotation": R.as_quat().tolist()}
+
+
+def visp(R, t):
+    return {"rows": 6, "cols": 1, "data": [[x] for x in [*t, *R.as_rotvec().tolist()]]}
+
+
+FILES = {
+    "poses.jsonl": lambda each: "\n".join(map(json.dumps, each)),
+    "commas.json": lambda each: ",\n".join(json.dumps(one, indent=1) for one in each),
+    "several.yaml": lambda each: "---\n" + "\n---\n".join(map(json.dumps, each)) + "\n---\n",
+    "numbered.yaml": lambda each: json.dumps({f"pose_{k}": one for k, one in enumerate(each)}),
+    "pictures.json": lambda each: json.dumps({"robot": {f"img{k}.png": one for k, one in enumerate(each)}}),
+}
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_one_document_or_entry_per_pose(poses, tmp_path, file):
+    write_pose_file(tmp_path / "camera.csv", poses.camera)
+    (tmp_path / file).write_text(FILES[file](entries(poses, quaternion_list)))
+    read = uq.read_poses(tmp_path / file, tmp_path / "camera.csv")
+    np.testing.assert_allclose(read.robot, poses.robot, atol=1e-9)
+
+
+def test_pose_vectors_of_visp(poses, tmp_path):
+    write_pose_file(tmp_path / "camera.csv", poses.camera)
+    for k, one in enumerate(entries(poses, visp)):
+        (tmp_path / f"pose_rPe_{k + 1}.yaml").write_text(json.dumps(one))
+    read = uq.read_poses(tmp_path / "pose_rPe_*.yaml", tmp_path / "camera.csv")
+    np.testing.assert_allclose(read.robot, poses.robot, atol=1e-9)

@@ -255,3 +255,26 @@ def test_texts_are_told_from_all_other_formats(poses, tmp_path, kind):
         for name, text in (("ros-topic", echo(poses, kind, ros)), ("tf-echo", tf_echo(poses, 6, ros))):
             (tmp_path / "poses.txt").write_text(text)
             assert read_contents(tmp_path / "poses.txt", None)[1].format == name
+
+
+def printed_by_rclpy(T):
+    x, y, z, qx, qy, qz, qw = seven(T)
+    return (
+        "geometry_msgs.msg.PoseStamped(header=std_msgs.msg.Header(stamp=builtin_interfaces.msg.Time(sec=7, nanosec=0), "
+        f"frame_id='base'), pose=geometry_msgs.msg.Pose(position=geometry_msgs.msg.Point(x={x!r}, y={y!r}, z={z!r}), "
+        f"orientation=geometry_msgs.msg.Quaternion(x={qx!r}, y={qy!r}, z={qz!r}, w={qw!r})))"
+    )
+
+
+def test_messages_as_python_prints_them(poses):
+    """rospy prints fields without a line between messages, rclpy one line per message, maybe behind a log's prefix."""
+    rospy = echo(poses, "Pose", 1).replace("---\n", "")
+    rclpy = "".join(f"{printed_by_rclpy(T)}\n" for T in poses)
+    logged = "".join(f"[INFO] [17.3] [cell]: {printed_by_rclpy(T)}\n" for T in poses)
+    for text in (rospy, rclpy, logged):
+        assert is_ros_topic(text)
+        np.testing.assert_allclose(read(read_ros_topic(text, "pose.txt")), poses, atol=1e-14)
+    array = "geometry_msgs.msg.PoseWithCovariance(pose=geometry_msgs.msg.Pose(position=geometry_msgs.msg.Point(x=1.0, "
+    array += "y=0.0, z=0.0), orientation=geometry_msgs.msg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)), "
+    array += "covariance=array([0., 0.]))\n"
+    assert read(read_ros_topic(array, "pose.txt"))[0, 0, 3] == 1.0

@@ -59,7 +59,7 @@ def test_counts_differ(pair):
     ("camera", "parts"),
     [
         ([0.0, 1.6, 2.002], ["same moments", "0.6 s, in pose 1 (1.0 and 1.6)", "--pair time", "--pair async"]),
-        ([0, 1, 3], ["1 s, in pose 2", "row numbers"]),  # one numbering lost a row
+        ([0, 1, 3], ["1 s, in pose 2", "--pair rows"]),  # one numbering lost a row
         ([1, 2, 3], ["1 s, in pose 0"]),
     ],
 )
@@ -67,6 +67,22 @@ def test_rows_are_not_synchronous(pair, camera, parts):
     text = message(pair([0, 1, 2], camera))
     for part in parts:
         assert part in text
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.1])
+def test_clocks_without_a_common_time(pair, jitter):
+    uptime = 5129.9 + 0.7 * np.arange(5)
+    unix = 1.7e9 + 0.7 * np.arange(5) + jitter * np.array([0, 1, -1, 1, 0])
+    poses = read_poses(*pair(uptime, unix))
+    assert any("the clocks differ by -1.69999e+09 s" in note for note in poses.sources[0].notes)
+    assert "same moments" in message(pair(uptime, unix + np.array([0, 0, 0, 0.7, 0.7])))  # a row was lost
+
+
+def test_rows_belong_together_where_it_is_said(pair):
+    files = pair([0, 1, 2], [1, 2, 4])
+    assert "--pair rows" in message(files)
+    with pytest.warns(InputWarning, match="paired by their order although .* 2 s, in pose 2"):
+        np.testing.assert_array_equal(read_poses(*files, pair="rows").timestamps, [0, 1, 2])
 
 
 def test_small_differences_are_said(pair):

@@ -29,17 +29,18 @@ class PoseFiles(StreamFiles):
     """Options of the files of robot and camera poses, and of their pairing."""
 
     pair: Annotated[
-        str,
+        str | None,
         option(
             "--pair",
             of=PAIRINGS,
             metavar="HOW",
             panel=POSE_FILES,
             common=True,
-            help="Pairing: rows, time or async. rows: row k with row k; time: nearest timestamps; async: "
-            "unsynchronised streams, put on one clock as by uq-handeye sync.",
+            help="Pairing: rows, time or async. rows: row k with row k, whatever the timestamps say; time: nearest "
+            "timestamps; async: unsynchronised streams, put on one clock as by uq-handeye sync. Default: rows, unless "
+            "timestamps speak against it.",
         ),
-    ] = "rows"
+    ] = None
     time_tolerance: Annotated[
         float | None,
         option(
@@ -158,7 +159,7 @@ class PoseFiles(StreamFiles):
         self, noise: "Noise | None", pictures: "Pictures | None", arm: Arm | None, fewest: int = 3
     ) -> "tuple[PosePairs, Noise | None]":
         """Return the poses, and their noise if that of the samples is given."""
-        how = one_of(self.pair, "--pair", PAIRINGS)
+        how = None if self.pair is None else one_of(self.pair, "--pair", PAIRINGS)
         if pictures is not None or (self.camera is not None and _is_camera_folder(self.camera)):
             self._refuse_of_files("--images" if pictures is not None else f"the folder {self.camera}", how)
         if pictures is not None and self.camera is not None:
@@ -171,7 +172,7 @@ class PoseFiles(StreamFiles):
             ("--offset", self.offset, "async"),
         ):
             if value is not None and how != needed:
-                raise InputError(f"{name} needs --pair {needed}, got --pair {how}.")
+                raise InputError(f"{name} needs --pair {needed}, got --pair {how or PAIRINGS[0]}.")
         with timed(f"reading {self._shown(arm)}"):
             if how == "async":
                 poses, noise = self._synchronised_poses(noise, arm)
@@ -194,10 +195,10 @@ class PoseFiles(StreamFiles):
         LOG.info("The clocks differ by %s (robot minus camera); details: uq-handeye sync.", offset)
         return found.poses, found.noise
 
-    def _refuse_of_files(self, what: str, how: str) -> None:
+    def _refuse_of_files(self, what: str, how: str | None) -> None:
         """Raise `InputError` if options of a file of camera poses are given for something else."""
         given = {
-            "--pair": how != "rows",
+            "--pair": how not in (None, "rows"),
             "--camera-format": self.camera_format is not None,
             "--camera-units": self.camera_units is not None,
             "--camera-rotation": self.camera_rotation is not None,
@@ -207,7 +208,7 @@ class PoseFiles(StreamFiles):
         if wrong := [name for name, value in given.items() if value]:
             raise InputError(f"{', '.join(wrong)}: for files of camera poses, not for {what}. Remove the option.")
 
-    def _read(self, how: str, pictures: "Pictures | None", arm: Arm | None) -> "PosePairs":
+    def _read(self, how: str | None, pictures: "Pictures | None", arm: Arm | None) -> "PosePairs":
         from ..io import read_poses
 
         of_arm: dict[str, Any] = {} if arm is None else arm.of_files

@@ -117,7 +117,7 @@ def arrivals_of(folder: Path, files: PoseFiles, seen: "Pictures | Views | None",
     if files.robot is not None or files.camera is not None:
         given = files.robot or files.camera
         raise InputError(f"--watch {folder} finds the pose files in the folder. Remove {given}.")
-    if files.pair != "rows":
+    if files.pair not in (None, "rows"):
         raise InputError(f"--watch pairs pose k of the robot with pose k of the camera. Remove --pair {files.pair}.")
     if files.exclude is not None or files.only is not None:
         raise InputError("--exclude and --only number poses that are there. Use them without --watch, afterwards.")

@@ -25,7 +25,7 @@ NOTES = ("readme", "license", "notes")
 _SEEN = re.compile(r"cam|target|board|marker|tag|pattern|object|checker|charuco|c[_*]", re.IGNORECASE)
 
 
-def natural(path: Path) -> tuple[Any, ...]:
+def natural(path: Path | str) -> tuple[Any, ...]:
     """Sorts numbers within names by their value: img2 before img10."""
     parts = re.split(r"(\d+)", str(path))
     return tuple((int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)), str(path)

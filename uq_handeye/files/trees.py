@@ -16,27 +16,34 @@ from .lines import decoded, one_line, short
 MAX_BYTES = 20_000_000  # lists and texts take up to twenty times their size in memory
 MAX_DEPTH = 30
 
+# What stands between two documents of JSON.
+_BETWEEN = re.compile(r"[\s,]*")
+
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|Nan|NaN|NAN)")
 
 
-def parse_tree(data: bytes, name: str) -> Any:
-    """The content of a YAML, JSON or XML file; `InputError` with the line for what is none of them."""
+def parse_tree(data: bytes, name: str, several: bool = False) -> Any:
+    """The content of a YAML, JSON or XML file; `InputError` with the line for what is none of them.
+
+    With ``several``, documents that follow each other (JSON lines, YAML with ``---`` between) are a list; else a second
+    one is refused.
+    """
     text = decoded(data.removeprefix(b"\xef\xbb\xbf"), f"{name}: expected YAML, JSON or XML")
     start = text.lstrip()[:1]
     if start == "<":
         return _xml(text, name)
     if start in ("{", "["):
         try:
-            return _json(text, name)
+            return _json(text, name, several)
         except InputError as error:
             try:  # YAML in braces; OpenCV before 4.6 wrote `1.` for 1.0 in its JSON
-                return _yaml(text, name)
+                return _yaml(text, name, several)
             except InputError:
                 raise error from None
-    return _yaml(text, name)
+    return _yaml(text, name, several)
 
 
-def _json(text: str, name: str) -> Any:
+def _json(text: str, name: str, several: bool) -> Any:
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
@@ -44,8 +51,17 @@ def _json(text: str, name: str) -> Any:
             raise InputError(f"{name}: the key {short(next(k for k in keys if keys.count(k) > 1))} is given twice.")
         return found
 
+    decoder = json.JSONDecoder(object_pairs_hook=once)
     try:
-        return json.loads(text, object_pairs_hook=once)
+        if not several:
+            return decoder.decode(text)
+        found: list[Any] = []
+        end = _after(text, 0)
+        while end < len(text) or not found:
+            value, end = decoder.raw_decode(text, end)
+            found.append(value)
+            end = _after(text, end)
+        return found if len(found) > 1 else found[0]
     except InputError:
         raise
     except json.JSONDecodeError as error:
@@ -54,6 +70,12 @@ def _json(text: str, name: str) -> Any:
         raise InputError(f"{name}: expected JSON nested at most {MAX_DEPTH} deep, got deeper.") from error
     except ValueError as error:  # an integer of thousands of digits
         raise InputError(f"{name}: not JSON: {one_line(str(error))}.") from error
+
+
+def _after(text: str, end: int) -> int:
+    """Return where the next document begins."""
+    between = _BETWEEN.match(text, end)
+    return end if between is None else between.end()
 
 
 class _Builder:
@@ -90,7 +112,7 @@ class _Builder:
         self.stack.pop()
 
 
-def _yaml(text: str, name: str) -> Any:
+def _yaml(text: str, name: str, several: bool) -> Any:
     import yaml  # slow to import
 
     first, newline, rest = text.partition("\n")
@@ -98,7 +120,7 @@ def _yaml(text: str, name: str) -> Any:
         text = newline + rest
     text = text.rstrip().removesuffix("\n---")  # the separator that ROS prints after a message
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    builder, documents = _Builder(name), 0
+    builder, found = _Builder(name), []
     try:
         for event in yaml.parse(text, Loader=loader):
             line = 0 if event.start_mark is None else event.start_mark.line + 1
@@ -107,8 +129,10 @@ def _yaml(text: str, name: str) -> Any:
                     f"{name}, line {line}: expected YAML without anchors and aliases (& and *); write the values out."
                 )
             if isinstance(event, yaml.DocumentStartEvent):
-                documents += 1
-                if documents > 1:
+                builder = _Builder(name)
+            elif isinstance(event, yaml.DocumentEndEvent):
+                found.append(builder.root)
+                if len(found) > 1 and not several:
                     raise InputError(f"{name}, line {line}: expected one YAML document, got a second one.")
             elif isinstance(event, yaml.ScalarEvent):
                 builder.add(_scalar(event.value) if event.implicit[0] else event.value, line)
@@ -127,7 +151,8 @@ def _yaml(text: str, name: str) -> Any:
         raise
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise InputError(f"{name}: not YAML: {one_line(str(error))}.") from error
-    return builder.root
+    found = [root for root in found if root is not None] or [None]  # an empty one between two separators
+    return found if len(found) > 1 else found[0]
 
 
 def _scalar(text: str) -> Any:

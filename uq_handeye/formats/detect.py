@@ -27,7 +27,7 @@ from .many_files import joined_contents
 from .matrices.mat_file import START as MAT_START
 from .matrices.mat_file import read_mat
 from .matrices.text import is_tree
-from .matrices.trees import matrices_of, read_matrix_tree
+from .matrices.trees import listed, matrices_of, read_matrix_tree
 from .not_poses import refuse_foreign
 from .numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from .numpy_poses import read_npy, read_npz
@@ -153,7 +153,8 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         return format or kind, _ARRAYS[kind](data, name)
     if kind in TEXTS:
         return kind, TEXTS[kind].read(_text(data), name)
-    tree = _trees.parse_tree(data, name)
+    tree = _trees.parse_tree(data, name, several=True)
+    tree = listed(tree) if format in (None, "json", "opencv") else tree
     found = format or _tree_format(tree, name)
     try:
         return found, _TREES[found](tree, name)

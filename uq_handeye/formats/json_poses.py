@@ -127,7 +127,7 @@ def _side(values: Any, name: str, within: str, frame: str | None, times: Any) ->
     if is_message(values[0]):
         parts = np.array([transform(value, at) for value, at in zip(values, where, strict=True)])
         return Side(f"{name}{within}", parts[:, :3], parts[:, 3:], columns=MESSAGE, **options)
-    if isinstance(values[0].get("rotation"), list):
+    if isinstance(rows := values[0].get("rotation"), list) and rows and isinstance(rows[0], list):
         T = np.array([_rigid(value, at) for value, at in zip(values, where, strict=True)])
         return matrices_side(f"{name}{within}", T, **options)
     keys = [key for key in QUATERNIONS if key in values[0]]

@@ -16,7 +16,6 @@ from ..files.source import Source
 from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
-from ..formats.many_files import check_numbers_of_files
 from ..formats.rotation_form import QUATERNIONS, rotation_form
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
@@ -24,8 +23,9 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.stream import Stream
 from .joints import Joints, give_joints, joints_of
 from .known_camera import KnownCamera, known_camera
-from .matching import SYNCHRONOUS, match_times
+from .matching import match_times
 from .readings import chosen_readings, reading_beside
+from .rows import check_rows
 
 if TYPE_CHECKING:
     from ..camera.result import CameraCalibration
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from ..points.result import PointPoses
 
 _PAIRINGS = ("rows", "time")
-# Timestamps (s) above this are times of a clock, not numbers of rows.
-CLOCK = 1e6
 
 _log = logging.getLogger("uq_handeye")
 
@@ -50,7 +48,7 @@ def read_poses(
     quaternion: str | tuple[str | None, str | None] | None = None,
     robot_frame: str = "base_T_gripper",
     camera_frame: str = "camera_T_target",
-    pair: str = "rows",
+    pair: str | None = None,
     tolerance: float = 0.02,
     joints: StrPath | None = None,
     kinematics: Kinematics | None = None,
@@ -87,8 +85,9 @@ def read_poses(
         Poses given as ``gripper_T_base`` are inverted.
     camera_frame : "camera_T_target" or "target_T_camera"
         Poses given as ``target_T_camera`` are inverted.
-    pair : "rows" or "time"
-        Row k of one side with row k of the other; or those nearest in time, within ``tolerance``, one to one.
+    pair : None, "rows" or "time"
+        Row k of one side with row k of the other, unless timestamps or numbers of files speak against it (None) or in
+        any case ("rows"); or those nearest in time, within ``tolerance``, one to one.
     tolerance : float
         Seconds.
     joints : path or None
@@ -107,8 +106,9 @@ def read_poses(
     InputError
         A file that cannot be read or is of no format that is known, or whose rotations may be read in several ways
         between which the other side does not decide; a setup other than what a file says; different
-        numbers of rows; timestamps of a row that differ by half the interval between rows or more (two row numberings
-        are such timestamps too: if they differ, a row was lost in one file); fewer than three pairs by time.
+        numbers of rows; without ``pair``, timestamps of a row that differ by half the interval between rows or more
+        (two row numberings are such timestamps too: if they differ, a row was lost in one file); fewer than three pairs
+        by time.
 
     Warns
     -----
@@ -116,7 +116,7 @@ def read_poses(
         Timestamps of a row that differ by more than 1e-6 s but less than that, or that go back; samples of easy_handeye
         that do not say the setup; angles with which robot and camera do not agree, where another order of axes fits.
     """
-    if not isinstance(pair, str) or pair not in _PAIRINGS:
+    if pair is not None and (not isinstance(pair, str) or pair not in _PAIRINGS):
         hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if pair == "async" else ""
         raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {pair!r}{hint}.")
     if setup is not None and (not isinstance(setup, str) or setup not in SETUPS):
@@ -132,7 +132,7 @@ def read_poses(
         robot_frame = FRAMES["robot"][0]
     seen = known_camera(camera)
     if seen is not None:
-        if pair != "rows" or camera_frame != FRAMES["camera"][0]:
+        if pair == "time" or camera_frame != FRAMES["camera"][0]:
             raise InputError(
                 "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
                 "`camera_frame` (--camera-frame) out."
@@ -182,7 +182,7 @@ def read_poses(
     else:
         for side in sides if camera is not None else sides[:1]:
             warn_if_back(side)
-        _check_rows(sides[0], sides[1])
+        sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], pair == "rows"))
         robot_times = camera_times if robot_times is None else robot_times
     sources = (*sources, *_joint_source(arm, robot))
     poses = PosePairs(robot_poses, camera_poses, setup=setup, timestamps=robot_times, sources=sources)
@@ -380,53 +380,4 @@ def _noted(sources: tuple[Source, ...], k: int, path: Any, notes: Any) -> tuple[
         _log.info("%s: %s", shown(path), note)
     return tuple(
         replace(source, notes=(*source.notes, *notes)) if i == k else source for i, source in enumerate(sources)
-    )
-
-
-def _numbers_beside_times(first: Array, second: Array) -> bool:
-    """Return whether one side numbers its rows 0, 1, 2, ... and the other has times of a clock."""
-    numbers = np.arange(len(first))
-    numbered = [bool(np.array_equal(stamps - stamps[0], numbers)) and stamps[0] <= 1 for stamps in (first, second)]
-    clock = [bool(stamps[0] > CLOCK) for stamps in (first, second)]
-    return (numbered[0] and clock[1]) or (numbered[1] and clock[0])
-
-
-def _check_rows(robot: Side, camera: Side) -> None:
-    """Raise or warn unless row k of both sides may be of the same moment."""
-    check_numbers_of_files(robot, camera)
-    n, m = len(robot), len(camera)
-    timed = robot.timestamps is not None and camera.timestamps is not None
-    if n != m:
-        by_time = (
-            'pair them by their timestamps (pair="time", --pair time); for streams whose clocks differ or of a rig '
-            "that moves, use --pair async"
-        )
-        raise InputError(
-            f"{robot.name} has {n} poses and {camera.name} has {m}: expected one row in each file per moment. "
-            "Leave out poses that the other file lacks, or "
-            f"{by_time if timed else 'add timestamps and use --pair time or --pair async'}."
-        )
-    if robot.timestamps is None or camera.timestamps is None:
-        return
-    if _numbers_beside_times(robot.timestamps, camera.timestamps):
-        return
-    difference = np.abs(robot.timestamps - camera.timestamps)
-    row = int(np.argmax(difference))
-    if difference[row] <= SYNCHRONOUS:
-        return
-    where = (
-        f"the timestamps of {robot.name} and {camera.name} differ by up to {difference[row]:.6g} s, in pose "
-        f"{row} ({robot.timestamps[row].item()!r} and {camera.timestamps[row].item()!r})"
-    )
-    interval = float(np.median(np.abs(np.diff(robot.timestamps)))) if n > 1 else 0.0
-    if difference[row] >= 0.5 * interval:
-        raise InputError(
-            f'The rows do not belong to the same moments: {where}. Pair them by time (pair="time", --pair time); for '
-            "clocks that differ or a rig that moves, --pair async; or, if the rows do belong together, give both files "
-            "the same timestamps (row numbers will do)."
-        )
-    warnings.warn(
-        f"Rows are paired by their order although {where}. That is right if the robot stood still.",
-        InputWarning,
-        stacklevel=3,
     )

@@ -20,6 +20,11 @@ _PREFIX = re.compile(
     r"camera|board|marker|gripper|end_effector|r|msg)[\s._/]+)+(?=.)"
 )
 
+_MEASURED = re.compile(r"(?<![a-z])(?:actual|act|current|measured|meas)(?![a-z])", re.IGNORECASE)
+_COMMANDED = re.compile(
+    r"(?<![a-z])(?:target|command|commanded|cmd|desired|des|setpoint|goal|ref)(?![a-z])", re.IGNORECASE
+)
+
 # Three numbers of a rotation by their names in small letters, in the order of the form. The names of some are shared.
 ROTATIONS: dict[str, tuple[str, ...]] = {
     "abc": ("a", "b", "c"),
@@ -119,6 +124,11 @@ _ALL = {
 }  # fmt: skip
 
 
+def _rank(name: str) -> int:
+    """Return which of several columns of one meaning comes first: what was measured, not what was commanded."""
+    return 1 - bool(_MEASURED.search(name)) + bool(_COMMANDED.search(name))
+
+
 def is_pose_header(names: Sequence[str]) -> bool:
     """Return whether names of columns hold a position and a rotation."""
     try:
@@ -132,8 +142,8 @@ def _places(names: Sequence[str]) -> tuple[str, dict[str, int], list[tuple[str, 
     """Return the kind of the rotation, where each number stands, and what each name means."""
     found = [name_and_unit(name) for name in names]
     where: dict[str, int] = {}
-    for k, (meant, _) in enumerate(found):
-        where.setdefault(meant, k)
+    for k in sorted(range(len(names)), key=lambda k: _rank(names[k])):
+        where.setdefault(found[k][0], k)
     if missing := [axis for axis in "xyz" if axis not in where]:
         raise ColumnError(f"no column {', '.join(missing)}")
     kinds = [kind for kind, parts in QUATERNIONS.items() if all(part in where for part in parts)]

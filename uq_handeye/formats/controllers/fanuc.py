@@ -2,7 +2,8 @@
 
 ``P[1]{ GP1: UF : 0, UT : 1, CONFIG : 'N U T, 0, 0, 0', X = 100.000 mm, ..., W = ... deg, ... };`` in mm and degrees: W,
 P, R about the fixed axes X, Y, Z. Source: FANUC Robot Controller Operator's Manual, "Position data" and "Position
-registers". A position may hold joints instead (``J1 = 10.000 deg``).
+registers". A position may hold joints instead (``J1 = 10.000 deg``). Further motion groups (``GP2:``, rails and
+positioners) are no part of the pose.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from .tables import HELP
 
 _START = re.compile(r"\bP(?:R)?\s*\[\s*(\d+)[^\]\n]{0,80}\]\s*\{|^[ \t]*\[\s*\d+\s*,\s*(\d+)\s*\]\s*=", re.MULTILINE)
 _PAIR = re.compile(rf"\b([XYZWPR])\s*[=:]\s*({VALUE})\s*(mm|cm|m|deg|rad|inch|in)?\b", re.IGNORECASE)
+_GROUP = re.compile(r"\bGP[2-9]\s*:", re.IGNORECASE)
 _JOINT = re.compile(r"\bJ1\s*[=:]", re.IGNORECASE)
 _NUMBERS = ("X", "Y", "Z", "W", "P", "R")
 _IS_PROGRAM = re.compile(r"^[ \t]*/(?:PROG|POS)\b|\*POSREG\*|\bP(?:R)?\s*\[\s*\d+[^\]\n]{0,80}\]\s*\{", re.MULTILINE)
@@ -37,10 +39,13 @@ def read_fanuc(text: str, name: str) -> Contents:
     section = re.search(r"^[ \t]*/POS\b", text, re.MULTILINE)
     starts = list(_START.finditer(text, 0 if section is None else section.end()))
     lengths: set[str] = set()
-    empty = 0
+    empty = groups = 0
     for k, start in enumerate(starts):
         end = starts[k + 1].start() if k + 1 < len(starts) else len(text)
         block = text[start.end() : end]
+        if (further := _GROUP.search(block)) is not None:
+            groups += 1
+            block = block[: further.start()]
         label = f"P[{start[1]}]" if start[1] else f"PR[{start[2]}]"
         line = lines.at(start.start())
         if _JOINT.search(block):
@@ -61,6 +66,8 @@ def read_fanuc(text: str, name: str) -> Contents:
             raise InputError(f"{name}, line {line}: expected W, P, R of {label} in deg, got {units['W']}; {HELP}.")
         lengths |= {units[key] for key in "XYZ"}
         found.add(line, label, [values[key] for key in _NUMBERS], name)
+    if groups:
+        found.notes.append(f"further motion groups (GP2 ...) of {groups} positions are not used")
     if empty:
         found.notes.append(f"{empty} positions that were not taught are left out")
     if len(lengths) > 1:

@@ -2,7 +2,7 @@
 
 Millimetres and degrees: A about Z, B about the new Y, C about the new X. Source: KUKA System Software, Operating and
 Programming Instructions for System Integrators: structures FRAME, POS and E6POS; AXIS and E6AXIS hold joints. The
-frames of tools and bases (``$TOOL``, ``BASE_DATA`` ...) are no poses.
+frames of tools and bases (``$TOOL``, ``BASE_DATA`` ...) are no poses; ``$POS_ACT`` of a log is one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _STRUCTURE = re.compile(r"\{([^{}]*)\}")
 _PAIR = re.compile(rf"\b([A-Z]\w*)(?:\s*[:=]\s*|\s+)({VALUE})", re.IGNORECASE)
 _NAME = re.compile(r"([$\w]+)(?:\s*\[[\d,\s]*\])?\s*=\s*(?:E6POS|POS|FRAME)?\s*:?\s*$", re.IGNORECASE)
 _NUMBERS = ("X", "Y", "Z", "A", "B", "C")
-_NO_POSES = re.compile(r"^\$|TOOL|BASE|LOAD|WORLD|^ROBROOT", re.IGNORECASE)
+_NO_POSES = re.compile(r"^\$(?!POS_|AXIS_|TCP)|TOOL|BASE|LOAD|WORLD|^ROBROOT", re.IGNORECASE)
 
 
 def is_kuka(head: str) -> bool:

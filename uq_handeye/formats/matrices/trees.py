@@ -21,7 +21,7 @@ from .arrays import is_poses, side_of_array
 
 # Numbers that are looked at.
 MOST = 10_000_000
-_NUMBERED = re.compile(r"(.*?)[\[(_ -]*(\d+)[\])]*")
+_NUMBERED = re.compile(r"(.*?)[\[(_ -]*(\d+)[\])]*(\.[A-Za-z]\w*)?")
 
 
 def numbers_of(value: Any) -> Array | None:
@@ -53,7 +53,7 @@ def matrices_of(tree: Any) -> tuple[Array, str] | None:
             return values, f"{key}{f'.{below}' if below else ''}"
         stems = {match[1] if (match := _NUMBERED.fullmatch(key)) else key for key in found}
         if len(found) > 1 and len(stems) == 1:
-            keys = sorted(found, key=natural)  # type: ignore[arg-type]
+            keys = sorted(found, key=natural)
             return _stacked([found[key][0] for key in keys], f"{keys[0]} to {keys[-1]}")
         return None
     if isinstance(tree, list) and tree and all(isinstance(entry, dict) for entry in tree):
@@ -62,6 +62,37 @@ def matrices_of(tree: Any) -> tuple[Array, str] | None:
         if len(names) == 1 and None not in names:
             return _stacked([one[0] for one in each if one is not None], str(names.pop()))
     return None
+
+
+def listed(tree: Any) -> Any:
+    """Return maps with an entry per pose by numbered names (``"0"``, ``pose_1``) as lists, also below other names.
+
+    The pose vector of ViSP (``vpPoseVector::saveYAML``: six rows, metres and rotation vector) becomes one by names.
+    """
+    if not isinstance(tree, dict):
+        return tree
+    vector = numbers_of(tree["data"]) if set(tree) == {"rows", "cols", "data"} else None
+    if vector is not None and vector.shape == (6, 1):
+        values = vector.ravel().tolist()
+        return [{"translation": values[:3], "rotvec": values[3:]}]
+    stems: dict[str, list[str]] = {}
+    for key, value in tree.items():
+        if isinstance(value, dict) and (match := _NUMBERED.fullmatch(str(key))) is not None:
+            stems.setdefault(match[1].rstrip("_- [("), []).append(key)
+    lists = {
+        stem: [tree[key] for key in sorted(keys, key=natural)]
+        for stem, keys in stems.items()
+        if len(keys) > 1 and stem not in tree
+    }
+    if len(lists) == 1 and len(tree) == len(next(iter(lists.values()))) and not _is_storage(next(iter(tree.values()))):
+        return next(iter(lists.values()))
+    taken = {key for stem in lists for key in stems[stem]}
+    return {**{key: listed(value) for key, value in tree.items() if key not in taken}, **lists}
+
+
+def _is_storage(value: dict[str, Any]) -> bool:
+    """Return whether a map is a matrix of OpenCV."""
+    return {"rows", "cols", "data"} <= set(value)
 
 
 def _matrices(values: Array) -> bool:

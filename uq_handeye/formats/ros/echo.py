@@ -1,6 +1,8 @@
 """Messages as ``ros2 topic echo`` and ``rostopic echo`` print them: fields by indentation, ``---`` after each message.
 
-They are YAML, but for the lines that the tools print between messages, and a last message that Ctrl-C cuts off.
+They are YAML, but for the lines that the tools print between messages, and a last message that Ctrl-C cuts off. A
+message also begins where the first line of the one before comes again (printed by rospy), and a line may be a message
+as rclpy prints it.
 """
 
 from __future__ import annotations
@@ -22,6 +24,12 @@ SAID = re.compile(
     r"|\S*[$#>]? ?(ros2 (topic|run|launch)|rostopic |rosrun )"
 )
 
+# A message as Python prints it, in one line: geometry_msgs.msg.Pose(position=geometry_msgs.msg.Point(x=0.1, ...
+PRINTED = re.compile(r"\b[a-z]\w*_msgs\.msg\.(_\w+\.)?[A-Z]\w*\(")
+_ARRAY = re.compile(r"\barray\((\[[^\[\]]*\])[^()]*\)")
+_CLASS = re.compile(r"\b[A-Za-z_][\w.]*\(")
+_FIELD = re.compile(r"\b(\w+)=")
+
 
 class EchoError(Exception):
     """Error in a line: its number and a few words."""
@@ -37,7 +45,16 @@ def messages_of(text: str) -> Iterator[tuple[int, dict[str, Any], EchoError | No
     lines: list[tuple[int, str]] = []
     for number, line in enumerate(text.split("\n"), start=1):
         line = line.rstrip("\r \t")
+        if printed := PRINTED.search(line):
+            if lines:
+                yield (begun, *_parsed(lines), True)
+            lines = []
+            yield (number, *_parsed([(number, _in_braces(line[printed.start() :]))]), True)
+            continue
         body = line.lstrip(" \t")
+        if lines and body == line and lines[0][1] == body:
+            yield (begun, *_parsed(lines), True)
+            lines = []
         if body == "---" or (body.endswith("---") and SAID.match(body)):
             if lines:
                 yield (begun, *_parsed(lines), True)
@@ -47,6 +64,12 @@ def messages_of(text: str) -> Iterator[tuple[int, dict[str, Any], EchoError | No
             lines.append((number, line))
     if lines:
         yield (begun, *_parsed(lines), False)
+
+
+def _in_braces(text: str) -> str:
+    """Return a message that Python printed as the same message in braces."""
+    text = _CLASS.sub("{", _ARRAY.sub(r"\1", text))
+    return _FIELD.sub(r"\1: ", text.replace(")", "}"))
 
 
 def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Any], EchoError | None]:

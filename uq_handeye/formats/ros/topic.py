@@ -1,9 +1,10 @@
 """Output of ``ros2 topic echo`` (ROS 2) and ``rostopic echo`` (ROS 1): messages that hold poses, ``---`` after each.
 
 Read are Pose, PoseStamped, PoseWithCovarianceStamped, TransformStamped, TFMessage, Odometry and what else `messages`
-names; of ``ros2 topic echo --csv`` PoseStamped, PoseWithCovarianceStamped and TransformStamped, whose columns are
-sec, nanosec, frame_id(, child_frame_id), x, y, z, qx, qy, qz, qw. Sources: ``ros2topic/ros2topic/verb/echo.py`` in
-ros2/ros2cli with ``rosidl_runtime_py/convert.py`` in ros2/rosidl_runtime_py; ``tools/rostopic`` in ros/ros_comm.
+names, also as rospy and rclpy print them; of ``ros2 topic echo --csv`` PoseStamped, PoseWithCovarianceStamped and
+TransformStamped, whose columns are sec, nanosec, frame_id(, child_frame_id), x, y, z, qx, qy, qz, qw. Sources:
+``ros2topic/ros2topic/verb/echo.py`` in ros2/ros2cli with ``rosidl_runtime_py/convert.py`` in
+ros2/rosidl_runtime_py; ``tools/rostopic`` in ros/ros_comm.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections.abc import Iterator
 from ...errors import InputError
 from ...files.lines import is_number
 from ..contents import Contents
-from .echo import SAID, EchoError, messages_of
+from .echo import PRINTED, SAID, EchoError, messages_of
 from .messages import MessageError, Stamped, frame_name, poses_in
 from .side import side_of
 
@@ -36,7 +37,7 @@ def is_ros_topic(head: str) -> bool:
     lines = [line for line in head.split("\n") if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
         return False
-    if _csv_row(lines[0]) is not None:
+    if _csv_row(lines[0]) is not None or any(map(PRINTED.search, lines[:20])):
         return True
     first = next((line for line in lines if not SAID.match(line.lstrip()) and line.strip() != "---"), "")
     return bool(_FIRST.match(first)) and bool(_PART.search(head))

@@ -1,0 +1,74 @@
+"""Poses paired by their rows: what numbers of files and timestamps say against it."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from ..errors import InputError, InputWarning
+from ..formats.contents import Side
+from ..formats.many_files import check_numbers_of_files
+from ..geometry.se3 import Array
+from .matching import SYNCHRONOUS
+
+# Timestamps of a row that differ by this share of the interval between rows may be of other moments.
+HALF = 0.5
+
+
+def check_rows(robot: Side, camera: Side, told: bool) -> tuple[str, ...]:
+    """Raise or warn unless row k of both sides may be of the same moment; return what was found out.
+
+    Timestamps say nothing of it where one side numbers its rows 0, 1, 2, ... and the other has times, and where two
+    clocks have no time in common and differ by the same in all rows. With ``told``, rows belong together whatever the
+    timestamps say, which is then a warning.
+    """
+    if not told:
+        check_numbers_of_files(robot, camera)
+    n, m = len(robot), len(camera)
+    timed = robot.timestamps is not None and camera.timestamps is not None
+    if n != m:
+        by_time = (
+            'pair them by their timestamps (pair="time", --pair time); for streams whose clocks differ or of a rig '
+            "that moves, use --pair async"
+        )
+        raise InputError(
+            f"{robot.name} has {n} poses and {camera.name} has {m}: expected one row in each file per moment. "
+            "Leave out poses that the other file lacks, or "
+            f"{by_time if timed else 'add timestamps and use --pair time or --pair async'}."
+        )
+    if robot.timestamps is None or camera.timestamps is None:
+        return ()
+    ours, theirs = robot.timestamps, camera.timestamps
+    late = ours - theirs
+    row = int(np.argmax(np.abs(late)))
+    if abs(late[row]) <= SYNCHRONOUS:
+        return ()
+    apart = ours.max() < theirs.min() or theirs.max() < ours.min()
+    if apart and _numbered(ours) != _numbered(theirs):
+        return ()
+    interval = float(np.median(np.abs(np.diff(ours)))) if n > 1 else 0.0
+    offset = float(np.median(late))
+    if apart and n > 1 and not _numbered(ours) and np.abs(late - offset).max() < HALF * interval:
+        return (f"rows paired by their order; the clocks differ by {offset:.6g} s (robot minus camera)",)
+    where = (
+        f"the timestamps of {robot.name} and {camera.name} differ by up to {abs(late[row]):.6g} s, in pose "
+        f"{row} ({ours[row].item()!r} and {theirs[row].item()!r})"
+    )
+    if abs(late[row]) >= HALF * interval and not told:
+        raise InputError(
+            f'The rows do not belong to the same moments: {where}. Pair them by time (pair="time", --pair time); for '
+            'clocks that differ or a rig that moves, --pair async; or, if the rows do belong together, pair="rows" '
+            "(--pair rows)."
+        )
+    warnings.warn(
+        f"Rows are paired by their order although {where}. That is right if the robot stood still.",
+        InputWarning,
+        stacklevel=3,
+    )
+    return ()
+
+
+def _numbered(times: Array) -> bool:
+    """Return whether times are the numbers of rows, from 0 or 1."""
+    return bool(times[0] in (0.0, 1.0) and np.array_equal(times - times[0], np.arange(len(times))))
