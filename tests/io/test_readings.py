@@ -9,8 +9,10 @@ from scipy.spatial.transform import Rotation
 from support import SEED
 
 import uq_handeye as uq
+from uq_handeye.calibration.report.next_step import next_step, step_after
 from uq_handeye.formats.contents import Reading, Side
 from uq_handeye.io.readings import chosen_readings, reading_beside
+from uq_handeye.statement.checks import failures_in_words
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FRAMES = ("base_T_gripper", "camera_T_target")
@@ -85,24 +87,89 @@ def test_what_was_asked_for_is_not_decided():
 
 
 def test_another_order_of_angles_is_named():
-    """KUKA's angles read as FANUC's: a warning with the option; read right: none."""
+    """KUKA's angles read as FANUC's: a finding with the option, which is warned of; read right: none."""
     poses = uq.simulate(12, noise=NOISE, seed=SEED)
     numbers = numbers_of(poses, Reading("kuka", "ZYX-deg"))
     pair = sides(poses, numbers, (Reading("fanuc", "xyz-deg", "m"),))
-    with pytest.warns(uq.InputWarning, match=r"--robot-rotation ZYX-deg"):
-        chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+    with pytest.warns(uq.InputWarning, match=r'--robot-rotation ZYX-deg \(rotation=\("ZYX-deg", None\)\)'):
+        (found,) = chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand").findings
+    assert (found.code, found.severity) == ("poses.another_rotation", "failure")
+    assert (found.values["used"], found.values["form"]) == ("xyz-deg", "ZYX-deg")
     right = sides(poses, numbers, (Reading("kuka", "ZYX-deg", "m"),))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         chosen_readings(right, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
 
 
+def test_another_order_is_named_where_the_setup_is_forgotten_too():
+    poses = uq.simulate(12, noise=NOISE, setup="eye-to-hand", seed=SEED)
+    pair = sides(poses, numbers_of(poses, Reading("kuka", "ZYX-deg")), (Reading("fanuc", "xyz-deg", "m"),))
+    with pytest.warns(uq.InputWarning, match=r"--robot-rotation ZYX-deg"):
+        chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+
+
+def test_the_motions_decide_where_the_setup_is_forgotten():
+    """`calibrate` names the setup."""
+    poses = uq.simulate(12, noise=NOISE, setup="eye-to-hand", seed=SEED)
+    pair = sides(poses, numbers_of(poses, READINGS[2]), READINGS, 1e3)
+    chosen = chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+    assert chosen.sides[0].readings == (READINGS[2],)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_a_form_that_is_not_among_the_readings_is_named(setup):
+    """Angles ZYZ of Doosan, Kawasaki: none of the readings is recommended."""
+    poses = uq.simulate(12, noise=NOISE, setup=setup, seed=SEED)
+    pair = sides(poses, numbers_of(poses, Reading("doosan", "ZYZ-deg")), READINGS[2:], 1e3)
+    with pytest.raises(uq.InputError, match=r"as ZYZ-deg they agree\. Give --robot-rotation ZYZ-deg \(docs") as caught:
+        chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+    assert "--robot-format" not in str(caught.value)
+    both = sides(poses, numbers_of(poses, Reading("doosan", "ZYZ-deg")), (READINGS[0], READINGS[2]), 1e3)
+    with pytest.raises(uq.InputError, match=r"--robot-rotation ZYZ-deg --robot-units mm "):  # m or mm is open
+        chosen_readings(both, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+
+
+def test_rows_that_do_not_belong_together_are_not_blamed_on_the_reading():
+    poses = uq.simulate(12, noise=NOISE, seed=SEED)
+    pair = sides(poses, numbers_of(poses, READINGS[0]), READINGS)
+    with pytest.raises(uq.InputError, match=r"with none of these robot and camera agree .do the rows"):
+        chosen_readings(
+            [pair[0], side_of(pair[1], np.arange(12)[::-1])], (None, None), (None, None), FRAMES, ALL, "eye-in-hand"
+        )
+    with pytest.raises(uq.InputError, match="12 robot poses beside 11 camera poses do not decide"):
+        chosen_readings([pair[0], side_of(pair[1], slice(11))], (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+
+
+def test_the_result_names_the_rotations_and_not_the_rows(tmp_path):
+    """The roll, pitch and yaw of a pendant, read as the rotation vector of its program."""
+    poses = uq.simulate(15, noise=NOISE, seed=SEED)
+    numbers = numbers_of(poses, READINGS[1])
+    table = np.concatenate([poses.robot[:, :3, 3], numbers], axis=1)
+    np.savetxt(tmp_path / "robot.csv", table, delimiter=",", header="x,y,z,rx,ry,rz", comments="")
+    uq.io.write_pose_file(tmp_path / "camera.csv", poses.camera)
+    files = (tmp_path / "robot.csv", tmp_path / "camera.csv")
+    with pytest.warns(uq.InputWarning, match="^robot.csv: with rotations read as rotvec-rad"):
+        wrong = uq.read_poses(*files, format=("ur", None))
+    step = "run again with --robot-rotation xyz-rad"
+    reason = "the robot rotations seem to be xyz-rad, not rotvec-rad"
+    with pytest.warns(uq.InputWarning), pytest.raises(uq.NotConvergedError) as caught:
+        uq.calibrate(wrong)
+    assert failures_in_words(caught.value.findings) == (reason,)
+    assert step_after(caught.value.findings) == step
+    with pytest.warns(uq.InputWarning):
+        result = uq.calibrate(wrong.rows(np.arange(1, 15)), noise=NOISE)
+    assert result.headline == f"NOT USABLE: {reason}." and next_step(result) == step
+    assert not any("belong together" in text for text in result.warnings)
+    right = uq.read_poses(*files, format=("ur", None), rotation=("xyz-rad", None))
+    assert right.findings == () and uq.calibrate(right, noise=NOISE).usable
+
+
 def test_beside_a_calibrated_camera():
     poses = uq.simulate(12, noise=NOISE, seed=SEED)
     robot = sides(poses, numbers_of(poses, READINGS[1]), READINGS[:2])[0]
     rows = np.arange(2, 11)
-    side, note = reading_beside(robot, poses.camera[rows], rows, None, None, FRAMES[0], "eye-in-hand")
-    assert side.readings == (READINGS[1],) and "xyz-rad" in note
+    chosen = reading_beside(robot, poses.camera[rows], rows, None, None, FRAMES[0], "eye-in-hand")
+    assert chosen.sides[0].readings == (READINGS[1],) and "xyz-rad" in chosen.notes[0]
 
 
 def test_numbers_of_rows_beside_times_of_a_clock(tmp_path):

@@ -34,7 +34,7 @@ from .analysis import Analysis
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
-from .findings import flipped_poses, look_at, reasons, require_determined, shifted
+from .findings import flipped_poses, look_at, reasons, require_determined, shifted, without_consequences
 from .provenance import provenance, requested
 from .request import BUNDLE, Job, request
 from .result import Calibration
@@ -288,7 +288,8 @@ def _calibrate(
             job = replace(job, robust=False)
             result, more = _run_undetermined(job, error) if undetermined else _run_given(job, error)
     except (InputError, NotConvergedError) as error:
-        error.findings = tuple(_numbered((*findings, *reasons(job)), selection))  # may well be the reason
+        found = without_consequences([*findings, *reasons(job)])
+        error.findings = tuple(_numbered(found, selection))  # may well be the reason
         warn(error.findings, 3)
         raise
     findings += more
@@ -296,7 +297,7 @@ def _calibrate(
         findings = [finding for finding in findings if finding.code != "input_checks.parallel_axes"]
     if flips := flipped_poses(job, result):  # which are why angles disagree
         findings = [finding for finding in findings if finding.code != "input_checks.angles_disagree"]
-    findings = _numbered([*findings, *shifted(job, result), *flips], selection)
+    findings = _numbered(without_consequences([*findings, *shifted(job, result), *flips]), selection)
     options = {
         "method": result.method,
         "pairs": pairs if isinstance(pairs, str) else f"{len(job.motions)} given",

@@ -34,6 +34,22 @@ from ..shared_errors.shared_error import TARGET_SCALE
 from .request import FEWEST_FOR_ROBUST, Job, request
 from .result import Calibration
 
+# Rotations read in a wrong form, and what they lead to.
+ANOTHER_ROTATION = "poses.another_rotation"
+_OF_WRONG_ROTATIONS = {
+    f"input_checks.{what}"
+    for what in (
+        "angles_disagree",
+        "flipped_poses",
+        "long_bracket",
+        "motions_unexplained",
+        "outliers",
+        "poses_unexplained",
+        "shifted_rows",
+        "shifted_run",
+        "wrong_scale",
+    )
+}
 # Noise of the corners of finished poses, pixels, that input checks allow for where it is to be estimated.
 MOST_PIXELS = 1.0
 # A first-order covariance of a rotation means nothing beyond this standard deviation.
@@ -180,15 +196,22 @@ def check_input(data: PosePairs | Motions, noise: Noise | None = None, pairs: st
     Raises `InputError` for what `calibrate` cannot use.
     """
     job = request(data, noise, None, pairs, None, None, "model", None, None, 0)
-    return look_at(job) + reasons(job)
+    return without_consequences(look_at(job) + reasons(job))
 
 
 def look_at(job: Job) -> list[Finding]:
-    """The poses and the rotations of their motions, before there is an X."""
-    found = [] if job.poses is None else check_poses(job.poses)
+    """What reading the files showed, the poses and the rotations of their motions, before there is an X."""
+    found = [] if job.poses is None else [*job.poses.findings, *check_poses(job.poses)]
     seen = None if job.poses is None else job.poses.camera_calibration
     found += [] if seen is None else [finding for finding in seen.findings if finding.code == POSE_AMBIGUITY]
     return found + (check_rotations(job.motions, _known_noise(job), job.method) if job.motions.N >= 2 else [])
+
+
+def without_consequences(findings: Sequence[Finding]) -> list[Finding]:
+    """Return findings without those that rotations read in a wrong form explain."""
+    if not any(finding.code == ANOTHER_ROTATION for finding in findings):
+        return list(findings)
+    return [finding for finding in findings if finding.code not in _OF_WRONG_ROTATIONS]
 
 
 def _known_noise(job: Job) -> Noise | None:

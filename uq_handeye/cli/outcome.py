@@ -118,7 +118,10 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
         step = step_after(failures)
         last = [] if step is None else [Paragraph(f"Next: {step}.", hang="  ")]
         emit_document([[Answer(headline, "failed"), *(Paragraph(str(one)) for one in failures), *last]])
-    fail(str(error))
+    text = str(error)
+    if isinstance(error, NotConvergedError):  # its advice is for data with nothing else wrong
+        text = f"{text.partition('. ')[0].rstrip('.')}."
+    fail(f"{reasons[0][0].upper()}{reasons[0][1:]}. {text}")
     return NOT_USABLE
 
 

@@ -185,7 +185,7 @@ def read_poses(
         sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], pair == "rows"))
         robot_times = camera_times if robot_times is None else robot_times
     sources = (*sources, *_joint_source(arm, robot))
-    poses = PosePairs(robot_poses, camera_poses, setup=setup, timestamps=robot_times, sources=sources)
+    poses = PosePairs(robot_poses, camera_poses, setup, robot_times, sources=sources, findings=chosen.findings)
     return poses if values is None or arm is None else give_joints(poses, values, arm.name)
 
 
@@ -237,15 +237,16 @@ def _with_calibrated(
         frame = FRAMES["robot"][1]
         sources = _noted(sources, 0, path, ["robot poses are gripper_T_base in this format, and inverted"])
     rows, notes = seen.rows_of(len(side), side.name, "rows" if robot is None else "poses")
-    side, note = reading_beside(side, seen.poses, rows, units, rotation, frame, setup)
-    sources = _noted(sources, 0, path, [note] if note else [])
+    chosen = reading_beside(side, seen.poses, rows, units, rotation, frame, setup)
+    side = chosen.sides[0]
+    sources = _noted(sources, 0, path, [note for note in chosen.notes if note])
     poses = finished(side, "robot", units, rotation, frame)
     warn_if_back(side)
     values = _joint_values(arm, robot, side, tolerance)
     sources = _noted(sources, 0, path, notes)
     times = None if side.timestamps is None else side.timestamps[rows]
     sources = (*sources, *_joint_source(arm, robot), *seen.source)
-    pairs = PosePairs(poses[rows], seen.poses, setup, times, sources=sources, **seen.of_pairs)
+    pairs = PosePairs(poses[rows], seen.poses, setup, times, sources=sources, findings=chosen.findings, **seen.of_pairs)
     return pairs if values is None or arm is None else give_joints(pairs, values[rows], arm.name)
 
 

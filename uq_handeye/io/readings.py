@@ -7,20 +7,22 @@ the order of Euler angles that is meant where the one in use does not fit.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputWarning
+from ..errors import InputError
+from ..findings import Finding, warn
 from ..formats.contents import FRAMES, Reading, Side, doubtful, finished
 from ..formats.rotation_form import SEQUENCES, VECTORS, rotation_form
 from ..geometry.se3 import Array, inverse
 from ..poses.consistency import LARGE_ROTATION, consistency
+from ..poses.residuals import rotation_angles
 
 # A reading is taken if the rotations of every other fit worse by this factor, or are the same and the translations do.
 DECIDED = 5.0
@@ -34,6 +36,8 @@ FEWEST = 4
 MOST = 200
 
 Rows = NDArray[np.intp] | slice
+# The readings of each side that are open; None stands for what is decided already.
+Open = tuple[tuple[Reading | None, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class Chosen:
 
     sides: list[Side]
     notes: tuple[str, str]
+    findings: tuple[Finding, ...] = ()
 
 
 def chosen_readings(
@@ -64,7 +69,7 @@ def chosen_readings(
     Raises
     ------
     InputError
-        Several readings between which the poses do not decide.
+        Several readings between which the poses do not decide; if another form fits by far, the error names it.
 
     Warns
     -----
@@ -72,7 +77,9 @@ def chosen_readings(
         The rotations of one side do not agree with those of the other, and would in another order of the angles.
     """
     pair = _Pair(tuple(sides), tuple(units), tuple(forms), tuple(frames), rows, setup)
-    return pair.chosen(tuple(_of_file(side, form) for side, form in zip(sides, forms, strict=True)))
+    chosen = pair.chosen(tuple(_of_file(side, form) for side, form in zip(sides, forms, strict=True)))
+    warn(chosen.findings, 3)
+    return chosen
 
 
 def reading_beside(
@@ -83,18 +90,26 @@ def reading_beside(
     form: str | None,
     frame: str,
     setup: str,
-) -> tuple[Side, str]:
+) -> Chosen:
     """Return the robot's side with one reading, beside known poses of the camera (n, 4, 4), and what is to be said."""
     seen = Side("the camera", camera[:, :3, 3], camera[:, :3, :3])
-    chosen = chosen_readings(
+    return chosen_readings(
         (side, seen), (units, "m"), (form, None), (frame, FRAMES["camera"][0]), (rows, slice(None)), setup
     )
-    return chosen.sides[0], chosen.notes[0]
 
 
 def _of_file(side: Side, form: str | None) -> tuple[Reading | None, ...]:
-    """The readings that are open; None stands for what is decided already."""
+    """The readings of a side that are open."""
     return side.readings if form is None and len(side.readings) > 1 else (None,)
+
+
+@dataclass(frozen=True)
+class _Form:
+    """A form of rotations by which robot and camera agree; ``units``: its length unit where that is open."""
+
+    form: str
+    units: str | None
+    distance: float
 
 
 @dataclass(frozen=True)
@@ -106,24 +121,59 @@ class _Pair:
     rows: tuple[Rows, Rows]
     setup: str
 
-    def chosen(self, open_readings: tuple[tuple[Reading | None, ...], ...]) -> Chosen:
+    def chosen(self, open_readings: Open) -> Chosen:
         if all(readings == (None,) for readings in open_readings):
-            self._warn_of_another()
-            return Chosen(list(self.sides), ("", ""))
-        tried = [(self.fit(pair), pair) for pair in product(*open_readings)]
-        fits = [(fit, pair) for fit, pair in tried if fit is not None]
-        fits.sort(key=lambda found: found[0][:2])
-        if fits and (best := self._decided(fits)) is not None:
-            sides = [
-                side if reading is None else replace(side, readings=(reading,))
-                for side, reading in zip(self.sides, best, strict=True)
-            ]
-            notes = ["" if reading is None else self._note(k, reading, fits) for k, reading in enumerate(best)]
-            return Chosen(sides, (notes[0], notes[1]))
-        for k, role in enumerate(FRAMES):
-            if open_readings[k] != (None,):
-                raise doubtful(self.sides[k], role, ", and the poses do not decide")
-        raise AssertionError
+            found = self._another_form()
+            return Chosen(list(self.sides), ("", ""), () if found is None else (found,))
+        fits = []
+        for pair_of_setup in (self, self._of_other_setup()):  # `calibrate` names the setup where it is the other one
+            tried = [(pair_of_setup.fit(pair), pair) for pair in product(*open_readings)]
+            fits = [(fit, pair) for fit, pair in tried if fit is not None]
+            fits.sort(key=lambda found: found[0][:2])
+            if fits and (best := self._decided(fits)) is not None:
+                sides = [
+                    side if reading is None else replace(side, readings=(reading,))
+                    for side, reading in zip(self.sides, best, strict=True)
+                ]
+                notes = ["" if reading is None else self._note(k, reading, fits) for k, reading in enumerate(best)]
+                return Chosen(sides, (notes[0], notes[1]))
+        raise self._undecided(open_readings)
+
+    def _undecided(self, open_readings: Open) -> InputError:
+        """Return the error that no reading is taken, with the form by which robot and camera would agree if one is."""
+        k = next(k for k, readings in enumerate(open_readings) if readings != (None,))
+        side, role = self.sides[k], tuple(FRAMES)[k]
+        n, m = (
+            len(side) if isinstance(rows, slice) else len(rows)
+            for side, rows in zip(self.sides, self.rows, strict=True)
+        )
+        if n != m:
+            return doubtful(side, role, f", and {n} robot poses beside {m} camera poses do not decide")
+        if n < FEWEST or not all(map(self._disagrees, product(*open_readings))):
+            return doubtful(side, role, ", and the poses do not decide")
+        for other, role_of_other in enumerate(FRAMES):
+            if found := self._form_that_fits(other, open_readings):
+                meant = f"as {found.form} they agree"
+                option = f"--{role_of_other}-rotation {found.form}"
+                if found.units is not None:
+                    option += f" --{role_of_other}-units {found.units}"
+                if other != k:
+                    meant = f"with rotations of {self.sides[other].name} read {meant}"
+                names = ", ".join(map(str, side.readings))
+                return InputError(
+                    f"{side.name}: the rotations may be {names}, and with none of these robot and camera agree; "
+                    f"{meant}. Give {option} (docs/how-to/controller.md)."
+                )
+        why = ", and with none of these robot and camera agree (do the rows of the two files belong together?)"
+        return doubtful(side, role, why)
+
+    def _disagrees(self, pair: tuple[Reading | None, ...]) -> bool:
+        """Return whether the rotations of robot and camera disagree, in both setups."""
+        fits = (self.fit(pair), self._of_other_setup().fit(pair))
+        return all(fit is None or fit[0] > LARGE_ROTATION for fit in fits)
+
+    def _of_other_setup(self) -> _Pair:
+        return replace(self, setup="eye-to-hand" if self.setup == "eye-in-hand" else "eye-in-hand")
 
     def _decided(self, fits: list[tuple[Any, tuple[Reading | None, ...]]]) -> tuple[Reading | None, ...] | None:
         """The readings that fit far better than all others, if any do.
@@ -178,45 +228,69 @@ class _Pair:
         rows = self.rows[0]
         return len(self.sides[0]) if isinstance(rows, slice) else len(rows)
 
-    def _warn_of_another(self) -> None:
-        """Warn of angles or rotation vectors whose order or unit is another one by far."""
+    def _another_form(self) -> Finding | None:
+        """Return a finding if angles or rotation vectors are of another order or unit by far."""
         angles = [side.rotation.ndim == 2 and side.rotation.shape[1] == 3 for side in self.sides]
         if not any(angles) or self._n() < FEWEST:
-            return
-        now = self.fit((None, None))
-        travel = float(np.linalg.norm(np.std(self.poses((None, None))[0][:, :3, 3], axis=0)))
-        if now is not None and now[0] <= LARGE_ROTATION and now[1] <= FITS * travel:
-            return
+            return None
+        decided: tuple[Reading | None, ...] = (None, None)
+        now = self.fit(decided)
+        for fit in (now, self._of_other_setup().fit(decided)):
+            if fit is not None and fit[0] <= LARGE_ROTATION and fit[1] <= FITS * self._travel(decided):
+                return None
         for k, role in enumerate(FRAMES):
             side = self.sides[k]
-            if not angles[k]:
+            found = self._form_that_fits(k, ((None,), (None,)))
+            if found is not None and (now is None or now[1] > DECIDED * found.distance):
+                values = {
+                    "name": PurePath(side.name).name,
+                    "side": role,
+                    "used": self.forms[k] or side.readings[0].rotation,
+                    "form": found.form,
+                    "rotation": None if now is None else now[0],
+                    "translation": None if now is None else now[1],
+                }
+                return Finding("poses.another_rotation", "failure", values)
+        return None
+
+    def _form_that_fits(self, k: int, open_readings: Open) -> _Form | None:
+        """Return the form of the three numbers of one side that fits best, if one does; the setup may be the other."""
+        side = self.sides[k]
+        if side.rotation.ndim != 2 or side.rotation.shape[1] != 3:
+            return None
+        found = []
+        units = {reading.units for reading in side.readings} if self.units[k] is None else {self.units[k]}
+        for form, unit, other in product(_other_forms(side, self.forms[k]), units, open_readings[1 - k]):
+            forms, both = list(self.forms), list(self.units)
+            forms[k], both[k] = form, unit
+            trial = replace(self, forms=tuple(forms), units=tuple(both))
+            pair = (None, other) if k == 0 else (other, None)
+            if not trial._turns_alike(pair):
                 continue
-            found = []
-            for form in _other_forms(side, self.forms[k]):
-                forms = (form, self.forms[1]) if k == 0 else (self.forms[0], form)
-                fit = replace(self, forms=forms).fit((None, None))
-                if fit is not None and fit[0] < LARGE_ROTATION:
-                    found.append((fit[1], fit[0], form))
-            if not found:
-                continue
-            # Rotations about x, y, z renamed in a circle fit as well; only the translations tell.
-            distance, _, form = min(found)
-            if distance < FITS * travel and (now is None or now[1] > DECIDED * distance):
-                used = self.forms[k] or side.readings[0].rotation
-                amount = "" if now is None else f" by {np.degrees(now[0]):.2g} degrees and {1e3 * now[1]:.3g} mm RMS"
-                warnings.warn(
-                    f"{side.name}: with rotations read as {used} robot and camera disagree{amount}; as {form} they "
-                    f"agree. Give --{role}-rotation {form} (rotation={form!r}) if that is what the file holds.",
-                    InputWarning,
-                    stacklevel=5,
-                )
-                return
+            for setup in (trial, trial._of_other_setup()):
+                fit = setup.fit(pair)
+                # Rotations about x, y, z renamed in a circle fit as well; only the translations tell.
+                if fit is not None and fit[0] < LARGE_ROTATION and fit[1] < FITS * trial._travel(pair):
+                    found.append(_Form(form, unit if len(units) > 1 else None, fit[1]))
+        return min(found, key=lambda one: one.distance, default=None)
+
+    def _turns_alike(self, pair: tuple[Reading | None, ...]) -> bool:
+        """Return whether robot and camera rotate by the same angles from each pose to the next, whatever the setup."""
+        G, C = (T[:, :3, :3] for T in self.poses(pair))
+        if len(G) < 3 or len(G) != len(C):
+            return False
+        difference = rotation_angles(G[:-1].mT @ G[1:]) - rotation_angles(C[:-1].mT @ C[1:])
+        return bool(np.sqrt(np.mean(difference**2)) < 2.0 * LARGE_ROTATION)
+
+    def _travel(self, pair: tuple[Reading | None, ...]) -> float:
+        """Return the standard deviation of the robot's position."""
+        return float(np.linalg.norm(np.std(self.poses(pair)[0][:, :3, 3], axis=0)))
 
 
 def _other_forms(side: Side, form: str | None) -> list[str]:
-    """All forms of three numbers but the one in use; angles beyond a turn can only be degrees."""
-    used = form or side.readings[0].rotation
+    """All forms of three numbers but those in use; angles beyond a turn can only be degrees."""
+    used = {reading.rotation for reading in side.readings} if form is None else {form}
     units = ("deg",) if np.abs(side.rotation).max() > 2.0 * np.pi else ("deg", "rad")
     forms = [f"{sequence}-{unit}" for unit in units for sequence in SEQUENCES]
     forms += [vector for vector in VECTORS if vector[-3:] in units]
-    return [text for text in forms if text != used and rotation_form(text).numbers == 3]
+    return [text for text in forms if text not in used and rotation_form(text).numbers == 3]

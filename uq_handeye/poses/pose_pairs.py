@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.source import Source
+from ..findings import Finding
 from ..geometry.checks import as_numbers, as_transforms, first_duplicate
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array, inverse
@@ -65,6 +66,8 @@ class PosePairs:
         Where the camera poses come from points in 3-D (`poses_from_points`): the joint covariance of their errors.
     joints : (n, L) array or None
         Joint values of the robot at each pose (rad, or m for prismatic joints), in the order of its chain.
+    findings : tuple of Finding
+        What looked wrong when the files were read; `calibrate` adds it to the findings of its result.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class PosePairs:
     camera_calibration: CameraCalibration | None = None
     joints: Array | None = None
     camera_covariance: JointCovariance | None = None
+    findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.setup, str) or self.setup not in SETUPS:
@@ -147,7 +151,7 @@ class PosePairs:
         seen = None if self.camera_calibration is None else self.camera_calibration.select(of["camera"])
         joints = None if self.joints is None else self.joints[index]
         S = None if self.camera_covariance is None else self.camera_covariance.rows(of["camera"])
-        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen, joints, S)
+        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen, joints, S, self.findings)
 
     @property
     def known_camera(self) -> JointCovariance | None:

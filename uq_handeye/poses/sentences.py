@@ -1,6 +1,8 @@
-"""Sentences about properties of pose data that a computation leaves out."""
+"""Sentences about pose data: what reading them showed, and what a computation leaves out."""
 
 from __future__ import annotations
+
+import math
 
 from ..findings import sentence
 
@@ -10,4 +12,16 @@ def _(function: str, std: float) -> str:
     return (
         f"The time offset of these poses is known to {1e3 * std:.2g} ms, but {function} takes it as exact. Use "
         "calibrate() with method 'efficient' or 'ml' to include its uncertainty."
+    )
+
+
+@sentence("poses.another_rotation")
+def _(name: str, side: str, used: str, form: str, rotation: float | None, translation: float | None) -> str:
+    amount = ""
+    if rotation is not None and translation is not None:
+        amount = f" by {math.degrees(rotation):.2g} degrees and {1e3 * translation:.3g} mm RMS"
+    both = f'"{form}", None' if side == "robot" else f'None, "{form}"'
+    return (
+        f"{name}: with rotations read as {used} robot and camera disagree{amount}; as {form} they agree. Give "
+        f"--{side}-rotation {form} (rotation=({both})) if that is what the file holds."
     )

@@ -124,7 +124,15 @@ def _all_findings(result: Stated) -> Iterable[Finding]:
 
 def _of_input(finding: Finding) -> int:
     """Return the rank among failures: a wrong file explains the others."""
-    decisive = ("same_file", "another_arm", "poses_unexplained", "shifted_rows", "wrong_scale", "angles_disagree")
+    decisive = (
+        "same_file",
+        "another_arm",
+        "another_rotation",
+        "poses_unexplained",
+        "shifted_rows",
+        "wrong_scale",
+        "angles_disagree",
+    )
     name = finding.code.rpartition(".")[2]
     return decisive.index(name) if name in decisive else len(decisive)
 

@@ -143,6 +143,9 @@ def _local(v: Mapping[str, Any]) -> str:
 
 _PHRASES: dict[str, Phrase] = {
     # input
+    "poses.another_rotation": Phrase(
+        INPUT, lambda v: f"the {v['side']} rotations seem to be {v['form']}, not {v['used']}"
+    ),
     "input_checks.poses_unexplained": Phrase(INPUT, _readings),
     "input_checks.motions_unexplained": Phrase(
         INPUT, lambda v: f"X does not explain the motions ({_both(v['rotation'], v['translation'])} RMS)"

@@ -79,6 +79,8 @@ def _about(code: str, values: Mapping[str, Any]) -> str | None:
     reading = values.get("reading") or next(iter(sorted(values.get("readings") or (), key=_length)), None)
     if code in ("input_checks.poses_unexplained", "input_checks.wrong_scale"):
         return "check the frames, units and pairing of both files" if reading is None else _try(reading)
+    if code == "poses.another_rotation":
+        return f"run again with --{values.get('side', 'robot')}-rotation {values.get('form', 'ZYX-deg')}"
     if code == "input_checks.far":
         return f"run again with --{values.get('file', 'camera')}-units {values.get('unit', 'mm')}"
     if code in ("calibration.shared_contradicted", "calibration.group_contradicted"):
