@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from ..rosbag.recording import Recording
     from ..synchronisation.result import Synchronised
 
+# Names of the pictures of `rosbag.lens`, repeated here so that help loads quickly.
+CHOICES = ("raw", "rectified")
+
 
 @dataclass(frozen=True)
 class BagOptions:
@@ -145,12 +148,12 @@ class BagGiven:
         text = None if seen is None else seen.options.tag
         side = None if text is None else read_length(text, "--tag")
         matrix = None if seen is None else seen.options.camera_matrix
-        info = None if matrix is None else _info_of(matrix)
+        info = None if matrix is None else info_of(matrix)
         found = camera_stream(recording, self.camera, tag=side, info=info, frame=files.camera_frame)
         sides["camera"] = found.stream
         if found.hint:
             LOG.info("%s: %s", recording.name, found.hint)
-        if seen is not None and matrix is None and found.info is not None:
+        if seen is not None and (matrix is None or isinstance(info, str)) and found.info is not None:
             seen = replace(seen, options=replace(seen.options, camera_matrix=found.info.text()))
         return sides, seen, found.minima
 
@@ -228,13 +231,15 @@ class BagFiles(PoseFiles):
         return str(self.robot)
 
 
-def _info_of(text: str) -> "CameraInfo":
-    """Return the intrinsics of --camera-matrix as those of a camera_info, to compute poses of tags with."""
+def info_of(text: str) -> "CameraInfo | str":
+    """Return the intrinsics of --camera-matrix as those of a camera_info, or the word that chooses among those."""
     import numpy as np
 
     from ..camera.models import LINEAR, MODELS
     from ..rosbag.info import CameraInfo
 
+    if text in CHOICES:
+        return text
     camera = camera_of(text)
     if isinstance(camera, list):
         return CameraInfo("", (0, 0), "", np.array(camera), np.zeros(0), np.zeros(4))

@@ -32,7 +32,8 @@ class ViewOptions:
             common=True,
             help="Camera matrix fx,fy,cx,cy (px), for finished poses. Also for pictures of a single tag. With --board "
             "and --square, or --tag, the camera noise follows from the view of each pose. Or a file: camera_info of "
-            "ROS, OpenCV, JSON with standard deviations, or the folder of camera -o.",
+            "ROS, OpenCV, JSON with standard deviations, or the folder of camera -o. For tags of a --bag also raw "
+            "or rectified, the picture in which they were detected. Default there: as the corners fit.",
         ),
     ] = None
     tag: Annotated[
@@ -147,7 +148,10 @@ def camera_of(text: str) -> Any:
     from ..camera.files.intrinsics_file import read_intrinsics
 
     if not path.exists():
-        raise InputError(f"Expected --camera-matrix to be FX,FY,CX,CY in pixels, a file or a folder, got {text!r}.")
+        raise InputError(
+            f"Expected --camera-matrix to be FX,FY,CX,CY in pixels, a file or a folder (of a --bag also raw or "
+            f"rectified), got {text!r}."
+        )
     return read_intrinsics(path)
 
 

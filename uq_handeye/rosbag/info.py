@@ -22,7 +22,7 @@ NAMES = {
     "rational_polynomial": "brown",
     "fisheye": "fisheye",
     "equidistant": "fisheye",
-    "": "pinhole",
+    "": "brown",
 }
 
 
@@ -45,6 +45,11 @@ class CameraInfo:
     def rectified(self) -> bool:
         """True if there is a matrix of the rectified picture."""
         return bool(self.P[0] > 0 and self.P[1] > 0)
+
+    @property
+    def distorted(self) -> bool:
+        """True if the picture as taken has a distortion of a model that is known."""
+        return bool(self.D.any()) and self.model in NAMES
 
     def linear(self) -> Array:
         """(4,) fx, fy, cx, cy of the picture in which tags are detected: the rectified one where it is known."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.adjustment.two_minima import Minima
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..files.open import StrPath
 from ..formats.contents import FRAMES
 from ..formats.ros.messages import frame_name, pair_text
@@ -18,6 +19,7 @@ from ..formatting.units import parse_length
 from ..geometry.se3 import Array, inverse
 from ..poses.stream import Stream
 from .info import CameraInfo
+from .lens import RAW, RECTIFIED, Lens, lens_of
 from .open import HINT
 from .recording import Recording, read_recording
 from .tags import TagTrack, plain_name, same_tag, tag_poses
@@ -54,6 +56,7 @@ def read_bag(
     robot: str,
     camera: str,
     tag: float | str | None = None,
+    camera_matrix: str | None = None,
     robot_frame: str | None = None,
     camera_frame: str | None = None,
 ) -> tuple[Stream, Stream]:
@@ -71,6 +74,9 @@ def read_bag(
     tag : float, str or None
         Side of the tag (m, or text such as "40mm"), for detections with corners in pixels: poses are then computed from
         these and the ``camera_info``.
+    camera_matrix : {"raw", "rectified"} or None
+        Picture in which the corners were detected: K and D of the ``camera_info``, or P. None: as the corners fit,
+        rectified if they do not decide.
     robot_frame, camera_frame : str or None
         What topics hold, as in `read_stream`.
 
@@ -81,6 +87,11 @@ def read_bag(
     MissingExtraError
         rosbags is not installed.
 
+    Warns
+    -----
+    InputWarning
+        The corners do not decide in which picture they were detected, and it matters.
+
     Examples
     --------
     >>> import uq_handeye as uq
@@ -89,9 +100,11 @@ def read_bag(
     """
     recording = read_recording(path)
     side = None if tag is None else parse_length(tag, "`tag`")
+    if camera_matrix not in (None, RAW, RECTIFIED):
+        raise InputError(f'Expected `camera_matrix` to be "raw", "rectified" or None, got {camera_matrix!r}.')
     return (
         robot_stream(recording, robot, frame=robot_frame),
-        camera_stream(recording, camera, tag=side, frame=camera_frame).stream,
+        camera_stream(recording, camera, tag=side, info=camera_matrix, frame=camera_frame).stream,
     )
 
 
@@ -112,15 +125,19 @@ def camera_stream(
     spec: str,
     *,
     tag: float | None = None,
-    info: CameraInfo | None = None,
+    info: CameraInfo | str | None = None,
     frame: str | None = None,
 ) -> BagStream:
-    """Return the camera's stream ``camera_T_target``; by corners, if the tag that is meant has some and a side."""
+    """Return the camera's stream ``camera_T_target``; by corners, if the tag that is meant has some and a side.
+
+    ``info`` is the intrinsics, or says in which picture the corners lie (`lens`), None: those of the bag.
+    """
+    own, picture = (None, info) if isinstance(info, str) else (info, None)
     name, pair = _asked(recording, spec, "camera")
     seen = _detected(recording, name, pair)
     if seen is not None:
         topic, track = seen
-        known = info or _info_beside(recording, topic, track[0])
+        known = own or _info_beside(recording, topic, track[0])
         connected = not name and recording.tree.chain(*pair) is not None
         if tag is not None:
             if known is None:
@@ -128,20 +145,21 @@ def camera_stream(
                     f"{recording.name}: no camera_info belongs to {topic}. Give the camera matrix: --camera-matrix "
                     "FX,FY,CX,CY."
                 )
-            seen_tag = tag_poses(track[1], known, tag)
-            found = _Found(seen_tag.times, seen_tag.poses, seen_tag.notes)
-            rectified = "P, of the rectified picture" if known.rectified else "K and D"
-            found.notes.append(f"intrinsics of camera_info: {rectified}" if info is None else "intrinsics as given")
+            lens = lens_of(track[1], known, tag, picture) if own is None else Lens(own, "intrinsics as given")
+            if lens.warning:
+                warnings.warn(lens.warning, InputWarning, stacklevel=2)
+            seen_tag = tag_poses(track[1], lens.info, tag)
+            found = _Found(seen_tag.times, seen_tag.poses, [*seen_tag.notes, lens.note])
             minima = seen_tag.minima if frame in (None, FRAMES["camera"][0]) else None
-            return BagStream(_stream(recording, found, "camera", frame), known, tag, minima=minima)
+            return BagStream(_stream(recording, found, "camera", frame), lens.info, tag, minima=minima)
         if not connected:
             raise InputError(
                 f"--camera {spec}: {topic} holds corners of the tag in pixels, not its poses. Give the side of its "
                 "black square, e.g. --tag 40mm."
             )
     elif tag is not None:
-        info = info or _info_beside(recording, name, pair)
-        if info is None:
+        own = own or _info_beside(recording, name, pair)
+        if own is None:
             raise InputError(
                 f"--tag: {recording.name} holds no corners of {spec} in pixels, and no camera_info. Remove it, or add "
                 "--camera-matrix FX,FY,CX,CY, with which the noise of finished poses follows from the tag."
@@ -150,7 +168,7 @@ def camera_stream(
     hint = (
         "" if seen is None else f"{seen[0]} holds corners of this tag; with --tag LENGTH they are used, which says more"
     )
-    return BagStream(_stream(recording, found, "camera", frame), info, tag, hint)
+    return BagStream(_stream(recording, found, "camera", frame), own, tag, hint)
 
 
 def _stream(recording: Recording, found: _Found, role: str, frame: str | None) -> Stream:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.adjustment.bundle import adjust
+from ..camera.adjustment.bundle import Bundle, adjust
 from ..camera.adjustment.initial_guess import poses_of
 from ..camera.adjustment.two_minima import Minima, both_minima
 from ..camera.board import tag_points
@@ -110,25 +110,41 @@ class TagPoses(NamedTuple):
         return np.asarray(self.minima.poses[0])
 
 
-def tag_poses(track: TagTrack, info: CameraInfo, side: float) -> TagPoses:
-    """Return the poses of a tag by least squares of its corners."""
+def corners_of(track: TagTrack, side: float) -> tuple[NDArray[np.float64], Corners]:
+    """Return times (n,) and the corners of a tag with the side (m), one detection a picture."""
     times, pixels = track.corners()
     if not len(times):
         raise InputError(f"{track.name}: no detection has four corners.")
-    model, parameters = info.lens()
     n = len(times)
-    row = np.repeat(np.arange(n), 4)
-    corners = Corners(row, np.tile(tag_points(side), (n, 1)), pixels.reshape(-1, 2))
+    return times, Corners(np.repeat(np.arange(n), 4), np.tile(tag_points(side), (n, 1)), pixels.reshape(-1, 2))
+
+
+def adjusted(corners: Corners, info: CameraInfo) -> Bundle:
+    """Return the poses of least squares of a tag's corners with these intrinsics."""
+    model, parameters = info.lens()
     seen = rays(model, parameters, corners.pixels)
     if not np.isfinite(seen).all():
-        raise InputError(f"{track.name}: corners lie where the camera of its camera_info sees nothing.")
+        raise InputError(
+            "Corners of the tag lie where the camera sees nothing. Check its intrinsics (--camera-matrix)."
+        )
     start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
-    bundle = adjust(model, corners, (parameters, start), free=np.zeros(len(parameters), dtype=bool))
-    minima = both_minima(bundle, corners)
-    C = minima.poses[0][row]
+    return adjust(model, corners, (parameters, start), free=np.zeros(len(parameters), dtype=bool))
+
+
+def pixels_off(corners: Corners, bundle: Bundle, poses: Array) -> Array:
+    """Return the residuals (n, 8) of the corners at poses (n, 4, 4), pixels."""
+    C = poses[corners.picture]
     at = (C[:, :3, :3] @ corners.points[..., None])[..., 0] + C[:, :3, 3]
-    off = np.abs(model.project(parameters, at).pixels - corners.pixels).reshape(n, -1).max(axis=1)
-    fine = off < SPOILT
+    return np.asarray(bundle.model.project(bundle.parameters, at).pixels - corners.pixels).reshape(len(poses), -1)
+
+
+def tag_poses(track: TagTrack, info: CameraInfo, side: float) -> TagPoses:
+    """Return the poses of a tag by least squares of its corners."""
+    times, corners = corners_of(track, side)
+    bundle = adjusted(corners, info)
+    minima = both_minima(bundle, corners)
+    n = len(times)
+    fine = np.abs(pixels_off(corners, bundle, minima.poses[0])).max(axis=1) < SPOILT
     notes = [f"{n} poses from corners, side {side:g} m; the tag's frame is in its middle, z towards the camera"]
     if not fine.all():
         notes.append(f"{int((~fine).sum())} detections fit no pose of the tag within {SPOILT:g} px, and are left out")

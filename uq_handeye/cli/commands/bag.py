@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ...errors import InputError
+from ..bag_files import info_of
 from ..delivery import deliver
 from ..messages import LOG, timed
 from ..options.common import JsonOption, emit, folder_option, option
@@ -54,6 +55,16 @@ def bag_command(
             help="Side of a tag that was detected by its corners, e.g. 40mm.",
         ),
     ] = None,
+    camera_matrix: Annotated[
+        str | None,
+        option(
+            "--camera-matrix",
+            metavar="MATRIX",
+            panel=TABLES,
+            help="Intrinsics for the corners of a tag: fx,fy,cx,cy (px), a file, or of camera_info raw (K and D) or "
+            "rectified (P), the picture in which it was detected. Default: camera_info, as the corners fit.",
+        ),
+    ] = None,
     joints: Annotated[
         str | None,
         option(
@@ -96,13 +107,15 @@ def bag_command(
         raise InputError("-o writes tables. Add --robot, --camera or --joints.")
     if tag is not None and camera is None:
         raise InputError("--tag needs --camera. Add it.")
+    if camera_matrix is not None and tag is None:
+        raise InputError("--camera-matrix needs --tag. Add it.")
     from ...io import json_text
     from ...rosbag.listing import dict_of, text_of
     from ...rosbag.recording import read_recording
 
     with timed(f"reading {files[0]}"):
         recording = read_recording(files)
-    written = _tables(recording, robot, camera, tag, joints)
+    written = _tables(recording, robot, camera, (tag, camera_matrix), joints)
     names = [str(file) for file in files]
     if not written:
         emit(json_text(dict_of(recording, names)) if as_json else text_of(recording, names))
@@ -113,7 +126,11 @@ def bag_command(
 
 
 def _tables(
-    recording: "Recording", robot: str | None, camera: str | None, tag: str | None, joints: str | None
+    recording: "Recording",
+    robot: str | None,
+    camera: str | None,
+    of_tag: tuple[str | None, str | None],
+    joints: str | None,
 ) -> dict[str, str]:
     """Return the tables that are asked for, by the names of their files."""
     from ...io import pose_text
@@ -125,7 +142,9 @@ def _tables(
     if robot is not None:
         streams["robot"] = robot_stream(recording, robot)
     if camera is not None:
-        seen = camera_stream(recording, camera, tag=None if tag is None else read_length(tag, "--tag"))
+        tag, matrix = of_tag
+        info = None if matrix is None else info_of(matrix)
+        seen = camera_stream(recording, camera, tag=None if tag is None else read_length(tag, "--tag"), info=info)
         streams["camera"] = seen.stream
         if seen.hint:
             LOG.info("%s: %s", recording.name, seen.hint)
