@@ -6,6 +6,7 @@ from picture_cases import CAMERA, SIZE, camera_to_board, facing, picture, projec
 from support import assert_same_covariance, difference
 
 import uq_handeye as uq
+from uq_handeye.camera.adjustment.initial_guess import unlike_a_board
 from uq_handeye.camera.board import picture_paths
 from uq_handeye.camera.boards.chessboard import chessboard_finder
 from uq_handeye.camera.corners import without_pictures
@@ -243,6 +244,11 @@ def test_windows_go_with_their_corners():
     corners = uq.Corners(row, points, points[:, :2], window=[5, 6, 7, 8, 1, 2, 3, 0])
     np.testing.assert_array_equal(corners.window, [1, 2, 3, 0, 5, 6, 7, 8])
     np.testing.assert_array_equal(without_pictures(corners, np.array([True, False])).window, [5, 6, 7, 8])
+    board = uq.Board(11, 8, SQUARE)  # more corners than the start of a fit looks at
+    seen = np.concatenate([projected(board, facing(board, roll)) for roll in (5.0, 40.0)])
+    row, many = np.repeat([0, 1], 88), np.tile(board.points, (2, 1))
+    assert not unlike_a_board(uq.Corners(row, many, seen, window=np.arange(176) % 9)).any()
+    row = np.repeat([1, 0], 4)
     for wrong in ([1, 2], [1.5] * 8, [np.inf] * 8):
         with pytest.raises(uq.InputError, match="half widths in whole pixels"):
             uq.Corners(row, points, points[:, :2], window=wrong)

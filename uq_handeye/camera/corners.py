@@ -120,17 +120,21 @@ class Corners:
         return padded
 
 
-def without_pictures(corners: Corners, out: NDArray[np.bool_]) -> Corners:
-    """All but some of the n pictures."""
-    kept = ~out[corners.picture]
+def picked(corners: Corners, kept: NDArray[np.bool_], names: tuple[str, ...] | None = None) -> Corners:
+    """Return those corners (m,) that are kept; ``names`` are those of the pictures that have any, None: all have."""
     return replace(
         corners,
         row=corners.row[kept],
         points=corners.points[kept],
         pixels=corners.pixels[kept],
-        names=tuple(np.array(corners.names)[~out].tolist()),
+        names=corners.names if names is None else names,
         window=None if corners.window is None else corners.window[kept],
     )
+
+
+def without_pictures(corners: Corners, out: NDArray[np.bool_]) -> Corners:
+    """All but some of the n pictures."""
+    return picked(corners, ~out[corners.picture], tuple(np.array(corners.names)[~out].tolist()))
 
 
 def smoothing(window: NDArray[Any]) -> Array:

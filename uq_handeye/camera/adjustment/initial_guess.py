@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, MissingExtraError
 from ...geometry.se3 import Array
-from ..corners import Corners
+from ..corners import Corners, picked
 from ..models import CameraModel
 
 # Focal lengths of a fisheye that are tried, as multiples of half the picture's width per radian.
@@ -116,7 +115,7 @@ def _off_homography(corners: Corners, flat: Array, method: int) -> Array:
 def _thinned(corners: Corners) -> Corners:
     """About ENOUGH corners of each picture, spread as multiples of the golden section are, whatever the columns."""
     part = (corners.place * 0.618034) % 1.0 < ENOUGH / np.bincount(corners.picture)[corners.picture]
-    return replace(corners, row=corners.row[part], points=corners.points[part], pixels=corners.pixels[part])
+    return picked(corners, part)
 
 
 def _flat(corners: Corners) -> Array:
