@@ -88,7 +88,7 @@ class StreamFiles:
             metavar="UNIT",
             panel=POSE_FILES,
             common=True,
-            help=f"Length unit of both files. One of {', '.join(UNITS)}. Default: as the format says, else m.",
+            help=f"Length unit of both files. One of {', '.join(UNITS)}. Default: of the format, else m.",
         ),
     ] = None
     robot_units: Annotated[

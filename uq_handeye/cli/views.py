@@ -32,8 +32,8 @@ class ViewOptions:
             common=True,
             help="Camera matrix fx,fy,cx,cy (px), for finished poses. Also for pictures of a single tag. With --board "
             "and --square, or --tag, the camera noise follows from the view of each pose. Or a file: camera_info of "
-            "ROS, OpenCV, JSON with standard deviations, or the folder of camera -o. For tags of a --bag also raw "
-            "or rectified, the picture in which they were detected. Default there: as the corners fit.",
+            "ROS, OpenCV, JSON with standard deviations, or the folder of camera -o. For tags of --bag also raw or "
+            "rectified, the picture in which they were detected. Default there: as the corners fit.",
         ),
     ] = None
     tag: Annotated[
