@@ -10,33 +10,6 @@ from ..errors import InputError
 from ..geometry.se3 import Array
 from .lines import short
 
-# What a list of 4x4 poses is called. The first name of a frame is ours; the others are those of OpenCV and of papers.
-POSE_NAMES = {
-    "robot": ("robot", "base_T_gripper"),
-    "base_T_gripper": ("robot", "base_T_gripper"),
-    "T_gripper2base": ("robot", "base_T_gripper"),
-    "gripper2base": ("robot", "base_T_gripper"),
-    "H_gripper2base": ("robot", "base_T_gripper"),
-    "T_base_gripper": ("robot", "base_T_gripper"),
-    "robot_poses": ("robot", "base_T_gripper"),
-    "robot_pose": ("robot", "base_T_gripper"),
-    "gripper_T_base": ("robot", "gripper_T_base"),
-    "T_base2gripper": ("robot", "gripper_T_base"),
-    "base2gripper": ("robot", "gripper_T_base"),
-    "camera": ("camera", "camera_T_target"),
-    "camera_T_target": ("camera", "camera_T_target"),
-    "T_target2cam": ("camera", "camera_T_target"),
-    "target2cam": ("camera", "camera_T_target"),
-    "H_target2cam": ("camera", "camera_T_target"),
-    "T_camera_target": ("camera", "camera_T_target"),
-    "T_cam_target": ("camera", "camera_T_target"),
-    "camera_poses": ("camera", "camera_T_target"),
-    "camera_pose": ("camera", "camera_T_target"),
-    "target_T_camera": ("camera", "target_T_camera"),
-    "T_cam2target": ("camera", "target_T_camera"),
-    "cam2target": ("camera", "target_T_camera"),
-}
-
 
 def got(value: Any) -> str:
     """Describe the value that was received, in few words."""

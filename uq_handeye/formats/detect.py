@@ -13,10 +13,11 @@ from typing import Any, BinaryIO, cast
 from ..errors import InputError
 from ..files import lines as _lines
 from ..files import trees as _trees
-from ..files.fields import POSE_NAMES, got
+from ..files.fields import got
 from ..files.lines import is_number, short
 from ..files.many import is_many, paths_of
 from ..files.open import Hashed, opened, require_size, shown
+from ..files.pose_names import pose_name
 from ..files.source import Source
 from .contents import COLUMNS, Contents
 from .controllers.forms import CONTROLLERS
@@ -271,7 +272,9 @@ def _is_json(tree: Any) -> bool:
         )
     if samples_of(tree) or (isinstance(tree, dict) and isinstance(tree.get(ONE_SIDE), list) and not is_storage(tree)):
         return True
-    return not is_storage(tree) and bool(_keys(tree) & {*POSE_NAMES, "format"}) and "R_gripper2base" not in tree
+    keys = _keys(tree)
+    named = "format" in keys or any(pose_name(key) is not None for key in keys)
+    return named and not is_storage(tree) and "R_gripper2base" not in tree
 
 
 def _is_easy_handeye(tree: Any) -> bool:

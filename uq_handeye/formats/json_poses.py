@@ -8,7 +8,7 @@ A POSE is a 4x4 matrix (four rows, or 16 numbers row by row) or
 ``{"timestamp": 0.0, "translation": [x, y, z], "quaternion_xyzw": [x, y, z, w]}``; ``quaternion_wxyz`` has the scalar
 first. ``rotation`` may be a 3x3 matrix, and a ``geometry_msgs/Pose`` or ``Transform``, with x, y, z, w by names, is a
 POSE as well. ``setup`` and all times may be left out. ``robot`` and ``camera`` may be called by their frames
-(`POSE_NAMES`).
+(`pose_name`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files.fields import POSE_NAMES, got, item, matrix, number, transform, vector
+from ..files.fields import got, item, matrix, number, transform, vector
+from ..files.pose_names import pose_name
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from .contents import Contents, Side, matrices_side
@@ -46,7 +47,7 @@ def read_json(tree: Any, name: str) -> Contents:
     """The poses of a tree."""
     if isinstance(tree, dict) and str(tree.get("format", "")).startswith("uq-handeye calibration"):
         raise InputError(f"{name} is a result of uq-handeye; expected poses (the command export reads results).")
-    if isinstance(tree, dict) and ONE_SIDE in tree and not set(tree) & set(POSE_NAMES):
+    if isinstance(tree, dict) and ONE_SIDE in tree and not any(map(pose_name, tree)):
         return Contents(only=_side(tree[ONE_SIDE], name, f", {ONE_SIDE}", None, tree.get("timestamps")))
     if samples_of(tree):
         tree = _turned(tree, name)
@@ -61,9 +62,9 @@ def read_json(tree: Any, name: str) -> Contents:
     times = tree.get("timestamps")
     sides: dict[str, Side] = {}
     for key in tree:
-        if key not in POSE_NAMES:
+        if (known := pose_name(key)) is None:
             continue
-        role, frame = POSE_NAMES[key]
+        role, frame = known
         if role in sides:
             raise InputError(f"{name}: expected the {role} poses once, got {got(tree)}.")
         if key != role:
@@ -75,19 +76,18 @@ def read_json(tree: Any, name: str) -> Contents:
 
 
 def samples_of(tree: Any) -> list[Any]:
-    """The samples, maps that hold both sides under `POSE_NAMES`; none if the tree is no such list."""
+    """The samples, maps that hold both sides by `pose_name`; none if the tree is no such list."""
     samples = tree.get("samples") if isinstance(tree, dict) else tree
-    if isinstance(samples, list) and samples and isinstance(samples[0], dict):
-        names = [key for key in samples[0] if key in POSE_NAMES]
-        if {POSE_NAMES[key][0] for key in names} == {"robot", "camera"}:
-            return samples
-    return []
+    if not isinstance(samples, list) or not samples or not isinstance(samples[0], dict):
+        return []
+    roles = {known[0] for known in map(pose_name, samples[0]) if known is not None}
+    return samples if roles == {"robot", "camera"} else []
 
 
 def _turned(tree: Any, name: str) -> dict[str, Any]:
     """Samples as a list of each side."""
     samples = samples_of(tree)
-    keys = [key for key in samples[0] if key in POSE_NAMES]
+    keys = [key for key in samples[0] if pose_name(key) is not None]
     turned: dict[str, Any] = {
         key: [item(sample, key, f"{name}, sample {k}") for k, sample in enumerate(samples)] for key in keys
     }

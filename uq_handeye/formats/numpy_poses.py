@@ -1,6 +1,6 @@
 """Poses in NumPy's files: ``.npy`` with one array (n, 4, 4), ``.npz`` with arrays by name.
 
-Names in ``.npz``: ``robot`` and ``camera``, or a frame (`POSE_NAMES`), each (n, 4, 4); or rotations and translations by
+Names in ``.npz``: ``robot`` and ``camera``, or a frame (`pose_name`), each (n, 4, 4); or rotations and translations by
 the names of OpenCV's arguments (`opencv_storage.PAIRS`); ``timestamps`` for both, or ``robot_timestamps`` and
 ``camera_timestamps``; ``setup``. A file with a single array (n, 4, 4) of another name, or with ``R`` and ``t`` or
 ``rvecs`` and ``tvecs`` only, holds one side. Matrices may lack their last row, (n, 3, 4), be flat, (n, 16), or stand
@@ -20,14 +20,14 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files.fields import POSE_NAMES
 from ..files.lines import one_line, short
+from ..files.pose_names import pose_name
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from .contents import Contents, Side
 from .matrices.arrays import is_poses, side_of_array
 from .not_poses import conversion
-from .opencv_storage import EITHER_SIDE, PAIRS, joined
+from .opencv_storage import joined_pairs
 
 MAX_BYTES = 500_000_000  # of all arrays of a file, unpacked
 MAX_ARRAYS = 100
@@ -81,17 +81,10 @@ def read_npz(data: bytes, name: str) -> Contents:
     if common == "t" and "R" in arrays:  # translations
         common = None
     sides: dict[str, Side] = {}
-    found = [(key, role, frame, array) for key, array in arrays.items() for role, frame in _named(key)]
-    either: tuple[str, NDArray[Any]] | None = None
-    for R_key, t_key, role, frame in (*PAIRS, ("R", "t", "", "")):
-        if R_key not in arrays or t_key not in arrays:
-            continue
-        R, t = (_numbers(arrays[key], f"{name}, {key}") for key in (R_key, t_key))
-        T = joined(R, t, f"{name}, {R_key}", f"{name}, {t_key}")
-        if R_key in (EITHER_SIDE, "R"):
-            either = (R_key, T)
-        else:
-            found.append((R_key, role, frame, T))
+    found = [(key, *known, array) for key, array in arrays.items() if (known := pose_name(key)) is not None]
+    numbers = {key: array.astype(float) for key, array in arrays.items() if array.dtype.kind in "fiu"}
+    pairs, either = joined_pairs(numbers, name)
+    found += pairs
     if either is not None and found:
         found.append((either[0], "camera", "camera_T_target", either[1]))
     for key, role, frame, array in found:
@@ -132,10 +125,6 @@ def _times(arrays: dict[str, NDArray[Any]], key: str | None, name: str) -> Array
 
 def _side(array: NDArray[Any], where: str, frame: str | None, times: Array | None) -> tuple[Side, list[str]]:
     return side_of_array(_numbers(array, where), where, frame, times)
-
-
-def _named(key: str) -> list[tuple[str, str]]:
-    return [POSE_NAMES[key]] if key in POSE_NAMES else []
 
 
 def _numbers(array: NDArray[Any], where: str) -> Array:

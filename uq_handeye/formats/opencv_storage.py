@@ -1,7 +1,7 @@
 """Poses in OpenCV's FileStorage (YAML, XML or JSON), under the names of the arguments of ``cv::calibrateHandEye``.
 
 Rotations ``R_gripper2base`` and ``R_target2cam`` are 3x3 matrices or rotation vectors (rad), translations
-``t_gripper2base`` and ``t_target2cam`` vectors of three; 4x4 matrices go by `POSE_NAMES`. Each is a sequence of
+``t_gripper2base`` and ``t_target2cam`` vectors of three; 4x4 matrices go by `pose_name`. Each is a sequence of
 matrices, or one matrix with the poses below each other or flattened to a row each, or n x 4 x 4.
 ``R_gripper2base`` is ``base_T_gripper``. Other names: `PAIRS`. Source of the rules: opencv/opencv,
 ``modules/core/src/persistence_yml.cpp``, ``persistence_xml.cpp`` and ``persistence_json.cpp`` for the form,
@@ -18,8 +18,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
-from ..files.fields import POSE_NAMES, got, number
+from ..files.fields import got, number
 from ..files.lines import short
+from ..files.pose_names import pose_name
 from ..geometry.se3 import Array
 from .contents import Contents, matrices_side
 
@@ -36,7 +37,9 @@ PAIRS = (
 EITHER_SIDE = "rvecs"
 
 
-_NAMED = {pair[0] for pair in PAIRS if pair[0] != EITHER_SIDE} | set(POSE_NAMES)
+_NAMED = {pair[0] for pair in PAIRS if pair[0] != EITHER_SIDE}
+# What OpenCV's program of camera calibration writes: rotation vector and translation of the board in each picture.
+_VIEWS = ("extrinsic_parameters", "Extrinsic_Parameters")
 
 
 def read_opencv(tree: Any, name: str) -> Contents:
@@ -67,24 +70,40 @@ def read_opencv(tree: Any, name: str) -> Contents:
         wheres = (f"{name}, {R_name}", f"{name}, {t_found}")
         t = stack(tree[t_found], wheres[1])
         T = joined(stack(tree[R_name], wheres[0]), t, *wheres)
-        if R_name == EITHER_SIDE and not {*tree} & _NAMED:
+        if R_name == EITHER_SIDE and not {*tree} & _NAMED and not any(map(pose_name, tree)):
             return Contents(only=matrices_side(wheres[0], T), notes=(f"poses from {R_name} and {t_found}",))
         take(role, R_name, T, frame)
-    for key, (role, frame) in POSE_NAMES.items():
-        if key in tree and key not in used:
-            values = stack(tree[key], f"{name}, {key}").reshape(-1)
-            if values.size % 16:
-                raise InputError(f"{name}, {key}: expected 16 numbers per pose (4x4), got {values.size}.")
-            take(role, key, values.reshape(-1, 4, 4), frame)
-    if not sides and len(tree) == 1 and is_storage(tree):
-        (key,) = tree
-        values = stack(tree[key], f"{name}, {short(key)}").reshape(-1)
-        if values.size and not values.size % 16:
-            only = matrices_side(f"{name}, {short(key)}", values.reshape(-1, 4, 4))
-            return Contents(only=only, notes=(f"poses from {short(key)}",))
+    for key, value in tree.items():
+        if key in used or (known := pose_name(key)) is None:
+            continue
+        values = stack(value, f"{name}, {key}").reshape(-1)
+        if values.size % 16:
+            raise InputError(f"{name}, {key}: expected 16 numbers per pose (4x4), got {values.size}.")
+        take(known[0], key, values.reshape(-1, 4, 4), known[1])
+    for key in _VIEWS:
+        if key in tree and "camera" not in sides:
+            values = stack(tree[key], f"{name}, {key}")
+            if len(values.shape) != 2 or values.shape[-1] != 6:
+                raise InputError(f"{name}, {key}: expected six numbers in each row, got {got(tree[key])}.")
+            where = f"{name}, {key}"
+            take("camera", key, joined(values[:, :3], values[:, 3:], where, where), "camera_T_target")
+    if not sides and is_storage(tree) and len(alone := _poses_alone(tree)) == 1:
+        ((key, T),) = alone.items()
+        return Contents(only=matrices_side(f"{name}, {short(key)}", T), notes=(f"poses from {short(key)}",))
     if not sides:
         raise InputError(f"{name}: expected {expected}, got {got(tree)}.")
     return Contents(sides.get("robot"), sides.get("camera"), notes=tuple(notes))
+
+
+def _poses_alone(tree: dict[str, Any]) -> dict[str, Array]:
+    """Return the entries that hold 16 numbers per pose, under whatever names."""
+    found = {}
+    for key, value in tree.items():
+        if is_storage({key: value}):
+            values = stack(value, key)
+            if values.size and not values.size % 16:
+                found[key] = values.reshape(-1, 4, 4)
+    return found
 
 
 def joined(rotations: Array, translations: Array, R_where: str, t_where: str) -> Array:
@@ -93,6 +112,26 @@ def joined(rotations: Array, translations: Array, R_where: str, t_where: str) ->
     T = np.zeros((len(t), 4, 4))
     T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = _rotations(rotations, len(t), R_where), t, 1.0
     return T
+
+
+def joined_pairs(
+    arrays: dict[str, Array], name: str
+) -> tuple[list[tuple[str, str, str, Array]], tuple[str, Array] | None]:
+    """Return poses of arrays of rotations and translations by name, and those that may be of either side.
+
+    Each of the first is name of the rotations, side, frame, poses (n, 4, 4).
+    """
+    found: list[tuple[str, str, str, Array]] = []
+    either = None
+    for R_key, t_key, role, frame in (*PAIRS, ("R", "t", "", ""), ("R", "T", "", "")):
+        if R_key not in arrays or t_key not in arrays:
+            continue
+        T = joined(arrays[R_key], arrays[t_key], f"{name}, {R_key}", f"{name}, {t_key}")
+        if R_key in (EITHER_SIDE, "R"):
+            either = (R_key, T)
+        else:
+            found.append((R_key, role, frame, T))
+    return found, either
 
 
 def _rotations(values: Array, n: int, where: str) -> Array:

@@ -1,7 +1,7 @@
 """Poses in MAT-files of MATLAB, versions 5 to 7: arrays of numbers by name, and cells of matrices.
 
 Arrays are 4 x 4 x n as MATLAB counts poses, or in any shape that arrays of NumPy may have (`arrays`). Names are
-those of `POSE_NAMES`; a single array of another name is one side. Objects and functions are not made, and what
+those of `pose_name`; a single array of another name is one side. Objects and functions are not made, and what
 a compressed file unpacks to is counted before it is read. Source: MathWorks, "MAT-File Format"; read by
 ``scipy.io.loadmat``.
 """
@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...files.fields import POSE_NAMES
 from ...files.lines import one_line, short
+from ...files.pose_names import pose_name
 from ...geometry.se3 import Array
 from ..contents import Contents, Side
+from ..controllers.records import records_side
+from ..opencv_storage import joined_pairs
 from .arrays import is_poses, side_of_array
 
 MAX_BYTES = 500_000_000  # unpacked
@@ -34,20 +36,29 @@ _HEADER, _COMPRESSED, _PIECE = 128, 15, 1 << 20
 def read_mat(data: bytes, name: str) -> Contents:
     """Return the poses of a file."""
     arrays = _arrays(data, name)
-    times = next((arrays[key].reshape(-1) for key in TIMES if key in arrays), None)
+    pairs, either = joined_pairs({key: _by_first_axis(values) for key, values in arrays.items()}, name)
+    named = TIMES[:-1] if either is not None else TIMES  # t: translations
+    times = next((arrays[key].reshape(-1) for key in named if key in arrays), None)
+    arrays |= {key: T for key, _, _, T in pairs}
+    of = {key: (role, frame) for key, role, frame, _ in pairs}
     sides: dict[str, Side] = {}
     notes: list[str] = []
     for key, values in arrays.items():
-        if key not in POSE_NAMES:
+        if (known := of.get(key) or pose_name(key)) is None:
             continue
-        role, frame = POSE_NAMES[key]
+        role, frame = known
         if role in sides:
             raise InputError(f"{name}: expected the {role} poses once, got the arrays {short(', '.join(arrays))}.")
         sides[role], said = side_of_array(values, f"{name}, {key}", None if key == role else frame, times)
         notes += said
     if sides:
         return Contents(sides.get("robot"), sides.get("camera"), notes=tuple(notes))
+    if either is not None:
+        side, said = side_of_array(either[1], f"{name}, {either[0]}", None, times)
+        return Contents(only=side, notes=(f"poses from {either[0]}", *said))
     found = [key for key, values in arrays.items() if key not in TIMES and is_poses(values.shape)]
+    if len(found) != 1 and (vectors := _of_vectors(arrays, name)) is not None:
+        return Contents(only=vectors)
     if len(found) != 1:
         raise InputError(
             f"{name}: expected the arrays robot and camera, each 4 x 4 x n, or a single one, got "
@@ -55,6 +66,22 @@ def read_mat(data: bytes, name: str) -> Contents:
         )
     side, said = side_of_array(arrays[found[0]], f"{name}, {short(found[0])}", None, times)
     return Contents(only=side, notes=(f"poses from {short(found[0])}", *said))
+
+
+def _by_first_axis(values: Array) -> Array:
+    """Return rotations and translations that MATLAB counts by the last axis, counted by the first."""
+    if values.ndim == 3 and values.shape[:2] in ((3, 3), (3, 1), (1, 3)):
+        return np.moveaxis(values, -1, 0)
+    return values.T if values.ndim == 2 and values.shape[0] == 3 != values.shape[1] else values
+
+
+def _of_vectors(arrays: dict[str, Array], name: str) -> Side | None:
+    """Return poses of one vector per column of a table, by the names of the columns; None where they are none."""
+    columns = {key: values.reshape(-1) for key, values in arrays.items() if max(values.shape, default=0) == values.size}
+    if len({len(values) for values in columns.values()}) != 1:
+        return None
+    rows = np.column_stack(list(columns.values())).tolist()
+    return records_side([dict(zip(columns, row, strict=True)) for row in rows], name)
 
 
 def _arrays(data: bytes, name: str) -> dict[str, Array]:
