@@ -78,6 +78,12 @@ def test_clocks_without_a_common_time(pair, jitter):
     assert "same moments" in message(pair(uptime, unix + np.array([0, 0, 0, 0.7, 0.7])))  # a row was lost
 
 
+def test_swapped_files_are_asked_about(pair):
+    robot, camera = pair([0, 1, 2], [0, 1, 2])
+    with pytest.warns(InputWarning, match="are they swapped"):
+        read_poses(camera, robot, setup="eye-to-hand")
+
+
 def test_rows_belong_together_where_it_is_said(pair):
     files = pair([0, 1, 2], [1, 2, 4])
     assert "--pair rows" in message(files)

@@ -36,9 +36,8 @@ class PoseFiles(StreamFiles):
             metavar="HOW",
             panel=POSE_FILES,
             common=True,
-            help="Pairing: rows, time or async. rows: row k with row k, whatever the timestamps say; time: nearest "
-            "timestamps; async: unsynchronised streams, put on one clock as by uq-handeye sync. Default: rows, unless "
-            "timestamps speak against it.",
+            help="Pairing: rows, time or async. rows: row k with row k (default; if given, whatever timestamps say); "
+            "time: nearest timestamps; async: unsynchronised streams, put on one clock as by uq-handeye sync.",
         ),
     ] = None
     time_tolerance: Annotated[

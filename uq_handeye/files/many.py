@@ -22,7 +22,7 @@ BESIDE = (
 )
 NOTES = ("readme", "license", "notes")
 # Beginnings of names of camera poses.
-_SEEN = re.compile(r"cam|target|board|marker|tag|pattern|object|checker|charuco|c[_*]", re.IGNORECASE)
+_SEEN = re.compile(r"(?:.*[_.-])?(?:cam|target|board|marker|tag|pattern|object|checker|charuco)|c[_*]", re.IGNORECASE)
 
 
 def natural(path: Path | str) -> tuple[Any, ...]:

@@ -8,6 +8,7 @@ behind a name, ``x_mm`` or ``x [mm]``; ``rostopic echo -p`` counts its ``%time``
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime
 
 from ..formatting.units import LENGTH_UNITS
 from .contents import COLUMNS
@@ -22,9 +23,31 @@ ALIASES = {
 LONGEST = 200
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
+_CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d):([0-5]?\d(?:[.,]\d+)?)")
+_GERMAN = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})([ T].*)")
 _UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_([a-z]{1,3}))")
 _PARTS = re.compile(r"(?:.*[./_])?(?:(position|translation)|orientation|rotation|quaternion)[./_]([xyzw])")
 _EUROC = re.compile(r"(?:(p)|q)_(?:[a-z]+_)+([xyzw])")
+
+
+def seconds_of(text: str) -> float | None:
+    """Return a date with its time, or a time of day, in seconds; None for another text.
+
+    >>> seconds_of("2024-03-01T10:00:11.5Z"), seconds_of("01.03.2024 10:00:11"), seconds_of("10:00:11.25")
+    (1709287211.5, 1709287211.0, 36011.25)
+    """
+    text = text.strip().strip("\"'[]")
+    if (time := _CLOCK.fullmatch(text)) is not None:
+        return 3600.0 * int(time[1]) + 60.0 * int(time[2]) + float(time[3].replace(",", "."))
+    if not 12 <= len(text) <= 40:
+        return None
+    if (german := _GERMAN.fullmatch(text)) is not None:
+        text = f"{german[3]}-{german[2]:>02}-{german[1]:>02}{german[4]}"
+    try:
+        found = datetime.fromisoformat(text.replace("/", "-").replace(",", "."))
+    except ValueError:
+        return None
+    return (found if found.tzinfo is not None else found.replace(tzinfo=UTC)).timestamp()
 
 
 def meaning(name: str) -> str:

@@ -79,6 +79,9 @@ _SUFFIXES = {
 # Marks of text in UTF-16, which spreadsheets write.
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
+# What word processors and spreadsheets write for a minus and for spaces.
+_PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", **dict.fromkeys("\u00a0\u202f\u2009\u2007", " "), "\ufeff": ""})
+
 # What is looked at to tell the format.
 _HEAD = 65536
 
@@ -122,7 +125,9 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
             except InputError as error:
                 if format is not None and (other := _looks_like(head, name, format)):
                     raise InputError(f"{error} It looks like {other}: leave `format` (--format) out.") from error
-                raise
+                if "docs/" in str(error) or "--" in str(error):
+                    raise
+                raise InputError(f"{error} Formats: docs/formats.md.") from error
             while file.read(_HEAD):  # a reader may stop before the end; the hash is of the whole file
                 pass
     notes = list(contents.notes)
@@ -155,7 +160,10 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
     if kind in TEXTS:
         return kind, TEXTS[kind].read(_text(data), name)
     tree = _trees.parse_tree(data, name, several=True)
-    tree = listed(tree) if format in (None, "json", "opencv") else tree
+    if format in (None, "json", "opencv"):
+        tree = listed(tree)
+        if (is_message(tree) or is_records([tree])) and not any(is_it(tree) for is_it in _MARKS.values()):
+            tree = [tree]  # a file of one pose
     found = format or _tree_format(tree, name)
     try:
         return found, _TREES[found](tree, name)
@@ -170,11 +178,13 @@ def _text(data: bytes) -> str:
     """Text of a controller or a tool, which need not be UTF-8 in its comments."""
     data = data.removeprefix(b"\xef\xbb\xbf")
     if data.startswith(_UTF16):
-        return data.decode("utf-16", errors="replace")
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
+        text = data.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = data.decode("utf-8")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    return text if text.isascii() else text.translate(_PLAIN)
 
 
 def _looks_like(head: bytes, name: str, format: str) -> str | None:
@@ -183,7 +193,10 @@ def _looks_like(head: bytes, name: str, format: str) -> str | None:
         kind = _kind(head, name, "")
     except InputError:
         return None
-    if kind == _of(format) or (kind in _TABLES and format in CONTROLLERS):
+    numbers = kind in (*_TABLES, "matrix", "table")
+    text = head.lstrip()
+    weak = kind == "tree" and not text.startswith((b"{", b"[", b"%YAML", b"---")) and b"<opencv_storage" not in text
+    if kind == _of(format) or (numbers and format in CONTROLLERS) or weak:
         return None
     return "YAML, JSON or XML" if kind == "tree" else kind
 

@@ -14,7 +14,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files.lines import MAX_LINE, MAX_ROWS, short
 from ..geometry.se3 import Array
+from .columns import meaning, seconds_of
 
 # Lines before the names or the first numbers that may hold a title.
 TITLE_LINES = 30
@@ -32,6 +33,7 @@ FEWEST = 6
 
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _FIELD = re.compile(rf"({NUMBER}|[+-]?(?:nan|inf(?:inity)?))\s*(mm|cm|m|in|deg|rad|°)?", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*(?:mm|cm|m|in|deg|rad|°)?")
 _COMMA_NUMBER = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?|[+-]?\d+")
 _NAMED = re.compile(
     rf"""(?<![\w.])["']?([A-Za-z_][\w.]*)["']?\s*(?:[:=]\s*["']?|\s)({NUMBER}|[+-]?nan\b)\s*(mm\b|deg\b|rad\b|m\b|°)?""",
@@ -44,6 +46,8 @@ _INNER = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
 _JOINTS = re.compile(r"(?:joints?|angles|positions_rad|\bq)\w*[\"']?\s*[:=]?\s*[\[({]*$", re.IGNORECASE)
 _END_COMMENT = re.compile(r"\s(?:#|//|%).*$")
 _MAP = re.compile(r"\{([^{}\[\]]*)\}")
+# Names in the point files of Epson, which say that a number is real.
+_EPSON = {f"r{axis}": axis for axis in "XYZUVW"}
 _SPACED_UNIT = re.compile(r"\s+(?=[\[(][\w°/^ -]*[\])])")
 
 
@@ -106,10 +110,18 @@ def read_number_table(
     if names is None and not rows:
         rows = list(_stacked_rows(text, is_header))
     if names is None and not rows:
+        rows = _one_pose(text)
+    if names is None and not rows:
         raise InputError(f"{name}: expected a table of poses, got no line of at least {FEWEST} numbers; {help}.")
     if not rows:
         raise InputError(f"{name}: no rows below the names of the columns; expected one line per pose.")
     return _table(name, names, rows, notes, help)
+
+
+def names_of(line: str) -> list[str]:
+    """Return the fields of a line that may hold the names of the columns, also in a comment."""
+    bare = line.replace("\r", " ").strip().lstrip("#%/!; \t")
+    return _split(bare, _separator(bare))
 
 
 def number_of(field: str) -> float | None:
@@ -134,9 +146,8 @@ def _named_rows(
         comment = _COMMENT.match(content)
         if comment is not None:
             comments += 1
-            bare = content.lstrip("#%/!; \t")
             if names is None and not rows and comments < MOST_COMMENTS:
-                names = tuple(found) if is_header(found := _split(bare, _separator(bare))) else None
+                names = tuple(found) if is_header(found := names_of(content)) else None
             continue
         named = _named_row(number, content, is_header)
         if named is not None:
@@ -233,15 +244,23 @@ def _stacked_rows(text: str, is_header: Callable[[Sequence[str]], bool]) -> Iter
     for number, line in enumerate(text.split("\n"), start=1):
         for name, value, unit in _NAMED.findall(line[:MAX_LINE]):
             if name in pairs:
-                if is_header(list(pairs)):
+                if is_header(_row(begin, pairs).names):
                     yield _row(begin, pairs)
                 pairs, begin = {}, number
             pairs[name] = (value, unit.lower())
-    if is_header(list(pairs)):
+    if is_header(_row(begin, pairs).names):
         yield _row(begin, pairs)
 
 
+def _one_pose(text: str) -> list[Row]:
+    """Return six or seven numbers below each other, one per line, as one pose."""
+    lines = [line.strip() for line in text.split("\n", 40) if line.strip() and not _COMMENT.match(line.strip())]
+    whole = len(lines) in (FEWEST, FEWEST + 1) and all(number_of(line) is not None for line in lines)
+    return [Row(1, lines)] if whole else []
+
+
 def _row(number: int, pairs: dict[str, tuple[str, str]]) -> Row:
+    pairs = {axis: pairs[name] for name, axis in _EPSON.items()} if _EPSON.keys() <= pairs.keys() else pairs
     return Row(number, [value for value, _ in pairs.values()], tuple(pairs), tuple(unit for _, unit in pairs.values()))
 
 
@@ -297,7 +316,7 @@ def _split(content: str, separator: str | None) -> list[str]:
     fields = [field.strip(" \t'\"") for field in fields]
     while len(fields) > 1 and not fields[-1]:
         fields.pop()
-    if fields and ":" in fields[0] and number_of(fields[0]) is None:  # "pose 1: 0.1, ..."
+    if fields and ":" in fields[0] and number_of(fields[0]) is None and seconds_of(fields[0]) is None:  # "pose 1: 0.1"
         label, _, first = fields[0].rpartition(":")
         if number_of(first) is not None:
             fields[:1] = [label, first.strip()]
@@ -306,7 +325,7 @@ def _split(content: str, separator: str | None) -> list[str]:
 
 def _point(field: str, separator: str | None) -> str:
     """Return a number with a decimal comma with a point."""
-    return field.replace(",", ".") if "," in field and re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", field) else field
+    return field.replace(",", ".") if "," in field and _DECIMAL_COMMA.fullmatch(field) else field
 
 
 def _is_unit_row(content: str) -> bool:
@@ -321,6 +340,18 @@ def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
         return tuple(names)
     bare = [unit.strip("[]() ") for unit in units]
     return tuple(f"{one} [{unit}]" if unit not in ("", "-") else one for one, unit in zip(names, bare, strict=True))
+
+
+def _times(rows: list[Row], count: int) -> tuple[int, list[float]] | None:
+    """Return the column of dates or times of day that grow, and its seconds; None where there is none."""
+    for k in range(count):
+        if seconds_of(rows[0].fields[k]) is None or number_of(rows[0].fields[k]) is not None:
+            continue
+        seconds = [seconds_of(row.fields[k]) for row in rows]
+        found = [time for time in seconds if time is not None]
+        if len(found) == len(rows) and all(a < b for a, b in pairwise(found)):
+            return k, found
+    return None
 
 
 def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: list[str], help: str) -> NumberTable:
@@ -342,6 +373,16 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
             raise InputError(
                 f"{name}, line {row.line}: expected {count} fields as {what} say, got {len(row.fields)}; {help}."
             )
+    if (times := _times(rows, count)) is not None:
+        k, seconds = times
+        rows = [
+            replace(row, fields=[repr(time) if j == k else field for j, field in enumerate(row.fields)])
+            for row, time in zip(rows, seconds, strict=True)
+        ]
+        if names is not None and meaning(names[k]) != "timestamp":
+            names = tuple("timestamp" if j == k else one for j, one in enumerate(names))
+        first = rows[0]
+        notes.append(f"dates and times of column {k + 1} read as seconds")
     columns = [k for k in range(count) if number_of(first.fields[k]) is not None]
     values = np.empty((len(rows), len(columns)))
     for i, row in enumerate(rows):

@@ -38,6 +38,8 @@ EITHER_SIDE = "rvecs"
 
 
 _NAMED = {pair[0] for pair in PAIRS if pair[0] != EITHER_SIDE}
+# Names of a single pose, in a file per pose.
+_SINGULAR = (("rvec", "tvec"), ("R", "t"), ("R", "T"))
 # What OpenCV's program of camera calibration writes: rotation vector and translation of the board in each picture.
 _VIEWS = ("extrinsic_parameters", "Extrinsic_Parameters")
 
@@ -47,6 +49,12 @@ def read_opencv(tree: Any, name: str) -> Contents:
     expected = "R_gripper2base, t_gripper2base, R_target2cam and t_target2cam"
     if not isinstance(tree, dict):
         raise InputError(f"{name}: expected {expected}, got {got(tree)}.")
+    for R_name, t_name in _SINGULAR:
+        if {R_name, t_name} <= set(tree) and not set(tree) & {"rvecs", "tvecs"}:
+            tree = {**{key: value for key, value in tree.items() if key not in (R_name, t_name)}} | {
+                "rvecs": tree[R_name],
+                "tvecs": tree[t_name],
+            }
     sides: dict[str, Any] = {}
     notes: list[str] = []
 

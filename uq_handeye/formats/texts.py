@@ -8,6 +8,7 @@ from functools import partial
 
 from .contents import Contents
 from .controllers.registry import ABOUT, NAMES, kind_of, read_controller
+from .controllers.tables import names_a_pose
 from .matrices.franka import is_franka, read_franka
 from .matrices.halcon import is_halcon, read_halcon
 from .matrices.text import is_matrix_text, read_matrix_text
@@ -54,4 +55,5 @@ _LAST = ("matrix", "table")
 def named_by(head: str) -> list[str]:
     """Return the formats that a text may have, by its beginning."""
     named = [name for name, known in TEXTS.items() if name not in _LAST and known.is_it(head)]
-    return named or [name for name in _LAST if TEXTS[name].is_it(head)][:1]
+    last = ("table",) if names_a_pose(head) else _LAST
+    return named or [name for name in last if TEXTS[name].is_it(head)][:1]

@@ -25,7 +25,7 @@ from .joints import Joints, give_joints, joints_of
 from .known_camera import KnownCamera, known_camera
 from .matching import match_times
 from .readings import chosen_readings, reading_beside
-from .rows import check_rows
+from .rows import check_rows, warn_if_swapped
 
 if TYPE_CHECKING:
     from ..camera.result import CameraCalibration
@@ -153,6 +153,7 @@ def read_poses(
         sources, contents = (first_source, second_source), (first, second)
     robot_path = _robot_path(robot, arm)
     paths = (robot_path, robot_path if camera is None else as_path(camera))
+    warn_if_swapped(*paths)
     setup = _setup(setup, contents, paths)
     sides = [_side(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
     frames = [robot_frame, camera_frame]

@@ -1,12 +1,14 @@
-"""Poses paired by their rows: what numbers of files and timestamps say against it."""
+"""Poses paired by their rows: what names and numbers of files and timestamps say against it."""
 
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError, InputWarning
+from ..files.open import shown
 from ..formats.contents import Side
 from ..formats.many_files import check_numbers_of_files
 from ..geometry.se3 import Array
@@ -67,6 +69,18 @@ def check_rows(robot: Side, camera: Side, told: bool) -> tuple[str, ...]:
         stacklevel=3,
     )
     return ()
+
+
+def warn_if_swapped(robot: Path, camera: Path) -> None:
+    """Warn of a camera's file in the place of the robot's, by both names: data of eye-to-hand rigs cannot tell."""
+    names = [path.name.lower() for path in (robot, camera)]
+    if ["cam" in name for name in names] == [True, False] and ["robot" in name for name in names] == [False, True]:
+        warnings.warn(
+            f"{shown(robot)} is taken as the robot's poses and {shown(camera)} as the camera's. The robot's file goes "
+            "first: are they swapped?",
+            InputWarning,
+            stacklevel=3,
+        )
 
 
 def _numbered(times: Array) -> bool:

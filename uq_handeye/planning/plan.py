@@ -40,7 +40,6 @@ from numpy.typing import ArrayLike
 
 from ..calibration.calibrate import calibrate
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
-from ..formats.controllers.forms import CONTROLLERS
 from ..formatting.units import parse_length
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
@@ -65,7 +64,7 @@ from ..shared_errors.shared_error import (
 )
 from .by_joints import PREDICTION, Wanted, plan_by_joints, so_far_by_joints
 from .candidates import predicted_camera, require_choice, sample_candidates
-from .result import Plan
+from .result import FORMS, Plan
 from .selection import select, weight_of_X
 from .weak_prior import so_far
 
@@ -253,9 +252,9 @@ def plan(
 
 
 def _form_of(data: PosePairs) -> str | None:
-    """Return the controller's form in which the robot poses were read, if it is one."""
+    """Return the format in which the robot poses were read, if poses can be written in it."""
     format = data.sources[0].format if data.sources else ""
-    return format if format in CONTROLLERS else None
+    return format if format in FORMS else None
 
 
 def _target(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..formats.controllers.forms import CONTROLLERS
-from ..formats.controllers.writing import written_poses
+from ..formats.controllers.writing import SINGLE, WRITTEN, written_poses
 from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
@@ -22,6 +22,9 @@ from ..presentation.document import document_of, to_text
 from ..presentation.notebook import to_html
 from ..runtime.read_only import ReadOnlyArrays
 from .weak_prior import PRIOR
+
+# Formats in which several poses can be written.
+FORMS = tuple(name for name in WRITTEN if name not in SINGLE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +60,7 @@ class Plan(ReadOnlyArrays):
     joint_noise: float = 0.0  # rad, of each joint of each new pose
     task: Array | None = None  # (t, L) joints at which predictions are to be good, of criterion prediction
     task_given: bool = False  # or spread over the joint limits
-    form: str | None = None  # a name of `CONTROLLERS`: how the robot's poses are printed; None: m and quaternion
+    form: str | None = None  # a name of `FORMS`: how the robot's poses are written; None: m and quaternion
 
     @property
     def frame(self) -> str:
@@ -160,15 +163,15 @@ class Plan(ReadOnlyArrays):
         return text
 
     def to_controller(self, path: str | Path | None = None) -> str:
-        """The robot poses as the controller of `form` writes them, named P1, P2, ...; also written to ``path``.
+        """The robot poses as the controller of `form` writes them (P1, P2, ...), or as matrices; also to ``path``.
 
         Raises `InputError` without a form.
         """
         if self.form is None:
             raise InputError("The plan has no form of a controller. Read the poses by `format`, or name one (--as).")
-        comment = (
-            f"The next poses of the robot (base_T_gripper) in order, as {CONTROLLERS[self.form].maker} writes them."
-        )
+        maker = CONTROLLERS.get(self.form)
+        writer = f"as {maker.maker} writes them" if maker is not None else f"in the format {self.form}"
+        comment = f"The next poses of the robot (base_T_gripper) in order, {writer}."
         names = [f"P{k}" for k in range(1, len(self.robot) + 1)]
         text = written_poses(self.robot, self.form, names, [comment])
         if path is not None:

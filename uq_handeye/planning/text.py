@@ -55,8 +55,7 @@ def _table(plan: Plan) -> Table:
 
 def _of_poses(plan: Plan) -> tuple[list[str], list[str], list[list[str]]]:
     """Columns of robot poses: names, units, texts."""
-    if plan.form is not None:
-        form = CONTROLLERS[plan.form]
+    if (form := CONTROLLERS.get(plan.form or "")) is not None:
         names, units = columns(form)
         digits = [4 if unit in ("m", "rad", "") else 3 if unit == "deg" else 1 for unit in units]
         rows = [[f"{x:.{k}f}" for x, k in zip(row, digits, strict=True)] for row in in_form(plan.robot, form).tolist()]
@@ -94,8 +93,7 @@ def _notes(plan: Plan) -> list[str]:
     origin = "drawn around the target" if plan.sampled else "given"
     if plan.joints is None:
         names, by = ["x", "qw"], ""
-        if plan.form is not None:
-            form = CONTROLLERS[plan.form]
+        if (form := CONTROLLERS.get(plan.form or "")) is not None:
             names, by = columns(form)[0], f" as {form.maker} writes it"
         what = f"{names[0]} to {names[-1]}: base_T_gripper{by}"
     else:

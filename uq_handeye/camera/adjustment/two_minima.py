@@ -50,7 +50,8 @@ class Minima(NamedTuple):
 def flipped(poses: Array, middle: Array) -> Array:
     """Return the poses (n, 4, 4) that look alike from afar, with the ``middle`` (3,) of the target where it is."""
     at = (poses[:, :3, :3] @ middle) + poses[:, :3, 3]
-    sight = at / np.linalg.norm(at, axis=-1, keepdims=True)
+    distance = np.linalg.norm(at, axis=-1, keepdims=True)
+    sight = at / np.where(distance > 0.0, distance, 1.0)  # a pose at the camera is none, and stays where it is
     found = poses.copy()
     found[:, :3, :3] = (np.eye(3) - 2 * sight[:, :, None] * sight[:, None, :]) @ poses[:, :3, :3]
     found[:, :3, 2] *= -1.0

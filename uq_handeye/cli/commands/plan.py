@@ -19,6 +19,8 @@ NEXT = "next.csv"
 # The same as the controller writes them.
 NEXT_AS = "next.txt"
 PLANNING = "Planning"
+# Further formats of several poses.
+MATRICES = ("matrix", "franka")
 CRITERIA = ("trace", "logdet", "point", "prediction")
 
 
@@ -102,11 +104,11 @@ def plan_command(
         str | None,
         option(
             "--as",
-            of=CONTROLLER_NAMES,
+            of=(*CONTROLLER_NAMES, *MATRICES),
             metavar="NAME",
             panel=PLANNING,
-            help=f"Controller in whose form the poses are printed and written: {', '.join(CONTROLLER_NAMES)}. Default: "
-            "the format of the robot file.",
+            help=f"Controller in whose form the poses are printed and written: {', '.join(CONTROLLER_NAMES)}; or "
+            f"{' or '.join(MATRICES)}, written as matrices. Default: the format of the robot file.",
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -182,7 +184,7 @@ def plan_command(
     if form is not None:
         if arm is not None:
             raise InputError("--as applies to poses, not to joints. Remove it.")
-        found = replace(found, form=one_of(form, "--as", CONTROLLER_NAMES))
+        found = replace(found, form=one_of(form, "--as", (*CONTROLLER_NAMES, *MATRICES)))
     said = ""
     if output is not None and is_csv(output):
         said = deliver_csv(output, found.to_csv())

@@ -1,1 +1,1 @@
-"""Poses as the controllers of robots write them: one maker per file."""
+"""Poses as the controllers of robots and people write them: tables, records, and the programs of the makers."""

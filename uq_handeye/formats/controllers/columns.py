@@ -129,6 +129,11 @@ def _rank(name: str) -> int:
     return 1 - bool(_MEASURED.search(name)) + bool(_COMMANDED.search(name))
 
 
+def measured(word: str) -> bool:
+    """Return whether a word before names says that they were measured, not commanded."""
+    return bool(_MEASURED.fullmatch(word))
+
+
 def is_pose_header(names: Sequence[str]) -> bool:
     """Return whether names of columns hold a position and a rotation."""
     try:

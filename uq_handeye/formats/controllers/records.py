@@ -16,7 +16,7 @@ from ..number_table import NumberTable
 from .columns import is_pose_header
 from .tables import pose_side
 
-_POSITIONS = ("translation", "position", "pos", "xyz", "t", "tvec", "trans", "p")
+_POSITIONS = ("translation", "position", "pos", "xyz", "t", "tvec", "trans", "p", "translation_vector")
 _MATRICES = ("R", "rotation", "rotation_matrix", "rot", "rmat")
 # Names of lists of three angles, and the columns that they are.
 _LISTS = {
@@ -53,14 +53,30 @@ def records_side(values: list[Any], name: str) -> Side | None:
     return pose_side(table, "pose")
 
 
+def _axis_and_angle(entry: dict[str, Any]) -> list[float] | None:
+    """Return ``{"Rotation": {"Angle": a, "Axis": [x, y, z]}}``, as Ensenso writes it, as a rotation vector."""
+    for value in entry.values():
+        parts = {str(key).lower(): part for key, part in value.items()} if isinstance(value, dict) else {}
+        axis, angle = numbers_of(parts.get("axis")), parts.get("angle")
+        if axis is not None and axis.shape == (3,) and isinstance(angle, int | float) and np.linalg.norm(axis) > 0:
+            return (float(angle) * axis / np.linalg.norm(axis)).tolist()  # type: ignore[no-any-return]
+    return None
+
+
 def _row(entry: dict[str, Any]) -> tuple[tuple[str, ...], list[float]] | None:
     """Return names and numbers of one map: of a table, ``("matrix",)`` of a 4x4, no names of a bare pose."""
     lists: dict[str, Any] = {
         str(key): found.tolist() for key, value in entry.items() if (found := numbers_of(value)) is not None
     }
+    lists |= {key.lower(): value for key, value in lists.items() if key.istitle()}
+    turned = _axis_and_angle(entry)
+    if turned is not None:
+        lists["rotvec"] = turned
     for key in _POSES:
         if len(lists.get(key, [])) in (6, 7) and not isinstance(lists[key][0], list):
             return (), lists[key]
+    if set(lists) == {"matrix"} and np.shape(lists["matrix"]) == (4, 4):
+        return ("matrix",), np.ravel(lists["matrix"]).tolist()
     position = next((lists[key] for key in _POSITIONS if np.shape(lists.get(key, 0)) in ((3,), (3, 1))), None)
     if position is not None:
         t = np.ravel(position).tolist()

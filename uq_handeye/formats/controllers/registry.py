@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import lru_cache
 
+from ..columns import seconds_of
 from ..contents import COLUMNS, Contents
 from ..csv_poses import is_csv_header
+from ..number_table import number_of
 from ..tum import names_order
-from .abb import has_lists, is_abb, read_abb
-from .fanuc import is_fanuc, read_fanuc
 from .forms import CONTROLLERS
-from .kawasaki import is_kawasaki, read_kawasaki
-from .kuka import is_kuka, read_kuka
-from .staubli import has_braces, is_staubli, read_staubli
+from .labelled import is_labelled, read_labelled
+from .programs.abb import has_lists, is_abb, read_abb
+from .programs.fanuc import is_fanuc, read_fanuc
+from .programs.kawasaki import is_kawasaki, read_kawasaki
+from .programs.kuka import is_kuka, read_kuka
+from .programs.staubli import has_braces, is_staubli, read_staubli
+from .programs.ur import is_ur, read_ur
+from .programs.yaskawa import is_yaskawa, read_yaskawa
 from .tables import read_pose_table, table_kind
-from .ur import is_ur, read_ur
-from .yaskawa import is_yaskawa, read_yaskawa
 
+# What is looked at to tell a table.
+HEAD = 65_536
 _Test = Callable[[str], bool]
 _Reader = Callable[[str, str], Contents]
 
@@ -62,6 +68,8 @@ def kind_of(head: str) -> str | None:
         if not content:
             continue
         if is_csv_header(content.lstrip("# \t")):
+            if _holds_dates(head):  # of which a table makes seconds
+                break
             return None
         if content.startswith("#"):
             continue
@@ -69,7 +77,14 @@ def kind_of(head: str) -> str | None:
         if len(words) == len(COLUMNS) and (_numbers(words) or names_order([word.encode() for word in words])):
             return None  # TUM
         break
-    return table_kind(head)
+    return table_kind(head) or ("table" if is_labelled(head) else None)
+
+
+def _holds_dates(head: str) -> bool:
+    """Return whether the line below the names of a table has a time of day among its numbers."""
+    lines = [line for line in head.split("\n", 60)[:60] if line.strip() and not line.startswith("#")]
+    fields = re.split(r"[,;\t]", lines[1] if len(lines) > 1 else "")
+    return any(number_of(field) is None and seconds_of(field) is not None for field in fields)
 
 
 def _numbers(words: list[str]) -> bool:
@@ -88,4 +103,6 @@ def read_controller(format: str, text: str, name: str) -> Contents:
             return read(text, name)
     if format == "table" and has_lists(text):
         return read_abb(text, name, sure=False)
+    if table_kind(text[:HEAD]) is None and is_labelled(text[:HEAD]):
+        return read_labelled(text, name)
     return read_pose_table(text, name, CONTROLLERS.get(format))

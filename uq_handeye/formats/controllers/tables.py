@@ -8,6 +8,7 @@ names of the columns; or, where several are possible, the other side (`io.readin
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +19,8 @@ from ...files.lines import short
 from ...geometry.se3 import Array
 from ..columns import SECONDS
 from ..contents import NORM_TOLERANCE, Contents, Side
-from ..number_table import NumberTable, read_number_table
-from .columns import QUATERNIONS, ROTATIONS, ColumnError, Columns, is_pose_header, pose_columns
+from ..number_table import FEWEST, TITLE_LINES, NumberTable, names_of, read_number_table
+from .columns import QUATERNIONS, ROTATIONS, ColumnError, Columns, is_pose_header, measured, pose_columns
 from .forms import CONTROLLERS, PoseForm
 from .readings import interpret
 
@@ -27,19 +28,81 @@ HELP = "see docs/how-to/controller.md"
 # Rows that tell whether a text is a table of poses.
 _LOOKED_AT = 50
 _POSITION = ("x", "y", "z")
+# Words before the columns of one side, in a table of both.
+_ROBOTS = ("robot", "gripper", "hand", "tool", "tool0", "tcp", "ee", "eef", "flange", "arm", "base")
+_CAMERAS = ("camera", "cam", "marker", "board", "tag", "target", "object", "aruco", "charuco", "checkerboard")
 # Names of joints.
 _JOINT = re.compile(r"(?:joint|axis|j|a|q|theta|qpos)[\s_.]*\d+.*|.*_joint(?:_\d+)?", re.IGNORECASE)
 
 
 def read_pose_table(text: str, name: str, form: PoseForm | None = None) -> Contents:
     """Return the poses of a table, in the convention of ``form``, or of the names of its columns, or in doubt."""
-    table = read_number_table(text, name, is_pose_header, HELP)
+    table = read_number_table(text, name, is_table_header, HELP)
     if table.unknown and all(map(_JOINT.fullmatch, table.unknown)):
         raise InputError(
             f"{name}: expected poses, got joint values ({short(', '.join(table.unknown))}): give them by --joints with "
             "--urdf (docs/how-to/kinematics.md)."
         )
-    return _contents(table, _columns(table, form), form)
+    return _of_sets(table, form) or _contents(table, _columns(table, form), form)
+
+
+def _of_sets(table: NumberTable, form: PoseForm | None) -> Contents | None:
+    """Return both sides of a table whose columns name them; None for a table of one set of poses.
+
+    Raises `InputError` for sets of poses that are not told apart as robot and camera.
+    """
+    names = table.names or ()
+    if len(twice := [one for one in dict.fromkeys(names) if names.count(one) > 1]) >= FEWEST:
+        raise InputError(
+            f"{table.name}: expected one set of poses, got {short(', '.join(twice))} twice. Keep one of them; {HELP}."
+        )
+    whole = _sets(names)
+    if len(whole) < 2 or any(measured(prefix) for prefix in whole):
+        return None
+    sides = {"robot": [one for one in whole if one in _ROBOTS], "camera": [one for one in whole if one in _CAMERAS]}
+    if len(whole) != 2 or any(len(found) != 1 for found in sides.values()):
+        raise InputError(
+            f"{table.name}: expected one set of poses, got those of {', '.join(whole)}. Keep the columns of one of "
+            f"them, without the word before the names; {HELP}."
+        )
+    shared = [k for k in range(len(names)) if not any(k in columns for columns in whole.values())]
+    parts = {}
+    for role, (prefix,) in sides.items():
+        columns = shared + whole[prefix]
+        part = replace(
+            table,
+            values=table.values[:, columns],
+            names=tuple(names[k][len(prefix) + 1 :] if k in whole[prefix] else names[k] for k in columns),
+            units=tuple(table.units[k] for k in columns),
+        )
+        parts[role] = _contents(part, _columns(part, form), form)
+    notes = [f"{role} poses from the columns {prefix}_..." for role, (prefix,) in sides.items()]
+    notes += [note for part in parts.values() for note in part.notes if note not in table.notes]
+    return Contents(parts["robot"].only, parts["camera"].only, notes=(*table.notes, *notes))
+
+
+def _sets(names: Sequence[str]) -> dict[str, list[int]]:
+    """Return the columns of each set of poses by the word before their names: ``robot_x``, ``cam_x``."""
+    sets: dict[str, list[int]] = {}
+    for k, one in enumerate(names):
+        prefix, separator, rest = re.sub(r"[./ ]", "_", one.strip("\"' ")).partition("_")
+        if separator and rest:
+            sets.setdefault(prefix.lower(), []).append(k)
+    return {
+        prefix: columns
+        for prefix, columns in sets.items()
+        if is_pose_header([names[k][len(prefix) + 1 :] for k in columns])
+    }
+
+
+def is_table_header(names: Sequence[str]) -> bool:
+    """Return whether names of columns hold a pose, or several."""
+    return is_pose_header(names) or len(_sets(names)) > 1
+
+
+def names_a_pose(head: str) -> bool:
+    """Return whether one of the first lines of a text names the columns of poses."""
+    return any(is_table_header(names_of(line)) for line in head.split("\n", TITLE_LINES)[:TITLE_LINES])
 
 
 def pose_side(table: NumberTable, counted: str) -> Side:
@@ -53,12 +116,13 @@ def table_kind(head: str) -> str | None:
     """Return the format that the beginning of a text is a table of: a maker, "table" where that is open, or None."""
     text = "\n".join(head.splitlines()[:_LOOKED_AT]) if head.count("\n") > _LOOKED_AT else head
     try:
-        table = read_number_table(text, "", is_pose_header, "", guessed=text is not head or len(head) > 65_000)
+        table = read_number_table(text, "", is_table_header, "", guessed=text is not head or len(head) > 65_000)
         columns = _columns(table, None)
         contents = _contents(table, columns, None)
-    except InputError:
-        return None
-    assert contents.only is not None
+    except InputError:  # whose reader says what is wrong with a table that names its columns
+        return "table" if names_a_pose(text) else None
+    if contents.only is None:
+        return "table"
     names = {reading.format for reading in contents.only.readings}
     return names.pop() if len(names) == 1 else "table"
 
@@ -82,10 +146,10 @@ def _columns(table: NumberTable, form: PoseForm | None) -> Columns:
             f"{table.name}, line {table.lines[0]}: expected x, y, z and a rotation of three or four numbers, got {n} "
             f"numbers without names. Name the columns in a first line, e.g. x,y,z,rx,ry,rz; {HELP}."
         )
-    if form is not None and columns.kind == "unsaid" and len(columns.rotation) == 4 and len(form.columns) == 3:
+    if form is not None and columns.kind == "unsaid" and len(columns.rotation) != len(form.columns):
+        got = "a quaternion" if len(columns.rotation) == 4 else "six numbers"
         raise InputError(
-            f"{table.name}: expected x, y, z, {', '.join(form.columns)} ({form.maker}), got a quaternion in each line; "
-            f"{HELP}."
+            f"{table.name}: expected x, y, z, {', '.join(form.columns)} ({form.maker}), got {got} in each line; {HELP}."
         )
     return columns
 

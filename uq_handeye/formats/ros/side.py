@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
 from ...geometry.se3 import Array
@@ -15,6 +16,8 @@ from .messages import Stamped
 FIELDS = ("stamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
 # Pairs that a message names.
 NAMED = 8
+# Poses that differ by less (m, rad) are of a robot that stood still, seen with noise.
+REST, TURNED = 2e-3, 5e-3
 # | |q| - 1 | that rounding to so many decimals explains; more decimals are held to the rule of all formats.
 ROUNDED = {1: 0.11, 2: 0.011, 3: 0.0011}
 
@@ -49,9 +52,12 @@ def one_side(
     name: str, numbers: Array, stamps: NDArray[np.float64] | None, lines: NDArray[np.int64], notes: list[str]
 ) -> Contents:
     """Return poses (n, 7) as they stand; a pose that is printed again with the time of the last one is left out."""
-    if len(numbers) > 1 and not np.ptp(numbers, axis=0).any():  # of a robot that stood still: a file per pose
-        notes.append(f"the same pose {len(numbers)} times, taken once")
-        numbers, stamps, lines = numbers[:1], None if stamps is None else stamps[:1], lines[:1]
+    if len(numbers) > 1 and (moved := _at_rest(numbers)) is not None:  # of a robot that stood still: a file per pose
+        same = "the same pose" if moved == 0.0 else f"a pose at rest (within {1e3 * moved:.2g} mm)"
+        notes.append(f"{same} {len(numbers)} times, {'taken once' if moved == 0.0 else 'the mean taken'}")
+        mean = np.append(numbers[:, :3].mean(axis=0), Rotation.from_quat(numbers[:, 3:]).mean().as_quat())
+        numbers = numbers[:1] if moved == 0.0 else mean[None]
+        stamps, lines = None if stamps is None else stamps[:1], lines[:1]
     if stamps is not None and len(stamps) > 1 and (stamps == stamps[0]).all() and np.ptp(numbers, axis=0).any():
         notes.append(f"all stamps are {stamps[0]:g}, and not used as times")
         stamps = None
@@ -64,6 +70,18 @@ def one_side(
             numbers, stamps, lines = numbers[~again], stamps[~again], lines[~again]
     side = Side(name, numbers[:, :3], numbers[:, 3:], stamps, lines, "line", "xyzw", FIELDS)
     return Contents(only=side, notes=tuple(notes))
+
+
+def _at_rest(numbers: Array) -> float | None:
+    """Return how far poses (n, 7) of a robot that stood still are apart (m); None for one that moved."""
+    apart = float(np.linalg.norm(np.ptp(numbers[:, :3], axis=0)))
+    if apart == 0.0 and not np.ptp(numbers[:, 3:], axis=0).any():
+        return 0.0
+    norms = np.linalg.norm(numbers[:, 3:], axis=1)
+    if not apart < REST or not np.isfinite(norms).all() or not (norms > 0.5).all():
+        return None
+    R = Rotation.from_quat(numbers[:, 3:])
+    return apart if (R[0].inv() * R).magnitude().max() < TURNED else None
 
 
 def unit_quaternions(q: Array, decimals: int) -> Array:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import re
+import warnings
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...errors import InputError
-from ...files.lines import MAX_ROWS
-from ..contents import Contents, Side
-from ..number_table import NUMBER
-from .forms import PoseForm
-from .readings import interpret
-from .tables import HELP
+from ....errors import InputError, InputWarning
+from ....files.lines import MAX_ROWS
+from ...contents import Contents, Side
+from ...number_table import NUMBER
+from ..forms import PoseForm
+from ..readings import interpret
+from ..tables import HELP
 
 # One number, or what a controller or a program writes in its place.
 VALUE = rf"(?:{NUMBER}|\*+|[+-]?(?:nan|inf)\b)"
@@ -36,6 +38,7 @@ class Found:
     labels : name of each, or ""
     numbers : x, y, z and the rotation of each
     joints : joint targets that were met
+    tools : tool and frame of each, where the program names them
     notes : what was found out
     """
 
@@ -43,6 +46,7 @@ class Found:
     labels: list[str] = field(default_factory=list)
     numbers: list[Sequence[float]] = field(default_factory=list)
     joints: int = 0
+    tools: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def add(self, line: int, label: str, values: Sequence[str], name: str) -> None:
@@ -83,6 +87,15 @@ def contents_of(found: Found, name: str, form: PoseForm, length: str | None = No
         if found.joints:
             raise InputError(f"{name}: got joint targets ({found.joints}) and no positions; {JOINTS}.")
         raise InputError(f"{name}: expected poses as {form.maker} writes them, got none; {HELP}.")
+    used = Counter(found.tools)
+    if len(used) > 1:
+        warnings.warn(
+            f"{name}: the poses are of several tools or frames: "
+            f"{', '.join(f'{tool} ({count} poses)' for tool, count in used.most_common(6))}. Give poses of one tool in "
+            f"one frame ({HELP}).",
+            InputWarning,
+            stacklevel=2,
+        )
     numbers = np.array(found.numbers, dtype=float)
     translation, rotation = numbers[:, :3], numbers[:, 3:]
     angle = form.rotation[-3:] if form.rotation[-3:] in ("deg", "rad") else None

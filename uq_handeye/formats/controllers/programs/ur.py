@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 
-from ..contents import Contents
-from .forms import CONTROLLERS
+from ...contents import Contents
+from ..forms import CONTROLLERS
 from .found import VALUE, Found, Lines, contents_of
 
 _POSE = re.compile(rf"\bp\s*\[\s*({VALUE}(?:\s*,\s*{VALUE}){{5}})\s*\]")

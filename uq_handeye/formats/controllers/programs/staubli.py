@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import re
 
-from ..contents import Contents
-from .forms import CONTROLLERS
+from ...contents import Contents
+from ..forms import CONTROLLERS
 from .found import VALUE, Found, Lines, contents_of
 
 _NUMBERS = ("x", "y", "z", "rx", "ry", "rz")

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import re
 
-from ...errors import InputError
-from ..contents import Contents
-from .forms import CONTROLLERS
+from ....errors import InputError
+from ...contents import Contents
+from ..forms import CONTROLLERS
+from ..tables import HELP
 from .found import VALUE, Found, Lines, contents_of
-from .tables import HELP
 
 _LINE = re.compile(rf"\s*([#A-Za-z][\w.\[\],]*)\s+({VALUE}(?:[\s,]+{VALUE})*)\s*")
 _TRANS = re.compile(rf"\b(\w+)\s*=\s*TRANS\s*\(\s*({VALUE}(?:\s*,\s*{VALUE}){{5}})\s*\)", re.IGNORECASE)

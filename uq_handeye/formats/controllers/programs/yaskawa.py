@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import re
 
-from ...errors import InputError
-from ..contents import Contents
-from .forms import CONTROLLERS
+from ....errors import InputError
+from ...contents import Contents
+from ..forms import CONTROLLERS
+from ..tables import HELP
 from .found import Found, contents_of
-from .tables import HELP
 
 _POSITION = re.compile(r"\s*((?:BC|EC|BP|EX|[CP])\d+)\s*=\s*([^=]*)", re.IGNORECASE)
 _IS_JOB = re.compile(r"^[ \t]*(?:/JOB\b|///RECTAN|///PULSE|///POSTYPE|[CP]\d{4,5}\s*=)", re.MULTILINE)
@@ -29,12 +29,15 @@ def read_yaskawa(text: str, name: str) -> Contents:
     found = Found()
     kind = ""  # pulses are whole numbers, positions have decimals
     frames = []
+    tool = frame = ""
     for number, line in enumerate(text.splitlines(), start=1):
         small = line.strip().lower()
         if small.startswith("//inst"):
             break
         if small.startswith(("///rectan", "///pulse")):
             kind = small[3:]
+        elif small.startswith(("///tool", "///user")):
+            tool, frame = (small[3:], frame) if small.startswith("///tool") else (tool, small[3:])
         elif small.startswith("///postype"):
             frames.append(line.strip()[10:].strip())
             kind = "pulse" if "pulse" in small else "rectan"
@@ -50,6 +53,8 @@ def read_yaskawa(text: str, name: str) -> Contents:
                     f"{name}, line {number}: expected x, y, z, Rx, Ry, Rz of {match[1]}, got {len(values)} numbers; "
                     f"{HELP}."
                 )
+            if tool or frame:
+                found.tools.append(" ".join(f"{tool} {frame}".upper().split()))
             found.add(number, match[1], values[:6], name)
     others = sorted({frame for frame in frames if frame.upper() not in ("ROBOT", "BASE", "PULSE")})
     if others:

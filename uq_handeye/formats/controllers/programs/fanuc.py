@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import re
 
-from ...errors import InputError
-from ..contents import Contents
-from .forms import CONTROLLERS
+from ....errors import InputError
+from ...contents import Contents
+from ..forms import CONTROLLERS
+from ..tables import HELP
 from .found import VALUE, Found, Lines, contents_of
-from .tables import HELP
 
 _START = re.compile(r"\bP(?:R)?\s*\[\s*(\d+)[^\]\n]{0,80}\]\s*\{|^[ \t]*\[\s*\d+\s*,\s*(\d+)\s*\]\s*=", re.MULTILINE)
 _PAIR = re.compile(rf"\b([XYZWPR])\s*[=:]\s*({VALUE})\s*(mm|cm|m|deg|rad|inch|in)?\b", re.IGNORECASE)
 _GROUP = re.compile(r"\bGP[2-9]\s*:", re.IGNORECASE)
+_TOOL = re.compile(r"\bUF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)", re.IGNORECASE)
 _JOINT = re.compile(r"\bJ1\s*[=:]", re.IGNORECASE)
 _NUMBERS = ("X", "Y", "Z", "W", "P", "R")
 _IS_PROGRAM = re.compile(r"^[ \t]*/(?:PROG|POS)\b|\*POSREG\*|\bP(?:R)?\s*\[\s*\d+[^\]\n]{0,80}\]\s*\{", re.MULTILINE)
@@ -65,6 +66,8 @@ def read_fanuc(text: str, name: str) -> Contents:
         if any(units[key] not in ("", "deg") for key in "WPR"):
             raise InputError(f"{name}, line {line}: expected W, P, R of {label} in deg, got {units['W']}; {HELP}.")
         lengths |= {units[key] for key in "XYZ"}
+        if (frame := _TOOL.search(block)) is not None:
+            found.tools.append(f"UF {frame[1]}, UT {frame[2]}")
         found.add(line, label, [values[key] for key in _NUMBERS], name)
     if groups:
         found.notes.append(f"further motion groups (GP2 ...) of {groups} positions are not used")

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import re
 
-from ..contents import Contents
-from .forms import CONTROLLERS
+from ...contents import Contents
+from ..forms import CONTROLLERS
 from .found import VALUE, Found, Lines, contents_of
 
 _STRUCTURE = re.compile(r"\{([^{}]*)\}")
 _PAIR = re.compile(rf"\b([A-Z]\w*)(?:\s*[:=]\s*|\s+)({VALUE})", re.IGNORECASE)
 _NAME = re.compile(r"([$\w]+)(?:\s*\[[\d,\s]*\])?\s*=\s*(?:E6POS|POS|FRAME)?\s*:?\s*$", re.IGNORECASE)
 _NUMBERS = ("X", "Y", "Z", "A", "B", "C")
-_NO_POSES = re.compile(r"^\$(?!POS_|AXIS_|TCP)|TOOL|BASE|LOAD|WORLD|^ROBROOT", re.IGNORECASE)
+_FRAMES = re.compile(r"\bFDAT\s+F(\w+)\s*=\s*\{TOOL_NO\s+(\d+)\s*,\s*BASE_NO\s+(\d+)", re.IGNORECASE)
+_NO_POSES = re.compile(r"^\$(?!POS_|AXIS_|TCP)|TOOL|BASE(?!_T_)|LOAD|WORLD|^ROBROOT", re.IGNORECASE)
 
 
 def is_kuka(head: str) -> bool:
@@ -37,6 +38,7 @@ def read_kuka(text: str, name: str) -> Contents:
     """Return the poses of a text."""
     lines = Lines(text)
     found = Found()
+    frames = {label.upper(): f"TOOL_NO {tool}, BASE_NO {base}" for label, tool, base in _FRAMES.findall(text)}
     parts = others = 0
     for match in _STRUCTURE.finditer(text):
         line_start = text.rfind("\n", 0, match.start()) + 1
@@ -55,6 +57,8 @@ def read_kuka(text: str, name: str) -> Contents:
         elif not set(_NUMBERS) <= values.keys() or "_REL" in before.upper():
             parts += 1
         else:
+            if label is not None and (frame := frames.get(label[1][1:].upper())) is not None:  # XP1 and FP1
+                found.tools.append(frame)
             found.add(
                 lines.at(match.start()), "" if label is None else label[1], [values[key] for key in _NUMBERS], name
             )

@@ -10,18 +10,21 @@ from __future__ import annotations
 
 import re
 
-from ..contents import Contents
-from .forms import CONTROLLERS
+from ...contents import Contents
+from ..forms import CONTROLLERS
 from .found import VALUE, Found, Lines, contents_of
 
 _THREE = rf"\[\s*({VALUE}(?:\s*,\s*{VALUE}){{2}})\s*\]"
 _FOUR = rf"\[\s*({VALUE}(?:\s*,\s*{VALUE}){{3}})\s*\]"
-_POSE = re.compile(rf"{_THREE}[ \t]*[,;]?\s*{_FOUR}", re.IGNORECASE)
+_POSE = re.compile(rf"{_THREE}[ \t]*[,;]?\s*(?:(?:rot|ori|orient|orientation|quat|q)\s*[:=]\s*)?{_FOUR}", re.IGNORECASE)
 _LABEL = re.compile(r"([A-Za-z]\w*)(?:\{[\d,]*\})?$")
 _OTHER_DATA = re.compile(r"\b(?:tooldata|wobjdata|loaddata)\b", re.IGNORECASE)
 _JOINTS = re.compile(r"\bjointtarget\s+\w+[^:=;\n]*:=|\bMoveAbsJ\b", re.IGNORECASE)
 _COMMENT = re.compile(r"^[^\"!\n]*(?:\"[^\"\n]*\"[^\"!\n]*)*!(.*)$", re.MULTILINE)
-_DECLARED = re.compile(r"\brobtarget\b|\bCRobT\b", re.IGNORECASE)
+# Tool and work object at the end of a movement, and a movement to a named position.
+_END = re.compile(r",\s*([A-Za-z]\w*)\s*(?:\\\s*WObj\s*:=\s*(\w+))?\s*;", re.IGNORECASE)
+_MOVE = re.compile(rf"\bMove[LJC]\s+([A-Za-z]\w*)\s*,[^;\n]*?{_END.pattern}", re.IGNORECASE)
+_DECLARED = re.compile(r"\brobtarget\b|\bCRobT\b|\bMove[LJC]\s+\[\s*\[", re.IGNORECASE)
 
 
 def is_abb(head: str) -> bool:
@@ -39,6 +42,7 @@ def read_abb(text: str, name: str, sure: bool = True) -> Contents:
     lines = Lines(text)
     found = Found(joints=len(_JOINTS.findall(text)))
     text = _COMMENT.sub(lambda match: match[0][: match.start(1) - match.start(0)] + " " * len(match[1]), text)
+    moved = {match[1]: match.group(0, 2, 3) for match in _MOVE.finditer(text)}
     others = 0
     for match in _POSE.finditer(text):
         start = text.rfind(";", 0, match.start()) + 1
@@ -48,6 +52,12 @@ def read_abb(text: str, name: str, sure: bool = True) -> Contents:
             continue
         label = _LABEL.search(before.rstrip("[:= \t\n")[-80:])
         values = [value.strip() for value in f"{match[1]},{match[2]}".split(",")]
+        end = _END.search(text, match.end(), match.end() + 400)
+        tool = moved.get("" if label is None else label[1]) or (
+            None if end is None or "move" not in before.lower() else end
+        )
+        if tool is not None:
+            found.tools.append(f"{tool[1]}, {tool[2] or 'wobj0'}")
         found.add(lines.at(match.start()), "" if label is None else label[1], values, name)
     if others:
         found.notes.append(f"{others} frames of tools and work objects are left out")

@@ -1,0 +1,181 @@
+"""Files as people's programs, spreadsheets and logs leave them: read to the last digits, or refused by their cause."""
+
+import warnings
+
+import numpy as np
+import pytest
+import scipy.io
+from controller_poses import beside, drawn, rz_ry_rx
+from scipy.spatial.transform import Rotation
+from support import SEED
+
+from uq_handeye.errors import InputError
+from uq_handeye.files.pose_names import pose_name
+from uq_handeye.formats.opencv_storage import matrix_lines
+from uq_handeye.io import read_poses, write_pose_file
+
+X, W = np.eye(4), np.eye(4)
+X[:3, :3], X[:3, 3] = rz_ry_rx(0.2, 0.3, -0.4), [0.05, -0.02, 0.1]
+W[:3, :3], W[:3, 3] = rz_ry_rx(2.0, 0.3, 3.0), [0.5, 0.1, 0.02]
+NUMBERS, T = drawn("kuka", np.random.default_rng(SEED))
+ROWS = [list(map(repr, row)) for row in NUMBERS.tolist()]
+QUATERNIONS = Rotation.from_matrix(T[:, :3, :3]).as_quat().tolist()
+VECTORS = Rotation.from_matrix(T[:, :3, :3]).as_rotvec().tolist()
+PLACES = T[:, :3, 3].tolist()
+
+
+def read(tmp_path, text, name="robot.txt"):
+    path = tmp_path / name
+    if isinstance(text, str):
+        path.write_text(text)
+    write_pose_file(tmp_path / "camera.csv", beside(T, X, W))
+    return read_poses(path, tmp_path / "camera.csv", pair="rows")
+
+
+def spaced(numbers):
+    return f"[{' '.join(map(repr, numbers))}]"
+
+
+def below(numbers):
+    return "[[" + "]\n [".join(map(repr, numbers)) + "]]"
+
+
+TABLES = {
+    "dates": "timestamp,x,y,z,qx,qy,qz,qw\n" + "\n".join(
+        f"2024-03-01T10:{k:02}:11.5Z,{','.join(map(repr, [*p, *q]))}"
+        for k, (p, q) in enumerate(zip(PLACES, QUATERNIONS, strict=True))),
+    "German dates": "Zeitstempel;X;Y;Z;A;B;C\n" + "\n".join(
+        f"01.03.2024 10:{k:02}:11;{';'.join(row)}".replace(".", ",").replace("01,03,", "01.03.")
+        for k, row in enumerate(ROWS)),
+    "minus and spaces of a word processor": "X;Y;Z;A;B;C\n" + "\n".join(
+        ";\u00a0".join(row).replace("-", "\u2212") for row in ROWS),
+    "arrays of pandas": "frame,rvec,tvec\n" + "\n".join(
+        f'{k},"{spaced(r)}","{spaced(p)}"' for k, (r, p) in enumerate(zip(VECTORS, PLACES, strict=True))),
+    "columns of pandas": "frame,rvec,tvec\n" + "\n".join(
+        f'{k},"{below(r)}","{below(p)}"' for k, (r, p) in enumerate(zip(VECTORS, PLACES, strict=True))),
+    "lists behind names": "\n".join(
+        f"# Pose {k}\nPosition: {p}\nOrientation (quaternion): {q}"
+        for k, (p, q) in enumerate(zip(PLACES, QUATERNIONS, strict=True))),
+    "a log of RAPID": "\n".join(
+        f"Pos {k}: {[1e3 * x for x in p]} Orient: {[q[3], *q[:3]]}"
+        for k, (p, q) in enumerate(zip(PLACES, QUATERNIONS, strict=True))),
+    "points of Epson": "ENCODING=UTF8\n" + "\n".join(
+        f'Point{k} {{\n\tnNumber={k}\n\tsLabel="c"\n'
+        + "".join(f"\tr{a}={v}\n" for a, v in zip("XYZUVW", row, strict=True))
+        + "\trR=0\n\tnHand=1\n}" for k, row in enumerate(ROWS)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_tables_and_logs(tmp_path, kind):
+    poses = read(tmp_path, TABLES[kind])
+    np.testing.assert_allclose(poses.robot, T, rtol=0, atol=1e-9)
+    if kind.endswith("dates"):
+        np.testing.assert_allclose(np.diff(poses.timestamps), 60.0)
+
+
+def test_both_sides_in_one_table(tmp_path):
+    camera = beside(T, X, W)
+    seen = np.hstack([camera[:, :3, 3], Rotation.from_matrix(camera[:, :3, :3]).as_quat()]).tolist()
+    names = ",".join(f"{side}_{name}" for side in ("robot", "cam") for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))
+    rows = [",".join(map(repr, [*p, *q, *s])) for p, q, s in zip(PLACES, QUATERNIONS, seen, strict=True)]
+    (tmp_path / "both.csv").write_text("\n".join([names, *rows]))
+    poses = read_poses(tmp_path / "both.csv")
+    np.testing.assert_allclose(poses.robot, T, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(poses.camera, camera, rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match="those of left, right"):
+        read(tmp_path, "\n".join([names.replace("robot", "left").replace("cam", "right"), *rows]))
+
+
+def test_one_number_per_line_and_a_robot_at_rest(tmp_path):
+    for k, (p, r) in enumerate(zip(PLACES, VECTORS, strict=True)):
+        (tmp_path / f"pose_{k}.txt").write_text("\n".join(map(repr, [*p, *r])))
+    np.testing.assert_allclose(read(tmp_path, None, "pose_*.txt").robot, T, rtol=0, atol=1e-9)
+    for k, (p, q) in enumerate(zip(PLACES, QUATERNIONS, strict=True)):
+        blocks = [
+            f"At time 17.{j}\n- Translation: {[x + 1e-6 * (j - 1) for x in p]}\n- Rotation: in Quaternion {q}\n"
+            for j in range(3)
+        ]
+        (tmp_path / f"tf_{k}.txt").write_text("".join(blocks))
+    np.testing.assert_allclose(read(tmp_path, None, "tf_*.txt").robot, T, rtol=0, atol=1e-9)
+
+
+ARRAYS = {
+    "rotations by the last axis": {"R": np.moveaxis(T[:, :3, :3], 0, -1), "t": T[:, :3, 3].T},
+    "columns": dict(zip(("X", "Y", "Z", "qx", "qy", "qz", "qw"), np.hstack([PLACES, QUATERNIONS]).T, strict=True)),
+    "frames": {"T_base_tcp": np.moveaxis(T, 0, -1)},
+}
+
+
+@pytest.mark.parametrize("kind", ARRAYS)
+def test_matlab(tmp_path, kind):
+    scipy.io.savemat(tmp_path / "robot.mat", ARRAYS[kind])
+    np.testing.assert_allclose(read(tmp_path, None, "robot.mat").robot, T, rtol=0, atol=1e-9)
+
+
+def test_storages_of_opencv(tmp_path):
+    numbered = [line for k, pose in enumerate(T) for line in matrix_lines(f"RobotPose_{k}", pose)]
+    text = "\n".join(["%YAML:1.0", "---", f"count: {len(T)}", *numbered, ""])
+    np.testing.assert_allclose(read(tmp_path, text, "robot.yml").robot, T, rtol=0, atol=1e-9)
+    views = matrix_lines("extrinsic_parameters", np.hstack([VECTORS, PLACES]))
+    (tmp_path / "views.yml").write_text("\n".join(["%YAML:1.0", "---", *views, ""]))
+    write_pose_file(tmp_path / "robot.csv", beside(T, X, W))
+    np.testing.assert_allclose(read_poses(tmp_path / "robot.csv", tmp_path / "views.yml").camera, T, rtol=0, atol=1e-9)
+    for k, (p, r) in enumerate(zip(PLACES, VECTORS, strict=True)):
+        lines = matrix_lines("rvec", np.array([r]).T) + matrix_lines("tvec", np.array([p]).T)
+        (tmp_path / f"T_{k}.yml").write_text("\n".join(["%YAML:1.0", "---", *lines, ""]))
+    np.testing.assert_allclose(read(tmp_path, None, "T_*.yml").robot, T, rtol=0, atol=1e-9)
+
+
+def test_names_of_both_frames():
+    robot, camera = ("robot", "base_T_gripper"), ("camera", "camera_T_target")
+    for name in ("robot_poses", "T_base_ee", "base_T_tool0", "H_gripper2base", "endEffectorInBase"):
+        assert pose_name(name) == robot, name
+    for name in ("target2cam", "T_camera_optical_board", "marker_pose", "tag_poses", "camera"):
+        assert pose_name(name) == camera, name
+    assert pose_name("base2gripper") == ("robot", "gripper_T_base")
+    assert pose_name("T_tag_cam") == ("camera", "target_T_camera")
+    for name in ("R_gripper2base", "t_gripper2base", "camera_matrix", "T_gripper_camera", "base", "poses", ""):
+        assert pose_name(name) is None, name
+
+
+TOOLS = {
+    "fanuc": "/POS\n" + "\n".join(
+        f"P[{k}]{{\n GP1:\n UF : 0, UT : {1 + (k > 7)}, CONFIG : 'N U T, 0, 0, 0',\n"
+        + ", ".join(f"{a} = {v}" for a, v in zip("XYZWPR", row, strict=True)) + "\n};" for k, row in enumerate(ROWS)),
+    "kuka": "\n".join(
+        f"DECL E6POS XP{k}={{{', '.join(f'{a} {v}' for a, v in zip('XYZABC', row, strict=True))}}}\n"
+        f"DECL FDAT FP{k}={{TOOL_NO {1 + (k > 7)},BASE_NO 0}}" for k, row in enumerate(ROWS)),
+    "yaskawa": "/JOB\n//POS\n///TOOL 0\n///RECTAN\n" + "\n".join(
+        "///TOOL 1\n" * (k == 8) + f"C{k:05}={','.join(row)}" for k, row in enumerate(ROWS)),
+    "abb": "\n".join(
+        f"MoveL [[{','.join(row[:3])}],[{','.join(map(repr, [q[3], *q[:3]]))}],[0,0,0,0],[9E9,9E9]],v100,fine,"
+        f"{'tGrip' if k > 7 else 'tool0'}\\WObj:=wobj0;"
+        for k, (row, q) in enumerate(zip(ROWS, QUATERNIONS, strict=True))),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("maker", TOOLS)
+def test_poses_of_two_tools_are_said(tmp_path, maker):
+    path = tmp_path / "robot.txt"
+    path.write_text(TOOLS[maker])
+    write_pose_file(tmp_path / "camera.csv", beside(T, X, W))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_poses(path, tmp_path / "camera.csv")
+    assert any("several tools or frames: " in str(one.message) and "(8 poses)" in str(one.message) for one in caught)
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("X;Y;Z;A;B;C\n" + ";".join(ROWS[0]) + "\nmean;1;2\n", ["line 3", "expected 6 fields", "controller.md"]),
+        ("X,Y,Z,Rx,Ry,Rz,X,Y,Z,Rx,Ry,Rz\n" + ",".join(2 * ROWS[0]) + "\n", ["twice", "Keep one"]),
+        ("<li><span class='x'>1</span></li>\n", ["FileStorage", "docs/formats.md"]),
+        ("robot: [1, 2\n", ["not YAML", "docs/formats.md"]),
+    ],
+)
+def test_refusals_name_the_cause_and_the_page(tmp_path, text, parts):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text)
+    assert all(part in str(caught.value) for part in parts), caught.value
