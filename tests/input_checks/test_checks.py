@@ -230,6 +230,32 @@ def test_one_rotation():
         assert "pose 3 (" in said(changed(good, camera=camera), noise)
 
 
+def test_poses_of_a_small_tag_differ_as_their_covariances_do():
+    """Those that see it frontally are worse by a factor of 20, which is no sign of outliers; one that is wrong is."""
+    rng = np.random.default_rng(0)
+    C = np.tile(np.eye(4), (50, 1, 1))
+    tilt = (
+        np.where(np.arange(50) % 8, rng.uniform(0.5, 0.9, 50), 0.03)[:, None]
+        * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])[rng.integers(0, 2, 50)]
+    )
+    C[:, :3, :3] = Rotation.from_rotvec(tilt).as_matrix() @ np.diag([1.0, -1.0, -1.0])
+    C[:, :3, :3] = C[:, :3, :3] @ Rotation.from_euler("z", rng.uniform(-2, 2, (50, 1))).as_matrix()
+    C[:, :3, 3] = rng.uniform([-0.1, -0.1, 0.45], [0.1, 0.1, 0.55], (50, 3))
+    tag = (uq.tag_points(0.03), (900.0, 900.0, 640.0, 360.0), "exact")
+    X, W = uq.simulate(4, seed=0).truth.X, np.eye(4)
+    G = moved(W @ np.linalg.inv(C) @ np.linalg.inv(X), 1e-5 * rng.normal(size=(50, 6)))
+    own = uq.camera_noise(C, *tag, pixel_sd=0.1).covariance()
+    blocks = np.asarray(getattr(own, "own", own))
+    roots = np.linalg.cholesky(blocks)
+    assert np.ptp(np.log(np.trace(blocks[:, :3, :3], axis1=1, axis2=2))) > 2 * np.log(8)
+    camera = moved(C, (roots @ rng.normal(size=(50, 6, 1)))[..., 0])
+    noise = uq.camera_noise(camera, *tag)
+    assert "much worse than" not in said(uq.PosePairs(G, camera), noise, robust=False)
+    k = int(np.argmin(np.trace(blocks, axis1=1, axis2=2)))
+    camera[k, :3, 3] += 0.02
+    assert f"pose {k} (" in said(uq.PosePairs(G, camera), noise, robust=False)
+
+
 def test_axes_exchanged_and_drift(good):
     robot = good.robot.copy()
     robot[:, :2, 3] = robot[:, [1, 0], 3]

@@ -35,7 +35,7 @@ from ..likelihood.robust import RobustFit, fit_robustly
 from ..likelihood.shared_estimates import JointFit, JointPosterior, Resolved, SharedEstimate, of_moves, resolve_doubts
 from ..likelihood.starts import leaves_open
 from ..noise.estimate import NoiseEstimate, NoisePrior
-from ..noise.models import Noise, PairNoise, PoseNoise, with_prior
+from ..noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
 from ..noise_estimation.beside_kinematics import BesideKinematics, FoundKinematics
 from ..noise_estimation.estimate import FoundNoise, NoiseSource, choose_source
 from ..noise_estimation.serial_correlation import account_for_correlation, correlation_finding
@@ -308,9 +308,11 @@ def _assembled(
         kept = table.weight > 0
         whole = bool(kept.all())
         rest, rest_noise = (poses, noise) if whole else (poses.rows(kept), noise.rows(kept))
-        # noise that was estimated explains any residuals
-        known = None if estimate else rest_noise
-        findings += check_fit(rest, fit.X, known, None if known is None else fit.covariance_X)
+        # noise that was estimated explains any residuals, and says only how those of the poses differ
+        known, own = (rest_noise, None) if estimate is None else (None, rest_noise)
+        if own is not None and not (is_of_each(own.robot) or is_of_each(own.camera)):
+            own = None
+        findings += check_fit(rest, fit.X, known, fit.covariance_X, own)
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint)

@@ -88,7 +88,7 @@ class StreamFiles:
             metavar="UNIT",
             panel=POSE_FILES,
             common=True,
-            help=f"Length unit of both files. One of {', '.join(UNITS)}. Default: of the format. Of a format without a unit: m.",
+            help=f"Length unit of both files. One of {', '.join(UNITS)}. Default: of the format. If that says none: m.",
         ),
     ] = None
     robot_units: Annotated[

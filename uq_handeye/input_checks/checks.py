@@ -181,8 +181,14 @@ def _rotation_variance(motions: Motions, noise: Noise) -> float:
 # ------------------------------------------------------------------------------------------ how well X fits them
 
 
-def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: Array | None) -> list[Finding]:
-    """Residuals of the poses against their noise and each other; if they are large, which other reading would fit."""
+def check_fit(
+    poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: Array | None, own: PoseNoise | None = None
+) -> list[Finding]:
+    """Residuals of the poses against their noise and each other; if they are large, which other reading would fit.
+
+    ``own`` is noise that was estimated in units of a covariance of each pose: it explains the residuals as a whole, and
+    says how they differ.
+    """
     G, C = poses.effective_robot, poses.camera
     angle, distance = pose_residuals(G, C, X)
     travel = float(np.sqrt(np.mean(np.sum((G[:, :3, 3] - G[:, :3, 3].mean(axis=0)) ** 2, axis=1))))
@@ -202,7 +208,10 @@ def check_fit(poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: A
     misfit = turned or (shifted and disagreement < 2 * ANGLE_DISAGREEMENT)
     # Outliers are few, so the median pose is good; a wrong reading of the files spoils all of them.
     most_fit = median(angle) < LARGE_ROTATION and median(distance) < max(LARGE_TRANSLATION * travel, 0.02 * reach)
-    if most_fit and (outliers := _outliers("pose", angle, distance, travel + reach, most)):
+    each = most
+    if most is None and own is not None and covariance is not None:
+        each = _explained(poses, X, own, covariance)[1]
+    if most_fit and (outliers := _outliers("pose", angle, distance, travel + reach, each)):
         return found + outliers
     if misfit:
         values = {"rotation": turn, "translation": shift, "readings": other_readings(poses, turn, shift)}

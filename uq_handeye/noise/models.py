@@ -186,6 +186,11 @@ def is_joint(covariance: Any) -> bool:
     return isinstance(covariance, JointCovariance) or (covariance.ndim == 2 and covariance.shape[0] > 6)
 
 
+def is_of_each(covariance: Any) -> bool:
+    """Return whether the poses have covariances of their own."""
+    return covariance is not None and (is_joint(covariance) or np.ndim(covariance) == 3)
+
+
 def marginals(covariance: Any) -> Array:
     """The covariance of each pose: the diagonal blocks of a joint one, else as it is."""
     if not is_joint(covariance):
