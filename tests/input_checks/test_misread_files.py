@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
+from uq_handeye.calibration.report.next_step import next_step
 from uq_handeye.input_checks.misread_files import other_readings
 from uq_handeye.io import write_pose_file
 from uq_handeye.poses.residuals import pose_residuals
@@ -86,6 +87,80 @@ def test_wrong_setup(good, tmp_path):
     text = said(files, setup=other)
     assert f'setup="{good.setup}" (--setup {good.setup})' in text
     assert said(files, setup=good.setup) == ""
+
+
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize(
+    ("setup", "given", "headline", "step"),
+    [
+        (
+            "eye-to-hand",
+            {},
+            "the setup seems to be eye-to-hand, or the camera file inverse",
+            "run again with --setup eye-to-hand; or, if the camera is on the gripper, with --camera-frame "
+            "target_T_camera",
+        ),
+        (
+            "eye-in-hand",
+            {"setup": "eye-to-hand"},
+            "the setup seems to be eye-in-hand, or the camera file inverse",
+            "run again with --setup eye-in-hand; or, if the camera is fixed, with --camera-frame target_T_camera",
+        ),
+        (
+            "eye-in-hand",
+            {"camera_frame": "target_T_camera"},
+            "the camera file seems inverse, or the setup eye-to-hand",
+            "run again without --camera-frame; or, if the camera is fixed, with --setup eye-to-hand",
+        ),
+        (
+            "eye-in-hand",
+            {"robot_frame": "gripper_T_base"},
+            "the robot file seems inverse, or the setup eye-to-hand",
+            "run again without --robot-frame; or, if the camera is fixed, with --setup eye-to-hand",
+        ),
+    ],
+)
+def test_the_forgotten_setup_stands_in_the_headline_and_the_next_step(tmp_path, setup, given, headline, step):
+    """The poses fit by the other setup and by an inverse file alike, with another X."""
+    poses = uq.simulate(20, noise=NOISE, setup=setup, distance=("0.5m", "0.7m"), seed=3)
+    files = tmp_path / "robot.csv", tmp_path / "camera.csv"
+    for file, T in zip(files, (poses.robot, poses.camera), strict=True):
+        write_pose_file(file, T)
+    found = uq.calibrate(uq.read_poses(*files, **given), noise=NOISE)
+    assert found.headline == f"NOT USABLE: {headline}." and next_step(found) == step
+
+
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+def test_the_setup_is_asked_for_where_the_wrong_reading_fits(tmp_path):
+    """Fixed camera: inverse camera poses fit, with the target's pose on the gripper as X; the view shows it."""
+    X, W = np.eye(4), np.eye(4)
+    X[:3, :3], X[:3, 3], W[:3, 3] = Rotation.from_euler("XYZ", [-100, 10, 95], degrees=True).as_matrix(), 1.2, 0.04
+    poses = uq.simulate(20, noise=NOISE, setup="eye-to-hand", X=X, W=W, seed=3)
+    files = tmp_path / "robot.csv", tmp_path / "camera.csv"
+    for file, T in zip(files, (poses.robot, poses.camera), strict=True):
+        write_pose_file(file, T)
+
+    def run(**given):
+        read = uq.read_poses(*files, **given)
+        found = uq.calibrate(read, noise=NOISE)
+        codes = {finding.code for finding in found.findings} & {
+            "input_checks.setup_not_said",
+            "input_checks.setup_by_lengths",
+        }
+        return found, codes, " ".join(note for source in read.sources for note in source.notes)
+
+    inverse_camera = {"camera_frame": "target_T_camera"}
+    found, codes, notes = run(**inverse_camera)
+    assert found.usable and codes == {"input_checks.setup_not_said"} and "give --setup eye-to-hand" in notes
+    assert next_step(found) == "if the camera is fixed, run again with --setup eye-to-hand and without --camera-frame"
+    assert np.allclose(found.X, W, atol=5e-3)
+    assert run(setup="eye-in-hand", **inverse_camera)[1:] == (set(), "")  # said
+    found, codes, _ = run(robot_frame="gripper_T_base")
+    assert codes == {"input_checks.setup_by_lengths"} and next_step(found).endswith("without --robot-frame")
+    assert run(setup="eye-to-hand")[1:] == (set(), "")
+    as_for_opencv = uq.calibrate(uq.PosePairs(inverse(poses.robot), poses.camera), noise=NOISE)
+    step = "if the camera is fixed, run again with --setup eye-to-hand and --robot-frame gripper_T_base"
+    assert next_step(as_for_opencv) == step and np.allclose(as_for_opencv.X, X, atol=5e-3)
 
 
 def test_an_order_that_was_asked_for_wrongly(good, tmp_path):

@@ -87,7 +87,7 @@ def test_cautions_come_in_the_order_of_their_effect():
 @pytest.mark.parametrize(
     ("wrong", "reason"),
     [
-        ("inverse camera", "the camera file seems to hold inverse poses"),
+        ("inverse camera", "the camera file seems inverse, or the setup eye-to-hand"),
         ("mm", "the camera file seems to be in mm"),
         ("noise", "times larger than this noise"),
     ],

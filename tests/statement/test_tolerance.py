@@ -106,7 +106,7 @@ class TestNeverPass:
     def test_with_x_that_is_not_usable(self, result):
         inverse = uq.PosePairs(result.data.robot, np.linalg.inv(result.data.camera), setup="eye-in-hand")
         found = uq.calibrate(inverse, noise=NOISE)
-        assert not found.usable and found.headline.startswith("NOT USABLE: the camera file seems to hold inverse poses")
+        assert not found.usable and found.headline.startswith("NOT USABLE: the camera file seems inverse, or the setup")
         verdict = found.verdict("1m,90deg")
         assert verdict.word == "NOT SHOWN" and verdict.probability is None
 

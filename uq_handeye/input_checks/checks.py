@@ -15,12 +15,12 @@ from ..errors import DegenerateMotionError
 from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array, block, inverse, inverse_jacobian, skew
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
-from ..poses.consistency import LARGE_ROTATION
+from ..poses.consistency import LARGE_ROTATION, STEADY_VIEW, direction_spread
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import median, pose_residuals, rotation_angles
 from ..procrustes.degeneracy import DEGENERATE, infinite_directions
-from .misread_files import EXACT, other_readings, scaled_reading
+from .misread_files import EXACT, OTHER_SETUP, inverted_on_request, other_readings, scaled_reading
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
 # unless the noise explains it.
@@ -44,10 +44,10 @@ FAR = 20.0
 IN_MILLIMETRES = 250.0
 # What sits farther from the gripper than this, and than the fixed part from the base, is unusual (m).
 LONG_BRACKET = 0.4
+# ... what few grippers carry, and a fixed camera is farther from the base;
+UNLIKELY_BRACKET = 0.7
 # ... and what no gripper carries.
 IMPOSSIBLE_BRACKET = 1.0
-# The direction in which a camera sees its target varies by less than this share of what any other list of poses shows.
-STEADY_VIEW = 0.5
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
 OUTLIER = 6.0
 
@@ -80,6 +80,10 @@ def check_poses(poses: PosePairs) -> list[Finding]:
     if np.array_equal(poses.robot, poses.camera):
         found.append(Finding("input_checks.same_file", "failure"))
     return found
+
+
+def _setup_said(poses: PosePairs) -> bool:
+    return all(finding.values.get("said", True) for finding in poses.findings)
 
 
 # --------------------------------------------------------------------------------- what the rotations look like
@@ -321,8 +325,14 @@ def _check_lengths(poses: PosePairs, X: Array) -> list[Finding]:
     X``; or swapped, ``C inv(W) G = inv(X)``, where G is the robot's own list (eye-in-hand; eye-to-hand it gives inv(X)
     for X, of the same length). Lengths alone cannot tell a long bracket from that. But a camera looks at its target:
     where the list read as camera poses shows the target in nearly the same direction throughout, and what would be the
-    camera poses by the other reading does not, the files are as they should be.
+    camera poses by the other reading does not, the files are as they should be; then it is the other setup, with the
+    robot poses inverted, that gives the same matrix X its other name.
     """
+    if inverted_on_request(poses) == ["camera"] and not _setup_said(poses):
+        seen, as_given = (direction_spread(T) for T in (poses.camera, inverse(poses.camera)))
+        if as_given < STEADY_VIEW * seen:
+            values = {"setup": OTHER_SETUP[poses.setup], "seen": seen, "as_given": as_given}
+            return [Finding("input_checks.setup_not_said", "caution", values)]
     W = poses.effective_robot @ X @ poses.camera
     long_X = float(np.linalg.norm(X[:3, 3]))
     long_W = float(np.linalg.norm(np.mean(W[:, :3, 3], axis=0)))
@@ -331,20 +341,20 @@ def _check_lengths(poses: PosePairs, X: Array) -> list[Finding]:
     if on_gripper < LONG_BRACKET or on_gripper < 2.0 * fixed:
         return []
     others = [inverse(poses.camera), poses.robot] if in_hand else [inverse(poses.camera)]
-    if _direction_spread(poses.camera) < STEADY_VIEW * min(_direction_spread(T) for T in others):
-        return []
     what = "camera" if in_hand else "target"
-    severity: Severity = "failure" if on_gripper > IMPOSSIBLE_BRACKET and on_gripper > 3.0 * fixed else "caution"
+    longer = on_gripper > 3.0 * fixed
+    if direction_spread(poses.camera) < STEADY_VIEW * min(direction_spread(T) for T in others):
+        values = {
+            "what": what,
+            "length": on_gripper,
+            "fixed": fixed,
+            "setup": OTHER_SETUP[poses.setup],
+            "inverted": "robot" in inverted_on_request(poses),
+        }
+        found = [Finding("input_checks.setup_by_lengths", "caution", values)]
+        return found if longer and on_gripper > UNLIKELY_BRACKET else []
+    severity: Severity = "failure" if longer and on_gripper > IMPOSSIBLE_BRACKET else "caution"
     return [Finding("input_checks.long_bracket", severity, {"what": what, "length": on_gripper, "fixed": fixed})]
-
-
-def _direction_spread(T: Array) -> float:
-    """RMS angle (rad) of the directions of the translations of poses (n, 4, 4) about their mean direction."""
-    t = T[:, :3, 3]
-    directions = t / np.maximum(np.linalg.norm(t, axis=1, keepdims=True), 1e-12)
-    mean = np.mean(directions, axis=0)
-    across = np.linalg.norm(np.cross(directions, mean), axis=1)
-    return float(np.sqrt(np.mean(np.arctan2(across, directions @ mean) ** 2)))
 
 
 def check_motions(

@@ -2,7 +2,7 @@
 
 `checks` asks where X does not explain the poses. A reading is a dictionary of plain values: its ``kind`` ("inverse
 robot", "inverse camera", "quaternion", "transposed", "scale") and what belongs to it; `sentences` names the argument of
-`read_poses` and the option.
+`read_poses` and the option. The likeliest reading comes first.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from ..errors import DegenerateMotionError
 from ..formatting.units import LENGTH_UNITS
 from ..geometry.se3 import Array, inverse
-from ..poses.consistency import LARGE_ROTATION, consistency
+from ..poses.consistency import LARGE_ROTATION, STEADY_VIEW, consistency, direction_spread
 from ..poses.pose_pairs import PosePairs
 from ..procrustes.limit import solve_limit
 
@@ -23,22 +23,28 @@ from ..procrustes.limit import solve_limit
 EXACT = 1e-7
 # Of two readings that fit, the worse is named if its translation residuals are below so many times those of the better.
 ALIKE = 4.0
+OTHER_SETUP = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}
+# Readings of which one comes with the other.
+INVERSE = ("inverse robot", "inverse camera")
 # Another reading fits if its translation residuals are below this share of the travel of the robot.
 FITS = 0.2
 
 
 def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str, Any]]:
-    """The inversions, orders, transpositions or units that make W constant in rotation *and* translation; two at most.
+    """The inversions, orders, transpositions or units that make W constant in rotation *and* translation.
 
     If ``G X C = W`` is constant, so is ``inv(G) W inv(C) = X``: inverting one of the two lists breaks the fit,
-    inverting the other as well restores it with the roles of X and W exchanged. So inversions come in twos.
+    inverting the other as well restores it with the roles of X and W exchanged. So inversions come in twos
+    (`_inversions`). Of all others two are named at most.
     """
     G, C = poses.effective_robot, poses.camera
-    other = "eye-to-hand" if poses.setup == "eye-in-hand" else "eye-in-hand"
+    other = OTHER_SETUP[poses.setup]
+    on_request = {f"inverse {side}": {"given": True} for side in inverted_on_request(poses)}
     candidates: list[tuple[dict[str, Any], Array, Array]] = [
         ({"kind": "inverse robot", "setup": other}, inverse(G), C),
-        ({"kind": "inverse camera"}, G, inverse(C)),
+        ({"kind": "inverse camera", "setup": other}, G, inverse(C)),
     ]
+    twins = {}
     turned = _transposed(poses.robot)
     turned, seen = (turned if poses.setup == "eye-in-hand" else inverse(turned)), _transposed(C)
     candidates += [
@@ -55,6 +61,8 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
     largest = FITS * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))
     for reading, robot, camera in candidates:
         fit = consistency(robot, camera)
+        if fit is not None and reading["kind"] in INVERSE:
+            twins[reading["kind"]] = reading | {"length": fit[2]} | on_request.get(reading["kind"], {})
         if fit is not None and fit[1] > largest:
             continue
         # Two files in the same wrong order agree in rotation; only their translations tell.
@@ -65,9 +73,34 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
             fitting.append((fit[1], reading | {"length": fit[2]}))
     best = min((left for left, _ in fitting), default=0.0)
     fitting = [(left, reading) for left, reading in fitting if left < ALIKE * best + EXACT]
-    if scaled := scaled_reading(G, C, shift):
-        fitting.append((0.0, scaled))
-    return [reading for _, reading in sorted(fitting, key=lambda found: found[0])[:2]]
+    found = [reading for _, reading in sorted(fitting, key=lambda found: found[0])[:2]]
+    if len(twins) == 2 and any(reading["kind"] in INVERSE for reading in found):
+        found = [reading for reading in found if reading["kind"] not in INVERSE]
+        found = [*_inversions(poses, twins["inverse robot"], twins["inverse camera"]), *found[:1]]
+    scaled = scaled_reading(G, C, shift)
+    return found if scaled is None else [*found, scaled]
+
+
+def _inversions(poses: PosePairs, robot: dict[str, Any], camera: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the two inversions, the likelier first, and what is likelier of the first: the setup or an inverse file.
+
+    The poses cannot decide: the other setup fits as inverse camera poses do, with X and W exchanged. What is on the
+    gripper is short, and a camera sees its target in nearly the same direction; where this leaves both, the setup comes
+    first, since it is forgotten more often.
+    """
+    lengths = robot["length"], camera["length"]  # of X; the one of the other twin is that of W
+    of_frame, of_setup = lengths if poses.setup == "eye-in-hand" else lengths[::-1]
+    if of_frame < of_setup:
+        return [robot | {"likely": "frame"}, camera]
+    robot = robot | {"likely": "setup"}
+    if direction_spread(inverse(poses.camera)) < STEADY_VIEW * direction_spread(poses.camera):
+        return [camera, robot]
+    return [robot, camera]
+
+
+def inverted_on_request(poses: PosePairs) -> list[str]:
+    """Return the sides whose poses the reader was asked to invert."""
+    return [side for finding in poses.findings if finding.code == "poses.inverted" for side in finding.values["sides"]]
 
 
 def scaled_reading(G: Array, C: Array, shift: float) -> dict[str, Any] | None:

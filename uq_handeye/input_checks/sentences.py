@@ -169,6 +169,27 @@ def _(what: str, length: float, fixed: float) -> str:
     )
 
 
+@sentence("input_checks.setup_not_said")
+def _(setup: str, seen: float, as_given: float) -> str:
+    return (
+        f"Read as target_T_camera, the camera file shows the target in directions that vary by {_DEG * seen:.2g} "
+        f"degrees RMS; as it stands, by {_DEG * as_given:.2g} degrees, as a camera sees its target. With another X "
+        f'such data fit as well with setup="{setup}" (--setup {setup}) and no camera_frame (--camera-frame).'
+    )
+
+
+@sentence("input_checks.setup_by_lengths")
+def _(what: str, length: float, fixed: float, setup: str, inverted: bool) -> str:
+    frame = (
+        "no robot_frame (--robot-frame)" if inverted else 'robot_frame="gripper_T_base" (--robot-frame gripper_T_base)'
+    )
+    return (
+        f"The {what} would sit {length:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m from "
+        f'the base. Such data fit equally well with setup="{setup}" (--setup {setup}) and {frame}. Which is right, the '
+        "poses cannot say."
+    )
+
+
 def _size(part: str, value: float) -> str:
     return f"{_DEG * value:.3g} degrees" if part == "rotation" else f"{_MM * value:.3g} mm"
 
@@ -181,6 +202,8 @@ def _reading(
     length: float | None = None,
     factor: float | None = None,
     unit: str | None = None,
+    likely: str | None = None,
+    given: bool = False,
 ) -> str:
     """One of `misread_files.other_readings`, and how to ask for it."""
     if kind == "scale":
@@ -193,9 +216,13 @@ def _reading(
     if kind == "inverse robot":
         text = f"the setup is {setup}, or the robot file holds inverse poses"
         option = f'setup="{setup}" (--setup {setup}), or robot_frame="gripper_T_base" (--robot-frame gripper_T_base)'
+        if given:
+            text = f"the setup is {setup}, or the robot file holds base_T_gripper"
+            option = f'setup="{setup}" (--setup {setup}), or no robot_frame (--robot-frame)'
     elif kind == "inverse camera":
-        text = "the camera file holds inverse poses, target_T_camera"
+        text = f"the camera file holds {'camera_T_target' if given else 'inverse poses, target_T_camera'}"
         option = 'camera_frame="target_T_camera" (--camera-frame target_T_camera)'
+        option = "no camera_frame (--camera-frame)" if given else option
     elif kind == "transposed":
         text = f"the rotations of {'both files' if file is None else f'the {file} file'} are transposed"
         option = (

@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InputError, InputWarning
 from ..files.open import StrPath, as_path, shown
 from ..files.source import Source
+from ..findings import Finding
 from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
@@ -154,12 +155,19 @@ def read_poses(
     robot_path = _robot_path(robot, arm)
     paths = (robot_path, robot_path if camera is None else as_path(camera))
     warn_if_swapped(*paths)
+    said = setup is not None or any(one.setup is not None for one in contents)
     setup = _setup(setup, contents, paths)
     sides = [_side(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
     frames = [robot_frame, camera_frame]
     if contents[0].robot_enters and setup == "eye-to-hand":
         frames[0] = FRAMES["robot"][1]
         sources = _noted(sources, 0, paths[0], ["robot poses are gripper_T_base in this format, and inverted"])
+    inverted = _inverted((robot_frame, camera_frame), said)
+    if not said and frames[1] != FRAMES["camera"][0]:
+        note = (
+            "poses inverted, as target_T_camera; if the camera is fixed, give --setup eye-to-hand and no --camera-frame"
+        )
+        sources = _noted(sources, len(sources) - 1, paths[1], [note])
     robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
     match = match_times(sides[0], sides[1], tolerance) if pair == "time" else None
     rows = (slice(None), slice(None)) if match is None else (match.robot, match.camera)
@@ -186,7 +194,8 @@ def read_poses(
         sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], pair == "rows"))
         robot_times = camera_times if robot_times is None else robot_times
     sources = (*sources, *_joint_source(arm, robot))
-    poses = PosePairs(robot_poses, camera_poses, setup, robot_times, sources=sources, findings=chosen.findings)
+    findings = (*chosen.findings, *inverted)
+    poses = PosePairs(robot_poses, camera_poses, setup, robot_times, sources=sources, findings=findings)
     return poses if values is None or arm is None else give_joints(poses, values, arm.name)
 
 
@@ -229,7 +238,7 @@ def _with_calibrated(
     tolerance: float,
 ) -> PosePairs:
     """The robot poses of a file that the pictures or points were taken at, and the camera poses."""
-    path = _robot_path(robot, arm)
+    path, frame_asked = _robot_path(robot, arm), frame
     contents, source = _robot_contents(robot, arm, format)
     setup = _setup(setup, (contents, contents), (path, path))
     side = _side(contents, "robot", shown(path))
@@ -247,7 +256,8 @@ def _with_calibrated(
     sources = _noted(sources, 0, path, notes)
     times = None if side.timestamps is None else side.timestamps[rows]
     sources = (*sources, *_joint_source(arm, robot), *seen.source)
-    pairs = PosePairs(poses[rows], seen.poses, setup, times, sources=sources, findings=chosen.findings, **seen.of_pairs)
+    findings = (*chosen.findings, *_inverted((frame_asked, FRAMES["camera"][0]), True))
+    pairs = PosePairs(poses[rows], seen.poses, setup, times, sources=sources, findings=findings, **seen.of_pairs)
     return pairs if values is None or arm is None else give_joints(pairs, values[rows], arm.name)
 
 
@@ -369,6 +379,12 @@ def _setup(setup: str | None, contents: tuple[Contents, Contents], paths: Any) -
             stacklevel=3,
         )
     return said or "eye-in-hand"
+
+
+def _inverted(asked: tuple[str, str], said: bool) -> tuple[Finding, ...]:
+    """Return a finding where poses are inverted on request; ``said``: the setup is given, or a file says it."""
+    sides = [role for role, frame in zip(FRAMES, asked, strict=True) if frame == FRAMES[role][1]]
+    return (Finding("poses.inverted", "note", {"sides": sides, "said": said}),) if sides else ()
 
 
 def _called(sources: tuple[Source, ...], k: int, side: Side) -> tuple[Source, ...]:

@@ -11,6 +11,8 @@ from .residuals import pose_residuals
 
 # Rotation residual (rad) beyond which another reading of the files is looked for.
 LARGE_ROTATION = np.radians(2.0)
+# The direction in which a camera sees its target varies by less than this share of what any other list of poses shows.
+STEADY_VIEW = 0.5
 # Pairs of poses that are looked at.
 SEARCH_PAIRS = 2000
 
@@ -28,3 +30,12 @@ def consistency(G: Array, C: Array) -> tuple[float, float, float] | None:
         return None
     angle, distance = pose_residuals(G, C, X)
     return float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2))), float(np.linalg.norm(X[:3, 3]))
+
+
+def direction_spread(T: Array) -> float:
+    """RMS angle (rad) of the directions of the translations of poses (n, 4, 4) about their mean direction."""
+    t = T[:, :3, 3]
+    directions = t / np.maximum(np.linalg.norm(t, axis=1, keepdims=True), 1e-12)
+    mean = np.mean(directions, axis=0)
+    across = np.linalg.norm(np.cross(directions, mean), axis=1)
+    return float(np.sqrt(np.mean(np.arctan2(across, directions @ mean) ** 2)))

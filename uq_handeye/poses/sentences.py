@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from ..findings import sentence
 
@@ -25,3 +26,10 @@ def _(name: str, side: str, used: str, form: str, rotation: float | None, transl
         f"{name}: with rotations read as {used} robot and camera disagree{amount}; as {form} they agree. Give "
         f"--{side}-rotation {form} (rotation=({both})) if that is what the file holds."
     )
+
+
+@sentence("poses.inverted")
+def _(sides: Sequence[str], said: bool) -> str:
+    frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
+    options = " and ".join(frames.get(side, side) for side in sides)
+    return f"The poses of the {' and the '.join(sides)} were inverted on request ({options})."

@@ -47,10 +47,17 @@ def _reading(v: Mapping[str, Any]) -> str:
         if file and v.get("unit"):
             return f"the {file} file seems to be in {v['unit']}"
         return "robot and camera seem to be in different units"
+    if kind == "inverse robot" and v.get("likely") == "setup":
+        return f"the setup seems to be {v['setup']}, or the camera file inverse"
     if kind == "inverse robot":
         return f"the robot file seems inverse, or the setup {v['setup']}"
     if kind == "inverse camera":
-        return "the camera file seems to hold inverse poses"
+        setup = v.get("setup")
+        return (
+            "the camera file seems to hold inverse poses"
+            if setup is None
+            else (f"the camera file seems inverse, or the setup {setup}")
+        )
     who = "both files seem" if file is None else f"the {file} file seems"
     if kind == "transposed":
         return f"{who} to have transposed rotations"
@@ -60,8 +67,7 @@ def _reading(v: Mapping[str, Any]) -> str:
 def _readings(v: Mapping[str, Any]) -> str:
     readings: Sequence[Mapping[str, Any]] = v["readings"]
     if readings:
-        # An inverse file of either side fits alike, with X and W exchanged: the shorter X is the likelier one.
-        return _reading(min(readings, key=lambda one: one.get("length") or math.inf))
+        return _reading(readings[0])
     return f"X does not explain the poses ({_both(v['rotation'], v['translation'])} RMS)"
 
 
@@ -143,6 +149,13 @@ def _local(v: Mapping[str, Any]) -> str:
 
 _PHRASES: dict[str, Phrase] = {
     # input
+    "poses.inverted": Phrase(INPUT, lambda v: f"{' and '.join(v['sides'])} poses inverted on request"),
+    "input_checks.setup_not_said": Phrase(INPUT, lambda v: f"the setup may be {v['setup']}: say which", _constant(30)),
+    "input_checks.setup_by_lengths": Phrase(
+        INPUT,
+        lambda v: f"the {v['what']} would sit {digits(v['length'], 2)} m from the gripper: {v['setup']}?",
+        _constant(30),
+    ),
     "poses.another_rotation": Phrase(
         INPUT, lambda v: f"the {v['side']} rotations seem to be {v['form']}, not {v['used']}"
     ),

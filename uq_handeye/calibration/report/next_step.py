@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...findings import Finding
+from ...input_checks.misread_files import OTHER_SETUP
 from ...statement.accuracy import Accuracy
 from ..result import Calibration
 
@@ -13,7 +14,12 @@ from ..result import Calibration
 FEW = 25
 
 # Findings that explain others of more effect.
-_FIRST = ("input_checks.far", "input_checks.long_bracket")
+_FIRST = (
+    "input_checks.far",
+    "input_checks.long_bracket",
+    "input_checks.setup_not_said",
+    "input_checks.setup_by_lengths",
+)
 _REPORT = "look at the residuals by pose in the report: --report report.html"
 _AXES = "add poses that rotate about another axis: uq-handeye plan chooses them"
 _NOISE = "leave the noise out, it is then estimated; or correct it"
@@ -25,6 +31,7 @@ _DECLARE = {
     "robot accuracy": "--robot-accuracy 0.5mm,0.05deg",
     "clock offset": "--offset-sd 1ms",
 }
+_CAMERA = {"eye-in-hand": "if the camera is on the gripper", "eye-to-hand": "if the camera is fixed"}
 # What to do about a finding, by its code.
 _STEPS = {
     "input_checks.same_file": "give the file of the camera poses as the second one",
@@ -76,11 +83,19 @@ def step_after(findings: Sequence[Finding]) -> str | None:
 
 def _about(code: str, values: Mapping[str, Any]) -> str | None:
     """Return what to do about a finding."""
-    reading = values.get("reading") or next(iter(sorted(values.get("readings") or (), key=_length)), None)
     if code in ("input_checks.poses_unexplained", "input_checks.wrong_scale"):
-        return "check the frames, units and pairing of both files" if reading is None else _try(reading)
+        readings = [values["reading"]] if "reading" in values else values.get("readings")
+        return _try(*readings[:2]) if readings else "check the frames, units and pairing of both files"
     if code == "poses.another_rotation":
         return f"run again with --{values.get('side', 'robot')}-rotation {values.get('form', 'ZYX-deg')}"
+    if code == "input_checks.angles_disagree" and values.get("few"):
+        return None  # the outliers say which
+    if code in ("input_checks.setup_not_said", "input_checks.setup_by_lengths"):
+        setup = values.get("setup", "eye-to-hand")
+        if code.endswith("not_said"):
+            return f"{_CAMERA[setup]}, run again with --setup {setup} and without --camera-frame"
+        frame = "without --robot-frame" if values.get("inverted") else "--robot-frame gripper_T_base"
+        return f"{_CAMERA[setup]}, run again with --setup {setup} and {frame}"
     if code == "input_checks.far":
         return f"run again with --{values.get('file', 'camera')}-units {values.get('unit', 'mm')}"
     if code in ("calibration.shared_contradicted", "calibration.group_contradicted"):
@@ -91,27 +106,38 @@ def _about(code: str, values: Mapping[str, Any]) -> str | None:
     return _STEPS.get(code)
 
 
-def _length(reading: Mapping[str, Any]) -> float:
-    return float(reading.get("length") or float("inf"))
-
-
-def _try(reading: Mapping[str, Any]) -> str:
-    """Return the option by which the files would fit."""
+def _try(reading: Mapping[str, Any], second: Mapping[str, Any] | None = None) -> str:
+    """Return the option by which the files would fit, and the one of the setup that fits as well."""
     kind, file = reading["kind"], reading.get("file")
     side = "" if file is None else f"{file}-"
+    setup = reading.get("setup")
     if kind == "inverse camera":
-        option = "--camera-frame target_T_camera"
+        option = f"{_frame(reading, '--camera-frame target_T_camera')}{_or_setup(setup)}"
+    elif kind == "inverse robot" and reading.get("likely") == "setup":
+        option = f"with --setup {setup}"
+        if second is not None and second["kind"] == "inverse camera":
+            here = _CAMERA[OTHER_SETUP[reading["setup"]]]
+            option += f"; or, {here}, {_frame(second, '--camera-frame target_T_camera')}"
     elif kind == "inverse robot":
-        option = f"--setup {reading['setup']}, or with --robot-frame gripper_T_base"
+        option = f"{_frame(reading, '--robot-frame gripper_T_base')}{_or_setup(setup)}"
     elif kind == "scale":
         if reading.get("unit") is None or file is None:
             return "check the units of both files (--robot-units, --camera-units) and the size of the target"
-        option = f"--{side}units {reading['unit']}"
+        option = f"with --{side}units {reading['unit']}"
     elif kind == "transposed":
-        option = f"--{side}rotation transposed"
+        option = f"with --{side}rotation transposed"
     else:
-        option = f"--{side}quaternion {reading['order']}"
-    return f"run again with {option}"
+        option = f"with --{side}quaternion {reading['order']}"
+    return f"run again {option}"
+
+
+def _frame(reading: Mapping[str, Any], option: str) -> str:
+    return f"without {option.partition(' ')[0]}" if reading.get("given") else f"with {option}"
+
+
+def _or_setup(setup: str | None) -> str:
+    """Return the setup that fits as well, and where the camera is in it."""
+    return "" if setup is None else f"; or, {_CAMERA[setup]}, with --setup {setup}"
 
 
 def _about_largest(accuracy: Accuracy, count: int) -> str | None:
