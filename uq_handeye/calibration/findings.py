@@ -14,6 +14,8 @@ from ..camera.board import spacing_of
 from ..diagnostics.pose_table import PoseTable, pose_table
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import GROSS, Finding, Severity
+from ..input_checks.alphabetical_rows import CODE as ALPHABETICAL_ROWS
+from ..input_checks.alphabetical_rows import alphabetical_rows
 from ..input_checks.checks import check_fit, check_poses, check_rotations
 from ..input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
 from ..input_checks.pose_ambiguity import flipped_rows
@@ -34,9 +36,9 @@ from ..shared_errors.shared_error import TARGET_SCALE
 from .request import FEWEST_FOR_ROBUST, Job, request
 from .result import Calibration
 
-# Rotations read in a wrong form, and what they lead to.
-ANOTHER_ROTATION = "poses.another_rotation"
-_OF_WRONG_ROTATIONS = {
+# Rotations read in a wrong form and rows in a wrong order, and what they lead to.
+_CAUSES = {"poses.another_rotation", ALPHABETICAL_ROWS}
+_CONSEQUENCES = {
     f"input_checks.{what}"
     for what in (
         "angles_disagree",
@@ -208,10 +210,10 @@ def look_at(job: Job) -> list[Finding]:
 
 
 def without_consequences(findings: Sequence[Finding]) -> list[Finding]:
-    """Return findings without those that rotations read in a wrong form explain."""
-    if not any(finding.code == ANOTHER_ROTATION for finding in findings):
+    """Return findings without those that rotations read in a wrong form, or rows in a wrong order, explain."""
+    if not any(finding.code in _CAUSES for finding in findings):
         return list(findings)
-    return [finding for finding in findings if finding.code not in _OF_WRONG_ROTATIONS]
+    return [finding for finding in findings if finding.code not in _CONSEQUENCES]
 
 
 def _known_noise(job: Job) -> Noise | None:
@@ -237,13 +239,15 @@ def reasons(job: Job) -> list[Finding]:
 
 
 def shifted(job: Job, result: Calibration | None) -> list[Finding]:
-    """Return a finding if rows of one file are missing, where the fit gives reason to ask (or there is none)."""
+    """Return a finding if rows of one file are missing or in another order, where the fit gives reason to ask."""
     if job.poses is None or job.poses.n < FEWEST_FOR_ROBUST:
         return []
     if result is not None:
         bad = 0 if result.table is None else len(result.table.flagged)
         if bad < max(2, 0.05 * job.poses.n) and result.residuals.rotation_rms < SUSPICIOUS:
             return []
+    if (sorted_by_name := alphabetical_rows(job.poses)) is not None:
+        return [sorted_by_name]
     if (shift := find_shift(job.poses)) is not None:
         return [shift.finding]
     if result is None or result.table is None or result.W is None or result.table.item == "motion":

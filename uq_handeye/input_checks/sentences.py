@@ -289,6 +289,16 @@ def _(
     return " ".join(parts)
 
 
+@sentence("input_checks.alphabetical_rows")
+def _(file: str, order: Sequence[int]) -> str:
+    other = "camera" if file == "robot" else "robot"
+    return (
+        f"The rows of the {file} file are in the alphabetical order of numbered names ({', '.join(map(str, order))}, "
+        f"...), and those of the {other} file are not. Sorted by number they fit. Sort the rows of the {file} file, or "
+        "write the numbers with leading zeros where its names come from."
+    )
+
+
 @sentence("input_checks.shifted_run")
 def _(first: int, last: int, shift: int, lacks: str, near: int) -> str:
     return (

@@ -128,6 +128,7 @@ def _of_input(finding: Finding) -> int:
         "same_file",
         "another_arm",
         "another_rotation",
+        "alphabetical_rows",
         "poses_unexplained",
         "shifted_rows",
         "wrong_scale",

@@ -179,6 +179,9 @@ _PHRASES: dict[str, Phrase] = {
         _constant(1.2),
     ),
     "input_checks.shifted_rows": Phrase(INPUT, _text("rows are missing in one file: the pairing is shifted")),
+    "input_checks.alphabetical_rows": Phrase(
+        INPUT, lambda v: f"the {v['file']} rows are in alphabetical order ({', '.join(map(str, v['order'][:3]))}, ...)"
+    ),
     "input_checks.shifted_run": Phrase(
         INPUT, lambda v: f"robot rows {v['first']} to {v['last']} are paired wrongly", _constant(1.5)
     ),

@@ -86,6 +86,8 @@ def _about(code: str, values: Mapping[str, Any]) -> str | None:
     if code in ("input_checks.poses_unexplained", "input_checks.wrong_scale"):
         readings = [values["reading"]] if "reading" in values else values.get("readings")
         return _try(*readings[:2]) if readings else "check the frames, units and pairing of both files"
+    if code == "input_checks.alphabetical_rows":
+        return f"sort the rows of the {values.get('file', 'camera')} file by number"
     if code == "poses.another_rotation":
         return f"run again with --{values.get('side', 'robot')}-rotation {values.get('form', 'ZYX-deg')}"
     if code == "input_checks.angles_disagree" and values.get("few"):
