@@ -9,10 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.next_step import next_step
+from uq_handeye.calibration.report.next_step import next_step, step_after
+from uq_handeye.files.source import Source
+from uq_handeye.input_checks.checks import check_fit
 from uq_handeye.input_checks.misread_files import other_readings
 from uq_handeye.io import write_pose_file
 from uq_handeye.poses.residuals import pose_residuals
+from uq_handeye.statement.phrases import phrase
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 
@@ -251,3 +254,22 @@ def test_transposed_rotations_are_named(file, option):
     with pytest.warns(uq.InputWarning):
         result = uq.calibrate(wrong, noise=NOISE)
     assert f"{option} transposed" in " ".join(map(str, result.findings))
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_tag_of_another_size_in_a_bag_names_its_option(factor):
+    """Also beside an outlier, and with noise that would make the factor of short motions too small."""
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.3deg", "2mm"))
+    good = uq.simulate(60, noise=noise, seed=4)
+    camera = good.camera.copy()
+    camera[:, :3, 3] *= factor
+    camera[7, :3, :3] = camera[7, :3, :3] @ Rotation.from_rotvec([0.0, np.radians(8), 0.0]).as_matrix()
+    source = Source("cell.mcap", "rosbag", 1, "0", ())
+    poses = uq.PosePairs(good.robot, camera, sources=(source, source))
+    found = check_fit(poses, good.truth.X, None, None)
+    (reading,) = [one for one in found if one.code in ("input_checks.wrong_scale", "input_checks.poses_unexplained")]
+    assert reading.severity == "failure"
+    values = reading.values.get("reading") or reading.values["readings"][0]
+    assert values["factor"] == pytest.approx(1 / factor, rel=0.01)
+    assert "the size of the tag is wrong, that of --tag" in str(reading) and "units" not in str(reading)
+    assert "correct --tag" in step_after(found) and "the tag seems to be" in phrase(reading)

@@ -234,7 +234,9 @@ def reasons(job: Job) -> list[Finding]:
     with suppress(InputError, NotConvergedError):
         X = fit_published(job.motions, None, "4dpa", None, job.everything).X
         if job.poses is not None:
-            found = check_fit(job.poses, X, None, None)
+            known = _known_noise(job)
+            own = known if isinstance(known, PoseNoise) else None
+            found = check_fit(job.poses, X, None, np.zeros((6, 6)), own)
     return found + shifted(job, None)
 
 

@@ -215,14 +215,16 @@ def check_fit(
     each = most
     if most is None and own is not None and covariance is not None:
         each = _explained(poses, X, own, covariance)[1]
-    if most_fit and (outliers := _outliers("pose", angle, distance, travel + reach, each)):
-        return found + outliers
-    if misfit:
+    outliers = _outliers("pose", angle, distance, travel + reach, each) if most_fit else []
+    if misfit and not outliers:
         values = {"rotation": turn, "translation": shift, "readings": other_readings(poses, turn, shift)}
         return [*found, Finding("input_checks.poses_unexplained", "failure", values)]
     shows = max(SCALE_SHOWS * travel, 0.005 * reach, 3.0 * _rms(most, 1), 1e-9)
-    if shift > shows and (scaled := scaled_reading(G, C, shift)):
-        found.append(Finding("input_checks.wrong_scale", "failure", {"reading": scaled}))
+    typical = median(distance) if outliers else shift
+    if typical > shows and (scaled := scaled_reading(G, C, shift, poses.sources)):
+        return [*found, Finding("input_checks.wrong_scale", "failure", {"reading": scaled}), *outliers]
+    if outliers:
+        return found + outliers
     return found + _check_lengths(poses, X)
 
 

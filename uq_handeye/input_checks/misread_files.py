@@ -7,12 +7,14 @@ robot", "inverse camera", "quaternion", "transposed", "scale") and what belongs 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..errors import DegenerateMotionError
+from ..files.source import Source
 from ..formatting.units import LENGTH_UNITS
 from ..geometry.se3 import Array, inverse
 from ..poses.consistency import LARGE_ROTATION, STEADY_VIEW, consistency, direction_spread
@@ -77,7 +79,7 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
     if len(twins) == 2 and any(reading["kind"] in INVERSE for reading in found):
         found = [reading for reading in found if reading["kind"] not in INVERSE]
         found = [*_inversions(poses, twins["inverse robot"], twins["inverse camera"]), *found[:1]]
-    scaled = scaled_reading(G, C, shift)
+    scaled = scaled_reading(G, C, shift, poses.sources)
     return found if scaled is None else [*found, scaled]
 
 
@@ -103,8 +105,11 @@ def inverted_on_request(poses: PosePairs) -> list[str]:
     return [side for finding in poses.findings if finding.code == "poses.inverted" for side in finding.values["sides"]]
 
 
-def scaled_reading(G: Array, C: Array, shift: float) -> dict[str, Any] | None:
-    """The factor on the camera's translations that makes them fit, with the unit it may come from, if one does."""
+def scaled_reading(G: Array, C: Array, shift: float, sources: Iterable[Source] = ()) -> dict[str, Any] | None:
+    """The factor on the camera's translations that makes them fit, with the unit it may come from, if one does.
+
+    ``bag``: the poses come from a ROS bag, for which there are other options.
+    """
     scale = _scaled_camera(G, C) if len(G) >= 6 else None  # four numbers fitted to fewer poses fit anything
     if scale is None or abs(scale - 1.0) <= 0.02:
         return None
@@ -122,22 +127,23 @@ def scaled_reading(G: Array, C: Array, shift: float) -> dict[str, Any] | None:
         ),
         (None, None),
     )
-    return {"kind": "scale", "factor": scale, "file": file, "unit": unit}
+    found = {"kind": "scale", "factor": scale, "file": file, "unit": unit}
+    return found | ({"bag": True} if any(source.format == "rosbag" for source in sources) else {})
 
 
 def _scaled_camera(G: Array, C: Array) -> float | None:
-    """The factor s on the camera's translations that fits best: ``(R_A - I) t_X - s R_X t_B = -t_A``."""
+    """The factor s on the camera's translations that fits best: ``R_G t_X + s R_G R_X t_C - t_W = -t_G``."""
     n = len(G)
     i, j = np.arange(n - 1), np.arange(1, n)
     i, j = np.concatenate([i, np.arange(n // 2)]), np.concatenate([j, np.arange(n // 2) + n - n // 2])
-    A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
     try:
-        R = solve_limit(A, B)[:3, :3]
+        R = solve_limit(inverse(G)[j] @ G[i], C[j] @ inverse(C)[i])[:3, :3]
     except DegenerateMotionError:
         return None
-    M = np.concatenate([A[:, :3, :3] - np.eye(3), -(R @ B[:, :3, 3:])], axis=2).reshape(-1, 4)
-    solution, _, rank, _ = np.linalg.lstsq(M, -A[:, :3, 3].reshape(-1), rcond=None)
-    return float(solution[3]) if rank == 4 and solution[3] > 0 else None
+    R_G, eye = G[:, :3, :3], np.broadcast_to(np.eye(3), (n, 3, 3))
+    M = np.concatenate([R_G, R_G @ R @ C[:, :3, 3:], -eye], axis=2).reshape(-1, 7)
+    solution, _, rank, _ = np.linalg.lstsq(M, -G[:, :3, 3].reshape(-1), rcond=None)
+    return float(solution[3]) if rank == 7 and solution[3] > 0 else None
 
 
 def _transposed(T: Array) -> Array:

@@ -204,8 +204,16 @@ def _reading(
     unit: str | None = None,
     likely: str | None = None,
     given: bool = False,
+    bag: bool = False,
 ) -> str:
     """One of `misread_files.other_readings`, and how to ask for it."""
+    if kind == "scale" and bag:
+        cause = "the size of the tag is wrong, that of --tag or that given to its detector"
+        if file is not None and unit is not None:
+            cause = (
+                f"the {file} poses are in {unit}. Write them with uq-handeye bag -o DIR and give --{file}-units {unit}"
+            )
+        return f"the camera translations are multiplied by {factor:.4g}: {cause}"
     if kind == "scale":
         cause = (
             f"the {file} file is in {unit}, {_option(file, 'units', unit, 'm')}"

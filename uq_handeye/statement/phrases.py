@@ -45,7 +45,9 @@ def _reading(v: Mapping[str, Any]) -> str:
     kind, file = v["kind"], v.get("file")
     if kind == "scale":
         if file and v.get("unit"):
-            return f"the {file} file seems to be in {v['unit']}"
+            return f"the {file} {'poses seem' if v.get('bag') else 'file seems'} to be in {v['unit']}"
+        if v.get("bag"):
+            return f"the tag seems to be {digits(float(v['factor']), 2)} times as large as given"
         return "robot and camera seem to be in different units"
     if kind == "inverse robot" and v.get("likely") == "setup":
         return f"the setup seems to be {v['setup']}, or the camera file inverse"

@@ -123,6 +123,10 @@ def _try(reading: Mapping[str, Any], second: Mapping[str, Any] | None = None) ->
     elif kind == "inverse robot":
         option = f"{_frame(reading, '--robot-frame gripper_T_base')}{_or_setup(setup)}"
     elif kind == "scale":
+        if reading.get("bag") and (reading.get("unit") is None or file is None):
+            return "measure the black square of the tag, and correct --tag or the size that its detector has"
+        if reading.get("bag"):
+            return f"write the poses with uq-handeye bag -o DIR and give --{side}units {reading['unit']}"
         if reading.get("unit") is None or file is None:
             return "check the units of both files (--robot-units, --camera-units) and the size of the target"
         option = f"with --{side}units {reading['unit']}"
