@@ -136,7 +136,7 @@ def plan_command(
     """
     from ...calibration.findings import check_input
     from ...findings import warn
-    from ...io import read_pose_file
+    from ...io.robot_poses import read_robot_poses
     from ...kinematics.joints_file import read_joints
     from ...noise.models import PoseNoise
     from ...planning.plan import plan
@@ -153,7 +153,9 @@ def plan_command(
         if task is not None or criterion == "prediction":
             raise InputError("--task and --criterion prediction need --joints and --urdf.")
         poses, noise, shared = files.read(given)
-        rows = None if candidates is None else read_pose_file(candidates, files.both_units[0] or "m")[1]
+        like = poses.sources[0].format if poses.sources else None
+        of_robot = {"units": files.both_units[0], "format": files.formats[0], "rotation": files.rotations[0]}
+        rows = None if candidates is None else read_robot_poses(candidates, like, **of_robot)[1]
     else:
         units, chain = arm.chain.joint_units, arm.kinematics
         poses, noise, shared = files.read_open(given, None, given.one_side, arm)

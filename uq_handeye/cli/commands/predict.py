@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ...errors import InputError
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..options.arm import JointUnits
-from ..options.common import UNITS, JsonOption, emit, flag, option
+from ..options.common import FORMAT_NAMES, UNITS, JsonOption, emit, flag, option
 from ..options.points import coordinates
 from .files import ResultFile
 
@@ -46,15 +46,25 @@ def predict_command(
         ),
     ] = None,
     robot_units: Annotated[
-        str,
+        str | None,
         option(
             "--robot-units",
             of=UNITS,
             metavar="UNIT",
             panel=PLACES,
-            help=f"Length unit of --robot: {', '.join(UNITS)}.",
+            help=f"Length unit of --robot: {', '.join(UNITS)}. Default: as its format says, else m.",
         ),
-    ] = "m",
+    ] = None,
+    robot_format: Annotated[
+        str | None,
+        option(
+            "--robot-format",
+            of=FORMAT_NAMES,
+            metavar="NAME",
+            panel=PLACES,
+            help="Format of --robot, as of calibrate. Default: told by the content.",
+        ),
+    ] = None,
     point: Annotated[
         list[str] | None,
         option(
@@ -125,14 +135,14 @@ def predict_command(
         raise InputError("No robot poses to predict at. Give --joints FILE.csv or --robot FILE.csv.")
     if joint_units is not None and joints is None and reached_at is None:
         raise InputError("--joint-units needs --joints. Remove it.")
-    if robot_units != "m" and robot is None:
-        raise InputError("--robot-units needs --robot. Remove it.")
+    for name, value in (("--robot-units", robot_units), ("--robot-format", robot_format)):
+        if value is not None and robot is None:
+            raise InputError(f"{name} needs --robot. Remove it.")
     points = None if not point else np.array([coordinates(text, "--point") for text in point])
     tip = None if tool is None else np.array(coordinates(tool, "--tool"))
     stored = Calibration.from_json(result)
-    times, at = _places(
-        stored, str(result), {"joints": joints, "reached_at": reached_at}, joint_units, robot, robot_units
-    )
+    of_robot = {"units": robot_units, "format": robot_format}
+    times, at = _places(stored, str(result), {"joints": joints, "reached_at": reached_at}, joint_units, robot, of_robot)
     if points is not None:
         found = stored.predict(points, tool=tip, **{name: values[:, None] for name, values in at.items()})
         rows, data = _point_rows(found, times), found.to_dict()
@@ -156,12 +166,12 @@ def _places(
     files: dict[str, Path | None],
     joint_units: str | None,
     robot: Path | None,
-    units: str,
+    of_robot: dict[str, str | None],
 ) -> "tuple[Array, dict[str, Array]]":
     """Read timestamps (or row numbers), and joints and robot poses by the arguments of `predict`."""
     import numpy as np
 
-    from ...io import read_pose_file
+    from ...io.robot_poses import read_robot_poses
     from ...kinematics.joints_file import read_joints
 
     at: dict[str, Array] = {}
@@ -178,7 +188,9 @@ def _places(
         at[argument], names[argument] = table.q, file
         times.append(table.timestamps)
     if robot is not None:
-        stamps, at["robot"] = read_pose_file(robot, units)
+        sources = () if stored.provenance is None else stored.provenance.sources
+        like = sources[0].format if sources else None  # as the robot of the calibration wrote its poses
+        stamps, at["robot"] = read_robot_poses(robot, like, **of_robot)
         names["robot"] = robot
         times.append(stamps)
     if len({len(values) for values in at.values()}) > 1:
