@@ -185,7 +185,7 @@ ROW = "0,1,2,3,0,0,0,1\n"
         ("x,x,y,z,qx,qy,qz,qw\n", ["repeated: 'x'"]),
         ("tx,x,y,z,qx,qy,qz,qw\n", ["repeated: 'x'"]),
         (f"{HEADER}\n{ROW}1,2,3\n", ["line 3", "expected 8 fields", "got 3"]),
-        (f"{HEADER}\n1,2,3,4,0,0,0,1,\n", ["line 2", "got 9"]),
+        (f"{HEADER}\n1,2,3,4,0,0,0,1,5\n", ["line 2", "got 9"]),
         (f"{HEADER}\na,b,c\n", ["line 2", "got 3"]),
         (f"# c\n{HEADER}\n\n0,1,2,3,0,0,zero,1\n", ["line 4", "column qz", "'zero'"]),
         (f"{HEADER}\n0,1,,3,0,0,0,1\n", ["line 2", "column y", "empty field"]),

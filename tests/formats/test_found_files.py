@@ -1,5 +1,6 @@
 """Files as people's programs, spreadsheets and logs leave them: read to the last digits, or refused by their cause."""
 
+import json
 import warnings
 
 import numpy as np
@@ -11,8 +12,13 @@ from support import SEED
 
 from uq_handeye.errors import InputError
 from uq_handeye.files.pose_names import pose_name
+from uq_handeye.formats.contents import finished
+from uq_handeye.formats.controllers.forms import CONTROLLERS
+from uq_handeye.formats.controllers.writing import written_poses
+from uq_handeye.formats.detect import read_contents
 from uq_handeye.formats.opencv_storage import matrix_lines
 from uq_handeye.io import read_poses, write_pose_file
+from uq_handeye.io.robot_poses import read_robot_poses
 
 X, W = np.eye(4), np.eye(4)
 X[:3, :3], X[:3, 3] = rz_ry_rx(0.2, 0.3, -0.4), [0.05, -0.02, 0.1]
@@ -164,6 +170,88 @@ def test_poses_of_two_tools_are_said(tmp_path, maker):
         warnings.simplefilter("always")
         read_poses(path, tmp_path / "camera.csv")
     assert any("several tools or frames: " in str(one.message) and "(8 poses)" in str(one.message) for one in caught)
+
+
+def entry(p, r):
+    return {"id": 3, "tcp": [*p, *r]}
+
+
+TREES = {
+    "beside other maps": lambda each, rows: {"meta": {"robot": "arm"}, "data": each},
+    "columns": lambda each, rows: dict(zip(NAMES, rows.T.tolist(), strict=True)),
+    "columns of pandas": lambda each, rows: {
+        name: {str(k): value for k, value in enumerate(column)}
+        for name, column in zip(NAMES, rows.T.tolist(), strict=True)
+    },
+    "axis and angle": lambda each, rows: [
+        {"Rotation": {"Angle": float(np.linalg.norm(r)), "Axis": (r / np.linalg.norm(r)).tolist()}, "Translation": p}
+        for p, r in zip(PLACES, np.array(VECTORS), strict=True)
+    ],
+}
+NAMES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@pytest.mark.parametrize("kind", TREES)
+def test_trees(tmp_path, kind):
+    each = [entry(p, r) for p, r in zip(PLACES, VECTORS, strict=True)]
+    text = json.dumps(TREES[kind](each, np.hstack([PLACES, VECTORS])))
+    np.testing.assert_allclose(read(tmp_path, text, "robot.json").robot, T, rtol=0, atol=1e-9)
+
+
+def test_both_sides_as_opencv_names_them_in_each_entry(tmp_path):
+    camera = beside(T, X, W)
+    each = [
+        {"R_gripper2base": g[:3, :3].tolist(), "t_gripper2base": g[:3, 3].tolist(),
+         "R_target2cam": c[:3, :3].tolist(), "t_target2cam": c[:3, 3].tolist()}
+        for g, c in zip(T, camera, strict=True)
+    ]  # fmt: skip
+    (tmp_path / "both.json").write_text(json.dumps(each))
+    poses = read_poses(tmp_path / "both.json")
+    np.testing.assert_allclose(poses.robot, T, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(poses.camera, camera, rtol=0, atol=1e-9)
+
+
+def test_arrays_in_the_convention_of_a_maker_and_of_quaternions(tmp_path):
+    write_pose_file(tmp_path / "camera.csv", beside(T, X, W))
+    np.save(tmp_path / "robot.npy", NUMBERS)
+    poses = read_poses(tmp_path / "robot.npy", tmp_path / "camera.csv", format=("kuka", None))
+    np.testing.assert_allclose(poses.robot, T, rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match="got 3 numbers per rotation"):
+        read_poses(tmp_path / "robot.npy", tmp_path / "camera.csv", format=("abb", None))
+    np.savez(tmp_path / "robot.npz", positions=PLACES, quaternions=QUATERNIONS)
+    np.testing.assert_allclose(read(tmp_path, None, "robot.npz").robot, T, rtol=0, atol=1e-9)
+
+
+def test_names_that_say_less_than_they_seem(tmp_path):
+    """Taught positions called BASE, features of PolyScope, a column called Point, an export's own first line."""
+    taught = "\n".join(
+        f"DECL E6POS XBASE{k}={{{', '.join(f'{a} {v}' for a, v in zip('XYZABC', row, strict=True))}}}"
+        for k, row in enumerate(ROWS)
+    )
+    np.testing.assert_allclose(read(tmp_path, taught).robot, T, rtol=0, atol=1e-9)
+    listed = "Point;X;Y;Z;A;B;C\n" + "\n".join(f"P{k};{';'.join(row)}" for k, row in enumerate(ROWS))
+    np.testing.assert_allclose(read(tmp_path, listed).robot, T, rtol=0, atol=1e-9)
+    script = "global Base=p[0,0,0,0,0,0]\n" + "\n".join(
+        f"global Waypoint_{k}_p=p[{', '.join(map(repr, [*p, *r]))}]"
+        for k, (p, r) in enumerate(zip(PLACES, VECTORS, strict=True))
+    )
+    np.testing.assert_allclose(read(tmp_path, script).robot, T, rtol=0, atol=1e-9)
+    for maker in ("mitsubishi", "doosan", "kuka"):
+        own = written_poses(T[:1], maker, ["base_T_camera"], ["base_T_camera: X, as Kuka writes it; test."])
+        own = own.replace("Kuka", CONTROLLERS[maker].maker)
+        (tmp_path / "own.txt").write_text(own)
+        side = read_contents(tmp_path / "own.txt", None)[0].only
+        np.testing.assert_allclose(finished(side, "robot", None, None, "base_T_gripper"), T[:1], rtol=0, atol=1e-9)
+
+
+def test_robot_poses_alone_follow_the_format_of_the_calibration(tmp_path):
+    path = tmp_path / "at.csv"
+    path.write_text("x,y,z,rx,ry,rz\n" + "\n".join(
+        ",".join(map(repr, [*p, *r])) for p, r in zip(PLACES, VECTORS, strict=True)))  # fmt: skip
+    np.testing.assert_allclose(read_robot_poses(path, "ur")[1], T, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(read_robot_poses(path, rotation="rotvec-rad")[1], T, rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match="--robot-format"):
+        read_robot_poses(path, "kuka")
 
 
 @pytest.mark.parametrize(

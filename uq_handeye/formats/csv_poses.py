@@ -73,6 +73,8 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
         if b'"' in text:
             text = text.replace(b'"', b"")
         fields = text.split(header.separator)
+        if len(fields) == header.count + 1 and not fields[-1].strip():  # a comma behind the last number
+            fields.pop()
         if len(fields) != header.count:
             decoded(text, f"{where}: expected {header.count} fields")
             mark = _MARKS[header.separator.decode()]

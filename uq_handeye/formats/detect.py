@@ -21,7 +21,9 @@ from ..files.pose_names import pose_name
 from ..files.source import Source
 from .contents import COLUMNS, Contents
 from .controllers.forms import CONTROLLERS
-from .controllers.records import is_records
+from .controllers.readings import in_convention
+from .controllers.records import entries_of, is_records
+from .controllers.tables import names_a_pose
 from .csv_poses import OF_POINTS, is_points_header, read_csv
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
 from .many_files import joined_contents
@@ -32,7 +34,7 @@ from .matrices.trees import listed, matrices_of, read_matrix_tree
 from .not_poses import refuse_foreign
 from .numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from .numpy_poses import read_npy, read_npz
-from .opencv_storage import PAIRS, is_storage, read_opencv
+from .opencv_storage import PAIRS, is_of_opencv, is_storage, read_opencv
 from .ros.easy_handeye import read_easy_handeye, read_easy_handeye2
 from .ros.moveit import NAMES as MOVEIT_NAMES
 from .ros.moveit import read_moveit
@@ -75,6 +77,9 @@ _SUFFIXES = {
     ".mat": "mat",
     ".samples": "easy_handeye2",
 }
+
+# Beginnings of arrays.
+_BINARY = {b"PK": "npz", b"\x93NUMPY": "npy", MAT_START: "mat"}
 
 # Marks of text in UTF-16, which spreadsheets write.
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -139,8 +144,8 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
 def _of(format: str, head: bytes = b"") -> str:
     if format == "matrix" and b"\0" not in head and is_tree(_text(head)):
         return "tree"
-    if format in ("franka", "matrix") and head.startswith((b"PK", b"\x93NUMPY")):
-        return "npz" if head.startswith(b"PK") else "npy"
+    if head.startswith(tuple(_BINARY)) and (format in ("franka", "matrix") or format in CONTROLLERS):
+        return next(kind for start, kind in _BINARY.items() if head.startswith(start))
     return format if format in _TABLES or format in _ARRAYS or format in TEXTS else "tree"
 
 
@@ -156,14 +161,19 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         require_size(total, limit, path)
     data = b"".join(pieces)
     if kind in _ARRAYS:
-        return format or kind, _ARRAYS[kind](data, name)
+        contents = _ARRAYS[kind](data, name)
+        return format or kind, contents if format not in CONTROLLERS else in_convention(contents, CONTROLLERS[format])
     if kind in TEXTS:
         return kind, TEXTS[kind].read(_text(data), name)
     tree = _trees.parse_tree(data, name, several=True)
     if format in (None, "json", "opencv"):
         tree = listed(tree)
-        if (is_message(tree) or is_records([tree])) and not any(is_it(tree) for is_it in _MARKS.values()):
-            tree = [tree]  # a file of one pose
+        if isinstance(tree, list) and is_of_opencv(tree):
+            tree = {key: [entry[key] for entry in tree] for key in tree[0] if all(key in entry for entry in tree)}
+        elif is_message(tree) and not _marked(tree):
+            tree = [tree]
+        elif not _marked(tree) and matrices_of(tree) is None:
+            tree = entries_of(tree)
     found = format or _tree_format(tree, name)
     try:
         return found, _TREES[found](tree, name)
@@ -211,7 +221,8 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
         return "mat"
     if head.startswith(b"\x1f\x8b"):
         raise InputError(f"{name} is compressed by gzip; unpack it first.")
-    if is_points_header(head.partition(b"\n")[0].decode(errors="replace")):
+    first_line = head.partition(b"\n")[0].decode(errors="replace")
+    if is_points_header(first_line) and not names_a_pose(first_line):
         raise InputError(f"{name}: expected poses, got a table of points: {OF_POINTS}.")
     if (b"\0" not in head or head.startswith(_UTF16)) and (named := named_by(_text(head))):
         if len(named) > 1:
@@ -246,6 +257,11 @@ def _unknown(name: str, start: bytes) -> InputError:
         f"{name}: not a pose file that is known; it begins with {began}. Expected one of the formats "
         "of docs/formats.md; name it by `format` (--format, --robot-format, --camera-format) to see what is wrong."
     )
+
+
+def _marked(tree: Any) -> bool:
+    """Return whether a tree is of a format by its keys."""
+    return any(is_it(tree) for is_it in _MARKS.values())
 
 
 def _tree_format(tree: Any, name: str) -> str:

@@ -40,6 +40,12 @@ EITHER_SIDE = "rvecs"
 _NAMED = {pair[0] for pair in PAIRS if pair[0] != EITHER_SIDE}
 # Names of a single pose, in a file per pose.
 _SINGULAR = (("rvec", "tvec"), ("R", "t"), ("R", "T"))
+# Arrays of quaternions and positions.
+_QUATERNIONS = tuple(
+    (rotations, positions)
+    for rotations in ("quaternions", "orientations", "quats", "rotations", "quaternion", "orientation")
+    for positions in ("positions", "translations", "position", "translation")
+)
 # What OpenCV's program of camera calibration writes: rotation vector and translation of the board in each picture.
 _VIEWS = ("extrinsic_parameters", "Extrinsic_Parameters")
 
@@ -127,10 +133,13 @@ def joined_pairs(
 ) -> tuple[list[tuple[str, str, str, Array]], tuple[str, Array] | None]:
     """Return poses of arrays of rotations and translations by name, and those that may be of either side.
 
-    Each of the first is name of the rotations, side, frame, poses (n, 4, 4).
+    Each of the first is name of the rotations, side, frame, poses (n, 4, 4); of quaternions the poses are (n, 7).
     """
     found: list[tuple[str, str, str, Array]] = []
     either = None
+    for R_key, t_key in _QUATERNIONS:
+        if {R_key, t_key} <= set(arrays) and arrays[R_key].shape == (len(arrays[t_key]), 4):
+            return [], (R_key, np.hstack([arrays[t_key].reshape(-1, 3), arrays[R_key]]))
     for R_key, t_key, role, frame in (*PAIRS, ("R", "t", "", ""), ("R", "T", "", "")):
         if R_key not in arrays or t_key not in arrays:
             continue
@@ -182,6 +191,12 @@ def stack(value: Any, where: str) -> Array:
 
 def _is_matrix(value: Any) -> bool:
     return isinstance(value, dict) and "data" in value and ({"rows", "cols"} <= set(value) or "sizes" in value)
+
+
+def is_of_opencv(entries: list[Any]) -> bool:
+    """Return whether a list holds a map per pose under the names of the arguments of ``cv::calibrateHandEye``."""
+    names = {name for R_name, t_name, *_ in PAIRS[:-1] for name in (R_name, t_name)}
+    return bool(entries) and all(isinstance(entry, dict) and len(names & set(entry)) > 1 for entry in entries)
 
 
 def is_storage(tree: Any) -> bool:

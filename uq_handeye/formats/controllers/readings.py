@@ -8,12 +8,14 @@ says so; where both may be, both are readings, and the other side decides.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from ...errors import InputError
 from ...geometry.se3 import Array
-from ..contents import Reading
+from ..contents import Contents, Reading, Side
 from ..rotation_form import rotation_form
 from .forms import CONTROLLERS, PoseForm
 
@@ -80,6 +82,26 @@ def interpret(
         distinct.setdefault((reading.rotation, reading.units), reading)
     found = tuple(distinct.values())
     return Interpretation(found, tuple(_contradictions(found, form or _maker(found))))
+
+
+def in_convention(contents: Contents, form: PoseForm) -> Contents:
+    """Return arrays of six or seven numbers per pose in the convention of a maker that is asked for."""
+    sides: dict[str, Any] = {}
+    for role in ("robot", "camera", "only"):
+        side: Side | None = getattr(contents, role)
+        if side is None or side.rotation.shape[1:] not in ((3,), (4,)):
+            continue
+        if side.rotation.shape[1] != rotation_form(form.rotation).numbers:
+            raise InputError(
+                f"{side.name}: expected x, y, z, {', '.join(form.columns)} ({form.maker}), got "
+                f"{side.rotation.shape[1]} numbers per rotation; see docs/how-to/controller.md."
+            )
+        angle = form.rotation[-3:] if form.rotation[-3:] in ("deg", "rad") else None
+        found = interpret(
+            "unsaid", side.translation, side.rotation, form, side.units, None if form.name == "ur" else angle
+        )
+        sides[role] = replace(side, readings=found.readings)
+    return replace(contents, **sides)
 
 
 def _forms(kind: str, rotation: Array, translation: Array, form: PoseForm | None) -> Sequence[tuple[str, str]]:

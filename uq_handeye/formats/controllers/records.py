@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...geometry.se3 import Array
 from ..contents import Side, matrices_side
 from ..matrices.trees import numbers_of
 from ..number_table import NumberTable
@@ -29,6 +30,33 @@ _LISTS = {
 _OPEN = ("rotation", "orientation", "quaternion", "quat", "q", "euler", "angles", "rot")
 # Names of six or seven numbers of a whole pose.
 _POSES = ("pose", "tcp", "tcp_pose", "value", "values")
+
+
+def entries_of(tree: Any) -> Any:
+    """Return a tree that holds the poses of one side in other ways as a list of maps; any other tree as it is.
+
+    A single pose; columns by their names (``{"x": [...], "y": [...]}``, also with numbered rows as pandas writes them);
+    one list of poses among other entries, whatever its name.
+    """
+    if not isinstance(tree, dict):
+        return tree
+    if is_records([tree]):
+        return [tree]
+    columns = {
+        str(key): list(value.values()) if isinstance(value, dict) else value
+        for key, value in tree.items()
+        if isinstance(value, list | dict) and value
+    }
+    columns = {key: found.tolist() for key, value in columns.items() if (found := _vector(value)) is not None}
+    if is_pose_header(tuple(columns)) and len({len(column) for column in columns.values()}) == 1:
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    lists = [value for value in tree.values() if is_records(value)]
+    return lists[0] if len(lists) == 1 else tree
+
+
+def _vector(value: Any) -> Array | None:
+    found = numbers_of(value)
+    return found if found is not None and found.ndim == 1 else None
 
 
 def is_records(values: Any) -> bool:

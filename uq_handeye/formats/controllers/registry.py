@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from functools import lru_cache
@@ -24,6 +25,8 @@ from .tables import read_pose_table, table_kind
 
 # What is looked at to tell a table.
 HEAD = 65_536
+# The comment above what `export` and `plan` write.
+_WRITTEN = re.compile(r"# .{0,100}, as (.{1,40}?) writes (?:it|them)\b")
 _Test = Callable[[str], bool]
 _Reader = Callable[[str, str], Contents]
 
@@ -55,7 +58,7 @@ def kind_of(head: str) -> str | None:
         if is_it(head):
             return name
     first = head.lstrip().partition("\n")[0].rstrip()
-    if first.startswith("{") and not first.endswith("}"):  # JSON over several lines
+    if first.startswith("{") and (not first.endswith("}") or _is_document(head)):  # JSON
         return None
     if has_lists(head):
         return "table"
@@ -77,7 +80,25 @@ def kind_of(head: str) -> str | None:
         if len(words) == len(COLUMNS) and (_numbers(words) or names_order([word.encode() for word in words])):
             return None  # TUM
         break
-    return table_kind(head) or ("table" if is_labelled(head) else None)
+    return _own(head) or table_kind(head) or ("table" if is_labelled(head) else None)
+
+
+def _own(head: str) -> str | None:
+    """Return the maker that the first line of an export names."""
+    said = _WRITTEN.match(head)
+    return None if said is None else next((form.name for form in CONTROLLERS.values() if form.maker == said[1]), None)
+
+
+def _is_document(head: str) -> bool:
+    """Return whether a text is one value of JSON, not one in each line."""
+    text = head.strip()
+    try:
+        _, end = json.JSONDecoder().raw_decode(text)
+    except json.JSONDecodeError as error:
+        return len(head) >= HEAD - 4 and error.pos > len(text) - 1000  # cut off
+    except (ValueError, RecursionError):
+        return False
+    return end == len(text)
 
 
 def _holds_dates(head: str) -> bool:

@@ -52,7 +52,8 @@ def read_kuka(text: str, name: str) -> Contents:
         if not {"X", "Y", "Z", "A", "B", "C"} & values.keys():
             continue
         label = _NAME.search(before)
-        if label is not None and _NO_POSES.search(label[1]):
+        taught = re.search(r"\b(?:E6)?POS\s+\S*\s*=?\s*$", before, re.IGNORECASE) is not None
+        if label is not None and not taught and _NO_POSES.search(label[1]):
             others += 1
         elif not set(_NUMBERS) <= values.keys() or "_REL" in before.upper():
             parts += 1

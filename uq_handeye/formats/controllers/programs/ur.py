@@ -15,6 +15,8 @@ from .found import VALUE, Found, Lines, contents_of
 _POSE = re.compile(rf"\bp\s*\[\s*({VALUE}(?:\s*,\s*{VALUE}){{5}})\s*\]")
 _BEGUN = re.compile(r"\bp\s*\[")
 _LABEL = re.compile(r"(\w+)\s*=\s*$")
+# Frames that each program of PolyScope declares.
+_FEATURE = re.compile(r"(?:Base|Tool)(?:_\d+)?")
 _JOINTS = re.compile(r"\b(?:movej|servoj)\s*\(\s*\[")
 
 
@@ -27,13 +29,19 @@ def read_ur(text: str, name: str) -> Contents:
     """Return the poses of a text."""
     lines = Lines(text)
     found = Found(joints=len(_JOINTS.findall(text)))
+    features = 0
     for match in _POSE.finditer(text):
         before = text[max(0, match.start() - 80) : match.start()]
         if before.rpartition("\n")[2].lstrip().startswith("#") or re.search(r"set_tcp\s*\(\s*$", before):
             continue
         label = _LABEL.search(before)
+        if label is not None and _FEATURE.fullmatch(label[1]):
+            features += 1
+            continue
         values = [value.strip() for value in match[1].split(",")]
         found.add(lines.at(match.start()), "" if label is None else label[1], values, name)
+    if features:
+        found.notes.append(f"{features} features (Base, Tool) are left out")
     left = len(_BEGUN.findall(text)) - len(_POSE.findall(text))
     if left:
         found.notes.append(f"{left} times p[ without six numbers is left out")
