@@ -22,7 +22,8 @@ class Node:
         self.said = []
 
     def get_logger(self):
-        return SimpleNamespace(info=lambda t: self.said.append(t), warning=lambda t: self.said.append(f"! {t}"))
+        say = lambda mark: lambda text: self.said.append(mark + text)  # noqa: E731
+        return SimpleNamespace(info=say(""), warning=say("! "), error=say("!! "))
 
 
 def transform(T):
@@ -64,6 +65,22 @@ def test_samples_give_x_with_its_covariance(setup, tmp_path):
     assert files == ["my_cell_.._x_uq.json", "my_cell_.._x_uq.yaml"]
     kept = uq.Calibration.from_json(tmp_path / files[0])
     np.testing.assert_allclose(kept.covariance, expected.covariance, rtol=1e-6)
+
+
+def test_what_is_not_usable_is_an_error_and_no_calibration(tmp_path):
+    poses = uq.simulate(12, noise=NOISE, seed=2)
+    camera = poses.camera.copy()
+    camera[:, :3, 3] *= 1000.0
+    backend, node = EasyHandeyeBackend(), Node()
+    wrong = samples_of(uq.PosePairs(poses.robot, camera))
+    assert backend.compute_calibration(node, SimpleNamespace(), wrong, algorithm="Park") is None
+    assert node.said[0].startswith("!! NOT USABLE") and not backend.last_result.usable
+    assert backend.last_poses.n == 12
+    (tmp_path / "file").touch()
+    backend, node = EasyHandeyeBackend(tmp_path / "file" / "in"), Node()
+    parameters = SimpleNamespace(calibration_type="eye_on_hand")
+    assert backend.compute_calibration(node, parameters, samples_of(poses), algorithm="Park") is not None
+    assert node.said[-1].startswith("! The result was not written to ")
 
 
 def test_easy_handeye_of_ros_1_calls_without_a_node():

@@ -13,6 +13,7 @@ ROS messages are those of easy_handeye2 where it is installed; without it the re
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,7 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from ..calibration.calibrate import calibrate
 from ..calibration.result import Calibration
-from ..errors import InputError, NotConvergedError
+from ..errors import InputError, InputWarning, NotConvergedError
 from ..files.open import StrPath, as_path
 from ..geometry.se3 import Array, inverse
 from ..poses.pose_pairs import PosePairs
@@ -41,7 +42,13 @@ ALGORITHMS = {
     "Shah": "shah",
 }
 # What the tools call the mount of the camera.
-SETUPS = {"eye_in_hand": "eye-in-hand", "eye_on_base": "eye-to-hand", True: "eye-in-hand", False: "eye-to-hand"}
+SETUPS = {
+    "eye_in_hand": "eye-in-hand",
+    "eye_on_hand": "eye-in-hand",
+    "eye_on_base": "eye-to-hand",
+    True: "eye-in-hand",
+    False: "eye-to-hand",
+}
 
 
 class EasyHandeyeBackend:
@@ -58,7 +65,7 @@ class EasyHandeyeBackend:
     Attributes
     ----------
     last_result : Calibration or None
-        The last X with its covariance, findings and report.
+        The last X with its covariance, findings and report, also if it is not usable.
     last_poses : PosePairs or None
         The samples that it was computed from.
 
@@ -79,7 +86,7 @@ class EasyHandeyeBackend:
         self.last_poses: PosePairs | None = None
 
     def compute_calibration(self, *given: Any, algorithm: str | None = None) -> Any:
-        """Return the ``HandeyeCalibration`` of samples, or None if they give none; the log says why.
+        """Return the ``HandeyeCalibration`` of samples, or None if they give none that is usable; the log says why.
 
         Parameters
         ----------
@@ -92,23 +99,26 @@ class EasyHandeyeBackend:
         log = _Log(node)
         self.last_result = self.last_poses = None
         try:
-            poses = poses_of_samples(parameters, samples, self.MIN_SAMPLES)
+            self.last_poses = poses = poses_of_samples(parameters, samples, self.MIN_SAMPLES)
             method = self.AVAILABLE_ALGORITHMS.get(algorithm or "Efficient")
             if method is None:
                 names = ", ".join(self.AVAILABLE_ALGORITHMS)
                 raise InputError(f"Expected the algorithm to be one of {names}, got {algorithm!r}.")
-            result = calibrate(poses, method=method, **self.options)
-            self.last_poses, self.last_result = poses, result
-            log.info(result.headline)
-            for warning in result.warnings:
-                log.warn(warning)
-            if self.folder is not None:
-                log.info(f"Wrote {_write(result, self.folder, _name_of(parameters))}.")
+            with warnings.catch_warnings():  # they go to the log
+                warnings.simplefilter("ignore", InputWarning)
+                self.last_result = result = calibrate(poses, method=method, **self.options)
         except (InputError, NotConvergedError) as error:
             log.warn(f"No calibration: {error}")
-            if self.last_result is None:
-                return None
-        return _calibration(parameters, self.last_result.X)
+            return None
+        (log.info if result.usable else log.error)(result.headline)
+        for warning in result.warnings:
+            log.warn(warning)
+        if self.folder is not None:
+            try:
+                log.info(f"Wrote {_write(result, self.folder, _name_of(parameters))}.")
+            except (InputError, OSError) as error:
+                log.warn(f"The result was not written to {self.folder}: {error}")
+        return _calibration(parameters, result.X) if result.usable else None
 
 
 def poses_of_samples(parameters: Any, samples: Any, fewest: int = 3) -> PosePairs:
@@ -148,6 +158,11 @@ class _Log:
         """Log what was found."""
         if self.logger is not None:
             self.logger.info(text)
+
+    def error(self, text: str) -> None:
+        """Log what makes X useless."""
+        if self.logger is not None:
+            getattr(self.logger, "error", self.info)(text)
 
     def warn(self, text: str) -> None:
         """Log what is wrong."""
