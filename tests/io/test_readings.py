@@ -121,12 +121,27 @@ def test_a_form_that_is_not_among_the_readings_is_named(setup):
     """Angles ZYZ of Doosan, Kawasaki: none of the readings is recommended."""
     poses = uq.simulate(12, noise=NOISE, setup=setup, seed=SEED)
     pair = sides(poses, numbers_of(poses, Reading("doosan", "ZYZ-deg")), READINGS[2:], 1e3)
-    with pytest.raises(uq.InputError, match=r"as ZYZ-deg they agree\. Give --robot-rotation ZYZ-deg \(docs") as caught:
+    with pytest.raises(
+        uq.InputError, match=r"with rotations as ZYZ-deg they agree\. Give --robot-rotation ZYZ-deg \(docs"
+    ) as caught:
         chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
     assert "--robot-format" not in str(caught.value)
     both = sides(poses, numbers_of(poses, Reading("doosan", "ZYZ-deg")), (READINGS[0], READINGS[2]), 1e3)
     with pytest.raises(uq.InputError, match=r"--robot-rotation ZYZ-deg --robot-units mm "):  # m or mm is open
         chosen_readings(both, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+
+
+def test_a_reading_that_fits_in_rotation_alone_is_not_taken():
+    """ZXZ and ZYZ differ by a quarter of a rotation about z: their rotations fit alike."""
+    poses = uq.simulate(12, noise=NOISE, seed=SEED)
+    readings = (Reading("kawasaki", "ZYZ-deg", "mm"), READINGS[2])
+    pair = sides(poses, numbers_of(poses, Reading("other", "ZXZ-deg")), readings, 1e3)
+    with pytest.raises(uq.InputError, match=r"Give --robot-rotation ZXZ-deg \(docs"):
+        chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+    far = [pair[0], replace(pair[1], translation=1e3 * pair[1].translation)]  # `calibrate` names the unit
+    right = [replace(far[0], rotation=numbers_of(poses, readings[0])), far[1]]
+    chosen = chosen_readings(right, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+    assert chosen.sides[0].readings == readings[:1]
 
 
 def test_rows_that_do_not_belong_together_are_not_blamed_on_the_reading():
@@ -136,7 +151,9 @@ def test_rows_that_do_not_belong_together_are_not_blamed_on_the_reading():
         chosen_readings(
             [pair[0], side_of(pair[1], np.arange(12)[::-1])], (None, None), (None, None), FRAMES, ALL, "eye-in-hand"
         )
-    with pytest.raises(uq.InputError, match="12 robot poses beside 11 camera poses do not decide"):
+    with pytest.raises(
+        uq.InputError, match=r"12 poses in robot.csv and 11 poses in camera.csv do not decide: one row per moment"
+    ):
         chosen_readings([pair[0], side_of(pair[1], slice(11))], (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
 
 

@@ -131,6 +131,10 @@ class _Pair:
             fits = [(fit, pair) for fit, pair in tried if fit is not None]
             fits.sort(key=lambda found: found[0][:2])
             if fits and (best := self._decided(fits)) is not None:
+                # Rotations about x, y, z renamed in a circle agree as well; only the translations tell.
+                far = next(fit[1] for fit, pair in fits if pair == best) > FITS * self._travel(best)
+                if far and (error := self._unlisted(open_readings)) is not None:
+                    raise error
                 sides = [
                     side if reading is None else replace(side, readings=(reading,))
                     for side, reading in zip(self.sides, best, strict=True)
@@ -148,24 +152,29 @@ class _Pair:
             for side, rows in zip(self.sides, self.rows, strict=True)
         )
         if n != m:
-            return doubtful(side, role, f", and {n} robot poses beside {m} camera poses do not decide")
+            files = " and ".join(
+                f"{count} poses in {side.name}" for count, side in zip((n, m), self.sides, strict=True)
+            )
+            return doubtful(side, role, f", and {files} do not decide: one row per moment is expected in each file")
         if n < FEWEST or not all(map(self._disagrees, product(*open_readings))):
             return doubtful(side, role, ", and the poses do not decide")
-        for other, role_of_other in enumerate(FRAMES):
-            if found := self._form_that_fits(other, open_readings):
-                meant = f"as {found.form} they agree"
-                option = f"--{role_of_other}-rotation {found.form}"
-                if found.units is not None:
-                    option += f" --{role_of_other}-units {found.units}"
-                if other != k:
-                    meant = f"with rotations of {self.sides[other].name} read {meant}"
-                names = ", ".join(map(str, side.readings))
-                return InputError(
-                    f"{side.name}: the rotations may be {names}, and with none of these robot and camera agree; "
-                    f"{meant}. Give {option} (docs/how-to/controller.md)."
-                )
         why = ", and with none of these robot and camera agree (do the rows of the two files belong together?)"
-        return doubtful(side, role, why)
+        return self._unlisted(open_readings) or doubtful(side, role, why)
+
+    def _unlisted(self, open_readings: Open) -> InputError | None:
+        """Return the error that no reading of a file fits but another form does, if one does."""
+        k = next(k for k, readings in enumerate(open_readings) if readings != (None,))
+        names = ", ".join(map(str, self.sides[k].readings))
+        for other, role in enumerate(FRAMES):
+            if found := self._form_that_fits(other, open_readings):
+                units = "" if found.units is None else f" --{role}-units {found.units}"
+                whose = "" if other == k else f"of {self.sides[other].name} "
+                return InputError(
+                    f"{self.sides[k].name}: the rotations may be {names}, and with none of these robot and camera "
+                    f"agree; with rotations {whose}as {found.form} they agree. Give --{role}-rotation "
+                    f"{found.form}{units} (docs/how-to/controller.md)."
+                )
+        return None
 
     def _disagrees(self, pair: tuple[Reading | None, ...]) -> bool:
         """Return whether the rotations of robot and camera disagree, in both setups."""
