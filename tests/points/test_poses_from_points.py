@@ -199,6 +199,8 @@ def test_a_wrong_target_is_named():
         (lambda y, p: (y, {"a": p[0], "b": p[1], "c": p[2]}), "same name in both"),
         (lambda y, p: (y, p[[1, 2, 3, 4, 0]]), "do not fit the target"),
         (lambda y, p: (y[..., :2], p), "Expected `points`"),
+        (lambda y, p: (y, np.outer(np.arange(5.0), [0.05, 0.0, 0.0])), "in a line"),
+        (lambda y, p: (y, np.outer(np.arange(5.0), [0.05, 0.0, 0.0]) + 2e-4 * np.eye(5, 3)), "in a line"),
     ],
 )
 def test_refusals_say_what_to_do(change, words):

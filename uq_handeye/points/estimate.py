@@ -26,6 +26,8 @@ PAGE = "docs/how-to/points.md"
 FEWEST = 3
 # Points whose second extent is below this share of the first lie in a line.
 IN_LINE = 1e-3
+# The same of a given target: the noise of points so near to a line hides the rotation about it.
+NEARLY_IN_LINE = 1e-2
 # A rotation about the line of the points that is less certain than this (rad) is open.
 UNCERTAIN = 0.2
 # Degrees of freedom that a variance of its own needs.
@@ -270,6 +272,9 @@ def _usable(
     rows, pose = np.unique(measured.row, return_inverse=True)
     count = np.bincount(pose[usable], minlength=len(rows))
     line = _in_line(measured.xyz, Sight(measured.xyz[usable], pose[usable], np.flatnonzero(usable), len(rows), 0))
+    if known is not None:
+        of_target = Sight(measured.xyz[usable], pose[usable], place[usable], len(rows), 0)
+        line |= _in_line(known.xyz, of_target, NEARLY_IN_LINE)
     bad = (count < FEWEST) | line
     for i in np.flatnonzero(bad):
         refused[int(rows[i])] = "few points" if count[i] < FEWEST else "in line"
@@ -289,13 +294,13 @@ def _twice_seen(measured: PointSet, place: NDArray[np.intp], usable: NDArray[np.
         usable = new
 
 
-def _in_line(points: Array, sight: Sight) -> NDArray[np.bool_]:
+def _in_line(points: Array, sight: Sight, limit: float = IN_LINE) -> NDArray[np.bool_]:
     """(n,) whether the points of each pose lie in a line."""
     p = points[sight.point]
     count = np.maximum(np.bincount(sight.pose, minlength=sight.n), 1)[:, None]
     d = p - (sums(p, sight.pose, sight.n) / count)[sight.pose]
     extent = np.linalg.eigvalsh(sums(d[:, :, None] * d[:, None], sight.pose, sight.n))
-    return np.asarray(extent[:, 1] <= IN_LINE**2 * extent[:, 2])
+    return np.asarray(extent[:, 1] <= limit**2 * extent[:, 2])
 
 
 def _require_shape(sight: Sight, measured: PointSet) -> None:
