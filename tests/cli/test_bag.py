@@ -175,6 +175,7 @@ def test_joint_values_of_the_bag_with_the_robot_model(tmp_path):
     (tmp_path / "robot.urdf").write_text(SIX_AXES)
     with Writer(tmp_path, "mcap") as bag:
         for t, q in zip(fast, joints(fast), strict=True):
+            bag.joints("/joint_states", START + t - 0.01, ["finger"], [0.02])
             bag.joints("/joint_states", START + t, names[::-1], q[::-1])
         for t, T in zip(slow, C, strict=True):
             bag.pose_stamped("/marker", START + t, "cam", T)
@@ -184,7 +185,7 @@ def test_joint_values_of_the_bag_with_the_robot_model(tmp_path):
     np.testing.assert_allclose(json.loads(done.stdout)["X"], X, atol=1e-3)
     for spec, words in (
         ("/marker", "--robot must name joint values in the bag (topics: /joint_states)"),
-        (None, "Add"),
+        (None, "--urdf, --tip with --bag: add --robot TOPIC"),
     ):
         wrong = run("calibrate", *asked, *(() if spec is None else ("--robot", spec)))
         assert wrong.returncode == 2 and words in wrong.stderr

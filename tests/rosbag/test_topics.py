@@ -1,5 +1,7 @@
 """Topics by their messages: markers, older tags, joints, odometry, texts of topic echo; and what is guessed of them."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from bag_cases import START, Writer
@@ -8,9 +10,9 @@ from support import random_transforms
 from uq_handeye.errors import InputError
 from uq_handeye.rosbag.guess import guess
 from uq_handeye.rosbag.listing import command_of, text_of
-from uq_handeye.rosbag.recording import read_recording
+from uq_handeye.rosbag.recording import JointTopic, Recording, read_recording
 from uq_handeye.rosbag.streams import camera_stream, robot_stream
-from uq_handeye.rosbag.tables import joints_csv
+from uq_handeye.rosbag.tables import joint_tracks, joints_csv
 
 # AprilRobotics/apriltag_ros, which ROS 1 has: poses and no corners.
 OLDER = {
@@ -93,11 +95,42 @@ def test_odometry_joints_and_the_guess(tmp_path, poses):
     assert command_of(recording, ["my cell"]) == (
         "uq-handeye calibrate --bag 'my cell' --robot /arm/odometry --camera /board_pose"
     )
-    table = joints_csv(recording, "joint_states").splitlines()
+    track, gripper = joint_tracks(recording, "joint_states")
+    table = joints_csv(track).splitlines()
     assert table[0] == "timestamp,a,b" and len(table) == 5 and table[2] == f"{START + 1},1.0,-1.0"
-    assert "1 messages of other joints" in text_of(recording, ["cell"])
+    assert gripper.names == ["gripper"]
+    text = text_of(recording, ["cell"])
+    assert "/joint_states  4 rows of a, b\n  /joint_states  1 rows of gripper\n" in text
     with pytest.raises(InputError, match="no such topic of JointState; there are: /joint_states"):
-        joints_csv(recording, "/joints")
+        joint_tracks(recording, "/joints")
+
+
+@pytest.mark.parametrize(
+    ("links", "more", "robot"),
+    [
+        (["base_0", *(f"link{k}" for k in range(1, 7))], [], "base_0:link6"),
+        (["link_base", *(f"link{k}" for k in range(1, 7))], [("link6", "left_finger")], "link_base:link6"),
+        (["base_link", "shoulder_link", "forearm_link", "bracelet_link", "tool_frame"], [], "base_link:tool_frame"),
+        (["meca_base_link", "meca_axis_1_link", "meca_axis_2_link"], [], "meca_base_link:meca_axis_2_link"),
+        (["map", "odom", "base_link", "arm_1_link", "arm_2_link"], [("phoxi", "calib")], "base_link:arm_2_link"),
+    ],
+)
+def test_the_robot_is_the_whole_chain_that_moves(links, more, robot):
+    recording = Recording("cell")
+    edges = [*pairwise(links), ("camera_optical_frame", "tag36h11:0"), ("camera_optical_frame", "tag36h11:1"), *more]
+    for pair in edges:
+        for k in range(2):
+            recording.tree.track(pair).add(float(k), (0.1 * k, 0, 0, 0, 0, 0, 1))
+    recording.tree.track((links[-1], "flange_camera")).add(0.0, (0, 0, 0, 0, 0, 0, 1))
+    assert guess(recording).robot == robot
+
+
+def test_joint_values_alone_are_the_robot():
+    recording = Recording("cell", joints={"/joint_states": JointTopic()})
+    for names in (["finger"], ["a", "b"], ["b", "a"]):
+        recording.joints["/joint_states"].add(1.0, names, [1.0] * len(names))
+    assert "--robot /joint_states --urdf robot.urdf --camera OPTICAL_FRAME:TARGET" in command_of(recording, ["cell"])
+    assert [len(track.times) for track in recording.joints["/joint_states"].tracks] == [2, 1]
 
 
 def test_poses_with_a_receipt_time_and_several_bags(tmp_path, poses):

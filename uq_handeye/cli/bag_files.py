@@ -112,7 +112,7 @@ class BagGiven:
 
     def _arm_of_topic(self, recording: "Recording", chain: ChainOptions) -> Arm | None:
         """Return the arm that a topic of joint values moves, by way of a table that is removed at the end."""
-        from ..rosbag.tables import joints_csv
+        from ..rosbag.tables import joint_tracks, joints_csv
 
         topic = self.robot or ""
         if topic not in recording.joints and f"/{topic}" not in recording.joints:
@@ -122,9 +122,16 @@ class BagGiven:
             )
         folder = Path(tempfile.mkdtemp(prefix="uq-handeye-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        table = folder / f"{Path(recording.name).stem}{topic.replace('/', '_')}.csv"
-        table.write_text(joints_csv(recording, topic), encoding="utf-8")
-        return arm_of_parts(replace(chain, joints=table), self.errors)
+        first: InputError | None = None
+        for k, track in enumerate(joint_tracks(recording, topic)):  # of an arm and of its gripper, perhaps
+            table = folder / f"joints{k}.csv"
+            table.write_text(joints_csv(track), encoding="utf-8")
+            try:
+                return arm_of_parts(replace(chain, joints=table), self.errors)
+            except InputError as error:
+                first = first or InputError(str(error).replace(f"{table}, line 1", f"{topic} in {recording.name}"))
+        assert first is not None
+        raise first
 
     def _streams(
         self, recording: "Recording", files: PoseFiles, seen: Views | None
@@ -265,6 +272,8 @@ def given_of_robot(chain: "ChainOptions", options: "ErrorOptions", bag: "BagOpti
             raise InputError(f"--robot {file}: names the robot in a bag, or poses beside --joints. Add --bag FILE.")
         return RobotGiven(arm_of_parts(chain, options), None)
     robot = None if options.robot_file is None else str(options.robot_file)
+    if chain.given and chain.joints is None and robot is None:
+        raise InputError(f"{', '.join(chain.given)} with --bag: add --robot TOPIC, the joint values in the bag.")
     options = replace(options, robot_file=None)
     given = BagGiven(bag.bag, robot, bag.bag_camera, bag.still)
     if (chain.given or options.given) and chain.joints is None and robot is not None:

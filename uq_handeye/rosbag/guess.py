@@ -6,33 +6,56 @@ import re
 from typing import NamedTuple
 
 from .recording import Recording
-from .tree import Pair
+from .tree import Pair, Tree
 
 # Names of robots' base and tool frames, the usual ones first; then those of cameras and of what they see.
-BASES = ("base_link", "base", "panda_link0", "fr3_link0", "link_0", "robot_base", "world", "map")
+BASES = ("base_link", "base", "panda_link0", "fr3_link0", "link_0", "link_base", "robot_base", "world", "map")
 TOOLS = (
     *("tool0", "flange", "tcp", "tool0_controller", "ee_link", "end_effector", "panda_hand_tcp", "panda_link8"),
-    *("fr3_hand_tcp", "fr3_link8", "gripper", "hand", "wrist_3_link", "link_ee", "link_7", "link_6"),
+    *(
+        "fr3_hand_tcp",
+        "fr3_link8",
+        "tool_frame",
+        "tool_link",
+        "link_eef",
+        "end_effector_link",
+        "gripper",
+        "hand",
+        "wrist_3_link",
+        "link_ee",
+        "link_7",
+        "link_6",
+    ),
 )
-_CAMERA = re.compile(r"cam|optical|rgb|realsense|zed|zivid|sensor|tracker|mocap|vicon", re.IGNORECASE)
-_TARGET = re.compile(r"tag|marker|aruco|board|target|object|rigid|checker|charuco", re.IGNORECASE)
+_CAMERA = re.compile(
+    r"cam|optical|rgb|realsense|zed|zivid|phoxi|ensenso|kinect|sensor|tracker|mocap|vicon|vrpn|optitrack|qualisys",
+    re.IGNORECASE,
+)
+_TARGET = re.compile(r"tag|marker|aruco|board|target|object|rigid|checker|charuco|calib", re.IGNORECASE)
+# What moves beyond the tool.
+_FINGER = re.compile(r"finger|knuckle|jaw|gripper|\bgrip", re.IGNORECASE)
 _ROBOT = re.compile(r"tcp|tool|flange|\bee\b|end_?effector|arm|robot|current_?pose|cartesian", re.IGNORECASE)
 # Placeholders where nothing is found.
 ROBOT, CAMERA = "BASE:TOOL", "OPTICAL_FRAME:TARGET"
 
 
 class Guess(NamedTuple):
-    """Arguments to give as --robot and --camera, and whether the camera's tag needs its side."""
+    """Arguments to give as --robot and --camera, and what must be added."""
 
     robot: str
     camera: str
-    tag: bool
+    tag: bool  # the side of the tag
+    joints: bool = False  # the model of the robot, whose joint values are meant
 
 
 def guess(recording: Recording) -> Guess:
     """Return what is most likely meant; placeholders where nothing is."""
     camera, tag = _camera(recording)
-    return Guess(_robot(recording, camera), camera, tag)
+    robot = _robot(recording, camera)
+    joints = [name for name, topic in recording.joints.items() if topic.sets]
+    if robot == ROBOT and joints:
+        return Guess(max(joints, key=lambda name: len(recording.joints[name].tracks[0].names)), camera, tag, True)
+    return Guess(robot, camera, tag)
 
 
 def _robot(recording: Recording, camera: str) -> str:
@@ -45,8 +68,25 @@ def _robot(recording: Recording, camera: str) -> str:
     named = [name for name in topics if _ROBOT.search(name)]
     if named or len(topics) == 1:
         return (named or topics)[0]
-    moving = [pair for pair, track in tree.edges.items() if track.moves and not _seen(pair)]
-    return f"{moving[0][0]}:{moving[0][1]}" if moving else ROBOT
+    return _arm(tree) or ROBOT
+
+
+def _arm(tree: Tree) -> str | None:
+    """Return both ends of the longest chain downwards that moves, without fingers and what a camera sees."""
+    parent_of = {child: parent for (parent, child), track in tree.edges.items() if not _seen((parent, child))}
+    best: list[str] = []
+    for child in sorted(parent_of):
+        path = [child]
+        while path[-1] in parent_of and parent_of[path[-1]] not in path:
+            path.append(parent_of[path[-1]])
+        if tree.edges[(path[1], child)].moves and not _FINGER.search(child):
+            moving = [k for k in range(len(path) - 1) if tree.edges[(path[k + 1], path[k])].moves]
+            whole = path[: moving[-1] + 2][::-1]
+            best = max(best, whole, key=len)
+    if not best:
+        return None
+    base = next((frame for frame in best[:-1] if _is(frame, "base_link")), best[0])
+    return f"{base}:{best[-1]}"
 
 
 def _camera(recording: Recording) -> tuple[str, bool]:
@@ -59,7 +99,7 @@ def _camera(recording: Recording) -> tuple[str, bool]:
         return ":".join(max(found)[1]), False
     for name, tracks in recording.poses.items():
         seen = [pair for pair in tracks if _seen(pair) or _TARGET.search(name) or _CAMERA.search(pair[0] or name)]
-        if seen and not _ROBOT.search(name):
+        if seen and (_TARGET.search(name) or not _ROBOT.search(name)):
             return (name if len(tracks) == 1 else f"{name}:{seen[0][1]}"), False
     return CAMERA, False
 

@@ -19,7 +19,7 @@ def command_of(recording: Recording, files: list[str]) -> str:
     words = ["uq-handeye", "calibrate"]
     for file in files:
         words += ["--bag", file]
-    words += ["--robot", found.robot, "--camera", found.camera]
+    words += ["--robot", found.robot, *(["--urdf", "robot.urdf"] if found.joints else []), "--camera", found.camera]
     return shlex.join(words) + (" --tag LENGTH" if found.tag else "")
 
 
@@ -76,7 +76,11 @@ def dict_of(recording: Recording, files: list[str]) -> dict[str, Any]:
             }
             for name, info in recording.infos.items()
         ],
-        "joints": [{"topic": name, "names": track.names} for name, track in recording.joints.items()],
+        "joints": [
+            {"topic": name, "names": track.names, "count": len(track.times)}
+            for name, found in recording.joints.items()
+            for track in found.tracks
+        ],
         "notes": list(recording.notes),
         "command": command_of(recording, files),
     }
@@ -135,6 +139,6 @@ def _cameras(recording: Recording) -> list[str]:
 def _joints(recording: Recording) -> list[str]:
     return [
         f"  {name}  {len(track.times)} rows of {', '.join(track.names[:12])}"
-        + (f"; {track.skipped} messages of other joints" if track.skipped else "")
-        for name, track in recording.joints.items()
+        for name, found in recording.joints.items()
+        for track in found.tracks
     ]

@@ -26,6 +26,8 @@ from .tree import Pair, Tree
 
 FORMAT = "rosbag"
 MAX_TEXT = 200_000_000
+# Sets of joints that publish on one topic.
+MAX_SETS = 20
 # Topic that a text of TFMessage is shown as.
 TEXT_TOPIC = "/tf"
 
@@ -50,20 +52,14 @@ class Topic:
 
 @dataclass
 class JointTrack:
-    """Joint values by name, as they arrive."""
+    """Joint values of some joints, as they arrive."""
 
-    names: list[str] = field(default_factory=list)
+    names: list[str]
     times: Any = field(default_factory=lambda: array("d"))
     values: Any = field(default_factory=lambda: array("d"))
-    skipped: int = 0
 
-    def add(self, time: float, names: list[str], values: list[float]) -> None:
-        """Append one message; one that lacks joints of the first, such as that of a gripper, is counted."""
-        self.names = self.names or names
-        found = dict(zip(names, values, strict=False))
-        if any(name not in found for name in self.names):
-            self.skipped += 1
-            return
+    def add(self, time: float, found: dict[str, float]) -> None:
+        """Append one message."""
         self.times.append(time)
         self.values.extend(found[name] for name in self.names)
 
@@ -75,6 +71,28 @@ class JointTrack:
 
 
 @dataclass
+class JointTopic:
+    """Joint values of one topic: arm and gripper may publish messages of their own on it."""
+
+    sets: dict[frozenset[str], JointTrack] = field(default_factory=dict)
+    skipped: int = 0
+
+    def add(self, time: float, names: list[str], values: list[float]) -> None:
+        """Append one message to those of the same joints."""
+        found = dict(zip(names, values, strict=True))
+        key = frozenset(found)
+        if key not in self.sets and len(self.sets) >= MAX_SETS:
+            self.skipped += 1
+            return
+        self.sets.setdefault(key, JointTrack(list(found))).add(time, found)
+
+    @property
+    def tracks(self) -> list[JointTrack]:
+        """Tracks by their joints, those of most joints first."""
+        return sorted(self.sets.values(), key=lambda one: (-len(one.names), -len(one.times)))
+
+
+@dataclass
 class Recording:
     """Content of a bag, by topic."""
 
@@ -83,7 +101,7 @@ class Recording:
     tree: Tree = field(default_factory=Tree)
     poses: dict[str, dict[Pair, Track]] = field(default_factory=dict)
     tags: dict[str, dict[Pair, TagTrack]] = field(default_factory=dict)
-    joints: dict[str, JointTrack] = field(default_factory=dict)
+    joints: dict[str, JointTopic] = field(default_factory=dict)
     infos: dict[str, CameraInfo] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     duration: float = 0.0
@@ -232,7 +250,7 @@ class _Reader:
         values = [float(value) for value in part(message.value, "position")]
         if len(names) != len(values) or not names:
             raise MessageError("as many positions as names of joints")
-        self.found.joints.setdefault(message.topic, JointTrack()).add(at, names, values)
+        self.found.joints.setdefault(message.topic, JointTopic()).add(at, names, values)
 
     def _info(self, message: Message) -> None:
         self._at(message, stamp_of(part(message.value, "header")))

@@ -8,17 +8,22 @@ import io
 from ..errors import InputError
 from .info import CameraInfo
 from .open import HINT
-from .recording import Recording
+from .recording import JointTrack, Recording
 
 
-def joints_csv(recording: Recording, topic: str) -> str:
-    """Return the joint values of a topic with the header ``timestamp`` and the names of the joints."""
-    track = recording.joints.get(topic) or recording.joints.get(f"/{topic}")
-    if track is None or not len(track.times):
+def joint_tracks(recording: Recording, topic: str) -> list[JointTrack]:
+    """Return the joint values of a topic, those of most joints first."""
+    found = recording.joints.get(topic) or recording.joints.get(f"/{topic}")
+    if found is None or not found.sets:
         there = ", ".join(recording.joints) or "none"
         raise InputError(
             f"--joints {topic}: {recording.name} has no such topic of JointState; there are: {there}. {HINT}."
         )
+    return found.tracks
+
+
+def joints_csv(track: JointTrack) -> str:
+    """Return joint values as a table with the header ``timestamp`` and the names of the joints."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["timestamp", *track.names])

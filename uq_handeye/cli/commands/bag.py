@@ -135,7 +135,7 @@ def _tables(
     """Return the tables that are asked for, by the names of their files."""
     from ...io import pose_text
     from ...rosbag.streams import camera_stream, robot_stream
-    from ...rosbag.tables import camera_info_yaml, joints_csv
+    from ...rosbag.tables import camera_info_yaml, joint_tracks, joints_csv
 
     found: dict[str, str] = {}
     streams: dict[str, Any] = {}
@@ -155,5 +155,8 @@ def _tables(
             LOG.info("%s, %s: %s", recording.name, role, note)
         found[f"{role}.csv"] = pose_text(stream.poses, stream.timestamps)
     if joints is not None:
-        found["joints.csv"] = joints_csv(recording, joints)
+        track, *others = joint_tracks(recording, joints)
+        found["joints.csv"] = joints_csv(track)
+        for other in others:
+            LOG.info("%s, %s: messages of %s alone are left out", recording.name, joints, ", ".join(other.names[:12]))
     return found
