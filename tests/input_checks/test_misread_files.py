@@ -245,6 +245,25 @@ def test_every_option_named_exists():
     assert named <= set(inspect.signature(uq.read_poses).parameters)
 
 
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize(("file", "unit"), [("robot", "mm"), ("robot", "cm"), ("camera", "mm")])
+def test_the_file_that_was_read_in_a_wrong_unit_is_named(file, unit):
+    """Metres read as millimetres: the rig of the other file is as large as rigs are."""
+    poses = uq.simulate(15, noise=NOISE, seed=2)
+    T = getattr(poses, file).copy()
+    T[:, :3, 3] *= {"mm": 1e-3, "cm": 1e-2}[unit]
+    result = uq.calibrate(replace(poses, **{file: T}), noise=NOISE)
+    assert result.headline == f"NOT USABLE: the {file} file seems to be in m."
+    assert next_step(result) == f"run again with --{file}-units m"
+
+
+def test_the_same_file_twice_is_all_that_is_said():
+    poses = uq.simulate(15, noise=NOISE, seed=2)
+    with pytest.warns(uq.InputWarning), pytest.raises(uq.NotConvergedError) as caught:
+        uq.calibrate(uq.PosePairs(poses.robot, poses.robot))
+    assert [finding.code for finding in caught.value.findings] == ["input_checks.same_file"]
+
+
 @pytest.mark.parametrize(("file", "option"), [("robot", "--robot-rotation"), ("camera", "--camera-rotation")])
 def test_transposed_rotations_are_named(file, option):
     poses = uq.simulate(15, noise=NOISE, seed=2)

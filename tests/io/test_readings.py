@@ -181,6 +181,21 @@ def test_the_result_names_the_rotations_and_not_the_rows(tmp_path):
     assert right.findings == () and uq.calibrate(right, noise=NOISE).usable
 
 
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+def test_motions_that_seem_not_to_determine_x_have_a_cause(tmp_path):
+    """Angles of the camera in a wrong order: the reason comes with the error, alone."""
+    poses = uq.simulate(17, noise=NOISE, seed=0)
+    uq.io.write_pose_file(tmp_path / "robot.csv", poses.robot)
+    angles = Rotation.from_matrix(poses.camera[:, :3, :3]).as_euler("ZYX")
+    table = np.concatenate([poses.camera[:, :3, 3], angles], axis=1)
+    np.savetxt(tmp_path / "camera.csv", table, delimiter=",", header="x,y,z,roll,pitch,yaw", comments="")
+    read = uq.read_poses(tmp_path / "robot.csv", tmp_path / "camera.csv")
+    with pytest.raises(uq.DegenerateMotionError) as caught:
+        uq.calibrate(read, method="tsai")
+    assert caught.value.partial is not None and caught.value.findings == read.findings
+    assert read.findings[0].values["form"] == "ZYX-rad" and read.findings[0].values["side"] == "camera"
+
+
 def test_beside_a_calibrated_camera():
     poses = uq.simulate(12, noise=NOISE, seed=SEED)
     robot = sides(poses, numbers_of(poses, READINGS[1]), READINGS[:2])[0]

@@ -34,7 +34,7 @@ from .analysis import Analysis
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
-from .findings import flipped_poses, look_at, reasons, require_determined, shifted, without_consequences
+from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed, without_consequences
 from .provenance import provenance, requested
 from .request import BUNDLE, Job, request
 from .result import Calibration
@@ -316,8 +316,13 @@ def _calibrate(
     simulated = job.poses is not None and job.poses.truth is not None
     given = requested(noise, robust, listed, *of_arm, about_errors, simulated)
     result = replace(result, findings=tuple(findings), provenance=provenance(data, options, given))
+    try:
+        require_determined(result, job.motions)
+    except DegenerateMotionError as error:
+        error.findings = tuple(why_failed(findings))
+        warn(error.findings or findings, 3)
+        raise
     warn(findings, 3)
-    require_determined(result, job.motions)
     return result
 
 

@@ -36,8 +36,8 @@ from ..shared_errors.shared_error import TARGET_SCALE
 from .request import FEWEST_FOR_ROBUST, Job, request
 from .result import Calibration
 
-# Rotations read in a wrong form and rows in a wrong order, and what they lead to.
-_CAUSES = {"poses.another_rotation", ALPHABETICAL_ROWS}
+# Rotations read in a wrong form, rows in a wrong order, a file given twice, and what they lead to.
+_CAUSES = {"poses.another_rotation", ALPHABETICAL_ROWS, "input_checks.same_file"}
 _CONSEQUENCES = {
     f"input_checks.{what}"
     for what in (
@@ -210,10 +210,16 @@ def look_at(job: Job) -> list[Finding]:
 
 
 def without_consequences(findings: Sequence[Finding]) -> list[Finding]:
-    """Return findings without those that rotations read in a wrong form, or rows in a wrong order, explain."""
+    """Return findings without those that are explained by rotations read in a wrong form or by a wrong file or row."""
     if not any(finding.code in _CAUSES for finding in findings):
         return list(findings)
     return [finding for finding in findings if finding.code not in _CONSEQUENCES]
+
+
+def why_failed(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the failures among findings; those that explain the others alone, where there are some."""
+    failures = [finding for finding in findings if finding.severity == "failure"]
+    return [finding for finding in failures if finding.code in _CAUSES] or failures
 
 
 def _known_noise(job: Job) -> Noise | None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..errors import InputError, NotConvergedError
+from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from .groups import OUTPUT
 from .messages import LOG, fail, quiet, styled, terminal_width, verbose
 from .options.common import emit, emit_document, option
@@ -119,7 +119,7 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
         last = [] if step is None else [Paragraph(f"Next: {step}.", hang="  ")]
         emit_document([[Answer(headline, "failed"), *(Paragraph(str(one)) for one in failures), *last]])
     text = str(error)
-    if isinstance(error, NotConvergedError):  # its advice is for data with nothing else wrong
+    if isinstance(error, NotConvergedError | DegenerateMotionError):  # its advice is for data with nothing else wrong
         text = f"{text.partition('. ')[0].rstrip('.')}."
     fail(f"{reasons[0][0].upper()}{reasons[0][1:]}. {text}")
     return NOT_USABLE

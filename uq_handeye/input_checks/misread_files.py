@@ -26,6 +26,8 @@ EXACT = 1e-7
 # Of two readings that fit, the worse is named if its translation residuals are below so many times those of the better.
 ALIKE = 4.0
 OTHER_SETUP = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}
+# Translations (m) below which a file was read in too small a unit.
+SMALL = 0.02
 # Readings of which one comes with the other.
 INVERSE = ("inverse robot", "inverse camera")
 # Another reading fits if its translation residuals are below this share of the travel of the robot.
@@ -118,17 +120,26 @@ def scaled_reading(G: Array, C: Array, shift: float, sources: Iterable[Source] =
     fit = consistency(G, camera)
     if fit is None or fit[1] >= 0.4 * shift:
         return None
-    file, unit = next(
-        (
-            (file, unit)
-            for unit in ("mm", "cm", "in")
-            for file, factor in (("camera", LENGTH_UNITS[unit]), ("robot", 1.0 / LENGTH_UNITS[unit]))
-            if abs(scale / factor - 1.0) < 0.03
-        ),
-        (None, None),
-    )
+    file, unit = _unit_of(scale, G, C)
     found = {"kind": "scale", "factor": scale, "file": file, "unit": unit}
     return found | ({"bag": True} if any(source.format == "rosbag" for source in sources) else {})
+
+
+def _unit_of(scale: float, G: Array, C: Array) -> tuple[str | None, str | None]:
+    """Return the file that is in another unit, and the unit, for a factor on the camera's translations.
+
+    A factor has two causes: one file is in a smaller unit, or the other was read in one and is in metres, which is the
+    cause where its translations are smaller than any rig.
+    """
+    small = [file for file, T in (("robot", G), ("camera", C)) if np.abs(T[:, :3, 3]).max() < SMALL]
+    for unit in ("mm", "cm", "in"):
+        for file, other, factor in (
+            ("camera", "robot", LENGTH_UNITS[unit]),
+            ("robot", "camera", 1.0 / LENGTH_UNITS[unit]),
+        ):
+            if abs(scale / factor - 1.0) < 0.03:
+                return (other, "m") if other in small else (file, unit)
+    return None, None
 
 
 def _scaled_camera(G: Array, C: Array) -> float | None:

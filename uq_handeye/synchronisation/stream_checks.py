@@ -75,7 +75,8 @@ def common_time(robot: Array, camera: Array, reach: float, shift: float) -> floa
         on = f" at an offset of {shift:g} s" if shift else ""
         raise InputError(
             f"Expected streams that have some time in common, got none{on}: {ranges}. If their clocks differ, give "
-            "`offset` (robot_time = camera_time + offset), or max_offset=math.inf to look for any."
+            "`offset` (--offset; robot_time = camera_time + offset), or look for any by max_offset=math.inf "
+            "(uq-handeye sync --max-offset inf)."
         )
     return max(end - begin, 0.0)
 

@@ -254,7 +254,7 @@ def _estimate(
         known = f" (standard deviation {refined.std:.2g} s)" if np.isfinite(refined.std) else ""
         raise InputError(
             f"The motion does not determine the time offset{known}. Rotate the robot about different axes, faster and "
-            "with changes of speed, or give `offset`."
+            "with changes of speed, or give `offset` (--offset)."
         )
     return _Estimate(refined, correlation, tuple(sorted(alternatives)))
 
@@ -273,8 +273,9 @@ def _not_correlated(correlation: Correlation, ends: tuple[float, float]) -> str:
         what = "too little of the angular speeds of robot and camera overlaps, or one of them does not change"
     return (
         f"The time offset is not determined within {ends[1] - ends[0]:.3g} s: {what}; they reach {fastest[0]:.2g} and "
-        f"{fastest[1]:.2g} deg/s. Both must be of one motion, with rotations that start and stop; or give `offset`, "
-        "or a larger `max_offset`."
+        f"{fastest[1]:.2g} deg/s. Both must be of one motion, with rotations that start and stop, and Euler angles in "
+        "their right order (--robot-rotation); or give `offset` (--offset), or a larger `max_offset` (uq-handeye sync "
+        "--max-offset)."
     )
 
 
