@@ -24,8 +24,9 @@ class StreamFiles:
         Path | None,
         typer.Argument(
             metavar="ROBOT",
-            help="Robot poses: CSV timestamp,x,y,z,qx,qy,qz,qw (m). Scalar last, base_T_gripper; options state other "
-            "units, orders, frames and formats. Or one file that holds both sides.",
+            help="Robot poses: file, folder or 'PATTERN' as the robot writes it, or CSV. The format is told by the "
+            "content or by --robot-format; CSV is timestamp,x,y,z,qx,qy,qz,qw in m. Poses are base_T_gripper unless "
+            "--robot-frame says otherwise. Or one file that holds both sides.",
             show_default=False,
         ),
     ] = None

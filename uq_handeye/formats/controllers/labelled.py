@@ -21,9 +21,8 @@ from .records import records_side
 from .tables import HELP
 
 _NUMBERS = re.compile(rf"[\[(\s]*{NUMBER}(?:[\s,;]+{NUMBER}){{2,15}}[\])\s]*,?")
-_PART = re.compile(
-    rf"([A-Za-z][\w .-]*(?:\([^()]*\))?)\s*[:=]\s*[\[(]?\s*({NUMBER}(?:[\s,;]+{NUMBER}){{2,8}})\s*[\])]?"
-)
+_LABEL = r"(?<![\w.])([A-Za-z][\w .-]{0,60}(?:\([^()]{0,60}\))?)"
+_PART = re.compile(rf"{_LABEL}\s*[:=]\s*[\[(]?\s*({NUMBER}(?:[\s,;]+{NUMBER}){{2,8}})\s*[\])]?")
 _ANY = re.compile(NUMBER)
 _POSITIONS = {"position", "pos", "translation", "trans", "tvec", "xyz", "p", "t"}
 # Words of a rotation, and the name under which `records` takes its numbers.
@@ -33,6 +32,8 @@ _ROTATIONS = {
     **dict.fromkeys(("quaternion", "quat", "orientation", "orient", "rotation", "rot", "euler", "q"), "orientation"),
 }  # fmt: skip
 _LOOKED_AT = 40
+# Longest line with parts of a pose.
+LONGEST = 2000
 
 
 def is_labelled(head: str) -> bool:
@@ -71,7 +72,7 @@ def _entries(text: str, most: int | None) -> Iterator[dict[str, Any]]:
 def _of_lines(text: str) -> Iterator[dict[str, Any]]:
     entry: dict[str, Any] = {}
     for line in text.split("\n"):
-        if len(line) > MAX_LINE:
+        if len(line) > LONGEST:
             continue
         for label, numbers in _PART.findall(line):
             found = _part(label, list(map(float, _ANY.findall(numbers))))

@@ -23,7 +23,7 @@ _JOINTS = re.compile(r"\bjointtarget\s+\w+[^:=;\n]*:=|\bMoveAbsJ\b", re.IGNORECA
 _COMMENT = re.compile(r"^[^\"!\n]*(?:\"[^\"\n]*\"[^\"!\n]*)*!(.*)$", re.MULTILINE)
 # Tool and work object at the end of a movement, and a movement to a named position.
 _END = re.compile(r",\s*([A-Za-z]\w*)\s*(?:\\\s*WObj\s*:=\s*(\w+))?\s*;", re.IGNORECASE)
-_MOVE = re.compile(rf"\bMove[LJC]\s+([A-Za-z]\w*)\s*,[^;\n]*?{_END.pattern}", re.IGNORECASE)
+_MOVE = re.compile(rf"\bMove[LJC]\s+([A-Za-z]\w*)\s*,[^;\n]{{0,400}}?{_END.pattern}", re.IGNORECASE)
 _DECLARED = re.compile(r"\brobtarget\b|\bCRobT\b|\bMove[LJC]\s+\[\s*\[", re.IGNORECASE)
 
 
