@@ -132,7 +132,8 @@ def test_it_is_the_same_of_a_stored_result(result):
 
 def test_the_next_step_is_about_what_matters_most():
     steps = {
-        "not usable, inverse": "run again with --camera-frame target_T_camera",
+        "not usable, inverse": "run again with --camera-frame target_T_camera; or, if the camera is fixed, with "
+        "--setup eye-to-hand",
         "not usable, same file": "give the file of the camera poses as the second one",
         "open directions": "add poses that rotate about another axis: uq-handeye plan chooses them",
         "noise too small, many cautions": "leave the noise out, it is then estimated; or correct it",
