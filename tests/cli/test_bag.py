@@ -98,6 +98,24 @@ def test_tables_give_the_same_as_the_bag(cell, tmp_path):
     assert half.returncode == 0 and "base_link" in half.stderr
 
 
+def test_a_robot_whose_clock_starts_at_power_on(cell, tmp_path):
+    X, path = cell
+    assert run("bag", path, *ASKED[:2], "-o", tmp_path).returncode == 0
+    header, *rows = (tmp_path / "robot.csv").read_text().splitlines()
+    moved_rows = [f"{float(time) - START + 77!r},{rest}" for time, _, rest in (row.partition(",") for row in rows)]
+    (tmp_path / "robot.csv").write_text("\n".join([header, *moved_rows]) + "\n")
+    done = run("calibrate", "--bag", path, tmp_path / "robot.csv", *ASKED[2:], "--json")
+    assert done.returncode == 0 and "no time in common; any clock offset is tried" in done.stderr
+    np.testing.assert_allclose(json.loads(done.stdout)["X"], X, atol=5e-3)
+
+
+def test_a_bag_that_holds_nothing(tmp_path):
+    with Writer(tmp_path, "mcap") as bag:
+        pass
+    done = run("bag", bag.path)
+    assert done.returncode == 2 and "the bag holds no messages" in done.stderr
+
+
 def test_poses_without_a_motion_that_shows_the_offset(tmp_path):
     """Six poses with the stamps of one clock: the offset is taken as 0, and that is said."""
     poses = uq.simulate(6, seed=5)

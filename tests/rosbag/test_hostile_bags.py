@@ -71,10 +71,12 @@ def test_bags_that_are_cut_off_or_damaged(tmp_path, kind):
 def test_files_that_are_no_bags(tmp_path):
     for name, data, words in (
         ("empty.bag", b"", "the file is empty; expected a bag"),
-        ("table.bag", b"timestamp,x,y\n1,2,3\n", "not a bag that can be read"),
-        ("table.mcap", b"\x00" * 5000, "not a bag that can be read"),
+        ("table.bag", b"timestamp,x,y\n1,2,3\n", "no ROS bag; expected a file .bag, .mcap, .db3"),
+        ("table.mcap", b"\x00" * 5000, "no ROS bag"),
         ("table.db3", b"SQLite format 3\0" + b"\x07" * 5000, "not a bag that can be read"),
-        ("picture.png", b"\x89PNG\r\n\x1a\n" + b"\x07" * 500, "not a bag that can be read"),
+        ("picture.png", b"\x89PNG\r\n\x1a\n" + b"\x07" * 500, "no ROS bag"),
+        ("cell.bag", b"SQLite format 3\0" + b"\x07" * 50, "the content is that of a .db3 file"),
+        ("cell.mcap.zstd", b"\x28\xb5\x2f\xfd" + b"\x07" * 50, "a compressed file. Give the folder of the bag"),
     ):
         (tmp_path / name).write_bytes(data)
         assert words in refused(tmp_path / name)
@@ -103,7 +105,7 @@ def test_topics_without_messages_and_nothing_to_read(tmp_path, kind):
         bag.writer.add_connection("/tcp_pose", "geometry_msgs/msg/PoseStamped", typestore=bag.store)
         bag.writer.add_connection("/text", "std_msgs/msg/String", typestore=bag.store)
     recording = read_recording(bag.path)
-    assert "--robot BASE:TOOL --camera OPTICAL_FRAME:TARGET" in text_of(recording, ["cell"])
+    assert "Nothing in it is read as poses" in text_of(recording, ["cell"])
     for spec, words in (
         ("/tcp_pose", "the topic has no messages"),
         ("/text", "the topic has"),

@@ -14,6 +14,7 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.io import write_pose_file
 from uq_handeye.rosbag.info import CameraInfo
+from uq_handeye.rosbag.listing import command_of, text_of
 from uq_handeye.rosbag.recording import read_recording
 from uq_handeye.rosbag.second_solutions import decide_stream
 from uq_handeye.rosbag.streams import camera_stream, read_bag, robot_stream
@@ -174,6 +175,9 @@ def test_tags_by_their_corners(tmp_path, kind):
             SIDE,
             "has no such frames or tag. The tags that were detected are camera:tag36h11_0, camera",
         ),
+        ("cam:tag36h11_0", SIDE, "has no such frames or tag. The tags that were detected are camera:tag36h11_0"),
+        ("tag36h11_3", SIDE, r"with the frame of its camera. The tags that were detected are camera:tag36h11_3\.$"),
+        ("board", SIDE, "The tags that were detected are camera:tag36h11_0, camera:tag36h11_3"),
     ):
         with pytest.raises(InputError, match=words):
             camera_stream(recording, spec, tag=tag)
@@ -204,6 +208,23 @@ def test_poses_of_tf_are_taken_until_the_tag_has_a_side(tmp_path):
     assert "/detections holds corners of this tag" in by_tf.hint
     by_corners = camera_stream(recording, "camera:tag36h11:0", tag=SIDE)
     assert 1e-5 < np.abs(by_corners.stream.poses - C).max() < 0.2 and not by_corners.hint
+
+
+def test_frames_without_a_name_and_frames_the_other_way_round(tmp_path):
+    X, W = random_transforms(np.random.default_rng(2), (2,))
+    _, times, _, C = write_tags(tmp_path, "mcap", X, W, n=5)
+    with Writer(tmp_path, "mcap", "other") as bag:
+        for t, T, corners in zip(times, C, pixels_of(C, SIDE), strict=True):
+            bag.detections("/tags", t, "", [(0, corners)])
+            bag.camera_info("/camera_info", t, "")
+            bag.pose_stamped("/tcp", t, "base", T)
+            bag.write("/seen", bag.transform(t, "cam", "plate", T), t)
+    recording = read_recording(bag.path)
+    assert "--camera /tags:tag36h11_0 --tag" in command_of(recording, ["other"])
+    assert "  /tags:tag36h11_0  5 detections" in text_of(recording, ["other"])
+    np.testing.assert_allclose(camera_stream(recording, "/tags:tag36h11_0", tag=SIDE).stream.poses, C, atol=1e-7)
+    turned = camera_stream(recording, "plate:cam").stream.poses
+    np.testing.assert_allclose(turned @ C, np.tile(np.eye(4), (5, 1, 1)), atol=1e-12)
 
 
 def test_no_camera_info_asks_for_the_matrix(tmp_path):

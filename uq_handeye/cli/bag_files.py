@@ -1,6 +1,8 @@
 """Options of a ROS bag, and its streams in the place of pose files."""
 
 import atexit
+import logging
+import math
 import shutil
 import tempfile
 from dataclasses import dataclass, field, replace
@@ -210,21 +212,29 @@ class BagFiles(PoseFiles):
             decided.changed,
             decided.undecided,
         )
-        return self._on_one_clock(streams | {"camera": decided.stream}, how) if decided.changed else found
+        return self._on_one_clock(streams | {"camera": decided.stream}, how, True) if decided.changed else found
 
-    def _on_one_clock(self, streams: dict[str, Any], how: dict[str, Any]) -> "Synchronised":
+    def _on_one_clock(self, streams: dict[str, Any], how: dict[str, Any], again: bool = False) -> "Synchronised":
+        level = logging.DEBUG if again else logging.INFO
         from ..synchronisation.synchronise import synchronise
 
+        spans = [(stream.timestamps[0], stream.timestamps[-1]) for stream in (streams["robot"], streams["camera"])]
+        apart = max(first for first, _ in spans) > min(last for _, last in spans)
+        if apart and self.offset is None and how.get("max_offset") is None:
+            words = "the stamps of robot and camera have no time in common; any clock offset is tried"
+            LOG.log(level, "%s: %s", self.robot, words)
+            how = how | {"max_offset": math.inf}
         try:
             return synchronise(streams["robot"], streams["camera"], offset=self._offset(), **how)
         except (InputError, NotConvergedError) as error:
-            if self.offset is not None or self.spare is not None:
+            if apart or self.offset is not None or self.spare is not None:
                 raise
             try:  # both have stamps of the computer that recorded them
                 found = synchronise(streams["robot"], streams["camera"], offset=0.0, **how)
             except (InputError, NotConvergedError):
                 raise error from None
-            LOG.warning(
+            LOG.log(
+                logging.DEBUG if again else logging.WARNING,
                 "The clock offset was not estimated: %s The stamps of the bag are taken as those of one clock, as with "
                 "--offset 0. A delay of the camera is not covered.",
                 error,

@@ -90,10 +90,14 @@ def _arm(tree: Tree) -> str | None:
 
 
 def _camera(recording: Recording) -> tuple[str, bool]:
-    tags = [(len(track), pair) for tracks in recording.tags.values() for pair, track in tracks.items()]
+    tags = [
+        (-len(track), frame or topic, name)
+        for topic, tracks in recording.tags.items()
+        for (frame, name), track in tracks.items()
+    ]
     if tags:
-        frame, name = min(tags, key=lambda one: (-one[0], one[1]))[1]
-        return f"{frame}:{name}", True
+        _, first, name = min(tags)
+        return f"{first}:{name}", True
     found = [(len(track), pair) for pair, track in recording.tree.edges.items() if track.moves and _seen(pair)]
     if found:
         return ":".join(max(found)[1]), False

@@ -6,7 +6,7 @@ import shlex
 from typing import Any
 
 from ..formatting.numbers import digits
-from .guess import guess
+from .guess import CAMERA, ROBOT, guess
 from .recording import Recording, Topic
 
 # Frames, tags and names that are listed.
@@ -39,7 +39,11 @@ def text_of(recording: Recording, files: list[str]) -> str:
             more = [] if len(part) <= MOST else [f"  and {len(part) - MOST} more"]
             lines += ["", f"{heading}:", *part[:MOST], *more]
     lines += [f"\nNote: {note}." for note in recording.notes]
-    lines += ["", "Next:", f"  {command_of(recording, files)}"]
+    found = guess(recording)
+    if (found.robot, found.camera) == (ROBOT, CAMERA) and not (recording.poses or recording.tree.edges):
+        lines += ["", "Nothing in it is read as poses, transforms, joint values or tags (docs/formats.md#ros-bags)."]
+    else:
+        lines += ["", "Next:", f"  {command_of(recording, files)}"]
     return "\n".join(lines) + "\n"
 
 
@@ -120,7 +124,7 @@ def _poses(recording: Recording) -> list[str]:
 
 def _tags(recording: Recording) -> list[str]:
     return [
-        f"  {frame}:{tag}  {len(track)} detections in {name}"
+        f"  {frame or name}:{tag}  {len(track)} detections in {name}"
         for name, tracks in recording.tags.items()
         for (frame, tag), track in sorted(tracks.items())
     ]

@@ -14,6 +14,9 @@ from ..files.open import reason, shown
 from .types import Types, kind_of
 
 SUFFIXES = (".bag", ".mcap", ".db3")
+# First bytes of each, and of compressed files.
+MAGIC = {".bag": b"#ROSBAG", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
+ZSTD = b"\x28\xb5\x2f\xfd"
 # The longest message that is read, in bytes: those read here have a few kilobytes.
 LONGEST = 20_000_000
 HINT = "uq-handeye bag lists what a bag holds (docs/how-to/ros.md)"
@@ -42,8 +45,8 @@ class Connection(NamedTuple):
 class Bag:
     """A bag that is open."""
 
-    def __init__(self, reader: Any, name: str, ros2: bool) -> None:
-        self.reader, self.name = reader, name
+    def __init__(self, reader: Any, name: str, ros2: bool, beside: bool) -> None:
+        self.reader, self.name, self.beside = reader, name, beside  # a file of a folder with metadata.yaml
         self.types = Types(ros2)
         self.duration = max(0.0, 1e-9 * (reader.end_time - reader.start_time)) if reader.message_count else 0.0
         self.connections = [self._connection(one) for one in reader.connections]
@@ -75,7 +78,7 @@ class Bag:
                 return
             except Exception as error:  # of a library, by a file from anywhere
                 if not count:
-                    raise _unreadable(self.name, error) from error
+                    raise _unreadable(self.name, error, self.beside) from error
                 cut(f"the bag is damaged behind {count} messages, and the rest is left out ({_words(error)})")
                 return
             count += 1
@@ -100,15 +103,16 @@ def opened_bag(path: Path) -> Iterator[Bag]:
             f"Reading the bag {name} needs rosbags: pip install 'uq-handeye[rosbag]'. ROS is not needed."
         ) from error
     ros2 = path.suffix.lower() != ".bag"
+    beside = path.is_file() and (path.parent / "metadata.yaml").exists()
     reader: Any = None
     try:
         reader = (rosbags.rosbag2.Reader if ros2 else rosbags.rosbag1.Reader)(path)
         reader.open()
-        bag = Bag(reader, name, ros2)
+        bag = Bag(reader, name, ros2, beside)
     except OSError as error:
         raise InputError(f"Cannot read {name}: {reason(error)}.") from error
     except Exception as error:  # of a library, by a file from anywhere
-        raise _unreadable(name, error) from error
+        raise _unreadable(name, error, beside) from error
     try:
         yield bag
     finally:
@@ -127,6 +131,7 @@ def _located(path: Path) -> Path:
                 raise InputError(f"Cannot read {name}: it is a device or socket, expected a bag.")
             if os.path.getsize(path) == 0:
                 raise InputError(f"{name}: the file is empty; expected a bag ({', '.join(SUFFIXES)}).")
+            _require_bag(path, name)
             return path
         if (path / "metadata.yaml").exists():
             return path
@@ -142,8 +147,26 @@ def _located(path: Path) -> Path:
     )
 
 
-def _unreadable(name: str, error: BaseException) -> InputError:
+def _require_bag(path: Path, name: str) -> None:
+    """Raise `InputError` if the first bytes of a file are not those of a bag of its suffix."""
+    with open(path, "rb") as file:
+        head = file.read(16)
+    suffix = path.suffix.lower()
+    if head.startswith(ZSTD):
+        raise InputError(
+            f"{name}: a compressed file. Give the folder of the bag, with its metadata.yaml, or decompress it: zstd -d."
+        )
+    of = next((one for one, magic in MAGIC.items() if head.startswith(magic)), None)
+    if of is not None and of != suffix:
+        raise InputError(f"{name}: the content is that of a {of} file, the suffix is not. Rename it.")
+    if of is None:
+        raise InputError(f"{name}: no ROS bag; expected a file {', '.join(SUFFIXES)}, or the folder of ros2 bag.")
+
+
+def _unreadable(name: str, error: BaseException, beside: bool = False) -> InputError:
     hint = "a bag that was cut off is mended by rosbag reindex, ros2 bag reindex or mcap recover"
+    if beside:
+        hint = f"a compressed bag is read by its folder, which has metadata.yaml; {hint}"
     return InputError(f"{name}: not a bag that can be read ({_words(error)}); {hint}.")
 
 

@@ -157,14 +157,14 @@ def camera_stream(
                 f"--camera {spec}: {topic} holds corners of the tag in pixels, not its poses. Give the side of its "
                 "black square, e.g. --tag 40mm."
             )
-    elif tag is not None:
+    found = _of_topic(recording, name, pair, "camera") if name else _of_frames(recording, pair, "camera", spec)
+    if seen is None and tag is not None:
         own = own or _info_beside(recording, name, pair)
         if own is None:
             raise InputError(
                 f"--tag: {recording.name} holds no corners of {spec} in pixels, and no camera_info. Remove it, or add "
                 "--camera-matrix FX,FY,CX,CY, with which the noise of finished poses follows from the tag."
             )
-    found = _of_topic(recording, name, pair, "camera") if name else _of_frames(recording, pair, "camera", spec)
     hint = (
         "" if seen is None else f"{seen[0]} holds corners of this tag; with --tag LENGTH they are used, which says more"
     )
@@ -203,12 +203,25 @@ def _asked(recording: Recording, spec: str, role: str) -> tuple[str, Pair]:
             return "", pair
     if pairs and all(pairs[0]):
         return "", (pairs[0][0], _frame_like(pairs[0][1], recording.tree.frames))
+    tags = [one for one in tag_specs(recording) if role == "camera"]
+    if not pairs and tags and not spec.startswith("/"):
+        named = [one for one in tags if same_tag(one.rpartition(":")[2], spec)]
+        raise InputError(
+            f"--camera {spec}: name the tag with the frame of its camera. The tags that were detected are "
+            f"{_listed(named or tags)}."
+        )
     if spec.startswith("/") or not pairs:
         raise InputError(
             f"--{role} {spec}: {recording.name} has no topic of this name that is read; there are "
             f"{_listed(_readable(recording))}. Give a topic of poses, or two frames such as {EXAMPLE[role]}; {HINT}."
         )
     raise InputError(f"Expected --{role} to be frames such as {EXAMPLE[role]}, or a topic, got {spec!r}.")
+
+
+def tag_specs(recording: Recording) -> list[str]:
+    """Return how to ask for each tag that was detected: frame and tag, or the topic where the frame is not named."""
+    found = [(frame or topic, tag) for topic, tracks in recording.tags.items() for frame, tag in tracks]
+    return [f"{first}:{tag}" for first, tag in found]
 
 
 def _frame_like(name: str, frames: list[str]) -> str:
@@ -234,12 +247,15 @@ def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> _Found
         for own, track in tracks.items() if not connected else ():
             if own[0] == pair[0] and own[1] and (own[1] == pair[1] or same_tag(own[1], pair[1])):
                 return _of_track(name, own, track)
-    if not tree.edges:
+            if all(pair) and own == pair[::-1]:
+                turned = _of_track(name, own, track)
+                return _Found(turned.times, inverse(turned.poses), [*turned.notes, "inverted"])
+    tags = tag_specs(recording)
+    if not tree.edges and not (role == "camera" and tags):
         raise InputError(
             f"--{role} {spec}: {recording.name} has no transforms (/tf). Give a topic of poses: "
             f"{_listed(list(recording.poses))}; {HINT}."
         )
-    tags = [pair_text(*own) for tracks in recording.tags.values() for own in tracks]
     if role == "camera" and not connected and tags:
         raise InputError(
             f"--camera {spec}: {recording.name} has no such frames or tag. The tags that were detected are "

@@ -115,6 +115,8 @@ def bag_command(
 
     with timed(f"reading {files[0]}"):
         recording = read_recording(files)
+    if not sum(topic.count for topic in recording.topics.values()):
+        raise InputError(f"{recording.name}: the bag holds no messages. Was the recording stopped too early?")
     written = _tables(recording, robot, camera, (tag, camera_matrix), joints)
     names = [str(file) for file in files]
     if not written:
