@@ -257,6 +257,15 @@ def test_the_file_that_was_read_in_a_wrong_unit_is_named(file, unit):
     assert next_step(result) == f"run again with --{file}-units m"
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_no_factor_is_named_where_the_rotations_do_not_fit(seed):
+    poses = uq.simulate(20, noise=NOISE, seed=seed)
+    shuffled = poses.camera[np.random.default_rng(seed).permutation(20)]
+    assert other_readings(uq.PosePairs(poses.robot, shuffled), 0.5, 1e3) == []
+    kinds = [reading["kind"] for reading in other_readings(uq.PosePairs(poses.robot, inverse(poses.camera)), 0.5, 1e3)]
+    assert kinds == ["inverse camera", "inverse robot"]
+
+
 def test_the_same_file_twice_is_all_that_is_said():
     poses = uq.simulate(15, noise=NOISE, seed=2)
     with pytest.warns(uq.InputWarning), pytest.raises(uq.NotConvergedError) as caught:

@@ -118,7 +118,7 @@ def scaled_reading(G: Array, C: Array, shift: float, sources: Iterable[Source] =
     camera = C.copy()
     camera[:, :3, 3] *= scale
     fit = consistency(G, camera)
-    if fit is None or fit[1] >= 0.4 * shift:
+    if fit is None or fit[0] > 2.0 * LARGE_ROTATION or fit[1] >= 0.4 * shift:  # a factor leaves the rotations
         return None
     file, unit = _unit_of(scale, G, C)
     found = {"kind": "scale", "factor": scale, "file": file, "unit": unit}
