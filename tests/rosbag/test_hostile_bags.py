@@ -2,12 +2,13 @@
 
 import os
 import shutil
+import warnings
 
 import numpy as np
 import pytest
 from bag_cases import KINDS, START, Writer
 
-from uq_handeye.errors import InputError
+from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.rosbag import open as opening
 from uq_handeye.rosbag import track
 from uq_handeye.rosbag.listing import text_of
@@ -56,7 +57,9 @@ def test_bags_that_are_cut_off_or_damaged(tmp_path, kind):
         path = tmp_path / f"case{k}{whole.suffix}"
         path.write_bytes(case)
         try:
-            found = read_recording(path)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", InputWarning)
+                found = read_recording(path)
         except InputError as error:
             refusals += 1
             said = str(error)
@@ -66,6 +69,24 @@ def test_bags_that_are_cut_off_or_damaged(tmp_path, kind):
             text_of(found, [str(path)])
         path.unlink()
     assert refusals >= 5
+
+
+def test_what_is_complete_of_a_cut_off_file_is_read(tmp_path):
+    with Writer(tmp_path, "mcap") as bag:
+        for k in range(9000):  # two chunks
+            bag.pose_stamped("/tcp_pose", START + 0.01 * k, "base", np.eye(4))
+    data = file_of(bag.path).read_bytes()
+    path = tmp_path / "cut.mcap"
+    counts = []
+    for share in (0.2, 0.75):
+        path.write_bytes(data[: int(share * len(data))])
+        with pytest.warns(InputWarning, match="cut.mcap: the file was cut off; what is complete before the cut is"):
+            found = read_recording(path)
+        counts.append(len(robot_stream(found, "/tcp_pose").timestamps))
+        assert found.topics["/tcp_pose"].count == counts[-1]
+    assert 0 < counts[0] < 2500 and 5000 < counts[1] < 9000
+    path.write_bytes(data[:20])
+    assert "not a bag that can be read" in refused(path)
 
 
 def test_files_that_are_no_bags(tmp_path):

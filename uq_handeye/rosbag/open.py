@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..errors import InputError, MissingExtraError
+from ..errors import InputError, InputWarning, MissingExtraError
 from ..files.lines import one_line
 from ..files.open import reason, shown
+from .cut_off import cut_off
 from .types import Types, kind_of
 
 SUFFIXES = (".bag", ".mcap", ".db3")
@@ -48,6 +50,7 @@ class Bag:
     def __init__(self, reader: Any, name: str, ros2: bool, beside: bool) -> None:
         self.reader, self.name, self.beside = reader, name, beside  # a file of a folder with metadata.yaml
         self.types = Types(ros2)
+        self.read = reader.messages
         self.duration = max(0.0, 1e-9 * (reader.end_time - reader.start_time)) if reader.message_count else 0.0
         self.connections = [self._connection(one) for one in reader.connections]
 
@@ -67,7 +70,7 @@ class Bag:
         wanted = [one for one in self.reader.connections if kinds[(one.topic, one.msgtype)]]
         if not wanted:
             return
-        found, count = self.reader.messages(connections=wanted), 0
+        found, count = self.read(wanted), 0
         while True:
             try:
                 one, time, data = next(found)
@@ -106,9 +109,13 @@ def opened_bag(path: Path) -> Iterator[Bag]:
     beside = path.is_file() and (path.parent / "metadata.yaml").exists()
     reader: Any = None
     try:
-        reader = (rosbags.rosbag2.Reader if ros2 else rosbags.rosbag1.Reader)(path)
+        part: Any = cut_off(path) if path.is_file() and path.suffix.lower() == ".mcap" else None
+        reader = (rosbags.rosbag2.Reader if ros2 else rosbags.rosbag1.Reader)(part or path)
         reader.open()
         bag = Bag(reader, name, ros2, beside)
+        if part is not None:
+            bag.read = reader.storage.messages_scan  # in any order, without index
+            warnings.warn(f"{name}: the file was cut off; what is complete before the cut is read.", InputWarning, 3)
     except OSError as error:
         raise InputError(f"Cannot read {name}: {reason(error)}.") from error
     except Exception as error:  # of a library, by a file from anywhere
