@@ -202,7 +202,7 @@ def check_input(data: PosePairs | Motions, noise: Noise | None = None, pairs: st
 
 
 def look_at(job: Job) -> list[Finding]:
-    """What reading the files showed, the poses and the rotations of their motions, before there is an X."""
+    """Findings of the files as read, of the poses and of the rotations of their motions, before there is an X."""
     found = [] if job.poses is None else [*job.poses.findings, *check_poses(job.poses)]
     seen = None if job.poses is None else job.poses.camera_calibration
     found += [] if seen is None else [finding for finding in seen.findings if finding.code == POSE_AMBIGUITY]
