@@ -83,7 +83,16 @@ def test_what_was_asked_for_is_not_decided():
     poses = uq.simulate(12, noise=NOISE, seed=SEED)
     pair = sides(poses, numbers_of(poses, READINGS[0]), READINGS)
     chosen = chosen_readings(pair, (None, None), ("rotvec-rad", None), FRAMES, ALL, "eye-in-hand")
-    assert chosen.sides[0] is pair[0] and chosen.notes == ("", "")
+    assert chosen.sides[0].readings == READINGS and chosen.notes == ("", "")
+
+
+def test_of_many_poses_some_decide():
+    """All of them are returned."""
+    poses = uq.simulate(1001, noise=NOISE, seed=SEED)
+    pair = sides(poses, numbers_of(poses, READINGS[1]), READINGS)
+    chosen = chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
+    assert chosen.sides[0].readings == (READINGS[1],) and len(chosen.sides[0]) == len(chosen.sides[1]) == 1001
+    assert chosen.sides[0].rotation is pair[0].rotation
 
 
 def test_another_order_of_angles_is_named():

@@ -77,9 +77,10 @@ def chosen_readings(
         The rotations of one side do not agree with those of the other, and would in another order of the angles.
     """
     pair = _Pair(tuple(sides), tuple(units), tuple(forms), tuple(frames), rows, setup)
-    chosen = pair.chosen(tuple(_of_file(side, form) for side, form in zip(sides, forms, strict=True)))
+    chosen = pair.thinned().chosen(tuple(_of_file(side, form) for side, form in zip(sides, forms, strict=True)))
     warn(chosen.findings, 3)
-    return chosen
+    readings = (side.readings for side in chosen.sides)  # of some of the poses
+    return replace(chosen, sides=[replace(side, readings=of) for side, of in zip(sides, readings, strict=True)])
 
 
 def reading_beside(
@@ -219,9 +220,16 @@ class _Pair:
         G, C = self.poses(pair)
         if len(G) < 3 or len(G) != len(C):
             return None
-        step = max(1, len(G) // MOST)
-        G = G if self.setup == "eye-in-hand" else inverse(G)
-        return consistency(G[::step], C[::step])
+        return consistency(G if self.setup == "eye-in-hand" else inverse(G), C)
+
+    def thinned(self) -> _Pair:
+        """Return some of many poses, evenly: all are the same files."""
+        rows = [np.arange(len(side))[of] for side, of in zip(self.sides, self.rows, strict=True)]
+        if len(rows[0]) != len(rows[1]) or len(rows[0]) < 2 * MOST:
+            return self
+        step = len(rows[0]) // MOST
+        sides = tuple(_some(side, of[::step]) for side, of in zip(self.sides, rows, strict=True))
+        return replace(self, sides=sides, rows=(slice(None), slice(None)))
 
     def poses(self, pair: tuple[Reading | None, ...]) -> tuple[Array, Array]:
         """Return both sides as matrices, under the readings of a pair."""
@@ -294,6 +302,18 @@ class _Pair:
     def _travel(self, pair: tuple[Reading | None, ...]) -> float:
         """Return the standard deviation of the robot's position."""
         return float(np.linalg.norm(np.std(self.poses(pair)[0][:, :3, 3], axis=0)))
+
+
+def _some(side: Side, rows: NDArray[np.intp]) -> Side:
+    """Return some of the poses of a side, which keep their places for messages."""
+    return replace(
+        side,
+        translation=side.translation[rows],
+        rotation=side.rotation[rows],
+        timestamps=None,
+        rows=rows if side.rows is None else side.rows[rows],
+        labels=tuple(side.labels[k] for k in rows) if side.labels else (),
+    )
 
 
 def _other_forms(side: Side, form: str | None) -> list[str]:
