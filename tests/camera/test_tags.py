@@ -1,5 +1,10 @@
 """AprilGrids, grids of markers and single tags: rendered pictures with known corners."""
 
+import re
+import warnings
+from contextlib import suppress
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from picture_cases import SIZE, facing, picture, projected, save
@@ -10,7 +15,7 @@ from studies.common.pictures import picture as taken
 from uq_handeye.camera.board import board_of
 from uq_handeye.camera.boards.dictionaries import bits_of, dictionary_of, drawn_upside_down
 from uq_handeye.camera.boards.tags import layout_of, tag_finder
-from uq_handeye.errors import InputError
+from uq_handeye.errors import InputError, InputWarning
 
 cv2 = pytest.importorskip("cv2")
 APRILGRID = uq.Board(4, 3, 0.04, "aprilgrid", spacing=0.3)
@@ -101,6 +106,52 @@ def test_other_tags_are_left_alone(rng):
     T = facing(TAG, 10, distance=0.3)
     assert tag_finder(uq.Board(1, 1, "40mm", "apriltag", first_id=6))(picture(TAG, T, rng)) is None
     assert tag_finder(uq.Board(1, 1, "40mm", "apriltag"))(picture(TAG, T, rng)) is not None
+
+
+@pytest.mark.parametrize("printed", [APRILGRID, GRID], ids=["aprilgrid", "aruco"])
+def test_the_pictures_contradict_a_wrong_grid(rng, tmp_path, printed):
+    images = save(tmp_path, *(picture(printed, facing(printed, roll, distance=0.45), rng) for roll in (7, 97)))
+
+    def said(**other):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            with suppress(InputError):
+                uq.detect_board(images, replace(printed, **other))
+        return " | ".join(str(item.message) for item in caught)
+
+    assert said() == ""
+    wrong = 0.27 if printed is APRILGRID else "9mm"
+    assert re.search(r"of their side apart, not 0\.2.*--spacing", said(spacing=wrong))
+    assert "lie in rows of 4, not of 5: give columns and rows, --board 4xROWS" in said(columns=5)
+    if printed is APRILGRID:
+        assert "grow upwards, as those of Kalibr: it is kind='aprilgrid' (--pattern aprilgrid)" in said(
+            kind="aruco", dictionary="36h11", spacing="12mm"
+        )
+
+
+def test_of_several_tags_the_commonest_is_taken_and_they_are_named(rng, tmp_path):
+    one, other = (uq.Board(1, 1, "40mm", "apriltag", first_id=k) for k in (5, 6))
+    pictures = []
+    for roll, both in ((10, True), (30, True), (50, False)):
+        T = facing(one, roll, distance=0.5)
+        seen = picture(one, T, rng)
+        if both:  # larger, on the right
+            T_other = T.copy()
+            T_other[:3, 3] = [0.08, 0.0, 0.35]
+            beside = picture(other, T_other, rng)
+            seen[:, 390:] = beside[:, 390:]
+        pictures.append(seen)
+    any_tag = uq.Board(1, 1, "40mm", "apriltag")
+    with pytest.warns(InputWarning, match=r"Several tags.*: 5 \(3 pictures\), 6 \(2 pictures\). Tag 5 was taken"):
+        found = uq.detect_board(save(tmp_path, *pictures), any_tag)
+    assert found.n == 3 and "first_id=5" in found.board
+    assert (found.pixels[:, 0] < 390).all()
+    middle = picture(one, facing(one, 10, distance=0.5), rng)
+    shifted = np.full_like(middle, 255)
+    shifted[:, :320], shifted[:, 320:] = middle[:, 160:480], middle[:, 160:480]
+    (tmp_path / "twice").mkdir()
+    with pytest.warns(InputWarning, match="Tag 5 is more than once in 1 pictures"):
+        uq.detect_board(save(tmp_path / "twice", shifted), any_tag)
 
 
 def test_an_aprilgrid_with_one_cell_of_border_and_without_squares_is_found_too(rng):

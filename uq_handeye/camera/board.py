@@ -10,6 +10,7 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -23,11 +24,12 @@ from ..runtime.progress import progress_bar
 from .adjustment.initial_guess import opencv
 from .boards.charuco import charuco_finder
 from .boards.chessboard import chessboard_finder
-from .boards.description import SQUARES
+from .boards.description import SQUARES, TAGS
 from .boards.description import Board as Board
 from .boards.description import board_of as board_of
 from .boards.description import spacing_of as spacing_of
 from .boards.description import tag_points as tag_points
+from .boards.grid_as_seen import Tags, contradiction
 from .boards.refinement import Picture, Seen
 from .boards.tags import tag_finder
 from .corners import Corners
@@ -39,11 +41,16 @@ FINDERS = {
 # What to look at where a board is in no picture.
 COUNTED = {
     "chessboard": "Counted are inner corners, one less than squares.",
-    "charuco": "Counted are squares; check the dictionary, too.",
-    "aprilgrid": "Counted are tags; check the dictionary, and the id at the lower left (`first_id`, --first-id).",
-    "aruco": "Counted are tags; check the dictionary, and the id at the upper left (`first_id`, --first-id).",
-    "single": "Check the dictionary, the id (`first_id`, --first-id), and that white paper surrounds the tag.",
+    "charuco": "Counted are squares, columns first; check the dictionary (--dictionary), too.",
+    "aprilgrid": "Counted are tags; check the dictionary (--dictionary), and the id at the lower left (`first_id`, "
+    "--first-id).",
+    "aruco": "Counted are tags; check the dictionary (--dictionary), and the id at the upper left (`first_id`, "
+    "--first-id).",
+    "single": "Check the dictionary (--dictionary), the id (`first_id`, --first-id), and that white paper surrounds "
+    "the tag.",
 }
+# Share of the pictures of the commonest tag in which another is worth a word.
+OFTEN = 0.1
 MAX_BYTES = 500_000_000  # of a picture's file
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
 
@@ -89,7 +96,8 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         raise InputError(f"Expected `board` to be a Board, got {type(board).__name__}.")
     paths = picture_paths(images)
     names = _names(paths)
-    find = FINDERS[board.kind](board)
+    tags: list[Tags] = []
+    find = tag_finder(board, tags) if board.kind in TAGS else FINDERS[board.kind](board)
     found: dict[int, Seen] = {}
     sizes: dict[tuple[int, int], str] = {}
     with progress_bar("looking for the board", len(paths), "pictures", progress) as more:
@@ -105,7 +113,14 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
             if (seen := find(picture)) is not None:
                 found[row] = seen
             more(1)
+    ids = [each.tolist() for each, _ in tags]
+    if board.single:
+        if board.first_id is None and (number := _commonest(ids)) is not None:
+            return find_corners(images, replace(board, first_id=number), progress)
+        _warn_of_copies(board, ids)
     missing = tuple(name for row, name in enumerate(names) if row not in found)
+    if board.kind in TAGS and not board.single and (words := contradiction(board, tags)):
+        warnings.warn(words, InputWarning, stacklevel=3)
     if not found:
         kind = "single" if board.single else board.kind
         raise InputError(
@@ -131,6 +146,36 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         board=board.text,
         window=window,
     )
+
+
+def _commonest(ids: list[list[int]]) -> int | None:
+    """Return the id of the tag to look for where several are in the pictures (one per picture), with a warning."""
+    counts = Counter(number for each in ids for number in set(each))
+    if len(counts) < 2:
+        return None
+    most = max(counts.values())
+    one = min(number for number, count in counts.items() if count == most)
+    often = [f"{number} ({count} pictures)" for number, count in sorted(counts.items()) if count > OFTEN * most]
+    if len(often) > 1:
+        warnings.warn(
+            f"Several tags are in the pictures: {listed(often)}. Tag {one} was taken; `first_id` (--first-id) chooses "
+            "another.",
+            InputWarning,
+            stacklevel=4,
+        )
+    return one
+
+
+def _warn_of_copies(board: Board, ids: list[list[int]]) -> None:
+    counts = Counter(number for each in ids for number, count in Counter(each).items() if count > 1)
+    number = board.first_id if board.first_id is not None else next(iter(counts), None)
+    if number is not None and counts[number]:
+        warnings.warn(
+            f"Tag {number} is more than once in {counts[number]} pictures, of which the largest is taken in each: "
+            "the poses may be of different tags. Cover the others.",
+            InputWarning,
+            stacklevel=4,
+        )
 
 
 def _ambiguous(board: Board) -> str:

@@ -57,8 +57,8 @@ def layout_of(board: Board) -> Layout:
     return Layout(board, ids, numbers, board.points[numbers][..., :2])
 
 
-def tag_finder(board: Board) -> Callable[[Picture], Found]:
-    """Return the function that finds the corners of the board in a picture."""
+def tag_finder(board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None = None) -> Callable[[Picture], Found]:
+    """Return the function that finds the corners of the board in a picture; tags of each go to ``seen``."""
     cv2, words, layout = opencv(), dictionary_of(board.dictionary), layout_of(board)
     if int(layout.ids.max()) >= len(words.bytesList):
         raise InputError(
@@ -101,6 +101,8 @@ def tag_finder(board: Board) -> Callable[[Picture], Found]:
             share = border / (words.markerSize + 2 * border)
             quads, good = corners_by_edges(picture, quads, share, _room(board))
             good = good & _inside(quads, picture)
+            if seen is not None:
+                seen.append((ids[good], quads[good]))
             chosen = _chosen(layout, ids[good], quads[good], turns)
             if chosen is None:
                 continue
