@@ -23,6 +23,11 @@ def table(line, header):
     return "\n".join(([header] if header else []) + lines) + "\n"
 
 
+def wide(header, mark, more=""):
+    rows = [mark.join([str(k), *map(str, XYZ[2 * k : 2 * k + 2].ravel())]) + more for k in range(2)]
+    return "\n".join([header, *rows]) + "\n"
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -36,6 +41,10 @@ def table(line, header):
         table("17{0}.25,{1},{2},{3},{4}", "timestamp,point,x,y,z"),
         table("{0}.0,{1},{2},{3},{4}", "pose number,point,x,y,z").replace("pose number", "pose_number"),
         table("{},{},{},{},{}", "pose,point,x,y,z") + "0,C,,,\n1,C,nan,nan,nan\n",
+        table("{},{},{},{},{}", ""),
+        wide("frame,A_x,A_y,A_z,B_x,B_y,B_z,C_x,C_y,C_z", ",", ",,,"),
+        wide("Frame;A x [m];A y [m];A z [m];B x [m];B y [m];B z [m]", ";").replace(".", ","),
+        table("{0},{1},{2},{3},{4},0,0,1", "pose,point,position.x,position.y,position.z,normal.x,normal.y,normal.z"),
     ],
 )
 def test_tables_that_people_write(text, tmp_path):
@@ -44,6 +53,30 @@ def test_tables_that_people_write(text, tmp_path):
     found = uq.read_points(path)
     assert found.row.tolist() == ROWS and found.point.tolist() == NAMES
     np.testing.assert_array_equal(found.xyz, XYZ)
+
+
+def test_wide_tables_by_numbers_and_their_faults(tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_text("x1,y1,z1,x2,y2,z2\n1,2,3,4,5,6\n# pause\n\n7,8,9,1,2,3\n")
+    found = uq.read_points(path)
+    assert found.row.tolist() == ROWS and found.point.tolist() == ["1", "2", "1", "2"]
+    np.testing.assert_array_equal(found.xyz.ravel(), [1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3])
+    for rows, words in (
+        ("1,2,3,4,5\n", "line 2: expected 6 fields, got 5"),
+        ("1,2,3,4,5,b\n", "line 2, point 2: expec"),
+    ):
+        path.write_text("x1,y1,z1,x2,y2,z2\n" + rows)
+        with pytest.raises(InputError, match=words):
+            uq.read_points(path)
+
+
+def test_names_that_differ_in_capital_letters_only():
+    target = {"A": (0, 0, 0), "B": (0.1, 0, 0), "C": (0, 0.1, 0), "D": (0.1, 0.1, 0.05)}
+    xyz = np.tile(np.add(list(target.values()), (0, 0, 1.0)), (3, 1))
+    xyz += 1e-4 * np.random.default_rng(1).normal(size=xyz.shape)
+    points = uq.PointSet(np.repeat([0, 1, 2], 4), np.array(list("abcd") * 3), xyz)
+    found = uq.poses_from_points(points, target)
+    np.testing.assert_allclose(found.poses[:, :3, 3], [[0, 0, 1]] * 3, atol=2e-3)
 
 
 @pytest.mark.parametrize("page", ["formats.md", "how-to/points.md"])

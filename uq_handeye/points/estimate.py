@@ -84,6 +84,7 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
     findings: list[Finding] = []
     unknown_points: list[str] = []
     if known is not None:
+        measured = _as_named(measured, known)
         mine = known.find(measured.point) >= 0
         unknown_points = np.unique(measured.point[~mine]).tolist()
         if not mine.any():
@@ -149,6 +150,16 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
         refused=tuple(sorted(refused.items())),
         findings=tuple(findings),
     )
+
+
+def _as_named(measured: PointSet, known: Target) -> PointSet:
+    """Return the points by their names in the target where these differ in small and capital letters only."""
+    names = known.names.tolist()
+    of = {str(name).casefold(): name for name in names}
+    seen = np.unique(measured.point).tolist()
+    if set(seen) & set(names) or len(of) < len(names) or len({name.casefold() for name in seen}) < len(seen):
+        return measured
+    return PointSet(measured.row, np.array([of.get(str(p).casefold(), p) for p in measured.point]), measured.xyz)
 
 
 def _solve(

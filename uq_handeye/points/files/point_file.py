@@ -3,8 +3,8 @@
 ``pose`` is the number of the robot pose, from 0; names are numbered in the order of their appearance. ``point`` is a
 name or a number. Other names of both columns are taken as well (`POSE`, `POINT`), with units behind x, y and z:
 ``x_mm``, ``x [mm]``. Fields are separated by commas, semicolons (numbers then may have decimal commas) or tabs. A point
-with an empty coordinate or NaN was not seen. Further columns are not used. Without a header five numbers a line are
-pose, point and coordinates, and four numbers those of a target.
+with an empty coordinate or NaN was not seen. Further columns are not used. Without a header five fields a line are
+pose, point and coordinates, and four those of a target. Tables with one row per pose: `wide_table`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from ...formats.columns import meaning_and_unit
 from ...formats.contents import require_units
 from ...geometry.se3 import Array
 from ..measured import PointSet, Target
+from .wide_table import long_table
 
 MAX_BYTES = 200_000_000
 POSE = ("pose", "row", "view", "frame", "shot", "scan", "capture", "image", "picture", "station", "position")
@@ -95,7 +96,8 @@ def _table(path: StrPath, units: str | None, header: str, poses: bool) -> tuple[
     location = as_path(path)
     reader = _Reader(shown(location), header, poses)
     with opened(location, MAX_BYTES) as file:
-        table, lines = rows_of(file, reader.file, reader.fields_of, reader.explain, lambda text, where: None)
+        text = long_table(file, reader.file, lambda names: _place(names, POINT) is not None) if poses else file
+        table, lines = rows_of(text, reader.file, reader.fields_of, reader.explain, lambda text, where: None)
     if reader.names is None:
         raise InputError(f"{reader.file}: the file is empty; expected the header {header} and one line per point.")
     if not len(lines):
@@ -216,7 +218,9 @@ class _Reader:
         """Read the names of the columns; False where the line holds numbers, as there is no header."""
         self.mark = next((mark for mark in (";", "\t", ",") if mark in line), None)
         names = self._split(line, where)
-        if all(is_number(name.encode()) for name in names):
+        numeric = [is_number(name.encode()) for name in names]
+        named = len(names) == 4 + self.with_poses and not numeric[int(self.with_poses)]
+        if all(numeric) or (named and sum(numeric) == len(names) - 1):  # the point may have a name
             if len(names) != 4 + self.with_poses:
                 raise InputError(f"{where}: expected the header {self.header}, got {short(line)} ({PAGE}).")
             names = ["pose", "point", "x", "y", "z"][0 if self.with_poses else 1 :]
