@@ -183,6 +183,12 @@ TREES = {
         name: {str(k): value for k, value in enumerate(column)}
         for name, column in zip(NAMES, rows.T.tolist(), strict=True)
     },
+    "a dictionary of a robot's library": lambda each, rows: {
+        str(k): {"tcp_coords": [*one["tcp"]], "joint_coords": [0.1] * 6} for k, one in enumerate(each)
+    },
+    "a quaternion by its order": lambda each, rows: [
+        {"translation": p, "rotation_quaternion_wxyz": [q[3], *q[:3]]} for p, q in zip(PLACES, QUATERNIONS, strict=True)
+    ],
     "axis and angle": lambda each, rows: [
         {"Rotation": {"Angle": float(np.linalg.norm(r)), "Axis": (r / np.linalg.norm(r)).tolist()}, "Translation": p}
         for p, r in zip(PLACES, np.array(VECTORS), strict=True)
@@ -218,8 +224,24 @@ def test_arrays_in_the_convention_of_a_maker_and_of_quaternions(tmp_path):
     np.testing.assert_allclose(poses.robot, T, rtol=0, atol=1e-9)
     with pytest.raises(InputError, match="got 3 numbers per rotation"):
         read_poses(tmp_path / "robot.npy", tmp_path / "camera.csv", format=("abb", None))
+    text = json.dumps({"meta": {"n": 3}, "data": [{"tcp": row} for row in NUMBERS.tolist()]})
+    (tmp_path / "robot.json").write_text(text)
+    poses = read_poses(tmp_path / "robot.json", tmp_path / "camera.csv", format=("kuka", None))
+    np.testing.assert_allclose(poses.robot, T, rtol=0, atol=1e-9)
     np.savez(tmp_path / "robot.npz", positions=PLACES, quaternions=QUATERNIONS)
     np.testing.assert_allclose(read(tmp_path, None, "robot.npz").robot, T, rtol=0, atol=1e-9)
+
+
+def test_what_kuka_measured_and_codes_of_halcon(tmp_path):
+    def tag(name, row):
+        return f"<{name} " + " ".join(f'{a}="{v}"' for a, v in zip("XYZABC", row, strict=True)) + "/>"
+
+    lines = [f"<Rob>{tag('RSol', ['0.0'] * 6)}{tag('RIst', row)}<IPOC>{k}</IPOC></Rob>" for k, row in enumerate(ROWS)]
+    sensor = "\n".join(lines)
+    np.testing.assert_allclose(read(tmp_path, sensor).robot, T, rtol=0, atol=1e-9)
+    angles = Rotation.from_matrix(T[:, :3, :3]).as_euler("XYZ", degrees=True) % 360.0
+    tuples = "\n".join(f"{[*p, *a, 0]}" for p, a in zip(PLACES, angles.tolist(), strict=True))
+    np.testing.assert_allclose(read(tmp_path, tuples).robot, T, rtol=0, atol=1e-9)
 
 
 def test_names_that_say_less_than_they_seem(tmp_path):
@@ -259,6 +281,7 @@ def test_robot_poses_alone_follow_the_format_of_the_calibration(tmp_path):
     [
         ("X;Y;Z;A;B;C\n" + ";".join(ROWS[0]) + "\nmean;1;2\n", ["line 3", "expected 6 fields", "controller.md"]),
         ("X,Y,Z,Rx,Ry,Rz,X,Y,Z,Rx,Ry,Rz\n" + ",".join(2 * ROWS[0]) + "\n", ["twice", "Keep one"]),
+        ("x,y,z,q1,q2,q3\n" + ",".join(ROWS[0]) + "\n", ["controller.md"]),
         ("<li><span class='x'>1</span></li>\n", ["FileStorage", "docs/formats.md"]),
         ("robot: [1, 2\n", ["not YAML", "docs/formats.md"]),
     ],

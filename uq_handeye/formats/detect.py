@@ -23,6 +23,7 @@ from .contents import COLUMNS, Contents
 from .controllers.forms import CONTROLLERS
 from .controllers.readings import in_convention
 from .controllers.records import entries_of, is_records
+from .controllers.registry import is_document
 from .controllers.tables import names_a_pose
 from .csv_poses import OF_POINTS, is_points_header, read_csv
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
@@ -128,9 +129,10 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
             try:
                 found, contents = _read(file, kind, format, path, name)
             except InputError as error:
-                if format is not None and (other := _looks_like(head, name, format)):
+                told = "It looks like" in str(error)
+                if format is not None and not told and (other := _looks_like(head, name, format)):
                     raise InputError(f"{error} It looks like {other}: leave `format` (--format) out.") from error
-                if "docs/" in str(error) or "--" in str(error):
+                if any(help in str(error) for help in ("docs/", "--", "import numpy")):
                     raise
                 raise InputError(f"{error} Formats: docs/formats.md.") from error
             while file.read(_HEAD):  # a reader may stop before the end; the hash is of the whole file
@@ -143,6 +145,8 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
 
 def _of(format: str, head: bytes = b"") -> str:
     if format == "matrix" and b"\0" not in head and is_tree(_text(head)):
+        return "tree"
+    if format in CONTROLLERS and head.lstrip().startswith(b"{") and is_document(_text(head)):
         return "tree"
     if head.startswith(tuple(_BINARY)) and (format in ("franka", "matrix") or format in CONTROLLERS):
         return next(kind for start, kind in _BINARY.items() if head.startswith(start))
@@ -166,7 +170,7 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
     if kind in TEXTS:
         return kind, TEXTS[kind].read(_text(data), name)
     tree = _trees.parse_tree(data, name, several=True)
-    if format in (None, "json", "opencv"):
+    if format in (None, "json", "opencv") or format in CONTROLLERS:
         tree = listed(tree)
         if isinstance(tree, list) and is_of_opencv(tree):
             tree = {key: [entry[key] for entry in tree] for key in tree[0] if all(key in entry for entry in tree)}
@@ -174,9 +178,11 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
             tree = [tree]
         elif not _marked(tree) and matrices_of(tree) is None:
             tree = entries_of(tree)
-    found = format or _tree_format(tree, name)
+    maker = CONTROLLERS.get(format or "")
+    found = format if format is not None and maker is None else _tree_format(tree, name)
     try:
-        return found, _TREES[found](tree, name)
+        contents = _TREES[found](tree, name)
+        return format or found, contents if maker is None else in_convention(contents, maker)
     except InputError as error:
         others = [other for other, is_it in _MARKS.items() if is_it(tree)]
         if found in others or not others:

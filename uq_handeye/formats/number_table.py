@@ -46,6 +46,8 @@ _INNER = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
 _JOINTS = re.compile(r"(?:joints?|angles|positions_rad|\bq)\w*[\"']?\s*[:=]?\s*[\[({]*$", re.IGNORECASE)
 _END_COMMENT = re.compile(r"\s(?:#|//|%).*$")
 _MAP = re.compile(r"\{([^{}\[\]]*)\}")
+# What the robot sensor interface of KUKA measured, beside what it commanded (RSol).
+_MEASURED = re.compile(r"<RIst\b[^<>]*>")
 # Names in the point files of Epson, which say that a number is real.
 _EPSON = {f"r{axis}": axis for axis in "XYZUVW"}
 _SPACED_UNIT = re.compile(r"\s+(?=[\[(][\w°/^ -]*[\])])")
@@ -231,7 +233,8 @@ def _lines_of(text: str, name: str) -> Iterator[tuple[int, str]]:
 
 def _named_row(number: int, content: str, is_header: Callable[[Sequence[str]], bool]) -> Row | None:
     """Return a line in which each number stands behind its name."""
-    pairs = _NAMED.findall(content)
+    measured = _MEASURED.search(content)
+    pairs = _NAMED.findall(content if measured is None else measured[0])
     if len(pairs) < FEWEST or not is_header(names := [pair[0] for pair in pairs]):
         return None
     return Row(number, [pair[1] for pair in pairs], tuple(names), tuple(pair[2].lower() for pair in pairs))

@@ -154,9 +154,10 @@ def read_poses(
         sources, contents = (first_source, second_source), (first, second)
     robot_path = _robot_path(robot, arm)
     paths = (robot_path, robot_path if camera is None else as_path(camera))
-    warn_if_swapped(*paths)
     said = setup is not None or any(one.setup is not None for one in contents)
     setup = _setup(setup, contents, paths)
+    if setup == "eye-to-hand":  # with a camera on the hand the length of X shows it
+        warn_if_swapped(*paths)
     sides = [_side(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
     frames = [robot_frame, camera_frame]
     if contents[0].robot_enters and setup == "eye-to-hand":

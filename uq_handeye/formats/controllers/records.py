@@ -29,7 +29,10 @@ _LISTS = {
 # Names that leave the form open: three angles, a rotation vector, or a quaternion of either order.
 _OPEN = ("rotation", "orientation", "quaternion", "quat", "q", "euler", "angles", "rot")
 # Names of six or seven numbers of a whole pose.
-_POSES = ("pose", "tcp", "tcp_pose", "value", "values")
+_POSES = (
+    "pose", "tcp", "tcp_pose", "actual_tcp_pose", "tcp_coords", "coords", "cartesian", "flange", "end_pose", "value",
+    "values",
+)  # fmt: skip
 
 
 def entries_of(tree: Any) -> Any:
@@ -116,6 +119,9 @@ def _row(entry: dict[str, Any]) -> tuple[tuple[str, ...], list[float]] | None:
         for key, columns in _LISTS.items():
             if np.shape(lists.get(key, 0)) in ((3,), (3, 1)):
                 return ("x", "y", "z", *columns), [*t, *np.ravel(lists[key]).tolist()]
+        for key, value in lists.items():
+            if np.shape(value) == (4,) and (order := key.lower()[-4:]) in ("xyzw", "wxyz"):
+                return ("x", "y", "z", *(f"q{axis}" for axis in order)), [*t, *value]
         for key in _OPEN:
             if np.shape(lists.get(key, 0)) in ((3,), (4,)):
                 return (), [*t, *lists[key]]

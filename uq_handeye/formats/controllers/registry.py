@@ -58,7 +58,7 @@ def kind_of(head: str) -> str | None:
         if is_it(head):
             return name
     first = head.lstrip().partition("\n")[0].rstrip()
-    if first.startswith("{") and (not first.endswith("}") or _is_document(head)):  # JSON
+    if first.startswith("{") and (not first.endswith("}") or is_document(head)):  # JSON
         return None
     if has_lists(head):
         return "table"
@@ -89,7 +89,7 @@ def _own(head: str) -> str | None:
     return None if said is None else next((form.name for form in CONTROLLERS.values() if form.maker == said[1]), None)
 
 
-def _is_document(head: str) -> bool:
+def is_document(head: str) -> bool:
     """Return whether a text is one value of JSON, not one in each line."""
     text = head.strip()
     try:

@@ -49,7 +49,7 @@ def read_pose_table(text: str, name: str, form: PoseForm | None = None) -> Conte
 def _of_sets(table: NumberTable, form: PoseForm | None) -> Contents | None:
     """Return both sides of a table whose columns name them; None for a table of one set of poses.
 
-    Raises `InputError` for sets of poses that are not told apart as robot and camera.
+    Raises `InputError` for sets of poses that are not those of robot and camera.
     """
     names = table.names or ()
     if len(twice := [one for one in dict.fromkeys(names) if names.count(one) > 1]) >= FEWEST:
@@ -260,10 +260,11 @@ def _names(table: NumberTable, columns: Columns, form: PoseForm | None) -> tuple
 
 def _require_kind(table: NumberTable, columns: Columns, form: PoseForm | None) -> None:
     """Raise where the names of the columns say another form than the one asked for."""
-    if form is None or columns.kind in ("rxyz", "euler", "axis-angle"):
+    quaternion = columns.kind in QUATERNIONS
+    names_alone = columns.kind in ("rxyz", "euler", "axis-angle")  # which say no convention
+    if form is None or (names_alone and len(form.columns) == 3):
         return
     assert table.names is not None
-    quaternion = columns.kind in QUATERNIONS
     if columns.kind == "rpy" and not form.rotation.startswith("xyz"):
         raise InputError(
             f"{table.name}: expected {', '.join(form.columns)} ({form.maker}), got the columns roll, pitch, yaw. Give "

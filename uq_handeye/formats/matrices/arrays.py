@@ -51,6 +51,9 @@ def side_of_array(
     elif shape[1:] not in ((4, 4), (3, 4)) and len(shape) == 3:
         values = np.moveaxis(values, -1, 0)
     flat = values.reshape(len(values), -1)
+    if flat.shape[1] == 7 and _ends_with_a_code(flat):
+        flat = flat[:, :6]
+        notes.append("the last number of each pose is a code, and not used")
     if flat.shape[1] == 6:
         meant = interpret("unsaid", flat[:, :3], flat[:, 3:], None, units, None)
         side = Side(name, flat[:, :3], flat[:, 3:], readings=meant.readings, **options)
@@ -75,6 +78,14 @@ def side_of_array(
     if times is not None:
         side = Side(name, side.translation, side.rotation, _times(times, len(side), name), **_of(side))
     return side, notes
+
+
+def _ends_with_a_code(rows: Array) -> bool:
+    """Return whether rows of seven numbers hold no quaternion but six numbers and a code, as poses of HALCON do."""
+    code = rows[:, 6]
+    with np.errstate(all="ignore"):
+        unit = min(np.abs(np.linalg.norm(q, axis=1) - 1.0).max() for q in (rows[:, :4], rows[:, 3:]))
+    return bool(unit > 0.1 and (code == code[0]).all() and code[0] in range(14))
 
 
 def _of(side: Side) -> dict[str, Any]:
