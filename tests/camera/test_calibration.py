@@ -174,6 +174,15 @@ def test_a_board_that_is_not_flat_needs_intrinsics(rng):
             calibrate_camera(replace(corners, points=points), SIZE, model)
 
 
+def test_corners_far_off_any_camera_are_those_of_another_board(rng):
+    corners, _, _ = recorded(rng)
+    pixels = corners.pixels + 10.0 * rng.normal(size=corners.pixels.shape)
+    wrong = replace(corners, pixels=np.clip(pixels, 1, 959), board="kind=chessboard columns=9")
+    found = quietly(wrong, SIZE, "pinhole")
+    assert found.findings[0].code == "camera.another_board"
+    assert "those of a chessboard board. Check its kind, columns and rows (--pattern, --board)." in found.warnings[0]
+
+
 def test_pictures_that_are_none_of_a_board(rng):
     """Told before any fit, as one of them can keep every model from starting; a strong distortion is none of them."""
     corners, _, _ = recorded(rng)

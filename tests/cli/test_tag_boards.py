@@ -114,3 +114,9 @@ def test_files_that_are_no_target(tmp_path, text, message):
 def test_a_chessboard_of_kalibr_is_read(tmp_path):
     (tmp_path / "t.yaml").write_text(CHECKERBOARD)
     assert read_target(tmp_path / "t.yaml") == uq.Board(9, 6, 0.02)
+
+
+def test_a_tag_may_name_its_kind(tag):
+    asked = ("calibrate", tag[0] / "robot.csv", "--images", str(tag[0] / "none*.png"), *TAG, "--pattern", "aruco")
+    assert "No pictures found" in run(*asked).stderr
+    assert "Give either --tag or" in run(*asked, "--board", "4x3").stderr

@@ -40,6 +40,8 @@ FEWEST_POINTS = 5  # of a board: the four of a single tag do not calibrate a cam
 TELLING = 0.001  # pixels that corners are moved by without a word
 # Squares wider than high by this share, and by so many standard deviations, are warned of.
 STRETCHED, CERTAIN = 5e-4, 3.0
+# Pixel noise (px, and as a share of the picture) beyond which corners are those of another board.
+LARGE_NOISE, LARGE_SHARE = 3.0, 0.002
 
 
 def calibrate_camera(
@@ -129,6 +131,9 @@ def calibrate_camera(
     pattern = pattern_of(bundle, corners, size)
     board_pattern = board_pattern_of(bundle, corners)
     findings = [*_findings(bundle, corners, pattern, board_pattern, model == "auto"), *moved]
+    if bundle.pixel_noise > max(LARGE_NOISE, LARGE_SHARE * max(size)):
+        values = {"pixels": bundle.pixel_noise, "board": corners.board.partition(" ")[0].partition("=")[2]}
+        findings.insert(0, Finding("camera.another_board", "caution", values))
     if wrong:
         findings.append(Finding("camera.pictures_left_out", "caution", {"pictures": wrong}))
     warn(findings)

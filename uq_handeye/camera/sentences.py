@@ -17,6 +17,15 @@ def _(share: float) -> str:
     )
 
 
+@sentence("camera.another_board")
+def _(pixels: float, board: str) -> str:
+    what = f"They were read as those of a {board} board. " if board else ""
+    return (
+        f"The corners are {pixels:.2g} pixels off any camera (RMS): they are hardly those of this board. {what}Check "
+        "its kind, columns and rows (--pattern, --board)."
+    )
+
+
 @sentence("camera.coefficients_near_zero")
 def _(coefficients: Sequence[Mapping[str, Any]]) -> str:
     named = "; ".join(f"{one['name']} = {one['value']:.2g} +- {one['std']:.2g}" for one in coefficients)

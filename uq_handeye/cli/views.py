@@ -192,11 +192,12 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
     if options.pixel_noise is not None:
         raise InputError("--pixel-noise: for finished camera poses, not for --images. Remove the option.")
     if options.tag is not None:
-        if given := [name for name in board.given if name not in ("--dictionary", "--first-id")]:
+        kinds = ("--pattern",) if board.pattern in ("apriltag", "aruco") and board.board is None else ()
+        if given := [name for name in board.given if name not in ("--dictionary", "--first-id", *kinds)]:
             raise InputError(f"Give either --tag or {', '.join(given)}: not both.")
         from ..camera.boards.dictionaries import APRILTAGS, dictionary_name
 
-        april = board.dictionary is None or dictionary_name(board.dictionary) in APRILTAGS
+        april = board.pattern != "aruco" if board.dictionary is None else dictionary_name(board.dictionary) in APRILTAGS
         board = replace(board, square=options.tag, pattern="apriltag" if april else "aruco")
     single = board.file is None and board.pattern in ("apriltag", "aruco") and board.board in (None, "1x1")
     if options.camera_matrix is None:

@@ -305,6 +305,9 @@ _PHRASES: dict[str, Phrase] = {
     ),
     # camera
     "camera.focal_uncertain": Phrase(CAMERA, lambda v: f"focal length known to {digits(100 * v['share'], 2)} % only"),
+    "camera.another_board": Phrase(
+        CAMERA, lambda v: f"corners {digits(v['pixels'], 2)} px off: another board?", _constant(8.0)
+    ),
     "camera.coefficients_near_zero": Phrase(CAMERA, _text("some lens coefficients are not significant")),
     "camera.corners_left_out": Phrase(CAMERA, lambda v: f"{v['count']} of {v['n']} corners left out"),
     "camera.pictures_left_out": Phrase(CAMERA, lambda v: f"{len(v['pictures'])} images rejected"),
