@@ -154,6 +154,15 @@ def test_of_several_tags_the_commonest_is_taken_and_they_are_named(rng, tmp_path
         uq.detect_board(save(tmp_path / "twice", shifted), any_tag)
 
 
+def test_a_board_that_is_not_found_names_the_tags_that_are(rng, tmp_path):
+    images = save(tmp_path, picture(GRID, facing(GRID, 7, distance=0.45), rng))
+    with pytest.raises(InputError, match=r"tags of 5X5_50: 8, 9, 10, 11, 12, 13, ... \(--dictionary 5X5_50\)\.$"):
+        uq.detect_board(images, replace(GRID, dictionary="4X4_50"))
+    images = save(tmp_path, picture(TAG, facing(TAG, 7, distance=0.4), rng))
+    with pytest.raises(InputError, match=r"tags of APRILTAG_36H11: 5 \(--dictionary APRILTAG_36H11\)\.$"):
+        uq.detect_board(images, replace(TAG, dictionary="25h9"))
+
+
 def test_an_aprilgrid_with_one_cell_of_border_and_without_squares_is_found_too(rng):
     print_of_one_row = uq.Board(3, 1, 0.04, "aruco", dictionary="36h11", spacing=0.01)
     board = uq.Board(3, 1, 0.04, "aprilgrid", spacing=0.25)

@@ -30,6 +30,7 @@ from .boards.description import board_of as board_of
 from .boards.description import spacing_of as spacing_of
 from .boards.description import tag_points as tag_points
 from .boards.grid_as_seen import Tags, contradiction
+from .boards.other_tags import other_tags
 from .boards.refinement import Picture, Seen
 from .boards.tags import tag_finder
 from .corners import Corners
@@ -51,6 +52,7 @@ COUNTED = {
 }
 # Share of the pictures of the commonest tag in which another is worth a word.
 OFTEN = 0.1
+LOOKED_AT = 3  # pictures in which other tags are looked for where the board is in none
 MAX_BYTES = 500_000_000  # of a picture's file
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
 
@@ -125,7 +127,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         kind = "single" if board.single else board.kind
         raise InputError(
             f"No {board} was found in any of {len(paths)} pictures, the first {names[0]}: is it that board? "
-            f"{COUNTED[kind]}"
+            f"{COUNTED[kind]}{'' if board.kind == 'chessboard' else other_tags(map(_picture, paths[:LOOKED_AT]))}"
         )
     if missing:
         warnings.warn(

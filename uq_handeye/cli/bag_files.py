@@ -102,6 +102,11 @@ class BagGiven:
 
         with timed(f"reading {self.paths[0]}"):
             recording = read_recording(self.paths)
+        if len(self.paths) > 1:
+            LOG.info(
+                "%d bags are read as one session: camera, target and robot base must not move between them",
+                len(self.paths),
+            )
         if self.chain is not None:
             arm = self._arm_of_topic(recording, self.chain)
         sides, views, minima = self._streams(recording, files, seen if isinstance(seen, Views) else None)
