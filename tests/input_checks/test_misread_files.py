@@ -284,6 +284,19 @@ def test_transposed_rotations_are_named(file, option):
     assert f"{option} transposed" in " ".join(map(str, result.findings))
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_left_handed_camera_is_named(good, axis):
+    """As a flat target gives it, whose poses stay rotations when the points are mirrored."""
+    mirror, flat = np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])
+    mirror[axis, axis] = -1.0
+    poses = uq.PosePairs(good.robot, mirror @ good.camera @ flat, setup=good.setup)
+    found = check_fit(poses, good.truth.X, None, None)
+    (finding,) = [one for one in found if one.code == "input_checks.poses_unexplained"]
+    assert finding.values["readings"][0]["kind"] == "mirrored"
+    assert "is left-handed" in str(finding) and "left-handed" in phrase(finding)
+    assert "right-handed frame" in step_after(found)
+
+
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_tag_of_another_size_in_a_bag_names_its_option(factor):
     """Also beside an outlier, and with noise that would make the factor of short motions too small."""

@@ -1,8 +1,8 @@
 """Other readings of the two files that would fit (setup, direction, rotations, unit), and how to ask for them.
 
 `checks` asks where X does not explain the poses. A reading is a dictionary of plain values: its ``kind`` ("inverse
-robot", "inverse camera", "quaternion", "transposed", "scale") and what belongs to it; `sentences` names the argument of
-`read_poses` and the option. The likeliest reading comes first.
+robot", "inverse camera", "quaternion", "transposed", "mirrored", "scale") and what belongs to it; `sentences` names the
+argument of `read_poses` and the option. The likeliest reading comes first.
 """
 
 from __future__ import annotations
@@ -61,6 +61,7 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
             ({"kind": "quaternion", "file": file, "order": order}, *pair)
             for file, pair in (("robot", (robot, C)), ("camera", (G, camera)), (None, (robot, camera)))
         ]
+    candidates.append(({"kind": "mirrored"}, G, _mirrored(C)))
     fitting: list[tuple[float, dict[str, Any]]] = []
     largest = FITS * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))
     for reading, robot, camera in candidates:
@@ -162,6 +163,12 @@ def _transposed(T: Array) -> Array:
     result = T.copy()
     result[:, :3, :3] = np.swapaxes(T[:, :3, :3], 1, 2)
     return result
+
+
+def _mirrored(T: Array) -> Array:
+    """Poses of left-handed frames of camera and target; which axis is turned round only moves X and W."""
+    mirror = np.diag([1.0, 1.0, -1.0, 1.0])
+    return np.asarray(mirror @ T @ mirror)
 
 
 def _reordered(T: Array, shift_by: int) -> Array:

@@ -231,6 +231,9 @@ def _reading(
         text = f"the camera file holds {'camera_T_target' if given else 'inverse poses, target_T_camera'}"
         option = 'camera_frame="target_T_camera" (--camera-frame target_T_camera)'
         option = "no camera_frame (--camera-frame)" if given else option
+    elif kind == "mirrored":
+        text = "the frame of the camera, or that of the robot, is left-handed"
+        option = "change the sign of one axis, of poses and points alike, where they are written"
     elif kind == "transposed":
         text = f"the rotations of {'both files' if file is None else f'the {file} file'} are transposed"
         option = (

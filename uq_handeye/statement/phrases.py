@@ -60,6 +60,8 @@ def _reading(v: Mapping[str, Any]) -> str:
             if setup is None
             else (f"the camera file seems inverse, or the setup {setup}")
         )
+    if kind == "mirrored":
+        return "the camera's or the robot's frame seems to be left-handed"
     who = "both files seem" if file is None else f"the {file} file seems"
     if kind == "transposed":
         return f"{who} to have transposed rotations"
