@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from matrix_forms import blocks, rig_of
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from uq_handeye.cli.app import app
@@ -90,6 +91,41 @@ def test_numbers_of_files_that_do_not_match(tmp_path):
             folders.append(write(tmp_path / str(lost) / side, poses[kept], numbers=kept))
         with pytest.raises(InputError, match=message):
             read_poses(*folders)
+
+
+def numbered(path, poses, numbers, column, form="{}"):
+    """Write a table of quaternions with a column that numbers the poses."""
+    rows = [",".join([form.format(k), *map(repr, seven)]) for k, seven in zip(numbers, sevens(poses), strict=True)]
+    path.write_text("\n".join([f"{column},x,y,z,qx,qy,qz,qw", *rows]))
+    return path
+
+
+def sevens(poses):
+    return np.hstack([poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]).as_quat()]).tolist()
+
+
+def test_numbers_in_columns_of_tables(tmp_path):
+    """As those of files: lost rows are named; numbers from 0 and from 1, or of something else, say nothing."""
+    robot, camera = tmp_path / "robot.csv", tmp_path / "camera.csv"
+    lost = {3: [k for k in range(12) if k != 3], 7: [k for k in range(12) if k != 7]}
+    numbered(robot, ROBOT[lost[3]], lost[3], "Nr")
+    numbered(camera, CAMERA[lost[7]], lost[7], "image", "img_{:03}.png")
+    with pytest.raises(InputError, match=r"robot\.csv lacks 3; .*camera\.csv lacks 7.*--pair rows"):
+        read_poses(robot, camera)
+    assert read_poses(robot, camera, pair="rows").n == 11
+    numbered(robot, ROBOT, range(1, 13), "Punkt")
+    for numbers in (range(12), range(0, 120, 10), [5] * 12):
+        np.testing.assert_allclose(
+            read_poses(robot, numbered(camera, CAMERA, numbers, "frame")).robot, ROBOT, atol=1e-9
+        )
+
+
+def test_lines_of_a_program_beside_numbered_files(tmp_path):
+    poses = np.hstack([ROBOT[:, :3, 3], Rotation.from_matrix(ROBOT[:, :3, :3]).as_rotvec()]).tolist()
+    lines = [f"  movel(p[{', '.join(map(repr, six))}])" for six in poses]
+    (tmp_path / "robot.script").write_text("def p():\n" + "\n  sleep(1)\n".join(lines))
+    camera = write(tmp_path / "camera", CAMERA, "cam_{k}.txt")
+    np.testing.assert_allclose(read_poses(tmp_path / "robot.script", camera).robot, ROBOT, atol=1e-9)
 
 
 def test_files_that_are_wrong(tmp_path, camera):

@@ -6,6 +6,7 @@ import glob
 import os
 import re
 from collections import Counter, defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -129,6 +130,13 @@ def _one_kind(path: Path, found: list[Path]) -> None:
 
 
 def last_number(name: str) -> int | None:
-    """Return the last number in the name of a file, without its suffix."""
+    """Return the last number in the name of a file or of a pose, without its suffix."""
     numbers = re.findall(r"\d+", Path(name).stem)
     return int(numbers[-1]) if numbers and len(numbers[-1]) < 18 else None
+
+
+def numbers_in(names: Iterable[str]) -> tuple[int, ...]:
+    """Return the last numbers of names, or none where a name has none or two have the same."""
+    found = [last_number(name) for name in names]
+    numbers = tuple(number for number in found if number is not None)
+    return numbers if len(set(numbers)) == len(found) else ()

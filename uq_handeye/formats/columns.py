@@ -25,6 +25,10 @@ SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 _CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d):([0-5]?\d(?:[.,]\d+)?)")
 _GERMAN = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})([ T].*)")
+_COUNTING = re.compile(
+    r"(?:nr|no|num|number|idx|index|punkt|point|pose|frame|image|img|picture|pic|bild|shot|sample|file|filename|name)"
+    r"(?:[ _.]?(?:nr|no|num|number|idx|index|id|name|file|path))?\.?"
+)
 _UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_([a-z]{1,3}))")
 _PARTS = re.compile(r"(?:.*[./_])?(?:(position|translation)|orientation|rotation|quaternion)[./_]([xyzw])")
 _EUROC = re.compile(r"(?:(p)|q)_(?:[a-z]+_)+([xyzw])")
@@ -48,6 +52,11 @@ def seconds_of(text: str) -> float | None:
     except ValueError:
         return None
     return (found if found.tzinfo is not None else found.replace(tzinfo=UTC)).timestamp()
+
+
+def counts_poses(name: str) -> bool:
+    """Return whether a column numbers the poses, or names their pictures: Nr, frame, image_name."""
+    return bool(_COUNTING.fullmatch(name.strip().strip("\"'#").lower()))
 
 
 def meaning(name: str) -> str:

@@ -60,6 +60,7 @@ class Side:
     readings : what the numbers of the rotation may be. None: matrices, or quaternions of ``order``. One: no doubt.
         Several: the other side decides (`io.readings`), or who reads.
     labels : where each pose stands, for messages, in place of ``rows``
+    numbers : (n,) what each pose is counted by: the number in the name of its file, or in a column such as Nr or image
     """
 
     name: str
@@ -74,6 +75,7 @@ class Side:
     units: str | None = None
     readings: tuple[Reading, ...] = ()
     labels: tuple[str, ...] = ()
+    numbers: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.translation)

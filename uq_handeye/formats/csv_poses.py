@@ -23,10 +23,11 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError, InputWarning
 from ..files.atomic import write_atomically
 from ..files.lines import MAX_BYTES, decoded, is_number, rows_of, short
+from ..files.many import numbers_in
 from ..files.open import StrPath, as_path, opened, shown
 from ..geometry.checks import as_transforms, first_duplicate
 from ..geometry.se3 import Array
-from .columns import SECONDS, meaning_and_unit
+from .columns import SECONDS, counts_poses, meaning_and_unit
 from .contents import COLUMNS, Contents, Side, finished, require_units
 
 HEADER = ",".join(COLUMNS)
@@ -49,6 +50,7 @@ class _Header:
     meant: list[str]
     units: dict[str, str | None]  # of what is meant
     left: list[str]  # names that are not used
+    counting: int | None = None  # the column that numbers the poses
 
 
 def read_csv(file: BinaryIO, name: str) -> Contents:
@@ -56,6 +58,7 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
     header: _Header | None = None
     commented = False  # the header stood in a comment; a real one may follow
     decimal_commas = False
+    counted: list[bytes] = []
 
     def comment(text: bytes, where: str) -> None:
         nonlocal header, commented
@@ -79,6 +82,8 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
             decoded(text, f"{where}: expected {header.count} fields")
             mark = _MARKS[header.separator.decode()]
             raise InputError(f"{where}: expected {header.count} fields separated by {mark}, got {len(fields)}.")
+        if header.counting is not None:
+            counted.append(fields[header.counting])
         if header.left:
             fields = [fields[k] for k in header.used]
         if header.separator != b"," and b"," in text:
@@ -99,10 +104,19 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
         raise InputError(f"{name}: the file is empty; expected the header {HEADER} and one line per pose.")
     if not len(lines):
         raise InputError(f"{name}: no rows after the header; expected one line per pose.")
-    return _contents(name, header, table, lines, decimal_commas)
+    return _contents(
+        name, header, table, lines, decimal_commas, numbers_in(text.decode(errors="replace") for text in counted)
+    )
 
 
-def _contents(name: str, header: _Header, table: Array, lines: NDArray[np.int64], decimal_commas: bool) -> Contents:
+def _contents(
+    name: str,
+    header: _Header,
+    table: Array,
+    lines: NDArray[np.int64],
+    decimal_commas: bool,
+    numbers: tuple[int, ...],
+) -> Contents:
     """The poses under a header, and notes of what was found out from it."""
     names, meant, notes = header.names, header.meant, []
     if meant != names:
@@ -134,7 +148,10 @@ def _contents(name: str, header: _Header, table: Array, lines: NDArray[np.int64]
         names[meant.index("timestamp")] if times is not None else "timestamp",
         *(names[k] for k in translation + quaternion),
     )
-    side = Side(name, table[:, translation], table[:, quaternion], times, lines, "line", order, columns, units=length)
+    side = Side(
+        name, table[:, translation], table[:, quaternion], times, lines, "line", order, columns, units=length,
+        numbers=numbers,
+    )  # fmt: skip
     return Contents(only=side, notes=tuple(notes))
 
 
@@ -232,8 +249,16 @@ def _header(line: bytes, where: str) -> _Header:
             got = ", ".join(sorted(unit or "none" for unit in lengths))
             raise InputError(f"{where}: expected one unit for x, y and z, got {got}.")
         left = [name for k, name in enumerate(names) if k not in used]
+        counting = next((k for k, name in enumerate(names) if k not in used and counts_poses(name)), None)
         return _Header(
-            separator.encode(), len(names), used, [names[k] for k in used], [meant[k] for k in used], unit_of, left
+            separator.encode(),
+            len(names),
+            used,
+            [names[k] for k in used],
+            [meant[k] for k in used],
+            unit_of,
+            left,
+            counting,
         )
     words = [word for word in re.split(r"[,;\s]+", text) if word]
     if len(words) > 1 and all(is_number(word.encode()) for word in words):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..files.many import last_number
+from ..files.many import numbers_in
 from ..files.open import shown
 from ..files.source import Source
 from ..geometry.checks import first_duplicate
@@ -55,30 +55,6 @@ def joined_contents(
     return replace(contents[0], **joined, notes=tuple(notes)), source
 
 
-def check_numbers_of_files(robot: Side, camera: Side) -> None:
-    """Raise `InputError` where the numbers in the names of the files say that pose k of both is not the same."""
-    numbers = [[last_number(label) for label in side.labels] for side in (robot, camera)]
-    if any(not ours or None in ours or len(set(ours)) < len(ours) for ours in numbers):
-        return
-    ours, theirs = (sorted(number for number in side if number is not None) for side in numbers)
-    if ours == theirs or (len(ours) == len(theirs) and ours[-1] - ours[0] == theirs[-1] - theirs[0] == len(ours) - 1):
-        return
-    if not set(ours) & set(theirs):
-        return  # counted by something else
-    lacks = [
-        f"{side.name} lacks {', '.join(map(str, missing[:8]))}{', ...' * (len(missing) > 8)}"
-        for side, missing in (
-            (robot, sorted(set(theirs) - set(ours))),
-            (camera, sorted(set(ours) - set(theirs))),
-        )
-        if missing
-    ]
-    raise InputError(
-        f"Files are paired by their order, and the numbers in their names differ: {'; '.join(lacks)}. Move the files "
-        "without a partner away."
-    )
-
-
 def _sides_of(contents: Contents) -> list[str]:
     return [role for role in ("robot", "camera", "only") if getattr(contents, role) is not None]
 
@@ -111,4 +87,5 @@ def _joined(name: str, paths: Sequence[Path], sides: Sequence[Side]) -> Side:
         rows=None,
         readings=readings,
         labels=tuple(shown(Path(path.name)) for path in paths),
+        numbers=numbers_in(path.name for path in paths),
     )

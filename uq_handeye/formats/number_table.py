@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.lines import MAX_LINE, MAX_ROWS, short
+from ..files.many import numbers_in
 from ..geometry.se3 import Array
-from .columns import meaning, seconds_of
+from .columns import counts_poses, meaning, seconds_of
 
 # Lines before the names or the first numbers that may hold a title.
 TITLE_LINES = 30
@@ -77,6 +78,7 @@ class NumberTable:
     units : behind the numbers of each column; empty where there is none
     notes : what was found out
     unknown : names of the columns that mean nothing of a pose
+    numbers : (n,) of a column that numbers the poses or names their pictures; () where there is none
     """
 
     name: str
@@ -86,6 +88,7 @@ class NumberTable:
     units: tuple[str, ...]
     notes: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
+    numbers: tuple[int, ...] = ()
 
 
 def read_number_table(
@@ -408,4 +411,6 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
     units = first.units or tuple("" if match is None else (match[2] or "").lower() for match in matches)
     chosen = None if names is None else tuple(names[k] for k in columns)
     lines = np.array([row.line for row in rows], dtype=np.int64)
-    return NumberTable(name, values, lines, chosen, units, tuple(notes), first.unknown)
+    counting = next((k for k, one in enumerate(names or ()) if counts_poses(one)), None)
+    numbers = () if counting is None else numbers_in(row.fields[counting] for row in rows)
+    return NumberTable(name, values, lines, chosen, units, tuple(notes), first.unknown, numbers)

@@ -313,6 +313,7 @@ def _some(side: Side, rows: NDArray[np.intp]) -> Side:
         timestamps=None,
         rows=rows if side.rows is None else side.rows[rows],
         labels=tuple(side.labels[k] for k in rows) if side.labels else (),
+        numbers=(),
     )
 
 

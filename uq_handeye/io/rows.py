@@ -10,7 +10,6 @@ import numpy as np
 from ..errors import InputError, InputWarning
 from ..files.open import shown
 from ..formats.contents import Side
-from ..formats.many_files import check_numbers_of_files
 from ..geometry.se3 import Array
 from .matching import SYNCHRONOUS
 
@@ -26,7 +25,7 @@ def check_rows(robot: Side, camera: Side, told: bool) -> tuple[str, ...]:
     timestamps say, which is then a warning.
     """
     if not told:
-        check_numbers_of_files(robot, camera)
+        _check_numbers(robot, camera)
     n, m = len(robot), len(camera)
     timed = robot.timestamps is not None and camera.timestamps is not None
     if n != m:
@@ -69,6 +68,25 @@ def check_rows(robot: Side, camera: Side, told: bool) -> tuple[str, ...]:
         stacklevel=3,
     )
     return ()
+
+
+def _check_numbers(robot: Side, camera: Side) -> None:
+    """Raise `InputError` where the numbers that both sides count their poses by say that pose k is not the same."""
+    ours, theirs = set(robot.numbers), set(camera.numbers)
+    if not ours or not theirs or ours == theirs:
+        return
+    whole = [max(numbers) - min(numbers) == len(numbers) - 1 for numbers in (ours, theirs)]
+    if (len(ours) == len(theirs) and all(whole)) or len(ours & theirs) <= HALF * min(len(ours), len(theirs)):
+        return  # counted from 0 and from 1, or by something else
+    lacks = [
+        f"{side.name} lacks {', '.join(map(str, missing[:8]))}{', ...' * (len(missing) > 8)}"
+        for side, missing in ((robot, sorted(theirs - ours)), (camera, sorted(ours - theirs)))
+        if missing
+    ]
+    raise InputError(
+        f"Poses are paired by their order, and the numbers of their files or rows differ: {'; '.join(lacks)}. Leave "
+        'out the poses without a partner; or, if they belong together in this order, pair="rows" (--pair rows).'
+    )
 
 
 def warn_if_swapped(robot: Path, camera: Path) -> None:

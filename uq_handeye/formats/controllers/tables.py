@@ -242,7 +242,7 @@ def _contents(table: NumberTable, columns: Columns, form: PoseForm | None) -> Co
         notes.append(f"{', '.join(names[4:])} read as {reading.rotation} ({what}{by}), lengths in {reading.units}")
     side = Side(
         table.name, position, rotation, times, table.lines, "line", "xyzw", names,
-        units=columns.length, readings=found.readings,
+        units=columns.length, readings=found.readings, numbers=table.numbers,
     )  # fmt: skip
     return Contents(only=side, notes=tuple(notes))
 
