@@ -121,7 +121,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
             return find_corners(images, replace(board, first_id=number), progress)
         _warn_of_copies(board, ids)
     missing = tuple(name for row, name in enumerate(names) if row not in found)
-    if board.kind in TAGS and not board.single and (words := contradiction(board, tags)):
+    if board.kind in TAGS and not board.single and (words := contradiction(board, tags, max(max(sizes)))):
         warnings.warn(words, InputWarning, stacklevel=3)
     if not found:
         kind = "single" if board.single else board.kind

@@ -21,8 +21,9 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 ALIGNED = 0.25
 # Pairs of neighbours of which there must be so many, and pictures that are looked at.
 FEWEST, MOST = 8, 40
-# Difference of the gap from the one that was given, in sides, and in standard errors, from which on it is wrong.
-WRONG, CLEAR = 0.012, 6.0
+# Difference of the gap from the one that was given, in sides, and in standard errors, from which on it is wrong; and
+# what the distortion of a wide lens makes of it, times the square of the share of the picture that a tag is wide.
+WRONG, CLEAR, BENT = 0.006, 6.0, 3.0
 
 
 class Grid(NamedTuple):
@@ -61,8 +62,8 @@ def grid_as_seen(pictures: list[Tags]) -> Grid:
     return Grid(columns, gap, 1.5 * float(np.median(np.abs(values - gap))) / np.sqrt(len(values)), upwards)
 
 
-def contradiction(board: Board, pictures: list[Tags]) -> str | None:
-    """Return what the pictures say against the columns or the spacing of a grid of tags; None: nothing."""
+def contradiction(board: Board, pictures: list[Tags], width: int) -> str | None:
+    """Return what the pictures, so many pixels wide, say against a grid of tags; None: nothing."""
     if min(board.columns, board.rows) < 2:
         return None
     found = grid_as_seen(pictures)
@@ -75,7 +76,9 @@ def contradiction(board: Board, pictures: list[Tags]) -> str | None:
         kind, way = ("aprilgrid", "upwards, as those of Kalibr") if found.upwards else ("aruco", "downwards")
         return f"The ids of the tags grow {way}: it is kind={kind!r} (--pattern {kind})."
     given = board.gap / board.side
-    if found.gap is None or abs(found.gap - given) < max(WRONG, CLEAR * found.error):
+    sides = [np.linalg.norm(quads[:, 1] - quads[:, 0], axis=1) for _, quads in pictures]
+    share = float(np.median(np.concatenate(sides))) / width if sides else 0.0
+    if found.gap is None or abs(found.gap - given) < max(WRONG + BENT * share**2, CLEAR * found.error):
         return None
     if board.kind == "aprilgrid":
         option = f"spacing={found.gap:.3g} (--spacing {found.gap:.3g})"
