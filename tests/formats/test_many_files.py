@@ -105,7 +105,7 @@ def sevens(poses):
 
 
 def test_numbers_in_columns_of_tables(tmp_path):
-    """As those of files: lost rows are named; numbers from 0 and from 1, or of something else, say nothing."""
+    """Numbers of rows count as those of files: lost ones are named; from 0 and from 1, or of other things, nothing."""
     robot, camera = tmp_path / "robot.csv", tmp_path / "camera.csv"
     lost = {3: [k for k in range(12) if k != 3], 7: [k for k in range(12) if k != 7]}
     numbered(robot, ROBOT[lost[3]], lost[3], "Nr")

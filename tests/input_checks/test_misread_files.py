@@ -286,7 +286,7 @@ def test_transposed_rotations_are_named(file, option):
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_left_handed_camera_is_named(good, axis):
-    """As a flat target gives it, whose poses stay rotations when the points are mirrored."""
+    """Poses as a flat target gives them, which stay rotations when the points are mirrored."""
     mirror, flat = np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])
     mirror[axis, axis] = -1.0
     poses = uq.PosePairs(good.robot, mirror @ good.camera @ flat, setup=good.setup)
