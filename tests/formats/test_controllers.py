@@ -213,7 +213,11 @@ def test_other_forms_of_programs(robot_file, rigs):
         text += f"     [1,{k + 1}] =   'cal'   Group: 1   Config: N U T, 0, 0, 0\n"
         text += "  X: {!r}   Y: {!r}   Z: {!r}\n  W: {!r}   P: {!r}   R: {!r}\n".format(*row)
     check(robot_file(text + "     [1,99] =   ''  Uninitialized\n"), T)
-    assert "groups" in " ".join(check(robot_file(two_groups(program("fanuc", rigs["fanuc"][0]))), T).notes)
+    stars = ", ".join(f"{a} = ******** {'mm' if a in 'XYZ' else 'deg'}" for a in "XYZWPR")
+    text = program("fanuc", rigs["fanuc"][0])
+    untaught = text.replace("/END", f"P[99]{{\n   GP1:\n\t{stars}\n}};\n/END")
+    assert "1 position that was not taught left out" in " ".join(check(robot_file(untaught), rigs["fanuc"][1]).notes)
+    assert "groups" in " ".join(check(robot_file(two_groups(text)), T).notes)
     numbers, T = rigs["kawasaki"]
     rows = [", ".join(map(repr, row)) for row in numbers.tolist()]
     check(robot_file("\n".join(f"POINT p{k} = TRANS({row})" for k, row in enumerate(rows))), T)

@@ -190,7 +190,10 @@ class PoseFiles(StreamFiles):
         from ..formatting.numbers import concise
 
         found = self.synchronised(arm, noise=noise)
-        offset = concise(1e3 * found.offset, 1e3 * found.offset_std, "ms")
+        if found.offset_std > 0.0:
+            offset = concise(1e3 * found.offset, 1e3 * found.offset_std, "ms")
+        else:
+            offset = f"{1e3 * found.offset:.6g} ms, as given"
         LOG.info("The clocks differ by %s (robot minus camera); details: uq-handeye sync.", offset)
         return found.poses, found.noise
 

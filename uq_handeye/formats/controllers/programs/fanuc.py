@@ -54,7 +54,7 @@ def read_fanuc(text: str, name: str) -> Contents:
             continue
         pairs = _PAIR.findall(block)
         values = {key.upper(): value for key, value, _ in pairs[:6]}
-        if not pairs:
+        if all(value.startswith("*") for value in values.values()):
             empty += 1
             continue
         if set(values) != set(_NUMBERS):
@@ -72,7 +72,8 @@ def read_fanuc(text: str, name: str) -> Contents:
     if groups:
         found.notes.append(f"further motion groups (GP2 ...) of {groups} positions are not used")
     if empty:
-        found.notes.append(f"{empty} positions that were not taught are left out")
+        were = "1 position that was" if empty == 1 else f"{empty} positions that were"
+        found.notes.append(f"{were} not taught left out")
     if len(lengths) > 1:
         got = ", ".join(unit or "none" for unit in sorted(lengths))
         raise InputError(f"{name}: expected one unit for all positions, got {got}; {HELP}.")
