@@ -104,6 +104,9 @@ def test_one_number_per_line_and_a_robot_at_rest(tmp_path):
         ]
         (tmp_path / f"tf_{k}.txt").write_text("".join(blocks))
     np.testing.assert_allclose(read(tmp_path, None, "tf_*.txt").robot, T, rtol=0, atol=1e-9)
+    unset = "At time 17.0\n- Translation: [0.1, 0.2, 0.3]\n- Rotation: in Quaternion [0.0, 0.0, 0.0, 0.0]\n"
+    with pytest.raises(InputError, match="orientation is missing"):
+        read(tmp_path, 3 * unset)
 
 
 ARRAYS = {
@@ -201,7 +204,9 @@ NAMES = ("x", "y", "z", "rx", "ry", "rz")
 def test_trees(tmp_path, kind):
     each = [entry(p, r) for p, r in zip(PLACES, VECTORS, strict=True)]
     text = json.dumps(TREES[kind](each, np.hstack([PLACES, VECTORS])))
-    np.testing.assert_allclose(read(tmp_path, text, "robot.json").robot, T, rtol=0, atol=1e-9)
+    poses = read(tmp_path, text, "robot.json")
+    np.testing.assert_allclose(poses.robot, T, rtol=0, atol=1e-9)
+    assert ("poses from 'data'" in poses.sources[0].notes) == (kind == "beside other maps")
 
 
 def test_both_sides_as_opencv_names_them_in_each_entry(tmp_path):
@@ -222,8 +227,18 @@ def test_arrays_in_the_convention_of_a_maker_and_of_quaternions(tmp_path):
     np.save(tmp_path / "robot.npy", NUMBERS)
     poses = read_poses(tmp_path / "robot.npy", tmp_path / "camera.csv", format=("kuka", None))
     np.testing.assert_allclose(poses.robot, T, rtol=0, atol=1e-9)
-    with pytest.raises(InputError, match="got 3 numbers per rotation"):
-        read_poses(tmp_path / "robot.npy", tmp_path / "camera.csv", format=("abb", None))
+    np.save(tmp_path / "matrices.npy", T)
+    (tmp_path / "named.json").write_text(
+        json.dumps({"data": [dict(zip("xyzabc", row, strict=True)) for row in NUMBERS]})
+    )
+    for file, maker, got in (
+        ("robot.npy", "abb", "got 3 numbers per rotation"),
+        ("matrices.npy", "kuka", "got matrices"),
+        ("named.json", "fanuc", r"got the numbers a, b, c \(ZYX\)"),
+    ):
+        with pytest.raises(InputError, match=got):
+            read_poses(tmp_path / file, tmp_path / "camera.csv", format=(maker, None))
+    read_contents(tmp_path / "named.json", "mitsubishi")  # whose names are the same
     text = json.dumps({"meta": {"n": 3}, "data": [{"tcp": row} for row in NUMBERS.tolist()]})
     (tmp_path / "robot.json").write_text(text)
     poses = read_poses(tmp_path / "robot.json", tmp_path / "camera.csv", format=("kuka", None))

@@ -113,6 +113,11 @@ def test_numbers_in_columns_of_tables(tmp_path):
     with pytest.raises(InputError, match=r"robot\.csv lacks 3; .*camera\.csv lacks 7.*--pair rows"):
         read_poses(robot, camera)
     assert read_poses(robot, camera, pair="rows").n == 11
+    numbered(robot, ROBOT, range(12), "Nr")
+    by_name = sorted(range(12), key=str)
+    numbered(camera, CAMERA[by_name], by_name, "image", "img_{}.png")
+    with pytest.raises(InputError, match="in different orders"):
+        read_poses(robot, camera)
     numbered(robot, ROBOT, range(1, 13), "Punkt")
     for numbers in (range(12), range(0, 120, 10), [5] * 12):
         np.testing.assert_allclose(

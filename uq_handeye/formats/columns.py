@@ -35,7 +35,7 @@ _EUROC = re.compile(r"(?:(p)|q)_(?:[a-z]+_)+([xyzw])")
 
 
 def seconds_of(text: str) -> float | None:
-    """Return a date with its time, or a time of day, in seconds; None for another text.
+    """Return a date with its time (UTC unless it names a zone), or a time of day, in seconds; None for another text.
 
     >>> seconds_of("2024-03-01T10:00:11.5Z"), seconds_of("01.03.2024 10:00:11"), seconds_of("10:00:11.25")
     (1709287211.5, 1709287211.0, 36011.25)

@@ -6,6 +6,7 @@ import difflib
 import logging
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -170,6 +171,7 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
     if kind in TEXTS:
         return kind, TEXTS[kind].read(_text(data), name)
     tree = _trees.parse_tree(data, name, several=True)
+    where = ""
     if format in (None, "json", "opencv") or format in CONTROLLERS:
         tree = listed(tree)
         if isinstance(tree, list) and is_of_opencv(tree):
@@ -177,11 +179,13 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         elif is_message(tree) and not _marked(tree):
             tree = [tree]
         elif not _marked(tree) and matrices_of(tree) is None:
-            tree = entries_of(tree)
+            tree, where = entries_of(tree)
     maker = CONTROLLERS.get(format or "")
     found = format if format is not None and maker is None else _tree_format(tree, name)
     try:
         contents = _TREES[found](tree, name)
+        if where:
+            contents = replace(contents, notes=(f"poses from {short(where)}", *contents.notes))
         return format or found, contents if maker is None else in_convention(contents, maker)
     except InputError as error:
         others = [other for other, is_it in _MARKS.items() if is_it(tree)]

@@ -57,10 +57,8 @@ def read_opencv(tree: Any, name: str) -> Contents:
         raise InputError(f"{name}: expected {expected}, got {got(tree)}.")
     for R_name, t_name in _SINGULAR:
         if {R_name, t_name} <= set(tree) and not set(tree) & {"rvecs", "tvecs"}:
-            tree = {**{key: value for key, value in tree.items() if key not in (R_name, t_name)}} | {
-                "rvecs": tree[R_name],
-                "tvecs": tree[t_name],
-            }
+            plural = {R_name: "rvecs", t_name: "tvecs"}
+            tree = {plural.get(key, key): value for key, value in tree.items()}
     sides: dict[str, Any] = {}
     notes: list[str] = []
 

@@ -73,8 +73,13 @@ def check_rows(robot: Side, camera: Side, told: bool) -> tuple[str, ...]:
 def _check_numbers(robot: Side, camera: Side) -> None:
     """Raise `InputError` where the numbers that both sides count their poses by say that pose k is not the same."""
     ours, theirs = set(robot.numbers), set(camera.numbers)
-    if not ours or not theirs or ours == theirs:
+    if not ours or not theirs or robot.numbers == camera.numbers:
         return
+    if ours == theirs:
+        raise InputError(
+            f"Poses are paired by their order, and {robot.name} and {camera.name} number theirs in different orders. "
+            'Sort the rows of both by number; or, if they belong together in this order, pair="rows" (--pair rows).'
+        )
     whole = [max(numbers) - min(numbers) == len(numbers) - 1 for numbers in (ours, theirs)]
     if (len(ours) == len(theirs) and all(whole)) or len(ours & theirs) <= HALF * min(len(ours), len(theirs)):
         return  # counted from 0 and from 1, or by something else

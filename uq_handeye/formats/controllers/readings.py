@@ -85,23 +85,40 @@ def interpret(
 
 
 def in_convention(contents: Contents, form: PoseForm) -> Contents:
-    """Return arrays of six or seven numbers per pose in the convention of a maker that is asked for."""
+    """Return poses of arrays or JSON in the convention of a maker that is asked for.
+
+    Raises `InputError` for matrices, and for numbers that the file itself names otherwise.
+    """
     sides: dict[str, Any] = {}
+    notes: list[str] = []
     for role in ("robot", "camera", "only"):
         side: Side | None = getattr(contents, role)
-        if side is None or side.rotation.shape[1:] not in ((3,), (4,)):
+        if side is None:
             continue
-        if side.rotation.shape[1] != rotation_form(form.rotation).numbers:
+        if got := _against(side, form):
             raise InputError(
-                f"{side.name}: expected x, y, z, {', '.join(form.columns)} ({form.maker}), got "
-                f"{side.rotation.shape[1]} numbers per rotation; see docs/how-to/controller.md."
+                f"{side.name}: expected x, y, z, {', '.join(form.columns)} ({form.maker}), got {got}. Leave --format "
+                "and --robot-format out; see docs/how-to/controller.md."
             )
-        angle = form.rotation[-3:] if form.rotation[-3:] in ("deg", "rad") else None
-        found = interpret(
-            "unsaid", side.translation, side.rotation, form, side.units, None if form.name == "ur" else angle
-        )
+        angle = "deg" if form.rotation.endswith("-deg") else None
+        found = interpret("unsaid", side.translation, side.rotation, form, side.units, angle)
         sides[role] = replace(side, readings=found.readings)
-    return replace(contents, **sides)
+        notes += found.notes
+    return replace(contents, notes=(*contents.notes, *notes), **sides)
+
+
+def _against(side: Side, form: PoseForm) -> str | None:
+    """Return what a file holds in place of the numbers of a maker; None where it may hold these."""
+    if side.rotation.ndim == 3:
+        return "matrices"
+    if side.rotation.shape[1] != rotation_form(form.rotation).numbers:
+        return f"{side.rotation.shape[1]} numbers per rotation"
+    said = {reading.rotation for reading in side.readings} or {side.order}
+    names = tuple(name.lower() for name in side.columns[4:])
+    if len(said) > 1 or names == tuple(name.lower() for name in form.columns):
+        return None
+    stem = said.pop().partition("-")[0]
+    return None if stem == form.rotation.partition("-")[0] else f"the numbers {', '.join(side.columns[4:])} ({stem})"
 
 
 def _forms(kind: str, rotation: Array, translation: Array, form: PoseForm | None) -> Sequence[tuple[str, str]]:

@@ -35,16 +35,16 @@ _POSES = (
 )  # fmt: skip
 
 
-def entries_of(tree: Any) -> Any:
-    """Return a tree that holds the poses of one side in other ways as a list of maps; any other tree as it is.
+def entries_of(tree: Any) -> tuple[Any, str]:
+    """Return a tree that holds the poses of one side in other ways as a list of maps, and the name of that list.
 
     A single pose; columns by their names (``{"x": [...], "y": [...]}``, also with numbered rows as pandas writes them);
-    one list of poses among other entries, whatever its name.
+    one list of poses among other entries, whatever its name. Any other tree is returned as it is.
     """
     if not isinstance(tree, dict):
-        return tree
+        return tree, ""
     if is_records([tree]):
-        return [tree]
+        return [tree], ""
     columns = {
         str(key): list(value.values()) if isinstance(value, dict) else value
         for key, value in tree.items()
@@ -52,9 +52,12 @@ def entries_of(tree: Any) -> Any:
     }
     columns = {key: found.tolist() for key, value in columns.items() if (found := _vector(value)) is not None}
     if is_pose_header(tuple(columns)) and len({len(column) for column in columns.values()}) == 1:
-        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    lists = [value for value in tree.values() if is_records(value)]
-    return lists[0] if len(lists) == 1 else tree
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)], ""
+    lists = {str(key): value for key, value in tree.items() if is_records(value)}
+    if len(lists) != 1:
+        return tree, ""
+    ((key, found),) = lists.items()
+    return found, key
 
 
 def _vector(value: Any) -> Array | None:

@@ -121,8 +121,7 @@ def table_kind(head: str) -> str | None:
         contents = _contents(table, columns, None)
     except InputError:  # whose reader says what is wrong with a table that names its columns
         return "table" if names_a_pose(text) else None
-    if contents.only is None:
-        return "table"
+    assert contents.only is not None
     names = {reading.format for reading in contents.only.readings}
     return names.pop() if len(names) == 1 else "table"
 

@@ -53,10 +53,13 @@ def one_side(
 ) -> Contents:
     """Return poses (n, 7) as they stand; a pose that is printed again with the time of the last one is left out."""
     if len(numbers) > 1 and (moved := _at_rest(numbers)) is not None:  # of a robot that stood still: a file per pose
-        same = "the same pose" if moved == 0.0 else f"a pose at rest (within {1e3 * moved:.2g} mm)"
-        notes.append(f"{same} {len(numbers)} times, {'taken once' if moved == 0.0 else 'the mean taken'}")
-        mean = np.append(numbers[:, :3].mean(axis=0), Rotation.from_quat(numbers[:, 3:]).mean().as_quat())
-        numbers = numbers[:1] if moved == 0.0 else mean[None]
+        if moved == 0.0:
+            notes.append(f"the same pose {len(numbers)} times, taken once")
+            numbers = numbers[:1]
+        else:
+            notes.append(f"a pose at rest (within {1e3 * moved:.2g} mm) {len(numbers)} times, the mean taken")
+            R = Rotation.from_quat(numbers[:, 3:]).mean()
+            numbers = np.append(numbers[:, :3].mean(axis=0), R.as_quat())[None]
         stamps, lines = None if stamps is None else stamps[:1], lines[:1]
     if stamps is not None and len(stamps) > 1 and (stamps == stamps[0]).all() and np.ptp(numbers, axis=0).any():
         notes.append(f"all stamps are {stamps[0]:g}, and not used as times")
