@@ -1,14 +1,15 @@
 """Results into the folder of ``-o DIR``: all files or none, and the line that names them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+from ..runtime.progress import working
 from .groups import OUTPUT, common_in
-from .messages import LOG
-from .options.common import named_folder, require_writable
+from .messages import LOG, progress_wanted, timed
+from .options.common import emit, named_folder, require_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +35,28 @@ def wrote(directory: Path, names: Iterable[str]) -> str:
     *most, last = names
     listed = f"{', '.join(most)} and {last}" if most else last
     return "\n" + to_text([Paragraph(f"Wrote {listed} to {directory}", hang="  ")])
+
+
+def deliver_camera_poses(
+    found: Any, to_dict: Callable[[Any], dict[str, Any]], output: Path | None, as_json: bool, example: str
+) -> None:
+    """Write camera poses into the folder of -o, and print them with the command that goes on with them.
+
+    ``example`` is the folder that is named where none is given.
+    """
+    if output is not None:
+        with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
+            found.write(output)
+    if as_json:
+        from ..io import json_text
+
+        emit(json_text(to_dict(found)))
+        return
+    go_on = "uq-handeye calibrate robot.csv"
+    if output is None:
+        emit(f"{found.summary()}\nNothing was written: give -o {example} to go on with {go_on} {example}\n")
+    else:
+        emit(f"{found.summary()}\nWrote {output}. Next: {go_on} {output}\n")
 
 
 # ------------------------------------------------------------------------------- -o FILE.csv, deprecated

@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 
 from ...errors import InputError
-from ...runtime.progress import working
+from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
-from ..options.common import UNITS, JsonOption, emit, folder_option, made_of, one_of, option
+from ..options.common import UNITS, JsonOption, folder_option, made_of, one_of, option
 from ..pictures import BoardOptions, LensOptions, read_two_numbers
 
 TABLES = (".csv", ".txt", ".tsv")
@@ -80,18 +80,6 @@ def camera_command(
         with timed("looking for the board"):
             corners = detect_board(files, board.read(), progress=progress_wanted())
     found = lens.calibrate(corners, size, board.shape())
-    if output is not None:
-        with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
-            found.write(output)
-    if as_json:
-        from ...camera.files.folder_writer import to_dict
-        from ...io import json_text
+    from ...camera.files.folder_writer import to_dict
 
-        emit(json_text(to_dict(found)))
-        return
-    text = found.summary()
-    if output is None:
-        text += "\nNothing was written: give -o camera/ to go on with uq-handeye calibrate robot.csv camera/\n"
-    else:
-        text += f"\nWrote {output}. Next: uq-handeye calibrate robot.csv {output}\n"
-    emit(text)
+    deliver_camera_poses(found, to_dict, output, as_json, "camera/")

@@ -8,8 +8,9 @@ import typer
 
 from ...errors import InputError, InputWarning
 from ...runtime.progress import working
+from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
-from ..options.common import UNITS, JsonOption, emit, folder_option, one_of, option
+from ..options.common import UNITS, JsonOption, folder_option, one_of, option
 
 
 def points_command(
@@ -75,6 +76,7 @@ def points_command(
     line of sight; wrong points are left out and named.
     """
     from ...points.estimate import poses_from_points
+    from ...points.files.folder_writer import to_dict
     from ...points.files.point_file import read_points, read_target
 
     if target is None and target_units is not None:
@@ -90,18 +92,4 @@ def points_command(
         if not as_json:
             warnings.simplefilter("ignore", InputWarning)  # the summary has them
         found = poses_from_points(measured, known, noise)
-    if output is not None:
-        with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
-            found.write(output)
-    if as_json:
-        from ...io import json_text
-        from ...points.files.folder_writer import to_dict
-
-        emit(json_text(to_dict(found)))
-        return
-    text = found.summary()
-    if output is None:
-        text += "\nNothing was written: give -o seen/ to go on with uq-handeye calibrate robot.csv seen/\n"
-    else:
-        text += f"\nWrote {output}. Next: uq-handeye calibrate robot.csv {output}\n"
-    emit(text)
+    deliver_camera_poses(found, to_dict, output, as_json, "seen/")
