@@ -1,0 +1,226 @@
+r"""The latent Gaussian model: unknown poses, errors that poses share, noise drawn anew, with sizes that have priors.
+
+Rows of the linearised constraint (`likelihood.constraint`), six of each of n poses, with the errors of each side
+carried to them by D (n, 6, 6) of that side:
+
+    r_i + J_i x + sum_c s_c D_i K_ci z_c + sum_w s_w D_i B_wi z_wi = 0,      z ~ N(0, I),   x flat or with a prior
+
+x (p,) is the step of the unknown poses, c runs over components that all poses share, w over those drawn anew. For
+given sizes s all of it is Gaussian: with ``V_i = known_i + sum_w s_w^2 D B B^T D^T = L_i L_i^T``,
+``A = L^-1 [J, s_c D K_c]``, ``y = L^-1 r`` and ``P_0 = diag(prior of x or 0; 1, 1, ...)``
+
+    H = A^T A + P_0,      (x, z) = -H^-1 A^T y,      Cov(x, z) = H^-1
+
+the joint posterior of the poses and of every error. Minus the logarithm of the density of ``theta = log s``, given the
+rows and with x and z integrated out, is, up to a constant,
+
+    f = sum log|L_i| + log|H| / 2 + (|e|^2 + |z|^2 + |x|_prior^2) / 2 + sum ((theta - log median) / log factor)^2 / 2
+
+with ``e = y + A (x, z)``. Its gradient comes from the same factors: with ``T = s_w^2 L^-1 D B B^T D^T L^-T``,
+
+    df/dtheta_c = m_c - tr (H^-1)_cc - |z_c|^2 + prior
+    df/dtheta_w = sum_i [tr T_i - tr(T_i A_i H^-1 A_i^T) - e_i^T T_i e_i] + prior
+
+``m_c - tr (H^-1)_cc`` is the number of numbers of a component that the data determine. In place of the second
+derivatives stand their average over data and expectation (average information, Gilmour, Thompson and Cullis 1995):
+``W^T (1 - A H^-1 A^T) W / 2`` with the columns ``2 A_c z_c`` and ``2 T_w e``. Everything is O(n (p + m)^2).
+Reference: Rue, Martino and Chopin (2009); the mode with flat priors is restricted maximum likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from ..geometry.se3 import Array
+from ..likelihood.constraint import Linearised
+from ..noise.triangular import checked_cholesky
+from .component import SIDES, Component
+
+# Share of the largest diagonal that a direction of the unknown poses must keep in H, or x does not move along it.
+RIDGE = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Value, derivatives and posterior at one set of sizes."""
+
+    theta: Array  # (k,) logarithms of the free sizes
+    value: float  # f
+    gradient: Array  # (k,)
+    information: Array  # (k, k) average information with that of the priors
+    determined: Array  # (components,) numbers that the data determine; of noise drawn anew 0
+
+
+@dataclass(frozen=True, eq=False)
+class Conditional:
+    """Posterior of the unknown poses x and of the errors e = s z, for given sizes."""
+
+    theta: Array
+    value: float
+    mean: Array  # (p + m,) of x and of s z
+    covariance: Array  # (p + m, p + m)
+
+
+@dataclass(frozen=True, eq=False)
+class LatentModel:
+    """The model at one linearisation; see the module."""
+
+    J: Array  # (n, 6, p)
+    r: Array  # (n, 6)
+    components: tuple[Component, ...]
+    shared: Array  # (n, 6, m) D K of all shared components, side by side
+    blocks: dict[int, Array]  # (n, 6, 6) D B B^T D^T of the components that have a part drawn anew, by their number
+    known: Array | None = None  # (n, 6, 6) covariance that has no size
+    prior: Array | None = None  # (p + 1, p + 1) what is known of x: added to [J, r]^T V^-1 [J, r]
+
+    @classmethod
+    def of(
+        cls,
+        linear: Linearised,
+        components: Sequence[Component],
+        J: Array | None = None,
+        known: Array | None = None,
+        prior: Array | None = None,
+    ) -> LatentModel:
+        """Build the model of components at a linearised constraint.
+
+        ``J`` in place of that of the constraint where unknowns are reduced; ``known`` (n, 6, 6) of the rows.
+        """
+        n = len(linear.r)
+        carried = dict(zip(SIDES, linear.sides, strict=True))
+        blocks, shared = {}, [np.zeros((n, 6, 0))]
+        for k, part in enumerate(components):
+            D = carried[part.side]
+            if part.columns is not None:
+                shared.append(D @ part.columns)
+            if part.block is not None:
+                B = D @ part.block
+                blocks[k] = B @ B.mT
+        return cls(
+            linear.J if J is None else J, linear.r, tuple(components), np.concatenate(shared, axis=-1), blocks,
+            known, prior,
+        )  # fmt: skip
+
+    # ------------------------------------------------------------------------------------------- sizes
+
+    @cached_property
+    def free(self) -> NDArray[np.intp]:
+        """Numbers of the components whose size is not known."""
+        return np.array([k for k, part in enumerate(self.components) if not part.size.is_known], dtype=np.intp)
+
+    @cached_property
+    def medians(self) -> Array:
+        """(k,) logarithms of the medians of the free sizes."""
+        return np.log([self.components[k].size.median for k in self.free])
+
+    @cached_property
+    def spreads(self) -> Array:
+        """(k,) standard deviations of the logarithms."""
+        return np.log([self.components[k].size.factor for k in self.free])
+
+    @cached_property
+    def _owner(self) -> NDArray[np.intp]:
+        """(m,) number of the component of each shared column."""
+        return np.repeat(np.arange(len(self.components)), [part.count for part in self.components])
+
+    @property
+    def p(self) -> int:
+        """Number of unknowns of the poses."""
+        return int(self.J.shape[-1])
+
+    def sizes(self, theta: Array) -> Array:
+        """(components,) sizes, known ones among them."""
+        found = np.array([part.size.median for part in self.components])
+        found[self.free] = np.exp(theta)
+        return found
+
+    # ------------------------------------------------------------------------------------------- one set of sizes
+
+    def _solved(self, theta: Array) -> _Solved:
+        s = self.sizes(theta)
+        n, p = len(self.r), self.p
+        V = np.zeros((n, 6, 6)) if self.known is None else self.known.copy()
+        for k, B in self.blocks.items():
+            V += s[k] ** 2 * B
+        L = checked_cholesky(V)
+        half = np.linalg.inv(L)  # (n, 6, 6)
+        A = np.empty((n, 6, p + self.shared.shape[-1] + 1))
+        A[..., :p], A[..., p:-1], A[..., -1] = self.J, self.shared * s[self._owner], self.r
+        A = (half @ A).reshape(6 * n, -1)
+        gram = A.T @ A
+        if self.prior is not None:
+            index = np.r_[:p, -1]
+            gram[np.ix_(index, index)] += self.prior
+        H, pull, square = gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1])
+        diagonal = np.einsum("ii->i", H)
+        diagonal[p:] += 1.0
+        unit = 1.0 / np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+        scaled = H * unit[:, None] * unit
+        np.einsum("ii->i", scaled)[:] += RIDGE
+        C = np.linalg.cholesky(scaled)
+        u = -unit * solve_triangular(
+            C, solve_triangular(C, unit * pull, lower=True, check_finite=False), lower=True, trans="T", check_finite=False
+        )  # fmt: skip
+        logs = np.log(np.einsum("nii->ni", L)).sum() + np.log(np.diag(C) / unit).sum()
+        off = (theta - self.medians) / self.spreads
+        value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ off)
+        return _Solved(s, half, A, C, unit, u, value, off)
+
+    def value(self, theta: Array) -> float:
+        """f."""
+        return self._solved(theta).value
+
+    def at(self, theta: Array) -> State:
+        """f with its derivatives."""
+        at = self._solved(theta)
+        n, p, k = len(self.r), self.p, len(self.components)
+        whole = solve_triangular(at.C, np.diag(at.unit), lower=True, check_finite=False)  # H^-1 = whole^T whole
+        inverse_diagonal = np.einsum("ij,ij->j", whole, whole)
+        columns = at.A[:, :-1]
+        Q = (columns @ whole.T).reshape(n, 6, -1)
+        e = (at.A[:, -1] + columns @ at.u).reshape(n, 6)
+        left = -(Q @ Q.mT) - e[:, :, None] * e[:, None, :]
+        np.einsum("nii->ni", left)[:] += 1.0  # 1 - A H^-1 A^T - e e^T
+        z, owner = at.u[p:], self._owner
+        determined = np.bincount(owner, 1.0 - inverse_diagonal[p:], minlength=k)
+        gradient = determined - np.bincount(owner, z * z, minlength=k)
+        W = np.zeros((k, n, 6))
+        for c in np.unique(owner):
+            of = p + np.flatnonzero(owner == c)
+            W[c] = -2.0 * (columns[:, of] @ at.u[of]).reshape(n, 6)
+        for c, B in self.blocks.items():
+            T = at.s[c] ** 2 * (at.half @ B @ at.half.mT)
+            gradient[c] += float(np.einsum("nij,nij->", T, left))
+            W[c] += 2.0 * (T @ e[..., None])[..., 0]
+        free = self.free
+        flat = W[free].reshape(len(free), -1)
+        across = flat @ Q.reshape(6 * n, -1)
+        information = 0.5 * (flat @ flat.T - across @ across.T)
+        information[np.diag_indices(len(free))] += 1.0 / self.spreads**2
+        return State(theta, at.value, gradient[free] + at.off / self.spreads, information, determined)
+
+    def conditional(self, theta: Array) -> Conditional:
+        """The joint posterior of the poses and of the errors in their units, for given sizes."""
+        at = self._solved(theta)
+        inverse = solve_triangular(at.C, np.diag(at.unit), lower=True, check_finite=False)
+        scale = np.concatenate([np.ones(self.p), at.s[self._owner]])
+        inverse = inverse * scale
+        return Conditional(theta, at.value, at.u * scale, inverse.T @ inverse)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    s: Array  # (components,)
+    half: Array  # (n, 6, 6) L^-1
+    A: Array  # (6n, p + m + 1) with y as the last column
+    C: Array  # Cholesky factor of H times unit on both sides
+    unit: Array  # (p + m,)
+    u: Array  # (p + m,) x and z
+    value: float
+    off: Array  # (k,) deviations of the sizes from their medians

@@ -1,0 +1,360 @@
+r"""Noise and shared errors of one data set, estimated together: the components of a request, their sizes, the noise.
+
+Every error that a request declares or leaves to the data is a `Component`: the noise of both sides, that of camera poses
+by their corners or their views, what all poses share (`SharedError`), the arm. Their sizes are found together (`mode`),
+near the unknowns that robust weights start from; at the end they are integrated over (`integration`). What is handed on
+is a `PoseNoise` with the sizes as found, its columns named, and what the open sizes add to the covariance of X and W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from ..errors import InputError, NotConvergedError
+from ..geometry.se3 import Array
+from ..kinematics.errors import LENGTHS
+from ..kinematics.kinematic_errors import DECLARED, DECLARED_AS, JOINT_NOISE, KinematicColumns
+from ..likelihood.constraint import Constraint, Unknowns
+from ..likelihood.reduced_rows import Reduced, reduce_rows
+from ..noise.camera_noise import CameraNoise
+from ..noise.estimate import CAMERA_EXCESS, Component as Told, NoiseEstimate, NoisePrior, together
+from ..noise.joint_covariance import JointCovariance
+from ..noise.models import Noise, PairNoise, PoseNoise, marginals, rows_of
+from ..noise.pose_prior import PosePrior
+from ..poses.pose_pairs import PosePairs
+from ..shared_errors.shared_error import SharedError, add_columns
+from .component import Component
+from .engine import LatentModel
+from .integration import Mixture, integrate
+from .mode import Mode, find_mode
+from .sizes import SIZES, Size
+from .view import view_block
+
+KINDS = ("rotation", "translation")
+PIXELS = "pixel noise"
+BY_VIEW = "camera by view"
+# Residuals below this, in rad and relative to the longest translation, are rounding: no noise to estimate.
+ROUNDING = 1e-11
+# Linearised again until X and W move by less, in standard deviations; and how often at most.
+STILL, MOST_ROUNDS = 2e-2, 6
+# Poses above which the sizes are found from so many of them, spread over the rows.
+ENOUGH = 300
+# A size that leaves more of the spread of its prior is not told by the data.
+TOLD = 0.6
+REACH = float(ndtri(0.975))
+
+_TURN, _SHIFT = np.eye(6)[:, :3], np.eye(6)[:, 3:]
+
+
+@dataclass(frozen=True, eq=False)
+class JointModel:
+    """Components of one data set, as declared or left to the data; see the module."""
+
+    constraint: Constraint
+    prior: NoisePrior = field(default_factory=NoisePrior)
+    camera: Any = None  # covariance of the camera poses, or CameraNoise; None: to be estimated
+    robot: Any = None  # covariance of the robot poses; None: to be estimated
+    errors: tuple[SharedError, ...] = ()  # what all poses share
+    poses: PosePairs | None = None
+    pose_prior: PosePrior | None = None
+    arm: KinematicColumns | None = None
+    excess: JointCovariance | None = None  # of the camera beside what corners say, per pixel^2
+    how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points"
+
+    @property
+    def sides(self) -> tuple[str, str]:
+        """Names of the sides: robot and camera, or A and B."""
+        return self.constraint.sides
+
+    @cached_property
+    def components(self) -> tuple[Component, ...]:
+        """All components with something to move."""
+        return tuple(self._noise()) + tuple(self._shared()) + tuple(self._arm())
+
+    @cached_property
+    def known(self) -> dict[str, Array]:
+        """Covariances (6, 6) or (n, 6, 6) that are taken as they are, by side."""
+        found = {}
+        for side in ("robot", "camera"):
+            S = getattr(self, side)
+            if S is not None and not isinstance(S, CameraNoise):
+                found[side] = S.own if isinstance(S, JointCovariance) else marginals(S)
+        return found
+
+    def _noise(self) -> list[Component]:
+        values = self.prior.values.reshape(2, 2)
+        found = []
+        for k, side in enumerate(("robot", "camera")):
+            if getattr(self, side) is not None:
+                continue
+            for part, (what, block) in enumerate(zip(KINDS, (_TURN, _SHIFT), strict=True)):
+                value, name = float(values[k, part]), f"{self.sides[k]} {what}"
+                size = SIZES[f"{side} {what}"]
+                if not np.isnan(value):
+                    size = replace(size, median=value, factor=self.prior.factor, source="declared")
+                found.append(Component(name, side, size, block=block))
+            if side == "camera" and self.poses is not None and np.isnan(values[1]).all():
+                found.append(Component(BY_VIEW, side, SIZES[BY_VIEW], block=view_block(self.poses.camera, True)))
+        found += self._known_camera()
+        if isinstance(self.robot, JointCovariance):
+            names = _named(self.robot, "robot (shared)")
+            found.append(Component("robot (shared)", "robot", Size(1.0), columns=self.robot.shared, parts=names))
+        return found
+
+    def _known_camera(self) -> list[Component]:
+        S, found = self.camera, []
+        if isinstance(S, CameraNoise):
+            own, scaled = S.scaled()
+            size = SIZES[PIXELS] if S.pixel_sd is None else Size(S.pixel_sd, 1.0, "px", "declared")
+            names = np.array(_named(S.joint, "intrinsics"))
+            parts = tuple(names[S.scales].tolist())
+            found.append(Component(PIXELS, "camera", size, scaled, np.linalg.cholesky(own), parts))
+            if not S.scales.all():
+                rest = tuple(names[~S.scales].tolist())
+                found.append(Component("intrinsics", "camera", Size(1.0), columns=S.fixed(), parts=rest))
+        elif isinstance(S, JointCovariance):
+            names = _named(S, "intrinsics")
+            found.append(Component("intrinsics", "camera", Size(1.0), columns=S.shared, parts=names))
+        if self.excess is not None:
+            found.append(
+                Component(CAMERA_EXCESS, "camera", SIZES[CAMERA_EXCESS], self.excess.shared, _root(self.excess.own))
+            )
+        return found
+
+    def _shared(self) -> list[Component]:
+        found = []
+        for error in self.errors:
+            if error.is_exact:
+                continue
+            assert self.poses is not None
+            size = Size(1.0, error.factor)
+            columns, known = error.at(self.poses) * error.sd, error.sd > 0
+            parts = tuple(part for part, is_known in zip(error.parts, known, strict=True) if is_known)
+            found.append(Component(error.name, error.side, size, columns=columns[..., known], parts=parts))
+        return found
+
+    def _arm(self) -> list[Component]:
+        if self.arm is None:
+            return []
+        given, found = self.arm.given, []
+        for group, sd in given.standard_deviations.items():
+            of = np.array([name == group for name in self.arm.groups], dtype=bool)
+            if not of.any():
+                continue
+            declared = given.how == DECLARED
+            size = Size(sd, 1.0 if declared else given.population.factor, "m" if group == LENGTHS else "rad")
+            parts = tuple(name for name, is_of in zip(self.arm.names, of, strict=True) if is_of)
+            found.append(Component(group, "robot", size, columns=self.arm.F[..., of], parts=parts))
+        joint_sd = given.joint_sd
+        size = SIZES[JOINT_NOISE] if joint_sd is None else Size(float(joint_sd), 1.0, "rad", "declared")
+        if size.median > 0:
+            found.append(Component(JOINT_NOISE, "robot", size, block=self.arm.J))
+        return found
+
+    # ------------------------------------------------------------------------------------------- estimation
+
+    def find(self, at: Unknowns, weights: Array | None = None, start: Array | None = None) -> FoundSizes:
+        """Find the sizes near the unknowns, of the poses of weight above 0.
+
+        Raises
+        ------
+        InputError
+            No residuals left beside the unknowns.
+        NotConvergedError
+            Unknowns or sizes that do not converge.
+        """
+        n = self.constraint.n
+        kept = np.arange(n) if weights is None else np.flatnonzero(weights)
+        constraint = self.constraint if len(kept) == n else self.constraint.rows(kept)
+        self._require_freedom(constraint, constraint.p)
+        used = np.arange(len(kept))
+        if len(kept) > ENOUGH:
+            used = np.unique(np.linspace(0, len(kept) - 1, ENOUGH).round().astype(np.intp))
+        part = constraint.rows(used) if len(used) < len(kept) else constraint
+        theta = start
+        for done in range(MOST_ROUNDS):
+            model, reduced = self._model(part, at, kept[used])
+            exact = self._exact(part, model)
+            if exact.any():
+                return FoundSizes(self, model, reduced, find_mode(model), at, kept, exact)
+            self._require_freedom(constraint, reduced.J.shape[-1])
+            mode = find_mode(model, theta)
+            theta = mode.theta
+            found = model.conditional(theta)
+            p = model.p
+            step, C = found.mean[:p], found.covariance[:p, :p]
+            if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < STILL**2:
+                return FoundSizes(self, model, reduced, mode, at, kept, exact)
+            at = at.moved(reduced.unreduced(step))
+        turn, shift = np.sqrt((model.r**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
+        raise NotConvergedError(
+            f"Noise estimation did not converge; the residuals are {np.rad2deg(turn):.2g} deg and "
+            f"{shift * 1e3:.2g} mm (root mean square). If that is too much, look at the setup, at the pairing of the "
+            "poses and for outliers; or give the noise.",
+            mode,
+        )
+
+    def _require_freedom(self, constraint: Constraint, p: int) -> None:
+        dof = 6.0 * constraint.n - p + (0 if self.pose_prior is None else self.pose_prior.rank)
+        if dof <= 0:
+            raise InputError(
+                f"Expected residuals to estimate the noise from, got {dof:g} degrees of freedom. Give more poses, or "
+                "the noise."
+            )
+
+    def _model(self, constraint: Constraint, at: Unknowns, kept: NDArray[np.intp]) -> tuple[LatentModel, Reduced]:
+        linear = constraint.linearise(at, constraint.first, constraint.second)
+        reduced = reduce_rows(constraint, linear, at, None, self.pose_prior)
+        whole = len(kept) == self.constraint.n
+        components = self.components if whole else tuple(part.rows(kept) for part in self.components)
+        known: Array | None = None
+        for side, D in zip(("robot", "camera"), linear.sides, strict=True):
+            if side in self.known:
+                S = self.known[side]
+                each = D @ (S if S.ndim == 2 or whole else S[kept]) @ D.mT
+                known = each if known is None else known + each
+        return LatentModel.of(linear, components, reduced.J, known, reduced.known), reduced
+
+    def _exact(self, constraint: Constraint, model: LatentModel) -> NDArray[np.bool_]:
+        """(2,) whether the residuals of rotation and translation are rounding."""
+        if all(part.size.is_known for part in self.components):
+            return np.zeros(2, dtype=bool)
+        longest = max(1e-300, *(float(np.abs(T[:, :3, 3]).max()) for T in (constraint.first, constraint.second)))
+        J = model.J.reshape(-1, model.p)
+        r = model.r.reshape(-1)
+        left = (r - J @ np.linalg.lstsq(J, r, rcond=None)[0]).reshape(-1, 2, 3)
+        size = np.sqrt((left**2).mean(axis=(0, 2)))
+        return np.asarray(size < ROUNDING * np.array([1.0, longest]))
+
+
+@dataclass(frozen=True, eq=False)
+class FoundSizes:
+    """Sizes of one problem, and the noise that they make."""
+
+    source: JointModel
+    model: LatentModel
+    reduced: Reduced
+    mode: Mode
+    at: Unknowns  # where the model is linear
+    kept: NDArray[np.intp]
+    exact: NDArray[np.bool_]  # (2,) rotation, translation residuals at rounding level
+
+    @cached_property
+    def mixture(self) -> Mixture:
+        """Posterior with the sizes integrated over."""
+        return integrate(self.model, [self.mode])
+
+    def sizes_at(self, theta: Array) -> dict[str, float]:
+        """Sizes by the names of the components."""
+        sizes = self.model.sizes(theta).tolist()
+        return {part.name: size for part, size in zip(self.source.components, sizes, strict=True)}
+
+    @property
+    def noise(self) -> Noise | None:
+        """Noise of all poses by the most probable sizes; None: the data are exact."""
+        return None if self.exact.any() else self._noise_by(self.sizes_at(self.mode.theta))
+
+    @cached_property
+    def integrated_noise(self) -> Noise:
+        """Noise of all poses by the mean of the logarithms of the sizes."""
+        return self._noise_by(self.sizes)
+
+    @cached_property
+    def sizes(self) -> dict[str, float]:
+        """Sizes by name, integrated over."""
+        return self.sizes_at(self.mixture.mean_theta)
+
+    def _noise_by(self, sizes: dict[str, float]) -> Noise:
+        source = self.source
+        sides: dict[str, Any] = {}
+        for side in ("robot", "camera"):
+            own: Any = source.known.get(side)
+            own = None if own is not None and not own.any() else own
+            columns, names = [], []
+            for part in source.components:
+                if part.side != side:
+                    continue
+                s = sizes[part.name]
+                if part.block is not None:
+                    more = s * s * part.block @ part.block.mT
+                    own = more if own is None else own + more
+                if part.columns is not None:
+                    columns.append(s * part.columns)
+                    names += part.parts
+            if columns:
+                n = source.constraint.n
+                each = np.zeros((n, 6, 6)) if own is None else np.broadcast_to(own, (n, 6, 6))
+                own = JointCovariance(each, np.concatenate(columns, axis=-1), _as_named(names))
+            sides[side] = own
+        if source.constraint.item == "pose":
+            return PoseNoise(**sides)
+        return PairNoise(A=sides["robot"], B=sides["camera"])
+
+    @cached_property
+    def errors(self) -> tuple[SharedError, ...]:
+        """What all poses share, with the standard deviations that were found, the errors of the arm among them."""
+        found = [error.of_size(self.sizes.get(error.name, 1.0)) for error in self.source.errors]
+        if self.source.arm is not None:
+            from ..shared_errors.kinematic_errors import errors_of_arm
+
+            found += errors_of_arm(self.source.arm, {group: self.sizes.get(group, 0.0) for group in DECLARED_AS})
+        return tuple(found)
+
+    @cached_property
+    def spread(self) -> Array:
+        """(p, r) moves of X and W that the open sizes leave, one standard deviation each: beside the noise."""
+        p, mixture = self.model.p, self.mixture
+        centre = self.model.conditional(mixture.mean_theta)
+        more = mixture.about(centre.mean)[:p, :p] - centre.covariance[:p, :p]
+        unit = np.sqrt(np.diag(centre.covariance)[:p])
+        values, vectors = np.linalg.eigh(more / np.outer(unit, unit))
+        kept = values > 1e-12
+        moves = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+        return moves if self.reduced.basis is None else self.reduced.basis @ moves
+
+    @cached_property
+    def shape(self) -> float:
+        """Degrees of freedom nu of the multivariate t with the kurtosis of X's posterior; infinite: Gaussian.
+
+        With M_i the covariances relative to that of the mixture and mu_i the means,
+        ``E d^4 = sum w ((tr M_i + |mu_i|^2)^2 + 2 tr M_i^2 + 4 mu_i^T M_i mu_i)``, which is ``q (q + 2) (nu - 2) /
+        (nu - 4)`` for a t.
+        """
+        mixture, q = self.mixture, min(6, self.model.p)
+        C = mixture.covariance[:q, :q]
+        unit = 1.0 / np.sqrt(np.diag(C))
+        half = np.linalg.inv(np.linalg.cholesky(C * np.outer(unit, unit) + 1e-12 * np.eye(q))) * unit
+        M = half @ mixture.covariances[:, :q, :q] @ half.T
+        mu = (mixture.means[:, :q] - mixture.mean[:q]) @ half.T
+        square = np.einsum("dij,dji->d", M, M)
+        fourth = (np.einsum("dii->d", M) + (mu * mu).sum(axis=1)) ** 2 + 2 * square
+        fourth = fourth + 4 * np.einsum("di,dij,dj->d", mu, M, mu)
+        ratio = float(mixture.weights @ fourth) / (q * (q + 2))
+        return 4.0 + 2.0 / (ratio - 1.0) if ratio > 1.001 else float("inf")
+
+    def describe(self) -> NoiseEstimate:
+        """Components with intervals and what can be said of them."""
+        from .telling import tell
+
+        return tell(self)
+
+
+def _named(S: JointCovariance, otherwise: str) -> tuple[str, ...]:
+    return tuple(name or otherwise for name in S.names)
+
+
+def _as_named(names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(names)
+
+
+def _root(S: Array) -> Array:
+    """(n, 6, 6) square roots of covariances that may be singular."""
+    values, vectors = np.linalg.eigh(S)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])

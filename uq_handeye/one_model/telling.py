@@ -1,0 +1,142 @@
+"""Report of the noise that was found: each standard deviation with its 95 % interval, and what the data tell of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..findings import Finding
+from ..geometry.se3 import Array
+from ..noise.camera_noise import CameraNoise
+from ..noise.estimate import CAMERA_EXCESS, Component, NoiseEstimate, together
+from ..noise.joint_covariance import JointCovariance
+from ..noise.models import PoseNoise, marginals
+from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
+from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
+
+UNITS = {"rotation": "rad", "translation": "m"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Spread:
+    """A standard deviation over the posterior of the sizes: its logarithm has this mean and deviation."""
+
+    mean: float
+    sd: float
+    logs: Array  # (d,)
+
+    def component(self, name: str, unit: str, status: str) -> Component:
+        """Build the component, with the interval of a log-normal."""
+        low, high = (float(np.exp(self.mean + sign * REACH * self.sd)) for sign in (-1, 1))
+        return Component(name, unit, float(np.exp(self.mean)), low, high, status)
+
+
+def tell(found: FoundSizes) -> NoiseEstimate:
+    """Describe the noise of `FoundSizes`."""
+    source = found.source
+    if found.exact.any():
+        return _exact(found)
+    mixture, sides = found.mixture, source.sides
+    sizes = np.array([found.model.sizes(theta) for theta in mixture.theta])  # (d, components)
+    own = {name: np.zeros(len(sizes)) for side in sides for name in (f"{side} {what}" for what in KINDS)}
+    for c, part in enumerate(source.components):
+        if part.block is None or part.name == JOINT_NOISE:
+            continue
+        side = sides[("robot", "camera").index(part.side)]
+        variance = np.einsum("...ik,...ik->...i", part.block, part.block).reshape(-1, 2, 3).mean(axis=(0, 2))
+        for what, each in zip(KINDS, variance.tolist(), strict=True):
+            own[f"{side} {what}"] += each * sizes[:, c] ** 2
+    for side, name in zip(("robot", "camera"), sides, strict=True):
+        if side in source.known:
+            variance = np.diagonal(source.known[side], axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
+            for what, each in zip(KINDS, variance.tolist(), strict=True):
+                own[f"{name} {what}"] += each
+    spreads = {name: _spread(mixture.weights, v) for name, v in own.items() if (v > 0).all()}
+    parts = {name: spread.component(name, UNITS[name.split()[-1]], _status(found, name, spread)) for name, spread in spreads.items()}
+    for what in KINDS:
+        names = [f"{side} {what}" for side in sides]
+        if all(name in own for name in names) and (total := own[names[0]] + own[names[1]]).all():
+            spread = _spread(mixture.weights, total)
+            both = [parts[name].status for name in names if name in parts]
+            status = both[0] if len(set(both)) == 1 and both[0] in ("fixed", "prior") else "estimated"
+            parts[together(what, sides)] = spread.component(together(what, sides), UNITS[what], status)
+    order = [name for what in KINDS for name in (together(what, sides), *(f"{side} {what}" for side in sides))]
+    components = [parts[name] for name in order if name in parts]
+    components += _sized(found)
+    names = tuple(name for name in spreads if spreads[name].sd > 0)
+    logs = np.array([spreads[name].logs for name in names]).reshape(len(names), -1)
+    centred = logs - (logs @ mixture.weights)[:, None]
+    v = np.exp([2.0 * spreads[name].mean for name in names])
+    covariance = 4.0 * (centred * mixture.weights) @ centred.T * np.outer(v, v)
+    findings = _findings(found, parts)
+    dof = 6.0 * len(found.kept) - found.model.p
+    return NoiseEstimate(
+        found.integrated_noise, tuple(components), findings, v, covariance, dof, None, 0.0, names=names, shape=found.shape
+    )  # fmt: skip
+
+
+def _spread(weights: Array, variance: Array) -> _Spread:
+    logs = 0.5 * np.log(variance)
+    mean = float(weights @ logs)
+    return _Spread(mean, float(np.sqrt(max(weights @ (logs - mean) ** 2, 0.0))), logs)
+
+
+def _status(found: FoundSizes, name: str, spread: _Spread) -> str:
+    """Status of a noise: fixed, by its data sheet, estimated, or not told apart from the others."""
+    source = found.source
+    side = name.split()[0]
+    index = source.sides.index(side)
+    known = (source.robot, source.camera)[index]
+    if known is not None:
+        if index == 1 and source.how:
+            return source.how
+        return "by geometry" if isinstance(known, CameraNoise) else "given" if index else "fixed"
+    value = source.prior.values.reshape(2, 2)[index, KINDS.index(name.split()[-1])]
+    if not np.isnan(value):
+        return "fixed" if source.prior.factor == 1 else "prior"
+    part = next(one for one in source.components if one.name == name)
+    return "estimated" if spread.sd < TOLD * np.log(part.size.factor) else "not told apart"
+
+
+def _sized(found: FoundSizes) -> list[Component]:
+    """Components of what has a size of its own beside the noise of the sides: pixels, joints, groups of an arm."""
+    mixture, listed = found.mixture, []
+    free = {found.source.components[k].name: j for j, k in enumerate(found.model.free.tolist())}
+    for part in found.source.components:
+        is_group = part.name in DECLARED_AS
+        if part.name not in (PIXELS, JOINT_NOISE, CAMERA_EXCESS) and not is_group:
+            continue
+        unit = part.size.unit or "rad"
+        if part.name not in free:
+            s = part.size.median
+            listed.append(Component(part.name, unit, s, s, s, "given" if part.name == PIXELS else "fixed"))
+            continue
+        j = free[part.name]
+        sd = float(np.sqrt(mixture.covariance_theta[j, j]))
+        spread = _Spread(float(mixture.mean_theta[j]), sd, mixture.theta[:, j])
+        status = "population" if is_group else "estimated" if sd < TOLD * np.log(part.size.factor) else "not told apart"
+        listed.append(spread.component(part.name, unit, status))
+    return listed
+
+
+def _findings(found: FoundSizes, parts: dict[str, Component]) -> tuple[Finding, ...]:
+    from ..noise_estimation.findings import noise_findings
+
+    sides = found.source.sides
+    if len(parts) < 6 or any(part.status not in ("fixed", "prior", "estimated", "not told apart") for part in parts.values()):
+        return ()
+    told = not any(parts[f"{side} rotation"].status == "not told apart" for side in sides)
+    return noise_findings(parts, sides, told, frozenset())
+
+
+def _exact(found: FoundSizes) -> NoiseEstimate:
+    sides = found.source.sides
+    names = [what for what, is_exact in zip(KINDS, found.exact, strict=True) if is_exact]
+    components = tuple(
+        Component(together(what, sides), UNITS[what], 0.0, 0.0, None, "exact" if what in names else "not estimated")
+        for what in KINDS
+    )
+    findings = (Finding("noise_estimation.exact", "note", {"parts": names}),)
+    dof = 6.0 * len(found.kept) - found.model.p
+    return NoiseEstimate(None, components, findings, np.zeros(3), np.zeros((3, 3)), dof)

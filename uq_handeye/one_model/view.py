@@ -1,0 +1,80 @@
+r"""What a lens, a bent target and wrong corners do to finished camera poses: errors that follow from the view.
+
+Model: the error of a camera pose is a smooth function of how the target was seen, the same function for all poses of a
+rig. To first order it is linear in six coordinates c of the view, the direction ``t / |t|`` in which the target stood
+and its normal, both in the camera frame: centred over the poses (their mean is absorbed by X and W), divided by their
+standard deviation where that is above `LEAST`. Each of them moves each of the six components,
+
+    xi = sum_jk z_jk c_j E_k,      E = ( [theta in rad]; [tau in units of the distance |t|] )
+
+36 columns of one size (rad, and relative to the distance).
+
+*Noise by the view.* The noise of a pose that was fitted to the corners of a flat target has a shape that its distance
+and tilt decide (T11): with the derivatives B of the corners' directions ``(x / z, y / z)`` by the pose the covariance is
+``(B^T B)^-1`` per square of the directions' noise. Target and lens are not known here: it is taken as a square of points
+of half the width `HALF` times the median distance, about its origin or beside it, so that only its size is left open.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.se3 import Array, skew
+
+# Standard deviation below which a coordinate of the view is not scaled up.
+LEAST = 0.1
+# Half of the width of the target over its distance, and points along each side.
+HALF, POINTS = 0.15, 4
+# A target seen edge-on counts as if it were tilted by this cosine.
+EDGE_ON = 0.15
+
+
+def view_columns(camera: Array) -> Array:
+    """(n, 6, 36) columns at poses (n, 4, 4) camera_T_target."""
+    return columns_about(camera, *view_scale(camera))
+
+
+def view_scale(camera: Array) -> tuple[Array, Array]:
+    """(6,) mean of the coordinates of the view over poses (n, 4, 4), and what they are divided by."""
+    seen = _coordinates(camera)
+    return seen.mean(axis=0), np.maximum(seen.std(axis=0), LEAST)
+
+
+def columns_about(camera: Array, mean: Array, scale: Array) -> Array:
+    """(n, 6, 36) columns at poses (n, 4, 4), with the scale of others."""
+    coordinates = (_coordinates(camera) - mean) / scale
+    distance = np.linalg.norm(camera[:, :3, 3], axis=-1)
+    E = np.zeros((len(camera), 6, 6))
+    E[:, range(3), range(3)] = 1.0
+    E[:, range(3, 6), range(3, 6)] = distance[:, None]
+    return np.asarray(np.einsum("nj,nik->nijk", coordinates, E).reshape(len(camera), 6, 36))
+
+
+def _coordinates(camera: Array) -> Array:
+    """(n, 6) direction and normal of the target."""
+    t = camera[:, :3, 3]
+    return np.concatenate([t / np.maximum(np.linalg.norm(t, axis=-1, keepdims=True), 1e-12), camera[:, :3, 2]], axis=-1)
+
+
+def view_block(camera: Array, corner: bool) -> Array:
+    """(n, 6, 6) square roots of the covariance of poses (n, 4, 4) for one rad of noise of the directions to points.
+
+    ``corner``: the origin is a corner of the target; else its middle.
+    """
+    distance = np.median(np.linalg.norm(camera[:, :3, 3], axis=-1))
+    side = np.linspace(-1.0, 1.0, POINTS)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) + (1.0 if corner else 0.0)
+    P = np.pad(HALF * max(float(distance), 1e-6) * grid, [(0, 0), (0, 1)])
+    turned = P @ camera[:, :3, :3].mT  # (n, k, 3)
+    at = turned + camera[:, None, :3, 3]
+    z = at[..., 2]
+    z = np.where(np.abs(z) > 1e-3 * distance, z, 1e-3 * distance)
+    by_point = np.zeros((*at.shape[:-1], 2, 3))
+    by_point[..., 0, 0] = by_point[..., 1, 1] = 1.0 / z
+    by_point[..., 2] = -at[..., :2] / (z * z)[..., None]
+    by_pose = np.concatenate([-by_point @ skew(turned), by_point], axis=-1).reshape(len(camera), -1, 6)
+    information = by_pose.mT @ by_pose
+    # an edge-on target would leave its tilt open altogether
+    floor = EDGE_ON**2 * len(P) * HALF**2
+    information[:, range(3), range(3)] += 0.02 * floor
+    return np.asarray(np.linalg.cholesky(np.linalg.inv(information)))
