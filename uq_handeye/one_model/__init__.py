@@ -1,0 +1,1 @@
+"""Errors of arms, cameras and clocks as components of one Gaussian model."""
