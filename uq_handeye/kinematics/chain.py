@@ -35,6 +35,7 @@ from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, left_jacobian
 from ..noise.joint_covariance import JointCovariance
 from ..runtime.read_only import ReadOnlyArrays
+from .arms.known_arms import arm_names, known_arm
 from .dh import read_dh
 from .errors import (
     LENGTHS,
@@ -179,6 +180,20 @@ class Kinematics(ReadOnlyArrays):
         the file. ``prefix`` stands before the names of the joints.
         """
         return cls._from_parts(read_ur_calibration(path, urdf, base, tip, prefix), up)
+
+    @classmethod
+    def from_name(cls, name: str, *, up: ArrayLike | None = None) -> Kinematics:
+        """Return the nominal chain of a common arm, such as "ur5e": base and flange of its controller.
+
+        Case, spaces, ``-``, ``_`` and ``/`` in the name do not matter; `arm_names` has the names. ``up`` is the
+        direction against gravity in the base (z).
+        """
+        return cls._from_parts(known_arm(name).parts, up)
+
+    @staticmethod
+    def arm_names() -> tuple[str, ...]:
+        """Names that `from_name` knows."""
+        return arm_names()
 
     @classmethod
     def _from_parts(cls, parts: ChainParts, up: ArrayLike | None) -> Kinematics:
