@@ -25,10 +25,12 @@ from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.shared_estimates import of_moves
 from ..noise.estimate import NoiseEstimate
-from ..noise.models import Noise
+from ..noise.joint_covariance import JointCovariance, group_of
+from ..noise.models import Noise, PoseNoise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays, read_only
+from ..shared_errors.drift import DRIFT
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +53,7 @@ class Analysis:
     @cached_property
     def diagnostics(self) -> Diagnostics:
         """Observability, influence, tests of the residuals, systematic errors."""
-        known = self.estimate is not None and self.estimate.correlation is not None
+        known = any(DRIFT in name for name in _names(self.noise))
         found = diagnose(self.fit.gauged(), self.data, self.noise, correlation_estimated=known)
         return replace(found, numbers=self.numbers)
 
@@ -112,6 +114,12 @@ def _not_told_apart(estimate: NoiseEstimate) -> list[list[str]]:
     open_ = [component.name for component in estimate.components if component.status == "not told apart"]
     groups = [[name for name in open_ if name.endswith(kind)] for kind in ("rotation", "translation")]
     return [group for group in groups if len(group) > 1]
+
+
+def _names(noise: Noise) -> set[str]:
+    """Names of the errors that poses share."""
+    sides = (noise.robot, noise.camera) if isinstance(noise, PoseNoise) else ()
+    return {group_of(name) for S in sides if isinstance(S, JointCovariance) for name in S.names}
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from ..errors import DegenerateMotionError, InputError
 from ..findings import Finding
 from ..geometry.se3 import Array, logarithm
 from ..input_checks.checks import check_fit, check_motions, require_signal
-from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE, KinematicColumns
-from ..likelihood.carried_errors import carried_estimates, carried_moves
+from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import (
     CLOSED_FORM_STEPS,
@@ -32,13 +31,11 @@ from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
 from ..likelihood.open_start import start_open
 from ..likelihood.robust import RobustFit, fit_robustly
-from ..likelihood.shared_estimates import JointFit, JointPosterior, Resolved, SharedEstimate, of_moves, resolve_doubts
+from ..likelihood.shared_estimates import JointFit, JointPosterior, of_moves
 from ..likelihood.starts import leaves_open
-from ..noise.estimate import NoiseEstimate, NoisePrior
+from ..noise.estimate import NoisePrior
 from ..noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
-from ..noise_estimation.beside_kinematics import BesideKinematics, FoundKinematics
-from ..noise_estimation.estimate import FoundNoise, NoiseSource, choose_source
-from ..noise_estimation.serial_correlation import account_for_correlation, correlation_finding
+from ..one_model.estimation import FoundSizes, JointModel
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
@@ -47,19 +44,27 @@ from ..prediction.fitted_kinematics import FittedKinematics
 from ..prediction.local_joints import local_findings
 from ..propagation.published_fit import Published, fit_published
 from ..runtime.read_only import read_only
-from ..shared_errors.shared_error import CLOCK_OFFSET, SharedError, shared_columns, with_shared, without_shared
+from ..shared_errors.shared_error import (
+    CLOCK_OFFSET,
+    SharedError,
+    assumed_drift,
+    shared_columns,
+    with_shared,
+    without_shared,
+)
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
 from .findings import against_corners, against_data_sheet, against_prior, said_open, shared_findings, wrong_poses
 from .request import FEWEST_FOR_ROBUST, OF_NOISE, Job
 from .result import Calibration
 from .result_file import FourDPA
-from .robot_accuracy import scaled_by_residuals
 
 # Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
 EXACT = 1e-10
 # Errors of the arm are derived anew where their second order moves its poses by more than this, in deviations of X.
 SECOND_ORDER = 0.05
+# The source of a budget for what the open sizes of all errors leave.
+SIZES_OPEN = "sizes of the errors"
 # What no model of an arm explains differs from pose to pose and has tails: beside its errors a pose is wrong from this
 # many times the usual d^2 on. Poses left out for their tails make the noise of the others too small for new ones.
 TAILS = 3.0
@@ -80,34 +85,27 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         require_signal(job.motions, noise, residuals(job.motions.A, job.motions.B, fourdpa.X)[0])
     start = fourdpa or Published(job.motions, "4dpa", None, at.X, at.W, 0, job.everything)
     angle, distance = residuals(job.motions.A, job.motions.B, at.X)
-    beside: dict[str, Any] = {"columns": job.columns, "pose_prior": known}
-    source: NoiseSource | None = None
-    if noise is None:
-        source = (
-            choose_source(job.data, constraint, job.prior, job.camera_noise, job.robot_noise, **beside)
-            if job.columns_of_arm is None
-            else _beside_kinematics(job, constraint, job.columns_of_arm)
-        )
+    source = None if noise is not None else joint_model_of(job, constraint)
     exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
     robust: RobustFit | None = None
-    found: FoundNoise | None = None
+    found: FoundSizes | None = None
     if job.robust and not exact:
 
-        def estimate_variances(constraint: Constraint, at: Unknowns, weights: Array) -> Noise | None:
+        def estimate_noise(constraint: Constraint, at: Unknowns, weights: Array) -> Noise | None:
             nonlocal found
             assert source is not None
-            found = source.find(at, weights)
+            found = source.find(at, weights, None if found is None else found.mode.theta)
             return None if found.noise is None else with_prior(found.noise, known)
 
-        slack = 1.0 if job.columns_of_arm is None else TAILS
-        robust = fit_robustly(constraint, noise, at, job.method, estimate_variances, job.seed, known, slack)
+        slack = 1.0 if job.arm is None else TAILS
+        robust = fit_robustly(constraint, noise, at, job.method, estimate_noise, job.seed, known, slack)
         noise = robust.noise
     elif source is not None:
         found = source.find(at)
         noise = None if found.noise is None else with_prior(found.noise, known)
-    estimate = None if found is None else found.describe()
     if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
-        assert estimate is not None
+        assert found is not None
+        estimate = found.describe()
         if robust is not None:  # once wrong ones are left out
             kept = replace(start, X=robust.fit.X, W=robust.fit.W)
             result, findings = estimate_unweighted(job, kept, estimate)
@@ -118,31 +116,45 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         opened = open_at(constraint, at, known)
         return replace(result, opened=opened), said_open(opened, result.setup) + findings
     fit = FITS[job.method](constraint, noise, at) if robust is None else robust.fit
-    if isinstance(found, FoundKinematics):
-        job = replace(job, shared=(*job.shared, *found.errors))
-    if job.columns:
+    if source is not None:
+        assert found is not None
+        kept_rows = None if robust is None else np.array([flag == "kept" for flag in robust.flags], dtype=float)
+        found = _at_corrected(source, noise, fit).find(fit.unknowns, kept_rows, found.mode.theta)
+        noise = with_prior(found.integrated_noise, known)
+        job = replace(job, shared=found.errors)
+        fit = _fitted_again(job, noise, fit)
+    elif job.columns:
         noise = _columns_at_corrected(job, noise, fit)
         fit = _fitted_again(job, noise, fit)
-        estimate = None if estimate is None else replace(estimate, noise=noise)
-    deviations = dict(found.deviations) if isinstance(found, FoundKinematics) else None
-    correlated = _correlated(job, noise, fit, estimate)
-    if correlated is not None:
-        assert isinstance(correlated.noise, PoseNoise) and estimate is not None
-        if deviations is not None and JOINT_NOISE in deviations:  # a part of the noise is in common now
-            k = estimate.names.index(JOINT_NOISE)
-            deviations[JOINT_NOISE] *= float(np.sqrt(correlated.variances[k] / max(estimate.variances[k], 1e-300)))
-        independent, noise = fit, correlated.noise
-        fit = _fitted_again(job, noise, fit)
-        finding = _correlation_finding(job, correlated, independent, fit)
-        estimate = replace(correlated, findings=(*correlated.findings, finding))
-    resolved: Resolved | None = None
-    if any(error.doubt is not None for error in job.shared):
-        resolved = resolve_doubts(fit, noise, job.shared)
-        job, noise = replace(job, shared=resolved.errors), resolved.noise
-        fit = _fitted_again(job, noise, fit)
-        estimate = None if estimate is None else replace(estimate, noise=noise)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
-    return _assembled(job, noise, fit, fourdpa, estimate, robust, resolved, deviations)
+    return _assembled(job, noise, fit, fourdpa, found, robust)
+
+
+def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
+    """Return the components of a request whose noise is to be estimated."""
+    camera, robot, how, excess = job.camera_noise, job.robot_noise, "", None
+    poses = job.poses
+    if job.given is not None:  # a side that it leaves out is exact
+        camera, robot = (np.zeros((6, 6)) if S is None else S for S in (job.given.camera, job.given.robot))
+    elif camera is None and poses is not None and poses.known_camera is not None:
+        camera = poses.known_camera
+        how = "from points" if poses.camera_calibration is None else "from corners"
+        excess = None if poses.camera_calibration is None else poses.camera_calibration.per_pixel
+    drift: tuple[SharedError, ...] = ()
+    if poses is not None and job.correlation == "auto" and job.covariance in OF_NOISE and job.given is None:
+        drift = assumed_drift(poses)
+    errors = tuple(error.bound(poses) if error.needs_poses else error for error in (*job.shared, *drift) if poses)
+    prior = NoisePrior() if job.prior is None else job.prior
+    arm = job.columns_of_arm
+    return JointModel(constraint, prior, camera, robot, errors, poses, job.pose_prior, arm, excess, how)
+
+
+def _at_corrected(source: JointModel, noise: Noise, fit: Fit) -> JointModel:
+    """Return the model with its columns at the poses as the fit corrects them (`_columns_at_corrected`)."""
+    if source.poses is None or not isinstance(noise, PoseNoise):
+        return source
+    robot, camera = corrected(fit, noise, source.poses.robot, source.poses.camera)
+    return replace(source, poses=replace(source.poses, robot=robot, camera=camera))
 
 
 def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
@@ -181,18 +193,6 @@ def _fitted(job: Job, posterior: JointPosterior | None, found: Mapping[str, floa
     return FittedKinematics.of(job.arm.kinematics, job.arm.joints, given.how, given.flange, sd, left, posterior)
 
 
-def _beside_kinematics(job: Job, constraint: Constraint, columns: KinematicColumns) -> BesideKinematics:
-    """Standard deviations of the arm's errors and of the noise that is not known."""
-    camera: Any = job.camera_noise
-    robot = job.robot_noise
-    if job.given is not None:  # a side that it leaves out is exact
-        camera, robot = (np.zeros((6, 6)) if S is None else S for S in (job.given.camera, job.given.robot))
-    elif camera is None and job.poses is not None:
-        camera = job.poses.known_camera
-    prior = NoisePrior() if job.prior is None else job.prior
-    return BesideKinematics(constraint, columns, camera, robot, prior, job.columns, job.pose_prior)
-
-
 def _columns_at_corrected(job: Job, noise: Noise, fit: Fit) -> PoseNoise:
     """The noise with the columns of shared errors taken at the poses as the fit corrects them.
 
@@ -211,21 +211,6 @@ def _fitted_again(job: Job, noise: Noise, found: Fit) -> Fit:
     return refit(job.constraint, noise, found.unknowns, steps, found.weights)
 
 
-def _correlated(job: Job, noise: Noise, fit: Fit, estimate: NoiseEstimate | None) -> NoiseEstimate | None:
-    """The noise estimate with what neighbouring poses have in common; None where there is nothing, or none wanted."""
-    wanted = job.correlation == "auto" and job.covariance in OF_NOISE
-    if estimate is None or job.poses is None or not isinstance(noise, PoseNoise) or not wanted:
-        return None
-    return account_for_correlation(fit, job.poses, noise, estimate)
-
-
-def _correlation_finding(job: Job, estimate: NoiseEstimate, independent: Fit, fit: Fit) -> Finding:
-    assert estimate.correlation is not None and job.poses is not None
-    known = np.linalg.pinv(independent.covariance_X, rcond=SINGULAR, hermitian=True)  # but along what is open
-    ratio = np.trace(known @ fit.covariance_X) / np.trace(known @ independent.covariance_X)
-    return correlation_finding(estimate.correlation, job.poses.setup, float(np.sqrt(ratio)))
-
-
 def _longest(motions: Motions) -> float:
     """The longest translation, or 1 if there is none."""
     data = (motions.A, motions.B) if motions.poses is None else (motions.poses.robot, motions.poses.camera)
@@ -237,11 +222,11 @@ def _assembled(
     noise: Noise,
     fit: Fit,
     start: Published | None,
-    estimate: NoiseEstimate | None,
+    found: FoundSizes | None,
     robust: RobustFit | None,
-    resolved: Resolved | None,
-    deviations: Mapping[str, float] | None,
 ) -> tuple[Calibration, list[Finding]]:
+    estimate = None if found is None else found.describe()
+    deviations = None if found is None or job.arm is None else found.sizes
     data, motions, poses = job.data, job.motions, job.poses
     reference = reference_for(fit, estimate)
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
@@ -253,24 +238,21 @@ def _assembled(
     if job.covariance == "sigma-points":
         covariance, covariance_W = by_sigma_points(job, noise, robust), None
     elif job.covariance != "model":
-        found = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
-        covariance, covariance_W, reference = found.covariance_X, found.covariance_W, reference_of(found)
+        resample = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
+        covariance, covariance_W, reference = resample.covariance_X, resample.covariance_W, reference_of(resample)
     joint = JointFit.of(fit, noise, job.shared)
-    beside = {} if resolved is None else joint.moves(resolved.left_open)
+    beside: dict[str, Array] = {}
+    if found is not None and job.covariance in OF_NOISE:
+        beside[SIZES_OPEN] = found.spread
     time_offset, move = _time_offset(poses, fit, covariance)
     if move is not None:
         beside[CLOCK_OFFSET] = move
-    errors = _carried_errors(job, fit, poses)
-    carried = {} if poses is None else {error.name: carried_moves(fit, error, poses) for error in errors}
-    beside |= carried
     for move in beside.values():
         covariance = covariance + of_moves(move[:6])
         covariance_W = None if covariance_W is None else covariance_W + of_moves(move[6:])
     table = pose_table(fit, robust)
     # Beside a camera covariance from corners the noise counts as known: most of it, or the test errs on the safe side.
-    # A drift does not count in halves: the test is of the noise that both were made of.
-    alone = None if estimate is None else replace(estimate, correlation=None)
-    dof = None if estimate is not None and estimate.camera_known else reference_for(fit, alone).dof
+    dof = None if estimate is not None and estimate.camera_known else reference.dof
     within = _joint_noise(job, deviations)
     analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, read_only(beside), read_only(within))
     angle, distance = residuals(motions.A, motions.B, fit.X)
@@ -293,7 +275,7 @@ def _assembled(
         fit=judged,
         table=table,
         time_offset=time_offset,
-        shared=(*joint.estimates(resolved), *_carried_estimates(errors, carried, covariance)),
+        shared=joint.estimates(),
         analysis=analysis,
         opened=fit.opened,
         joint_posterior=posterior,
@@ -323,21 +305,6 @@ def _assembled(
             values = {"item": table.item, "count": len(data), "needed": FEWEST_FOR_ROBUST}
             findings.append(Finding("calibration.few_for_outliers", "caution", values))
     return result, said + findings
-
-
-def _carried_errors(job: Job, fit: Fit, poses: PosePairs | None) -> list[SharedError]:
-    """Return the errors that are carried to X and not fitted; an assumed one as large as the residuals leave it."""
-    if poses is None:
-        return []
-    found = [error for error in job.carried if not error.is_exact]
-    return [scaled_by_residuals(fit, error, poses) if error.default else error for error in found]
-
-
-def _carried_estimates(
-    errors: Sequence[SharedError], moves: Mapping[str, Array], covariance: Array
-) -> list[SharedEstimate]:
-    """Return the estimates of the errors that are carried to X and not fitted."""
-    return [part for error in errors for part in carried_estimates(error, moves[error.name], covariance)]
 
 
 def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:

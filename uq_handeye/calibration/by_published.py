@@ -17,7 +17,6 @@ from ..likelihood.d2_distribution import Reference
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit, efficient
 from ..likelihood.goodness_of_fit import components_of, effective_dof
 from ..likelihood.robust import RobustFit
-from ..likelihood.shared_estimates import resolve_doubts
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..noise_estimation.estimate import estimate_noise
@@ -50,8 +49,7 @@ def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
         if estimate.noise is None:
             return estimate_unweighted(job, found, estimate)
         at_bound = efficient(job.data, estimate.noise, found.X)
-        noise = resolve_doubts(at_bound, estimate.noise, job.shared).noise
-        estimate = replace(estimate, noise=noise)
+        noise = estimate.noise
         reference = reference_for(at_bound, estimate)
     covariance, covariance_W, doubts = found.covariances(noise, job.kind)
     if job.covariance == "sigma-points":
@@ -137,7 +135,7 @@ def reference_for(fit: Fit, estimate: NoiseEstimate | None) -> Reference:
     """The distribution that goes with the covariance of the noise; a prior that fixes all of it leaves nothing open."""
     dof = float("inf") if estimate is None else effective_dof(fit, estimate)
     known = components_of(fit)
-    return Reference("F", dof, known) if np.isfinite(dof) else Reference(components=known)
+    return Reference("t", dof, known) if np.isfinite(dof) else Reference(components=known)
 
 
 def reference_of(resample: Resampled) -> Reference:

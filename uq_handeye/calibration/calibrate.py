@@ -309,7 +309,7 @@ def _calibrate(
         **({} if job.pose_prior is None else {"pose_prior": job.pose_prior.to_dict()}),
         "seed": job.seed,
         "correlation": correlation,
-        "shared": [line for error in (*job.shared, *job.carried) for line in error.described],
+        "shared": [line for error in job.shared for line in error.described],
         **({} if selection is None else {"exclude": ranges(selection.excluded.tolist())}),
     }
     about_errors = None if job.arm is None else job.arm.at

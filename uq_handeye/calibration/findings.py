@@ -32,7 +32,7 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import rotation_angles
 from ..propagation.published_fit import fit_published
-from ..shared_errors.shared_error import TARGET_SCALE
+from ..shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
 from .request import FEWEST_FOR_ROBUST, Job, request
 from .result import Calibration
 
@@ -140,8 +140,8 @@ def shared_findings(job: Job, result: Calibration, joint: JointFit) -> list[Find
             shown = {name: factor * number for name, number in numbers.items()}
             values = {"name": error.name, "unit": unit, "p_value": error.p_value} | shown
             found.append(Finding("calibration.shared_contradicted", "caution", values))
-        if error.name == TARGET_SCALE and error.wide is not None and error.wide > 0.5:
-            size = {"estimate": error.estimate, "sd": error.sd, "square": _square_of(job)}
+        if error.name == TARGET_SCALE and (probability := error.beyond(WRONG_SIZE)) > 0.5:
+            size = {"estimate": error.estimate, "sd": error.sd, "square": _square_of(job), "probability": probability}
             found.append(Finding("calibration.target_size", "caution", size))
     groups: dict[str, list[SharedEstimate]] = {}
     for error in single:

@@ -29,12 +29,17 @@ from ..noise.pose_prior import PosePrior
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
 from ..propagation.all_pairs import AllPairs
+from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     SharedError,
     add_columns,
+    LENS,
+    VIEW,
     assumed_accuracy,
+    assumed_lens,
+    assumed_view,
     checked_errors,
     default_errors,
     listed_errors,
@@ -102,7 +107,6 @@ class Job:
     camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
     robot_noise: Any = None  # covariance beside it, where it is known
     shared: tuple[SharedError, ...] = ()  # what all poses share, as unknowns
-    carried: tuple[SharedError, ...] = ()  # the same, of which the data are not asked
     correlation: str = "auto"  # one of CORRELATIONS
     pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
     arm: Arm | None = None  # the robot's joints, where its kinematic errors count
@@ -268,19 +272,16 @@ def request(
         count = motions.N if motions.poses is None else motions.poses.n
         robust = bound and count >= FEWEST_FOR_ROBUST
     declared = _shared_of(shared, motions.poses, noise, method, kind, camera)
-    errors = tuple(error for error in declared if error.learned)
-    carried = tuple(error for error in declared if not error.learned)
-    if not bound and (refused := [error.name for error in carried if not error.default]):
-        raise InputError(f"Method {method!r} takes no {refused[0]}; use efficient or ml.")
+    errors = declared
     measured, at = (motions.poses, None) if about is None else about
     arm = _arm_of(joints, kinematics, kinematic_errors, measured, noise, method)
     if arm is not None:
         arm = arm._replace(at=at)
     robot_known = noise is not None or robot is not None or arm is not None or _known_robot(prior)
     if not bound or robot_known or motions.poses is None or motions.poses.truth is not None:
-        carried = tuple(error for error in carried if not error.default)
+        errors = tuple(error for error in errors if not (error.default and error.name in (ROBOT_ACCURACY, LENS, VIEW)))
     if motions.poses is not None:
-        carried = tuple(error.bound(motions.poses) if error.needs_poses else error for error in carried)
+        errors = tuple(error.bound(motions.poses) if error.needs_poses else error for error in errors)
     columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
     beside: PoseNoise | None = None
     if columns_of_arm is not None and noise is not None:
@@ -290,6 +291,9 @@ def request(
             errors, columns_of_arm = (*errors, *of_arm), None
         else:
             beside, noise = noise, None
+    if noise is not None and any(error.factor > 1 for error in errors):  # their sizes are to be found
+        assert isinstance(noise, PoseNoise)
+        beside, noise = noise, None
     if errors and noise is not None:
         assert isinstance(noise, PoseNoise) and motions.poses is not None
         noise = with_shared(noise, shared_columns(errors, motions.poses))
@@ -310,7 +314,6 @@ def request(
         camera,
         robot,
         errors,
-        carried,
         correlation,
         pose_prior,
         arm,
@@ -389,8 +392,8 @@ def _shared_of(
     if shared is None:
         if noise is not None or poses is None or method == BUNDLE or kind not in (None, "poses"):
             return ()
-        errors = default_errors(camera is not None or poses.camera_known)
-        return (*errors, assumed_accuracy())
+        known = camera is not None or poses.camera_known
+        return (*default_errors(known), assumed_accuracy(), *(() if known else (assumed_lens(), assumed_view())))
     errors = tuple(shared) if poses is None else checked_errors(shared, poses)
     if not errors:
         return ()

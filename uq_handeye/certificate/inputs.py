@@ -17,7 +17,7 @@ from ..noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ..noise.estimate import SHOWN, Component, NoiseEstimate
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import marginals
-from ..shared_errors.accuracy_field import ROBOT_ACCURACY
+from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.shared_error import CLOCK_OFFSET
 from ..statement.included import shared_groups, sizes_of
 

@@ -14,7 +14,7 @@ from ..calibration.result import Calibration
 from ..formatting.numbers import digits
 from ..kinematics.kinematic_errors import DECLARED_AS
 from ..noise.joint_covariance import group_of
-from ..shared_errors.accuracy_field import ROBOT_ACCURACY
+from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..statement.included import shared_groups, sizes_of
 from .inputs import noise_per_axis
 

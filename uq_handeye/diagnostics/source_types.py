@@ -84,7 +84,4 @@ def _relative(
         rows, of = np.array(known).T
         v = estimate.variances[of]
         R[np.ix_(rows, rows)] = estimate.covariance[np.ix_(of, of)] / np.outer(v, v)
-    if estimate.correlation is not None:
-        rows = np.array([k for k, name in enumerate(sources) if name in serial], dtype=int)
-        R[np.ix_(rows, rows)] = estimate.correlation.spread**2
     return R

@@ -29,7 +29,7 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..prediction.predict import Predicting
 from ..runtime.read_only import ReadOnlyArrays
-from ..shared_errors.accuracy_field import RobotAccuracy
+from ..shared_errors.accuracy import RobotAccuracy
 from ..shared_errors.shared_error import SharedError
 
 

@@ -16,6 +16,8 @@ class Reference:
 
     - ``chi-square``: the covariance is that of known noise.
     - ``F``: it is that of noise estimated from the same data, ``d^2 / 6 ~ F(6, dof)`` (`effective_dof`).
+    - ``t``: it is that of a mixture over the sizes of the errors (`one_model`), a multivariate t with this covariance:
+      ``d^2 dof / (6 (dof - 2)) ~ F(6, dof)``, dof above 2.
     - ``Hotelling``: it comes from the residuals of few poses, ``d^2 (dof - 5) / (6 dof) ~ F(6, dof - 5)`` (`sandwich`).
     """
 
@@ -24,8 +26,8 @@ class Reference:
     components: int = 6
 
     def __post_init__(self) -> None:
-        if self.kind not in ("chi-square", "F", "Hotelling"):
-            raise InputError(f"Expected the reference to be chi-square, F or Hotelling, got {self.kind!r}.")
+        if self.kind not in ("chi-square", "F", "t", "Hotelling"):
+            raise InputError(f"Expected the reference to be chi-square, F, t or Hotelling, got {self.kind!r}.")
         if (self.dof is None) != (self.kind == "chi-square") or (self.dof is not None and not self.dof > 0):
             raise InputError(f"Expected degrees of freedom above 0 only with F and Hotelling, got {self.dof!r}.")
         if self.components not in range(1, 7):
@@ -34,6 +36,12 @@ class Reference:
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers; the number of components where some are open."""
         return {"kind": self.kind, "dof": self.dof} | ({} if self.components == 6 else {"components": self.components})
+
+    @property
+    def _stretch(self) -> float:
+        """Variance of F's own scale: a t is stated with its covariance, which is dof / (dof - 2) times its scale."""
+        assert self.dof is not None
+        return (self.dof - 2.0) / self.dof if self.kind == "t" else 1.0
 
     @property
     def determined(self) -> bool:
@@ -48,8 +56,8 @@ class Reference:
             return float(chdtri(self.components, 1 - level))
         if not self.determined:
             return float("inf")
-        if self.kind == "F":
-            return self.components * float(fdtri(self.components, self.dof, level))
+        if self.kind in ("F", "t"):
+            return self._stretch * self.components * float(fdtri(self.components, self.dof, level))
         return 6 * self.dof / (self.dof - 5) * float(fdtri(6, self.dof - 5, level))
 
     def p_value(self, d2: float) -> float:
@@ -58,8 +66,8 @@ class Reference:
             return float(chdtrc(self.components, d2))
         if not self.determined:
             return 1.0
-        if self.kind == "F":
-            return float(fdtrc(self.components, self.dof, d2 / self.components))
+        if self.kind in ("F", "t"):
+            return float(fdtrc(self.components, self.dof, d2 / (self._stretch * self.components)))
         return float(fdtrc(6, self.dof - 5, d2 * (self.dof - 5) / (6 * self.dof)))
 
     def __str__(self) -> str:
@@ -67,4 +75,6 @@ class Reference:
             return f"chi-square with {self.components} degrees of freedom"
         if self.kind == "F":
             return f"{self.components} F({self.components}, {self.dof:.3g})"
+        if self.kind == "t":
+            return f"a multivariate t with {self.dof:.3g} degrees of freedom"
         return f"Hotelling's distribution with {self.dof:.3g} degrees of freedom"

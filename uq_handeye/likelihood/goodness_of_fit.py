@@ -126,21 +126,7 @@ def effective_dof(fit: Fit, estimate: NoiseEstimate) -> float:
     without bound as their share of Sigma_X falls.
     """
     _require_one(fit)
-    A = float(spread_of(fit, estimate.covariance)) if estimate.spread is None else estimate.spread
-    if estimate.correlation is not None:
-        A += estimate.correlation.spread**2 * _share_of_process(fit)
-    return float("inf") if A <= 0 else 2.0 * components_of(fit) / A
-
-
-def _share_of_process(fit: Fit) -> float:
-    """``tr((Sigma_X^-1 Sigma_z)^2)`` with Sigma_z what the serial errors bring: its derivative by log variance."""
-    assert isinstance(fit.S, JointCovariance) and fit.S.serial is not None
-    factor = fit.weighted_factor
-    pull = pulled(factor, whiten(factor, fit.linear.J)) @ fit.covariance[:, :6]
-    flat = pull.reshape(-1, 6)
-    known = np.linalg.pinv(fit.covariance_X, rcond=SINGULAR, hermitian=True)  # but along what is open
-    relative = known @ flat.T @ fit.S.serial.times(flat)
-    return float(np.trace(relative @ relative))
+    return float("inf") if estimate.shape is None else estimate.shape
 
 
 def spread_of(fit: Fit, covariance: Array) -> Array:

@@ -9,15 +9,6 @@ Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled b
 z and its covariance are those of the joint fit of (x, z) with the prior (Woodbury). What the residuals alone say of one
 of them, without its prior but with those of the others, is ``z / (1 - v) +- sqrt(v / (1 - v))``, v its variance: the
 score test of one more unknown.
-
-*Doubt.* Of an error with a prior of two parts, ``N(0, t_0^2)`` and with probability q ``N(0, t_1^2)``, the residuals
-say ``a +- s`` only. The posterior is a mixture: its second part has the weight v with
-
-    v / (1 - v) = q / (1 - q) N(a; 0, s^2 + t_1^2) / N(a; 0, s^2 + t_0^2)
-
-With ``k_j = t_j^2 / (t_j^2 + s^2)`` its mean is ``k a``, ``k = (1 - v) k_0 + v k_1``, that of one Gaussian prior of
-variance ``t^2 = s^2 k / (1 - k)``, which takes its place; its variance is ``k s^2 + v (1 - v) (k_1 - k_0)^2 a^2``. The
-last term, that the data leave open which of the two it is, moves X and W along ``dx/de``, and is added.
 """
 
 from __future__ import annotations
@@ -37,7 +28,7 @@ from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PoseNoise
 from ..noise.square_roots import pulled, whiten
 from ..runtime.read_only import ReadOnlyArrays
-from ..shared_errors.accuracy_field import RobotAccuracy
+from ..shared_errors.accuracy import RobotAccuracy
 from ..shared_errors.shared_error import OF_LENGTHS, SharedError
 from .gauss_helmert import Fit
 
@@ -63,7 +54,7 @@ class SharedEstimate(ReadOnlyArrays):
     error: str  # the name of the `SharedError` that it is a part of
     side: str  # "robot" or "camera"
     unit: str  # "" for relative ones, else such as "rad" or "s"
-    prior_sd: float  # where there was doubt, the one that the data settle on
+    prior_sd: float  # where its size was open, the one that the data settle on
     estimate: float
     sd: float  # after the fit
     alone: float | None  # what the residuals say without the prior; None: nothing
@@ -71,7 +62,6 @@ class SharedEstimate(ReadOnlyArrays):
     effect: Array  # (6,) of X (rad, m) for an error of one prior standard deviation, once the fit has done its best
     share: float  # of the variance of X, in the direction where it matters most
     default: bool = False  # assumed, not declared
-    wide: float | None = None  # where there was doubt: the probability of the wider prior
     focal_length_px: float | None = None  # of a principal point, where it is known
     stated: str = ""  # the prior in words, where the number is in units of it
     accuracy: RobotAccuracy | None = None  # of a robot: the prior in numbers
@@ -80,6 +70,11 @@ class SharedEstimate(ReadOnlyArrays):
     def shown(self) -> tuple[float, str]:
         """Factor and unit in which people read it."""
         return small_unit(self.unit) if self.focal_length_px is None else (self.focal_length_px, "px")
+
+    def beyond(self, size: float) -> float:
+        """Return the probability that the error is larger than a size, whatever its sign."""
+        spread = max(self.sd, 1e-300) * np.sqrt(2.0)
+        return float(0.5 * (erfc((size - self.estimate) / spread) + erfc((size + self.estimate) / spread)))
 
     @property
     def p_value(self) -> float | None:
@@ -103,10 +98,11 @@ class SharedEstimate(ReadOnlyArrays):
         if accuracy is not None:
             accuracy = RobotAccuracy(*array_of(accuracy, (3,), "shared.accuracy").tolist())
         effect = array_of(data["effect"], (6,), "shared.effect")
+        data = {name: value for name, value in data.items() if name != "wide"}  # of an earlier version
         result = cls(**data | {"effect": effect, "accuracy": accuracy})
         known = (result.alone is None) == (result.alone_sd is None) and (result.alone_sd is None or result.alone_sd > 0)
         focal = result.focal_length_px is None or result.focal_length_px > 0
-        sizes = result.prior_sd > 0 and result.sd >= 0 and 0 <= result.share <= 1 and 0 <= (result.wide or 0) <= 1
+        sizes = result.prior_sd > 0 and result.sd >= 0 and 0 <= result.share <= 1
         if not (known and focal and sizes):
             raise ValueError(f"the shared error {result.name!r} has numbers that cannot be")
         return result
@@ -136,54 +132,6 @@ class JointPosterior(ReadOnlyArrays):
         return cls(
             tuple(map(str, data["names"])), array_of(data["estimate"], (q,), "joint_posterior.estimate"), covariance
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Resolved(ReadOnlyArrays):
-    """Errors with doubt as the data resolve them: the noise with one prior for each, and what that leaves out."""
-
-    noise: Noise
-    errors: tuple[SharedError, ...]
-    left_open: dict[str, float]  # standard deviation of the error, by its name: which of the two parts it is
-    wide: dict[str, float]  # the probability of the wider prior, by the name of the error
-
-
-def resolve_doubts(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> Resolved:
-    """One Gaussian prior in place of each mixture; see the module. ``fit`` is that with the wide ones."""
-    resolved, factors, left_open, wider = list(errors), {}, {}, {}
-    found = {estimate.name: estimate for estimate in shared_estimates(fit, noise, errors)}
-    for k, error in enumerate(errors):
-        if error.doubt is None:
-            continue
-        t, wide = float(error.sd[0]), error.doubt.sd
-        estimate = found[error.name]
-        variance, wider[error.name] = t * t, error.doubt.probability
-        if estimate.alone is not None and estimate.alone_sd is not None:
-            a, s2 = estimate.alone, estimate.alone_sd**2
-            spread = np.array([s2 + t * t, s2 + wide * wide])
-            logs = -0.5 * (np.log(spread) + a * a / spread) + np.log(
-                [1 - error.doubt.probability, error.doubt.probability]
-            )
-            v = float(1.0 / (1.0 + np.exp(np.clip(logs[0] - logs[1], -700, 700))))
-            wider[error.name] = v
-            shrink = np.array([t * t, wide * wide]) / spread
-            one = float((1.0 - v) * shrink[0] + v * shrink[1])
-            variance = s2 * one / (1.0 - one)
-            left_open[error.name] = float(np.sqrt(v * (1.0 - v)) * (shrink[1] - shrink[0]) * abs(a))
-        sd = float(np.sqrt(variance))
-        resolved[k] = replace(error, sd=np.array([sd]), doubt=None)
-        factors[error.name] = sd / wide
-    if factors:
-        assert isinstance(noise, PoseNoise)
-        noise = replace(noise, robot=_rescaled(noise.robot, factors), camera=_rescaled(noise.camera, factors))
-    return Resolved(noise, tuple(resolved), left_open, wider)
-
-
-def _rescaled(S: Any, factors: dict[str, float]) -> Any:
-    """A covariance with its named columns times the factors."""
-    if not isinstance(S, JointCovariance):
-        return S
-    return replace(S, shared=S.shared * np.array([factors.get(name, 1.0) for name in S.names]))
 
 
 class GroupTest(NamedTuple):
@@ -216,7 +164,7 @@ class JointFit(ReadOnlyArrays):
         parts = [
             (error, name, float(sd))
             for error in errors
-            for name, sd in zip(error.parts, error.widest, strict=True)
+            for name, sd in zip(error.parts, error.sd, strict=True)
             if name in named
         ]
         J, C = fit.linear.J, fit.covariance
@@ -272,10 +220,8 @@ class JointFit(ReadOnlyArrays):
         joint = np.block([[C, across], [across.T, left]])
         return JointPosterior(tuple(name for _, name, _ in self.parts), sd * self.z, joint)
 
-    def estimates(self, resolved: Resolved | None = None) -> tuple[SharedEstimate, ...]:
-        """Return the estimates in the order of the errors; ``resolved``: the result of `resolve_doubts` for those with
-        doubt.
-        """
+    def estimates(self) -> tuple[SharedEstimate, ...]:
+        """Return the estimates in the order of the errors."""
         if not self.parts:
             return ()
         to_unit = np.linalg.inv(np.linalg.cholesky(self.fit.covariance[:6, :6]))
@@ -283,31 +229,19 @@ class JointFit(ReadOnlyArrays):
         for k, (error, name, sd) in enumerate(self.parts):
             told, value, effect = float(of_all[k]), sd * float(self.z[k]), self.response[:6, k]
             left = max(1.0 - told, ROUNDING)
-            more = 0.0 if resolved is None else resolved.left_open.get(name, 0.0)
             says = told > NOTHING
             if error.name in OF_LENGTHS:
                 says = says and told > SIGNAL * 3 * len(self.fit.residual) * left * sd * sd
             found.append(
                 SharedEstimate(
                     name, error.name, error.side, error.unit, sd, value,
-                    float(np.hypot(sd * np.sqrt(left), more)),
+                    sd * float(np.sqrt(left)),
                     value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
                     effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
-                    error.default, None if resolved is None else resolved.wide.get(name), error.focal_length_px,
-                    error.stated,
+                    error.default, error.focal_length_px, error.stated, error.accuracy,
                 )
             )  # fmt: skip
         return tuple(found)
-
-    def moves(self, left_open: Mapping[str, float]) -> dict[str, Array]:
-        """Return by name how X and W move (p,): ``Cov(x, e) / Var(e)``, times the standard deviation of what was left
-        open.
-        """
-        return {
-            name: self.response[:, k] / (sd * max(1.0 - float(self.told[k]), NOTHING)) * left_open[name]
-            for k, (_, name, sd) in enumerate(self.parts)
-            if left_open.get(name, 0.0) > 0
-        }
 
 
 def of_moves(moves: Array) -> Array:

@@ -138,22 +138,6 @@ class CameraFactor:
     p_value: float  # two-sided
 
 
-@dataclass(frozen=True)
-class SerialCorrelation:
-    """Correlation of the errors of neighbouring poses: a drift, or noise that is correlated in time.
-
-    A stationary process of rotation and translation, whose correlation of poses k apart is ``exp(-k / length)``.
-    """
-
-    way: str  # "camera", "camera mount" or "target" that moves, "camera noise" or "robot noise" that is correlated
-    rotation: float  # standard deviation per axis, rad
-    translation: float  # m
-    length: float  # in poses
-    drift: bool  # as long as the data: a random walk about a mean that is not known
-    odds: float  # of the data, against independent poses
-    spread: float  # standard deviation of the logarithm of its variances
-
-
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate(ReadOnlyArrays):
     """The noise that a data set shows; see `estimate_noise`.
@@ -171,8 +155,7 @@ class NoiseEstimate(ReadOnlyArrays):
     covariance: Array  # (m, m)
     dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
     camera_factor: CameraFactor | None = None  # beside a camera covariance that is known, where the data can tell
-    spread: float | None = None  # beside the camera's: A of `likelihood.goodness_of_fit`, how uncertain Sigma_X is
-    correlation: SerialCorrelation | None = None  # of neighbouring poses, where the data show some
+    shape: float | None = None  # degrees of freedom of the t that X follows, its sizes integrated over; None: Gaussian
     names: tuple[str, ...] = ()  # of the components that `variances` are of; empty: by what was estimated, as above
 
     @property
@@ -241,8 +224,7 @@ class NoiseEstimate(ReadOnlyArrays):
             "covariance": self.covariance.tolist(),
             "dof": self.dof,
             **({} if self.camera_factor is None else {"camera_factor": asdict(self.camera_factor)}),
-            **({} if self.spread is None else {"spread": self.spread}),
-            **({} if self.correlation is None else {"correlation": asdict(self.correlation)}),
+            **({} if self.shape is None else {"shape": self.shape}),
             **({"names": list(self.names)} if self.names else {}),
         }
 
@@ -255,8 +237,7 @@ class NoiseEstimate(ReadOnlyArrays):
             if given is not None:
                 kind = PairNoise if "A" in given else PoseNoise
                 noise = kind(**{name: _side_from_dict(side) for name, side in given.items()})
-            factor, spread, size = values.get("camera_factor"), values.get("spread"), len(values["variances"])
-            correlation = values.get("correlation")
+            factor, shape, size = values.get("camera_factor"), values.get("shape"), len(values["variances"])
             return cls(
                 noise,
                 tuple(Component(**component) for component in values["components"]),
@@ -265,8 +246,7 @@ class NoiseEstimate(ReadOnlyArrays):
                 array_of(values["covariance"] or np.zeros((0, 0)), (size, size), "noise_estimate.covariance"),
                 float(values["dof"]),
                 None if factor is None else CameraFactor(**factor),
-                None if spread is None else float(spread),
-                None if correlation is None else SerialCorrelation(**correlation),
+                None if shape is None else float(shape),
                 tuple(map(str, values.get("names", ()))),
             )
         except (KeyError, TypeError, ValueError) as error:

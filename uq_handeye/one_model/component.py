@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
-from .sizes import Size
+from ..shared_errors.sizes import Size
 
 SIDES = ("robot", "camera")
 

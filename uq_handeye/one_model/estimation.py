@@ -34,8 +34,8 @@ from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate
 from .mode import Mode, find_mode
-from .sizes import SIZES, Size
-from .view import view_block
+from ..shared_errors.sizes import SIZES, Size
+from ..shared_errors.view import view_block
 
 KINDS = ("rotation", "translation")
 PIXELS = "pixel noise"
@@ -101,7 +101,7 @@ class JointModel:
                     size = replace(size, median=value, factor=self.prior.factor, source="declared")
                 found.append(Component(name, side, size, block=block))
             if side == "camera" and self.poses is not None and np.isnan(values[1]).all():
-                found.append(Component(BY_VIEW, side, SIZES[BY_VIEW], block=view_block(self.poses.camera, True)))
+                found.append(Component(BY_VIEW, side, SIZES[BY_VIEW], block=view_block(self.poses.camera)))
         found += self._known_camera()
         if isinstance(self.robot, JointCovariance):
             names = _named(self.robot, "robot (shared)")

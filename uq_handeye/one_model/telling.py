@@ -72,7 +72,8 @@ def tell(found: FoundSizes) -> NoiseEstimate:
     findings = _findings(found, parts)
     dof = 6.0 * len(found.kept) - found.model.p
     return NoiseEstimate(
-        found.integrated_noise, tuple(components), findings, v, covariance, dof, None, 0.0, names=names, shape=found.shape
+        found.integrated_noise, tuple(components), findings, v, covariance, dof, names=names,
+        shape=found.shape if np.isfinite(found.shape) else None,
     )  # fmt: skip
 
 

@@ -150,11 +150,6 @@ def plan(
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
     warn_left_out("plan()", data)
     require_integer("k", k, 1)
-    if carried := [error.name for error in listed_errors(shared or ()) if not (error.learned or error.default)]:
-        raise InputError(
-            f"Expected `shared` without {carried[0]!r}: poses say nothing about it, so that none is better than "
-            "another. Plan without it, or with joints and kinematics."
-        )
     if kinematics is not None:
         options = {"noise": noise, "prior": prior, "shared": shared, "joints": joints}
         known = so_far_by_joints(data, kinematics, options | {"kinematic_errors": kinematic_errors})
@@ -296,7 +291,7 @@ def _white_columns(
         if error.name == CLOCK_OFFSET and poses.timestamps is None:  # the robot stands still
             f.append(np.zeros((poses.n, 6, 1)))
         else:
-            f.append(linear.sides[SIDES.index(error.side)] @ (error.at(poses) * error.widest))
+            f.append(linear.sides[SIDES.index(error.side)] @ (error.at(poses) * error.sd))
     return whiten(cholesky_of(residual_covariance(linear.sides, noise)), np.concatenate(f, axis=-1))
 
 
@@ -319,7 +314,7 @@ def _estimated_noise(
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {give}")
     settled = {found.error: found.prior_sd for found in result.shared}
     errors = tuple(
-        replace(error, sd=np.full_like(error.sd, settled[error.name]), doubt=None)
+        replace(error, sd=np.full_like(error.sd, settled[error.name]), factor=1.0)
         for error in (default_errors(data.camera_known) if shared is None else shared)
         if error.name in settled
     )

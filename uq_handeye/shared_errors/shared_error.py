@@ -21,16 +21,16 @@ t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). A princip
 the rays, and with them the whole target, about the camera by d / f (exactly so for a target that is small in the
 picture). The columns are taken at the poses as measured, and by `calibrate` once more as the fit corrects them.
 
-*Doubt.* A square is what the drawing says, to 0.02 %; or somebody measured it wrong. Such an error has a prior of two
-parts, ``N(0, sd^2)`` with the probability ``1 - q`` and ``N(0, wide^2)`` with the probability q; the data say which
-(`likelihood.shared_estimates.resolve_doubts`).
+A standard deviation may itself be known within a factor only (``factor``, one sigma of its logarithm): its size is
+then found with everything else, and integrated over (`one_model`). A square is what the drawing says, to 0.03 %, or
+somebody measured it wrong: that is the tail of such a size.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,33 +47,28 @@ from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from ..runtime.read_only import ReadOnlyArrays
-from .accuracy_field import ROBOT_ACCURACY, TYPICAL, RobotAccuracy, deviations, field_columns, reach_of, stated_accuracy
+from .accuracy import ROBOT_ACCURACY, RobotAccuracy, reach_of, stated_accuracy
+from .drift import DRIFT, FEWEST, drift_columns
+from .sizes import CLASSES, SIZES
+from .view import columns_about, lens_columns, view_scale
 
 FOCAL_LENGTH = "focal length"
 PRINCIPAL_POINT = "principal point"
 TARGET_SCALE = "target scale"
 ROBOT_SCALE = "robot scale"
 CLOCK_OFFSET = "clock offset"
+VIEW, LENS = "view", "lens distortion"
 # Those whose columns are made of the translations of the poses, and hold their noise.
 OF_LENGTHS = (FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE)
 
+# A target that differs by more than this is of another size than was given.
+WRONG_SIZE = 3e-3
 # Of finished camera poses about which nothing is said (docs/explanation/shared_errors.md has the reasons): relative for
 # lengths and scales, rad for the principal point, s for the clock offset.
 DEFAULT_SD = {FOCAL_LENGTH: 1e-3, PRINCIPAL_POINT: 1e-3, TARGET_SCALE: 2e-4, ROBOT_SCALE: 1e-4, CLOCK_OFFSET: 1e-3}
 
 # In place of a standard deviation: 0, which switches an error off.
 EXACT = ("none", "exact")
-
-
-class Doubt(NamedTuple):
-    """The other part of a prior of two: see the module."""
-
-    probability: float
-    sd: float
-
-
-# That the target is not of the size that was given.
-WRONG_SIZE = Doubt(0.05, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,26 +84,24 @@ class SharedError(ReadOnlyArrays):
     sd: Array  # (k,)
     parts: tuple[str, ...]  # the name of each of the k numbers
     effect: Callable[[PosePairs], Array]  # (n, 6, k) per unit
-    doubt: Doubt | None = None  # that its one number is that small
+    factor: float = 1.0  # within which ``sd`` is known; 1: as it is
     default: bool = False  # assumed, not declared
     focal_length_px: float | None = None  # of a principal point in pixels
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
-    learned: bool = True  # the data may say something of it; False: it is carried to X as it is
     accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
     declared: tuple[float, float, float | None] | None = (
         None  # accuracy of a robot (m, rad) and its reach (m), as given
     )
 
     @property
-    def widest(self) -> Array:
-        """(k,) the standard deviations with doubt taken for certain."""
-        return self.sd if self.doubt is None else np.full(1, self.doubt.sd)
-
-    @property
     def is_exact(self) -> bool:
         """True if it is switched off: standard deviations of 0."""
-        return not self.widest.any()
+        return not self.sd.any()
+
+    def of_size(self, size: float) -> SharedError:
+        """Return the error with a size that was found: standard deviations times it, known as they are."""
+        return self if self.factor == 1 else replace(self, sd=size * self.sd, factor=1.0)
 
     @property
     def described(self) -> list[str]:
@@ -208,31 +201,19 @@ class SharedError(ReadOnlyArrays):
     def robot_accuracy(
         cls, translation: float | str, rotation: float | str | None = None, *, reach: float | str | None = None
     ) -> SharedError:
-        """The accuracy that the robot's data sheet states, as a smooth error over the pose (`accuracy_field`).
+        """The accuracy that the robot's data sheet states: errors as a population of arms has them (`population`).
 
-        ``translation`` in m or ``"0.5mm"``, ``rotation`` in rad or ``"0.05deg"``; or both in one text. ``reach`` of the
-        arm (m, or ``"0.9m"``); None takes the largest distance of the flange from the base.
+        ``translation`` in m or ``"0.5mm"``, ``rotation`` in rad or ``"0.05deg"``; or both in one text: root mean squares
+        over the workspace. The errors are those of arms of that accuracy in position, or as much larger as the one in
+        rotation asks for. ``reach`` of the arm (m, or ``"0.9m"``); None takes 1.2 times the largest distance of the
+        flange from the base.
         """
         exact = isinstance(translation, str) and translation.strip().lower() in EXACT and rotation is None
         move, turn = (0.0, 0.0) if exact else stated_accuracy(translation, rotation)
         length = None if reach is None else parse_length(reach, "`reach`")
         if length is not None and not 0 < length < np.inf:
             raise InputError(f"Expected `reach` to be above 0 and finite, got {reach!r}.")
-        scale = deviations(move, turn)
-
-        def bind(poses: PosePairs) -> SharedError:
-            names, effect = field_columns(poses.robot, scale, length)
-            sd = np.repeat((scale > 0).astype(float), len(names) // 6)
-            accuracy = RobotAccuracy(move, turn, reach_of(poses.robot) if length is None else length)
-            return replace(unbound, parts=names, sd=sd, effect=lambda at: effect(at.robot), accuracy=accuracy)
-
-        words = f"{digits(1e3 * move, 2)} mm, {digits(np.degrees(turn), 2)} deg"
-        sd = np.ones(1) if scale.any() else np.zeros(1)
-        unbound = cls(
-            ROBOT_ACCURACY, "", "robot", sd, (ROBOT_ACCURACY,), _unbound, stated=words, bind=bind, learned=False,
-            declared=(move, turn, length),
-        )  # fmt: skip
-        return unbound
+        return _population_error(move, turn, length)
 
     @property
     def needs_poses(self) -> bool:
@@ -244,7 +225,9 @@ class SharedError(ReadOnlyArrays):
 
         `calibrate` binds an error to its poses where that has not been done.
         """
-        return self if self.bind is None else replace(self.bind(poses), default=self.default, stated=self.stated)
+        if self.bind is None:
+            return self
+        return replace(self.bind(poses), default=self.default, stated=self.stated, factor=self.factor)
 
     def at(self, poses: PosePairs) -> Array:
         """F (n, 6, k) at these poses; raises `InputError` where they do not tell it."""
@@ -260,7 +243,7 @@ class SharedError(ReadOnlyArrays):
         return {
             "name": self.name,
             "sd": self.sd.tolist(),
-            **({} if self.doubt is None else {"doubt": list(self.doubt)}),
+            **({} if self.factor == 1 else {"factor": self.factor}),
             **({"default": True} if self.default else {}),
             **({} if self.focal_length_px is None else {"focal_length_px": self.focal_length_px}),
             **({} if self.declared is None else {"accuracy": list(self.declared), "stated": self.stated}),
@@ -279,8 +262,7 @@ class SharedError(ReadOnlyArrays):
             if not made:
                 raise InputError(f"The shared error {name!r} has columns of its own, which the file does not hold.")
             error = replace(made[0], focal_length_px=focal_length)
-        doubt = None if data.get("doubt") is None else Doubt(*data["doubt"])
-        return replace(error, doubt=doubt, default=bool(data.get("default", False)))
+        return replace(error, factor=float(data.get("factor", 1.0)), default=bool(data.get("default", False)))
 
     def rows(self, kept: NDArray[np.intp], n: int) -> SharedError:
         """Return the error for some of n poses, by their numbers: columns that were given for all n lose the others."""
@@ -300,13 +282,58 @@ class SharedError(ReadOnlyArrays):
 
 def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
     """Return the errors that camera poses share by default: the size of the target, and for finished poses the effect
-    of the intrinsics.
+    of the intrinsics and what else follows from the view.
 
     ``intrinsics_known``: the covariance of the camera poses holds that already, as from corners.
     """
-    size = replace(SharedError.target_scale(), doubt=WRONG_SIZE)
+    of_size = SIZES[TARGET_SCALE]
+    size = replace(SharedError.target_scale(of_size.median), factor=of_size.factor)
     errors = (size,) if intrinsics_known else (SharedError.focal_length(), SharedError.principal_point(), size)
     return tuple(replace(error, default=True) for error in errors)
+
+
+def assumed_view() -> SharedError:
+    """Return errors of finished camera poses that follow from the view (`view`), to be bound to poses."""
+    size = SIZES[VIEW]
+
+    def bind(poses: PosePairs) -> SharedError:
+        mean, scale = view_scale(poses.camera)
+        parts = tuple(f"{VIEW}: {k + 1}" for k in range(36))
+        sd = np.full(36, size.median)
+        return replace(unbound, parts=parts, sd=sd, effect=lambda at: columns_about(at.camera, mean, scale))
+
+    unbound = SharedError(
+        VIEW, "", "camera", np.array([size.median]), (VIEW,), _unbound, factor=size.factor, bind=bind, default=True
+    )
+    return unbound
+
+
+def assumed_lens() -> SharedError:
+    """Return errors of the distortion of the lens that finished camera poses were made with."""
+    size = SIZES[LENS]
+    parts = tuple(f"{LENS}: {name}" for name in ("k1", "k2", "p1", "p2"))
+    sd = size.median * np.array([1.0, 3.0, 0.1, 0.1])
+    return SharedError(
+        LENS, "", "camera", sd, parts, lambda poses: lens_columns(poses.camera), factor=size.factor, default=True
+    )
+
+
+def assumed_drift(poses: PosePairs) -> tuple[SharedError, ...]:
+    """Return drifts of camera and target over the time of these poses; none without timestamps."""
+    if poses.timestamps is None or poses.n < FEWEST:
+        return ()
+    found = []
+    for of in ("camera", "target"):
+        name = f"{DRIFT} {of}"
+        F, size = drift_columns(poses.camera, poses.timestamps, of == "target"), SIZES[name]
+        parts = tuple(f"{name}: {k + 1}" for k in range(F.shape[-1]))
+        sd = np.full(len(parts), size.median)
+        found.append(SharedError(name, "", "camera", sd, parts, _at_these(F), factor=size.factor, default=True))
+    return tuple(found)
+
+
+def _at_these(F: Array) -> Callable[[PosePairs], Array]:
+    return lambda poses: F
 
 
 def error_by_part(name: str) -> tuple[SharedError, int] | None:
@@ -318,14 +345,38 @@ def error_by_part(name: str) -> tuple[SharedError, int] | None:
     return None
 
 
-def assumed_accuracy() -> SharedError:
-    """Return the accuracy of a robot of which nothing is declared: at `TYPICAL`, to be scaled by the residuals."""
-    return replace(SharedError.robot_accuracy(*TYPICAL), default=True, stated="by the residuals")
+def assumed_accuracy(of_class: str | None = None) -> SharedError:
+    """Return the accuracy of a robot of which nothing is declared, or its class (`sizes.CLASSES`)."""
+    size = SIZES[ROBOT_ACCURACY] if of_class is None else CLASSES[of_class]
+    return replace(_population_error(size.median, 0.0, None), default=True, factor=size.factor)
+
+
+def _population_error(move: float, turn: float, reach: float | None) -> SharedError:
+    """Return errors of arms with this accuracy (m, rad), to be bound to poses; ``reach`` (m) None: by the poses."""
+
+    def bind(poses: PosePairs) -> SharedError:
+        from .population import population_columns  # its table of arms takes a while
+
+        K = population_columns(poses.robot)
+        size = move
+        if turn > 0:
+            size = max(move, turn / float(np.sqrt((K[:, :3] ** 2).sum(axis=(1, 2)).mean())))
+        parts = tuple(f"{ROBOT_ACCURACY}: {k + 1}" for k in range(K.shape[-1]))
+        accuracy = RobotAccuracy(move, turn, reach_of(poses.robot) if reach is None else reach)
+        return replace(unbound, parts=parts, sd=np.full(len(parts), size), effect=lambda at: K, accuracy=accuracy)
+
+    exact = not (move > 0 or turn > 0)
+    words = f"{digits(1e3 * move, 2)} mm" + (f", {digits(np.degrees(turn), 2)} deg" if turn > 0 else "")
+    unbound = SharedError(
+        ROBOT_ACCURACY, "", "robot", np.zeros(1) if exact else np.ones(1), (ROBOT_ACCURACY,), _unbound, stated=words,
+        bind=bind, declared=(move, turn, reach),
+    )  # fmt: skip
+    return unbound
 
 
 def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
     """Return the default errors, those declared in place of the ones of their names, and the other ones declared."""
-    by_name = {error.name: error for error in (*default_errors(intrinsics_known), assumed_accuracy())}
+    by_name = {error.name: error for error in (*default_errors(intrinsics_known), assumed_accuracy(), *([] if intrinsics_known else [assumed_lens(), assumed_view()]))}
     return list((by_name | {error.name: error for error in declared}).values())
 
 
@@ -353,17 +404,14 @@ def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
 
 
 def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str, JointCovariance]:
-    """Return the effect of the errors on the poses by side: a covariance without noise of its own.
-
-    Those that are not `learned` are no unknowns of a fit, and not in it.
-    """
+    """Return the effect of the errors on the poses by side: a covariance without noise of its own."""
     found: dict[str, JointCovariance] = {}
     for side in SIDES:
-        of_side = [error for error in errors if error.side == side and error.learned and not error.is_exact]
+        of_side = [error for error in errors if error.side == side and not error.is_exact]
         if of_side:
-            F = np.concatenate([error.at(poses) * error.widest for error in of_side], axis=-1)
+            F = np.concatenate([error.at(poses) * error.sd for error in of_side], axis=-1)
             names = np.array([name for error in of_side for name in error.parts])
-            known = np.concatenate([error.widest for error in of_side]) > 0
+            known = np.concatenate([error.sd for error in of_side]) > 0
             found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F[..., known], tuple(names[known].tolist()))
     return found
 

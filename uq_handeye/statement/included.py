@@ -8,7 +8,7 @@ from ..likelihood.shared_groups import SharedGroup, grouped
 from ..noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import PoseNoise, is_joint
-from ..shared_errors.accuracy_field import ROBOT_ACCURACY
+from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.shared_error import CLOCK_OFFSET, FOCAL_LENGTH, TARGET_SCALE
 from .stated import Stated
 

@@ -12,7 +12,7 @@ from ...formatting.numbers import concise, digits
 from ...likelihood.shared_estimates import SharedEstimate
 from ...likelihood.shared_groups import SharedGroup
 from ...presentation.document import Block, Cell, Points, Table
-from ...shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
+from ...shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE, WRONG_SIZE
 from ...statement.included import included, shared_groups, sizes_of
 from ..result import Calibration
 from .time_offset import offset_sentence
@@ -67,7 +67,7 @@ def shared_blocks(result: Calibration) -> list[Block]:
 def look_alike(result: Calibration) -> bool:
     """Return whether the residuals indicate a scale that may be the target's or the robot's."""
     asked = {probe.name for probe in _probes(result) if probe.asked_for}
-    asked |= {error.name for error in result.shared if error.wide is not None and error.wide > 0.5}
+    asked |= {error.name for error in result.shared if error.name == TARGET_SCALE and error.beyond(WRONG_SIZE) > 0.5}
     return bool(asked & {TARGET_SCALE, ROBOT_SCALE})
 
 

@@ -12,7 +12,10 @@ standard deviation where that is above `LEAST`. Each of them moves each of the s
 *Noise by the view.* The noise of a pose that was fitted to the corners of a flat target has a shape that its distance
 and tilt decide (T11): with the derivatives B of the corners' directions ``(x / z, y / z)`` by the pose the covariance is
 ``(B^T B)^-1`` per square of the directions' noise. Target and lens are not known here: it is taken as a square of points
-of half the width `HALF` times the median distance, about its origin or beside it, so that only its size is left open.
+of half the width `HALF` times the median distance, beside its origin, so that only the size of the noise is left open.
+
+*Lens.* A distortion that is wrong by dk moves the directions by A dk (Brown's model, about none), and the poses that
+were fitted to them by ``-(B^T B)^-1 B^T A dk``: four columns.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ LEAST = 0.1
 # Half of the width of the target over its distance, and points along each side.
 HALF, POINTS = 0.15, 4
 # A target seen edge-on counts as if it were tilted by this cosine.
-EDGE_ON = 0.15
+EDGE_ON = 0.05
 
 
 def view_columns(camera: Array) -> Array:
@@ -56,25 +59,40 @@ def _coordinates(camera: Array) -> Array:
     return np.concatenate([t / np.maximum(np.linalg.norm(t, axis=-1, keepdims=True), 1e-12), camera[:, :3, 2]], axis=-1)
 
 
-def view_block(camera: Array, corner: bool) -> Array:
-    """(n, 6, 6) square roots of the covariance of poses (n, 4, 4) for one rad of noise of the directions to points.
+def view_block(camera: Array) -> Array:
+    """(n, 6, 6) square roots of the covariance of poses (n, 4, 4) for one rad of noise of the directions to points."""
+    information = _fitted(camera)[2]
+    return np.asarray(np.linalg.cholesky(np.linalg.inv(information)))
 
-    ``corner``: the origin is a corner of the target; else its middle.
-    """
-    distance = np.median(np.linalg.norm(camera[:, :3, 3], axis=-1))
-    side = np.linspace(-1.0, 1.0, POINTS)
-    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) + (1.0 if corner else 0.0)
-    P = np.pad(HALF * max(float(distance), 1e-6) * grid, [(0, 0), (0, 1)])
+
+def lens_columns(camera: Array) -> Array:
+    """(n, 6, 4) errors of poses (n, 4, 4) by errors of the distortion k1, k2, p1, p2 of the lens, per unit."""
+    x, by_pose, information = _fitted(camera)
+    r2 = (x * x).sum(axis=-1)
+    u, v = x[..., 0], x[..., 1]
+    radial = x * r2[..., None]
+    by_p1 = np.stack([2 * u * v, r2 + 2 * v * v], axis=-1)
+    by_p2 = np.stack([r2 + 2 * u * u, 2 * u * v], axis=-1)
+    by_lens = np.stack([radial, radial * r2[..., None], by_p1, by_p2], axis=-1).reshape(len(camera), -1, 4)
+    return np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens))
+
+
+def _fitted(camera: Array) -> tuple[Array, Array, Array]:
+    """Directions (n, k, 2) of the points of the target, their derivatives (n, 2k, 6) by the poses, and B^T B."""
+    distance = float(np.median(np.linalg.norm(camera[:, :3, 3], axis=-1)))
+    side = HALF * np.linspace(0.0, 2.0, POINTS)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    P = np.pad(max(distance, 1e-6) * grid, [(0, 0), (0, 1)])
     turned = P @ camera[:, :3, :3].mT  # (n, k, 3)
     at = turned + camera[:, None, :3, 3]
-    z = at[..., 2]
-    z = np.where(np.abs(z) > 1e-3 * distance, z, 1e-3 * distance)
+    near = 0.05 * max(distance, 1e-6)
+    z = np.where(np.abs(at[..., 2]) > near, at[..., 2], near)
+    directions = np.clip(at[..., :2] / z[..., None], -3.0, 3.0)
     by_point = np.zeros((*at.shape[:-1], 2, 3))
     by_point[..., 0, 0] = by_point[..., 1, 1] = 1.0 / z
-    by_point[..., 2] = -at[..., :2] / (z * z)[..., None]
+    by_point[..., 2] = -directions / z[..., None]
     by_pose = np.concatenate([-by_point @ skew(turned), by_point], axis=-1).reshape(len(camera), -1, 6)
     information = by_pose.mT @ by_pose
     # an edge-on target would leave its tilt open altogether
-    floor = EDGE_ON**2 * len(P) * HALF**2
-    information[:, range(3), range(3)] += 0.02 * floor
-    return np.asarray(np.linalg.cholesky(np.linalg.inv(information)))
+    information[:, range(3), range(3)] += len(P) * (EDGE_ON * HALF) ** 2
+    return directions, by_pose, information
