@@ -64,8 +64,7 @@ if TYPE_CHECKING:
     from .noise.known_values import parse_known_values
     from .noise.models import PairNoise, PoseNoise
     from .noise.pose_prior import PosePrior
-    from .noise_estimation.beside_camera import estimate_robot_noise
-    from .noise_estimation.estimate import estimate_noise
+    from .one_model.noise_of_data import estimate_noise, estimate_robot_noise
     from .planning.plan import plan
     from .planning.result import Plan
     from .points.estimate import poses_from_points
@@ -309,8 +308,7 @@ _LATER = {
         "PoseNoise",
     ),
     "noise.pose_prior": ("PosePrior",),
-    "noise_estimation.beside_camera": ("estimate_robot_noise",),
-    "noise_estimation.estimate": ("estimate_noise",),
+    "one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
     "planning.plan": ("plan",),
     "planning.result": ("Plan",),
     "input_checks.pose_ambiguity": ("resolve_pose_ambiguity",),

@@ -33,7 +33,7 @@ from uq_handeye.likelihood.gauss_helmert import efficient
 from uq_handeye.likelihood.goodness_of_fit import effective_dof
 from uq_handeye.likelihood.rig_bundle import adjust_rig
 from uq_handeye.noise.models import marginals
-from uq_handeye.noise_estimation.estimate import estimate_noise
+from uq_handeye.one_model.noise_of_data import estimate_noise
 from uq_handeye.presentation.figure_parts import BLUE, GREEN, ORANGE
 from uq_handeye.runtime.progress import progress_bar
 

@@ -26,7 +26,7 @@ from studies.common.study import Study, Tables, markdown
 from studies.likelihood import draws
 from uq_handeye.formatting.numbers import digits
 from uq_handeye.geometry.se3 import Array
-from uq_handeye.noise_estimation.estimate import estimate_noise
+from uq_handeye.one_model.noise_of_data import estimate_noise
 from uq_handeye.presentation.figure_parts import (
     BLUE,
     GREEN,

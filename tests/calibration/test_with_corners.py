@@ -16,7 +16,7 @@ from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.noise.estimate import NoisePrior
 from uq_handeye.noise.joint_covariance import JointCovariance
 from uq_handeye.noise.models import marginals
-from uq_handeye.noise_estimation.beside_camera import estimate_robot_noise
+from uq_handeye.one_model.noise_of_data import estimate_robot_noise
 
 
 def calibrate(poses, **options):

@@ -33,7 +33,6 @@ from ..likelihood.open_start import start_open
 from ..likelihood.robust import RobustFit, fit_robustly
 from ..likelihood.shared_estimates import JointFit, JointPosterior, of_moves
 from ..likelihood.starts import leaves_open
-from ..noise.estimate import NoisePrior
 from ..noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
 from ..one_model.estimation import FoundSizes, JointModel
 from ..poses.motions import Motions
@@ -132,21 +131,14 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
 
 def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
     """Return the components of a request whose noise is to be estimated."""
-    camera, robot, how, excess = job.camera_noise, job.robot_noise, "", None
-    poses = job.poses
+    poses, camera, robot = job.poses, job.camera_noise, job.robot_noise
     if job.given is not None:  # a side that it leaves out is exact
         camera, robot = (np.zeros((6, 6)) if S is None else S for S in (job.given.camera, job.given.robot))
-    elif camera is None and poses is not None and poses.known_camera is not None:
-        camera = poses.known_camera
-        how = "from points" if poses.camera_calibration is None else "from corners"
-        excess = None if poses.camera_calibration is None else poses.camera_calibration.per_pixel
-    drift: tuple[SharedError, ...] = ()
+    errors = job.shared
     if poses is not None and job.correlation == "auto" and job.covariance in OF_NOISE and job.given is None:
-        drift = assumed_drift(poses)
-    errors = tuple(error.bound(poses) if error.needs_poses else error for error in (*job.shared, *drift) if poses)
-    prior = NoisePrior() if job.prior is None else job.prior
-    arm = job.columns_of_arm
-    return JointModel(constraint, prior, camera, robot, errors, poses, job.pose_prior, arm, excess, how)
+        errors = (*errors, *assumed_drift(poses))
+    beside = {"pose_prior": job.pose_prior, "arm": job.columns_of_arm}
+    return JointModel.beside(constraint, poses, job.prior, camera, robot, errors, **beside)
 
 
 def _at_corrected(source: JointModel, noise: Noise, fit: Fit) -> JointModel:

@@ -19,7 +19,7 @@ from ..likelihood.goodness_of_fit import components_of, effective_dof
 from ..likelihood.robust import RobustFit
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise, PairNoise, PoseNoise
-from ..noise_estimation.estimate import estimate_noise
+from ..one_model.noise_of_data import estimate_noise
 from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals, residuals, rotation_angles, summarise

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..calibration.result import Calibration
-from ..diagnostics.budget import EACH, IN_TIME
+from ..diagnostics.budget import EACH
 from ..diagnostics.budget import SHARED as SHARED_SOURCE
 from ..formatting.numbers import digits
 from ..geometry.se3 import Array
@@ -41,7 +41,7 @@ def input_of(source: str, result: Calibration) -> Input:
     estimate = result.noise_estimate
     if estimate is not None and (found := _estimated(names, estimate)) is not None:
         return found
-    if all(name.partition(" ")[0] in SIDES for name in names) and not names[0].endswith(IN_TIME):
+    if all(name.partition(" ")[0] in SIDES for name in names):
         kind = names[0].partition(" ")[2]
         if kind.startswith((*KINDS, EACH, SHARED_SOURCE, "coupling", "(rotation")):
             return _of_noise(names, result)

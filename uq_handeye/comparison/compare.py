@@ -34,7 +34,7 @@ from ..geometry.frames import SETUPS
 from ..likelihood.constraint import require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.models import Noise, PairNoise
-from ..noise_estimation.estimate import estimate_noise
+from ..one_model.noise_of_data import estimate_noise
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise

@@ -35,7 +35,7 @@ from ..runtime.read_only import ReadOnlyArrays
 from .task_space import _points, by_pose
 
 # Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
-EACH, SHARED, IN_TIME = "(each pose)", "(shared)", "(correlated in time)"
+EACH, SHARED = "(each pose)", "(shared)"
 # Differences of covariances below this are 0, as correlations.
 ROUNDED = 1e-9
 
@@ -295,8 +295,7 @@ def budget_of_sensitivities(
     merged : groups of names
         See `Budget.merged`. Sources are named "robot rotation", "robot translation", "robot coupling", and so for
         "camera"; on motions "A" and "B". A coupling that is zero is left out. Of a `JointCovariance` they are instead
-        what each pose has by itself, "camera (each pose)", the shared errors by name up to ": ", "camera (shared)", and
-        what passes on from pose to pose.
+        what each pose has by itself, "camera (each pose)", the shared errors by name up to ": ", and "camera (shared)".
     within : names and covariances (n, 6, 6), or None
         Parts of what each robot pose has by itself that are sources of their own, such as the noise of joints.
 
@@ -344,12 +343,6 @@ def budget_of_sensitivities(
                 parts.append(of_error @ of_error.T)
             of_pose = together @ whole.T
             by_pose = by_pose + D @ S.own @ D.mT + 0.5 * (of_pose + of_pose.mT)
-            if S.serial is not None:
-                passed_on = S.serial.times(D.swapaxes(0, 1).reshape(D.shape[1], 6 * n).T).reshape(n, 6, -1)
-                sources.append(S.serial.name or f"{name} {IN_TIME}")
-                parts.append(_summed(D, passed_on.mT))
-                of_pose = D @ passed_on
-                by_pose = by_pose + 0.5 * (of_pose + of_pose.mT)
             continue
         if not named:
             names_of, parts_of = _by_kind(name, D, S)

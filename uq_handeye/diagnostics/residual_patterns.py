@@ -11,7 +11,7 @@ residuals on the poses is an F test of the columns that the fit has not used up 
 are brought to normal scores by D'Agostino (1970) and by Anscombe and Glynn (1983).
 
 Where poses have errors in common the residuals are those of each pose itself, with the shared errors as unknowns
-(`likelihood.own_residuals`). Beside errors that pass on from pose to pose, and with a covariance (6n, 6n), row i is
+(`likelihood.own_residuals`). With a covariance (6n, 6n), row i is
 what the poses before i do not predict of pose i: independent as well where the noise is right. A test that was not run
 has a ``reason``, and no numbers.
 """

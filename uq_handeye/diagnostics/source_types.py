@@ -20,7 +20,7 @@ from ..noise.estimate import NoiseEstimate
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PoseNoise
 from ..shared_errors.shared_error import CLOCK_OFFSET
-from .budget import EACH, IN_TIME, SHARED, Budget
+from .budget import EACH, SHARED, Budget
 
 _PIXELS = "pixel noise"
 
@@ -39,13 +39,11 @@ def with_types(budget: Budget, noise: Noise, estimate: NoiseEstimate | None, fro
         if _PIXELS in index:
             index |= dict.fromkeys(views, index[_PIXELS])
         data |= set(index)
-    serial = {} if estimate is None else _serial(noise)
-    data |= serial.keys()
     both = set()
     if estimate is not None:
         both = {part.name for part in estimate.components if part.status == "population"}
     types = tuple("A" if name in data else "A, B" if name in both else "B" for name in budget.sources)
-    return replace(budget, types=types, relative=_relative(budget.sources, index, estimate, serial))
+    return replace(budget, types=types, relative=_relative(budget.sources, index, estimate))
 
 
 def _of_side(side: str) -> list[str]:
@@ -63,17 +61,7 @@ def _variances_of(estimate: NoiseEstimate) -> list[list[str]]:
     return [[f"{first} rotation"], [f"{second} rotation"], [f"{first} translation", f"{second} translation"]]
 
 
-def _serial(noise: Noise) -> dict[str, str]:
-    """The sources that pass on from pose to pose, and the side of each."""
-    if not isinstance(noise, PoseNoise):
-        return {}
-    joint = {side: S for side in ("robot", "camera") if isinstance(S := getattr(noise, side), JointCovariance)}
-    return {S.serial.name or f"{side} {IN_TIME}": side for side, S in joint.items() if S.serial is not None}
-
-
-def _relative(
-    sources: tuple[str, ...], index: dict[str, int], estimate: NoiseEstimate | None, serial: dict[str, str]
-) -> Array:
+def _relative(sources: tuple[str, ...], index: dict[str, int], estimate: NoiseEstimate | None) -> Array:
     """Covariances of the variances of the sources, relative to them."""
     R = np.zeros((len(sources), len(sources)))
     if estimate is None:

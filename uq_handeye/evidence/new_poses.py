@@ -127,8 +127,7 @@ def _noise_of(poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: A
         return np.zeros((m, 6, 6)), np.zeros((m, 6, 0))
     require_count(S, m, side, "poses")
     if isinstance(S, JointCovariance):
-        own = S.own if S.serial is None else S.own + S.serial.blocks
-        return np.asarray(own), np.asarray(S.shared)
+        return np.asarray(S.own), np.asarray(S.shared)
     if is_joint(S):
         raise InputError(
             f"Expected the noise of new {side} poses as (6, 6), (m, 6, 6) or JointCovariance, got an array."

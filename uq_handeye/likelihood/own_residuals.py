@@ -3,9 +3,6 @@ r"""Residuals after the errors that all poses share are taken out of them.
 With ``S = blkdiag(S_i) + F F^T`` and r the residuals after the fit, ``z = (F^T S_i^-1 F + 1)^-1 F^T S_i^-1 r`` is the
 estimate of the shared errors, and ``e = r - F z`` are those of each pose itself, whitened by S_i. They belong to one
 pose each, as residuals of independent noise do, with the unknowns (X, W, z).
-
-Errors that pass on from pose to pose (`serial_errors`) stand beside the S_i: e is then whitened by both, so that its
-row i is what the poses before i do not predict of pose i.
 """
 
 from __future__ import annotations
@@ -17,7 +14,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
-from ..noise.square_roots import cholesky_of, gram, least_weight, whiten
+from ..noise.square_roots import cholesky_of, gram, whiten
 from .gauss_helmert import Fit
 
 # Information (1 where it equals that of the prior) below which the data tell nothing of a shared error.
@@ -25,9 +22,7 @@ TOLD = 1e-4
 
 
 class OwnResiduals(NamedTuple):
-    """Own residuals of one fit, in units of each pose's own noise; they include the weights only where there are
-    serial errors.
-    """
+    """Own residuals of one fit, in units of each pose's own noise, without the weights."""
 
     e: Array  # (n, 6)
     J: Array  # (n, 6, p + q), q combinations of shared errors of which the data tell something
@@ -36,8 +31,8 @@ class OwnResiduals(NamedTuple):
 
 
 def has_own_residuals(fit: Fit) -> bool:
-    """Return whether the poses have errors in common of this kind, and no serial ones."""
-    return isinstance(fit.S, JointCovariance) and fit.S.serial is None
+    """Return whether the poses have errors in common of this kind."""
+    return isinstance(fit.S, JointCovariance)
 
 
 def own_residuals(fit: Fit) -> OwnResiduals:
@@ -48,12 +43,7 @@ def own_residuals(fit: Fit) -> OwnResiduals:
         raise InputError(f"Expected one data set beside shared errors, got leading axes {fit.covariance.shape[:-2]}.")
     values = np.concatenate([fit.linear.J, S.shared, fit.residual[..., None]], axis=-1)
     root = np.ones(len(values)) if fit.weights is None else np.sqrt(fit.weights)
-    if S.serial is None:
-        white = whiten(cholesky_of(S.own), values)
-    else:  # a rejected pose must not reach those behind it
-        scale = 1.0 / np.maximum(root**2, least_weight(S))
-        white = S.serial.factor(scale[:, None, None] * S.own).whiten(values)
-        root = np.ones(len(values))
+    white = whiten(cholesky_of(S.own), values)
     sums = gram(white * root[:, None, None])
     q = S.shared.shape[-1]
     F = slice(p, p + q)

@@ -256,7 +256,7 @@ def adjust_rig(
 def require_shared(robot: Array | JointCovariance | None) -> None:
     """Raise `InputError` for a joint covariance of the robot other than by errors that all poses share."""
     joint = robot is not None and is_joint(robot)
-    if joint and (not isinstance(robot, JointCovariance) or robot.serial is not None):
+    if joint and not isinstance(robot, JointCovariance):
         raise InputError(
             "Method 'bundle' takes robot noise that is independent from pose to pose but for errors that all share "
             "(JointCovariance), got a dense joint covariance or a drift. Use method 'efficient'."

@@ -1,7 +1,7 @@
 """Noise before and after it is estimated: data sheets, components, the estimate as a whole.
 
 Units: rad and m, standard deviations per axis; text is in degrees and mm. How it is found: `noise_estimation`, and for
-camera poses from corners `noise_estimation.beside_camera`.
+camera poses from corners `one_model`.
 """
 
 from __future__ import annotations

@@ -10,8 +10,7 @@ B of the blocks, ``V = B^-1 F``, ``V^T V = Y diag(h^2 - 1) Y^T`` and ``U = V Y``
 
     Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - U diag(1 / (h (1 + h))) U^T) B^-1
 
-which `JointFactor` applies without forming it. Errors that pass on from pose to pose (`SerialErrors`) may come beside
-those of each pose; B is then the square root of the sum of both, in O(n), too. A column may bear the name of what it is
+which `JointFactor` applies without forming it. A column may bear the name of what it is
 the error of (a focal length); what an estimate says of it is told by that name. Columns whose names agree before ": "
 ("joint offsets: elbow", "joint offsets: wrist") are the numbers of one error, and one source of a budget (`group_of`).
 """
@@ -28,7 +27,6 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
-from .serial_errors import SerialErrors, SerialFactor
 from .triangular import checked_cholesky, substitute, substitute_transposed
 
 
@@ -56,7 +54,6 @@ class JointCovariance(ReadOnlyArrays):
     own: Array
     shared: Array
     names: tuple[str, ...] = ()
-    serial: SerialErrors | None = None  # drift, or noise that is correlated in time
 
     __array_ufunc__ = None  # `array @ S` comes here
 
@@ -72,8 +69,6 @@ class JointCovariance(ReadOnlyArrays):
         if len(names) != shared.shape[-1]:
             raise InputError(f"Expected a name for each of {shared.shape[-1]} shared columns, got {len(names)}.")
         object.__setattr__(self, "names", names)
-        if self.serial is not None and self.serial.n != own.shape[-3]:
-            raise InputError(f"Expected `serial` errors of {own.shape[-3]} poses, got those of {self.serial.n}.")
         super().__post_init__()
 
     @property
@@ -84,8 +79,7 @@ class JointCovariance(ReadOnlyArrays):
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the array, (..., 6n, 6n)."""
-        parts = [self.own, self.shared] + ([] if self.serial is None else [self.serial.by_state])
-        return (*np.broadcast_shapes(*(part.shape[:-3] for part in parts)), 6 * self.n, 6 * self.n)
+        return (*np.broadcast_shapes(self.own.shape[:-3], self.shared.shape[:-3]), 6 * self.n, 6 * self.n)
 
     @property
     def ndim(self) -> int:
@@ -104,8 +98,6 @@ class JointCovariance(ReadOnlyArrays):
         blocks = dense.reshape(*dense.shape[:-2], self.n, 6, self.n, 6)
         index = np.arange(self.n)
         blocks[..., index, :, index, :] += np.moveaxis(self.own, -3, 0)
-        if self.serial is not None:
-            dense += self.serial.times(np.eye(6 * self.n))
         return dense
 
     def __matmul__(self, values: Array) -> Array:
@@ -114,70 +106,54 @@ class JointCovariance(ReadOnlyArrays):
             return np.asarray((self @ values[:, None])[..., 0])
         by_pose = self.own @ values.reshape(*values.shape[:-2], self.n, 6, values.shape[-1])
         found = by_pose.reshape(*by_pose.shape[:-3], *values.shape[-2:]) + self.flat @ (self.flat.mT @ values)
-        return np.asarray(found if self.serial is None else found + self.serial.times(values))
+        return np.asarray(found)
 
     def __rmatmul__(self, values: Array) -> Array:
         """(..., p, 6n) times it."""
         return (self @ values.mT).mT
 
     def __mul__(self, factor: float) -> JointCovariance:
-        return JointCovariance(
-            factor * self.own,
-            np.sqrt(factor) * self.shared,
-            self.names,
-            None if self.serial is None else self.serial.scaled(factor),
-        )
+        return JointCovariance(factor * self.own, np.sqrt(factor) * self.shared, self.names)
 
     __rmul__ = __mul__
 
     def any(self) -> bool:
         """Return whether it is not zero."""
-        return bool(self.own.any() or self.shared.any() or (self.serial is not None and self.serial.state.any()))
+        return bool(self.own.any() or self.shared.any())
 
     @property
     def blocks(self) -> Array:
         """(..., n, 6, 6) the covariance of each pose by itself."""
-        passed_on = 0.0 if self.serial is None else self.serial.blocks
-        return np.asarray(self.own + self.shared @ self.shared.mT + passed_on)
+        return np.asarray(self.own + self.shared @ self.shared.mT)
 
     def rows(self, index: NDArray[Any]) -> JointCovariance:
         """Return the joint covariance of some of the poses."""
-        return JointCovariance(
-            self.own[..., index, :, :],
-            self.shared[..., index, :, :],
-            self.names,
-            None if self.serial is None else self.serial.rows(index),
-        )
+        return JointCovariance(self.own[..., index, :, :], self.shared[..., index, :, :], self.names)
 
     def carried(self, D: Array) -> JointCovariance:
         """Return the covariance of ``D_i xi_i``, D (..., n, 6, 6)."""
-        serial = None if self.serial is None else self.serial.carried(D)
-        return JointCovariance(D @ self.own @ D.mT, D @ self.shared, self.names, serial)
+        return JointCovariance(D @ self.own @ D.mT, D @ self.shared, self.names)
 
     def weighted(self, scale: Array) -> JointCovariance:
         """Return the covariance with each pose's own part times ``scale`` (..., n), and the shared part as it is.
 
         Scaling the whole of each block would make an error that all poses share look like one that averages out.
         """
-        return JointCovariance(scale[..., None, None] * self.own, self.shared, self.names, self.serial)
+        return JointCovariance(scale[..., None, None] * self.own, self.shared, self.names)
 
     def plus(self, other: Array | JointCovariance) -> JointCovariance:
         """Add independent errors of each pose (..., n, 6, 6), or another joint covariance."""
         if isinstance(other, JointCovariance):
             shared = np.concatenate([self.shared, other.shared], axis=-1)
-            if self.serial is not None and other.serial is not None:
-                raise InputError("Expected serial errors on one side, got them on robot and camera.")
-            serial = other.serial if self.serial is None else self.serial
-            return JointCovariance(self.own + other.own, shared, self.names + other.names, serial)
-        return JointCovariance(self.own + other, self.shared, self.names, self.serial)
+            return JointCovariance(self.own + other.own, shared, self.names + other.names)
+        return JointCovariance(self.own + other, self.shared, self.names)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for files; `from_dict` reads them."""
         named = {"names": list(self.names)} if any(self.names) else {}
-        serial = {} if self.serial is None else {"serial": self.serial.to_dict()}
         same = self.own.ndim == 3 and (self.own == self.own[:1]).all()  # one block serves all poses
         own = self.own[0] if same else self.own
-        return {"own": own.tolist(), "shared": self.shared.tolist(), **named, **serial}
+        return {"own": own.tolist(), "shared": self.shared.tolist(), **named}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> JointCovariance:
@@ -187,25 +163,25 @@ class JointCovariance(ReadOnlyArrays):
         if own.shape == (6, 6):
             own = np.tile(own, (len(shared), 1, 1))
         shared = shared.reshape(*own.shape[:-1], -1)
-        serial = SerialErrors.from_dict(values["serial"]) if "serial" in values else None
-        return cls(own, shared, tuple(map(str, values.get("names", ()))), serial)
+        if "serial" in values:
+            raise InputError("This covariance holds a drift as an earlier version described it: calibrate again.")
+        return cls(own, shared, tuple(map(str, values.get("names", ()))))
 
     @cached_property
     def factor(self) -> JointFactor:
         """L with ``Sigma = L L^T``; raises `SingularNoiseError` where a block of ``own`` is singular."""
         own = checked_cholesky(self.own)
-        passed_on = None if self.serial is None else self.serial.factor(self.own)
-        V = substitute(own, self.shared) if passed_on is None else passed_on.whiten(self.shared)
+        V = substitute(own, self.shared)
         V = V.reshape(*V.shape[:-3], 6 * self.n, V.shape[-1])
         squares, Y = np.linalg.eigh(V.mT @ V)
-        return JointFactor(own if passed_on is None else passed_on, V @ Y, np.sqrt(1.0 + np.maximum(squares, 0.0)))
+        return JointFactor(own, V @ Y, np.sqrt(1.0 + np.maximum(squares, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class JointFactor:
     """``L^-1 = (I - U diag(1 / (h (1 + h))) U^T) B^-1`` of a `JointCovariance`; L is square, not triangular."""
 
-    B: Array | SerialFactor  # (..., n, 6, 6), or of what passes on from pose to pose, too
+    B: Array  # (..., n, 6, 6)
     U: Array  # (..., 6n, q), U^T U = diag(h^2 - 1)
     h: Array  # (..., q)
 
@@ -217,30 +193,20 @@ class JointFactor:
 
     def whiten(self, values: Array) -> Array:
         """``L^-1 values`` (..., n, 6, p)."""
-        of_each = self.B.whiten(values) if isinstance(self.B, SerialFactor) else substitute(self.B, values)
-        return self._reflected(np.asarray(of_each))
+        return self._reflected(np.asarray(substitute(self.B, values)))
 
     def pull(self, white: Array) -> Array:
         """``L^-T white`` (..., n, 6, p)."""
-        reflected = self._reflected(white)
-        if isinstance(self.B, SerialFactor):
-            return self.B.pull(reflected)
-        return substitute_transposed(self.B, reflected)
+        return substitute_transposed(self.B, self._reflected(white))
 
     def log_determinant(self) -> Array:
         """(...) ``log|Sigma|``: of the blocks, and of what is shared ``log h^2``."""
-        if isinstance(self.B, SerialFactor):
-            own = self.B.log_determinant()
-        else:
-            own = 2.0 * np.log(np.diagonal(self.B, axis1=-2, axis2=-1)).sum(axis=(-2, -1))
+        own = 2.0 * np.log(np.diagonal(self.B, axis1=-2, axis2=-1)).sum(axis=(-2, -1))
         return np.asarray(own + 2.0 * np.log(self.h).sum(axis=-1))
 
     def inverse_blocks(self) -> Array:
         """(..., n, 6, 6) diagonal blocks of ``Sigma^-1 = B^-T (I - U diag(1 / h^2) U^T) B^-1``."""
         U = self.U.reshape(*self.U.shape[:-2], self.U.shape[-2] // 6, 6, self.U.shape[-1])
-        if isinstance(self.B, SerialFactor):
-            own, left = self.B.inverse_blocks(), self.B.pull(U)
-        else:
-            half = np.linalg.inv(self.B)
-            own, left = half.mT @ half, half.mT @ U
+        half = np.linalg.inv(self.B)
+        own, left = half.mT @ half, half.mT @ U
         return np.asarray(own - (left / (self.h * self.h)[..., None, None, :]) @ left.mT)

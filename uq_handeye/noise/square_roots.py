@@ -103,7 +103,7 @@ def least_weight(S: Covariance) -> float:
     A pose of no weight stays a link of the chain of serial errors, where a larger variance would leave nothing but
     rounding of what its neighbours have in common.
     """
-    return 1e-7 if isinstance(S, JointCovariance) and S.serial is not None else 1e-12
+    return 1e-12
 
 
 def weighted(S: Covariance, weights: Array) -> Covariance:

@@ -48,8 +48,6 @@ def _notes(name: str, covariance: Any) -> list[str]:
         count = joint.shared.shape[-1]
         if count:
             found.append(f"{name}: the poses share {count} errors{f' ({names})' if names else ''}.")
-        if joint.serial is not None:
-            found.append(f"{name}: neighbouring poses have correlated noise.")
     elif covariance is not None and is_joint(covariance):
         found.append(f"{name}: one joint covariance of all poses.")
     elif covariance is not None and _correlation(covariance) > _CORRELATED:

@@ -68,6 +68,34 @@ class JointModel:
     excess: JointCovariance | None = None  # of the camera beside what corners say, per pixel^2
     how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points"
 
+    @classmethod
+    def beside(
+        cls,
+        constraint: Constraint,
+        poses: PosePairs | None,
+        prior: NoisePrior | None = None,
+        camera: Any = None,
+        robot: Any = None,
+        errors: tuple[SharedError, ...] = (),
+        **others: Any,
+    ) -> JointModel:
+        """Build the model of poses; without ``camera`` beside the covariance that camera poses come with.
+
+        Raises `InputError` for a prior of a side that is known.
+        """
+        how, excess = "", None
+        if camera is None and poses is not None and poses.known_camera is not None:
+            camera = poses.known_camera
+            how = "from points" if poses.camera_calibration is None else "from corners"
+            excess = None if poses.camera_calibration is None else poses.camera_calibration.per_pixel
+        prior = NoisePrior() if prior is None else prior
+        if camera is not None and not np.isnan(prior.values[2:]).all():
+            known = "but for that of their pixels" if isinstance(camera, CameraNoise) else how.replace("from", "from their")
+            raise InputError(
+                f"Expected a `prior` for the robot only: the noise of the camera poses is known {known}.".replace(" .", ".")
+            )
+        return cls(constraint, prior, camera, robot, errors, poses, excess=excess, how=how, **others)
+
     @property
     def sides(self) -> tuple[str, str]:
         """Names of the sides: robot and camera, or A and B."""

@@ -122,7 +122,7 @@ def _sized(found: FoundSizes) -> list[Component]:
 
 
 def _findings(found: FoundSizes, parts: dict[str, Component]) -> tuple[Finding, ...]:
-    from ..noise_estimation.findings import noise_findings
+    from .findings import noise_findings
 
     sides = found.source.sides
     if len(parts) < 6 or any(part.status not in ("fixed", "prior", "estimated", "not told apart") for part in parts.values()):

@@ -327,8 +327,7 @@ def _of_each_pose(noise: PoseNoise) -> PoseNoise:
     sides = []
     for S in (noise.robot, noise.camera):
         if isinstance(S, JointCovariance):
-            own = S.own if S.serial is None else S.own + S.serial.blocks
-            S = JointCovariance(own, S.shared, S.names) if S.shared.shape[-1] else own
+            S = S if S.shared.shape[-1] else S.own
         sides.append(S)
     return PoseNoise(*sides, prior=noise.prior)
 

@@ -307,7 +307,7 @@ def own_noise(result: Predicting, side: Literal["robot", "camera"]) -> Array:
         return np.zeros((6, 6))
     own = S
     if isinstance(S, JointCovariance):
-        own = S.own if S.serial is None else S.own + S.serial.blocks
+        own = S.own
     own = np.asarray(own)
     if own.shape[-1] != 6:
         raise InputError(f"Expected noise of each pose for a prediction, got a joint array of the {side} poses.")

@@ -432,10 +432,10 @@ def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise
         kept = np.array([names.isdisjoint((name, group_of(name))) for name in S.names])
         if kept.all():
             return S
-        if not kept.any() and S.serial is None:
+        if not kept.any():
             return S.own if S.own.any() else None
         rest = tuple(name for name, keep in zip(S.names, kept, strict=True) if keep)
-        return JointCovariance(S.own, S.shared[..., kept], rest, S.serial)
+        return JointCovariance(S.own, S.shared[..., kept], rest)
 
     return replace(noise, robot=remaining(noise.robot), camera=remaining(noise.camera))
 

@@ -24,7 +24,7 @@ from ..geometry.se3 import Array, inverse
 from ..likelihood.constraint import constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
 from ..noise.models import Noise, PairNoise, PoseNoise
-from ..noise_estimation.estimate import estimate_noise
+from ..one_model.noise_of_data import estimate_noise
 from ..poses.motions import Motions, pair_indices, relative_motions
 from ..poses.pose_pairs import PosePairs, Truth
 from ..procrustes.limit import solve_limit

@@ -156,7 +156,7 @@ def disturbed(
         own = (factor(covariance.own) @ rng.standard_normal((*batch, len(T), 6, 1)))[..., 0]
         common = rng.standard_normal((*batch, covariance.shared.shape[-1])) @ covariance.flat.T
         errors = own + common.reshape(own.shape)
-        return perturb(T, errors if covariance.serial is None else errors + covariance.serial.draw(batch, rng))
+        return perturb(T, errors)
     return moved(T, factor(covariance), rng.standard_normal((*batch, 6 * len(T))))
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from ..diagnostics.budget import EACH, IN_TIME, SHARED, Budget, Expanded
+from ..diagnostics.budget import EACH, SHARED, Budget, Expanded
 from ..files.validate import plain
 from ..formatting.numbers import digits
 from ..geometry.principal_axes import principal_axes
@@ -120,8 +120,6 @@ def parts_of(budget: Budget) -> tuple[Part, ...]:
 
 def part_name(source: str, together: bool) -> str:
     """Return the part that a source of the budget belongs to."""
-    if source.startswith("correlated ") or source.endswith(IN_TIME):
-        return "correlated errors"
     side, _, rest = source.partition(" ")
     if " + " in source or (side in ("robot", "camera", "A", "B") and rest.startswith((*_KINDS, EACH, "("))):
         if rest == SHARED:

@@ -39,7 +39,7 @@ from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, Fit, fit
 from ..likelihood.robust import FULL, pose_distances, robust_weights
 from ..noise.models import PoseNoise
 from ..noise.square_roots import gram, whiten
-from ..noise_estimation.estimate import estimate_noise
+from ..one_model.noise_of_data import estimate_noise
 from ..poses.pose_pairs import PosePairs
 from .interpolation import Interpolated, at_times
 

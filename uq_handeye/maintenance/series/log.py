@@ -381,7 +381,7 @@ def _noise_numbers(noise: PoseNoise | None, side: str, n: int) -> Array:
     shared = np.zeros((n, 6, 0))
     if isinstance(S, JointCovariance):
         shared = np.asarray(S.shared)
-        S = S.own if S.serial is None else S.own + S.serial.blocks
+        S = S.own
     if np.shape(S) not in ((6, 6), (n, 6, 6)):
         raise InputError(f"Expected the noise of new {side} poses as (6, 6) or ({n}, 6, 6), got {np.shape(S)}.")
     lower = np.broadcast_to(S, (n, 6, 6))[:, _LOWER[0], _LOWER[1]]

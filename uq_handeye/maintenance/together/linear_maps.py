@@ -75,8 +75,6 @@ class LinearMap:
             own[side], serial[side] = np.zeros((n, 6, 6)), np.zeros((n, 6, 0))
             if isinstance(S, JointCovariance):
                 own[side] = np.asarray(S.own)
-                if S.serial is not None:
-                    serial[side] = _root(S.serial.times(np.eye(6 * n))).reshape(n, 6, -1)
                 of_lens = np.array([group_of(name) in ("", INTRINSICS) for name in S.names], dtype=bool)
                 if side == CAMERA:
                     intrinsics = S.shared[..., of_lens]
@@ -113,7 +111,6 @@ def difference_covariance(old: LinearMap, new: LinearMap, common: list[tuple[int
     total += _of_columns(old, new, common, same)
     total += _of_intrinsics(old, new, in_new, in_old, same)
     total += _of_prior(old.fit, new.fit)
-    total += _of_accuracy(old, new, bool(common) or ROBOT in same)
     return total + _of_timing(old, new)
 
 

@@ -19,7 +19,7 @@ from ...errors import InputError, require_integer
 from ...geometry.checks import is_number
 from ...geometry.frames import SETUPS
 from ...noise.models import Noise, PairNoise, PoseNoise
-from ...noise_estimation.estimate import estimate_noise
+from ...one_model.noise_of_data import estimate_noise
 from ...poses.motions import Motions
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import warn_left_out

@@ -13,7 +13,7 @@ from uq_handeye.likelihood.gauss_helmert import Fit, bound, efficient
 from uq_handeye.likelihood.goodness_of_fit import effective_dof, goodness_of_fit, spread_of
 from uq_handeye.likelihood.starts import start_of
 from uq_handeye.noise.estimate import NoiseEstimate, NoisePrior
-from uq_handeye.noise_estimation.estimate import estimate_noise, model_of, variance_components
+from uq_handeye.one_model.noise_of_data import estimate_noise, model_of, variance_components
 from uq_handeye.noise_estimation.restricted_likelihood import (
     chi_square_interval,
     covariance_of,
