@@ -49,7 +49,7 @@ ARMS = (
     "panda",
     "gen3",
 )
-SCALE = 1.2
+SCALE = 1.0
 OFFSET, TILT, LENGTH, HARMONIC, SAG = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
 WORKSPACE = 400
 LEVER = 0.3
@@ -58,7 +58,7 @@ RANK = 72
 # Part of the energy that the columns left out may have: of the mixture, and of each arm over its workspace.
 LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
 # Further vectors of the range from which the columns are taken.
-MORE = 24
+MORE = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,13 +131,13 @@ def population_columns(robot: Array, *, arms: tuple[str, ...] = ARMS, rank: int 
 def truncated(rows: Array, rank: int) -> Array:
     """Return (N, m), m <= rank, with the second moment of ``rows`` (N, M) but for `LEFT_OUT` of its trace.
 
-    The singular vectors are those within the range of ``rows`` times a fixed random (M, rank + `MORE`), so that a
-    permutation of the rows permutes the result.
+    The singular vectors are those within the range of ``rows rows^T rows S`` with a fixed random S (M, rank + `MORE`),
+    so that a permutation of the rows permutes the result.
     """
     if min(rows.shape) <= rank + MORE:
         Q, small = np.eye(len(rows)), rows
     else:
-        Q = np.linalg.qr(rows @ _sketch(rows.shape[1], rank + MORE))[0]
+        Q = np.linalg.qr(rows @ (rows.T @ (rows @ _sketch(rows.shape[1], rank + MORE))))[0]
         small = Q.T @ rows
     energy, U = np.linalg.eigh(small @ small.T)
     energy, U = np.maximum(energy[::-1], 0.0), U[:, ::-1]
