@@ -28,10 +28,11 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 from ..kinematics.arms.known_arms import known_arm
-from ..kinematics.arms.stack import ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack, Frames
+from ..kinematics.arms.stack import ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack
 from ..kinematics.arms.work_postures import BLOCK, WorkPostures
 
 ARMS = (
@@ -48,14 +49,16 @@ ARMS = (
     "panda",
     "gen3",
 )
-SCALE = 1.2
+SCALE = 1.0
 OFFSET, TILT, LENGTH, HARMONIC, SAG = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
 WORKSPACE = 400
 LEVER = 0.3
 TRANSLATION = 0.5  # m
 RANK = 72
-# Energy that the columns left out may have.
-LEFT_OUT = 1e-3
+# Part of the energy that the columns left out may have: of the mixture, and of each arm over its workspace.
+LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
+# Further vectors of the range from which the columns are taken.
+MORE = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,33 +68,37 @@ class ArmPopulation:
     names: tuple[str, ...]
     stack: ArmStack
     postures: WorkPostures
-    sizes: Array  # (A, 77) standard deviations, of errors whose RMS over the workspace is the reach
-    gauge: Array  # (A, 12, 77) base and flange that are taken out of the columns times their sizes
+    mixing: Array  # (A, c, 89) from the 77 columns and those of base and flange to c columns of unit RMS
 
     @classmethod
     def of(cls, names: tuple[str, ...]) -> ArmPopulation:
         """Return the population of the arms of these names."""
         stack = ArmStack.of([known_arm(name) for name in names])
-        unit = np.empty(ERRORS)
-        unit[TURNS] = np.tile([TILT, TILT, OFFSET], 7)
+        unit = np.empty((ERRORS, 1))
+        unit[TURNS, 0] = np.tile([TILT, TILT, OFFSET], 7)
         unit[SHIFTS], unit[WAVES], unit[SAGS] = LENGTH, HARMONIC, SAG
         q = stack.workspace(WORKSPACE)
         frames = stack.frames(q)
-        F = (stack.columns(q, frames) * unit).reshape(len(names), -1, ERRORS)
-        weight = np.tile([LEVER] * 3 + [1.0] * 3, WORKSPACE)[:, None]
-        B = gauge_columns(frames.tip).reshape(len(names), -1, 12)
-        gauge = np.linalg.pinv(B * weight) @ (F * weight)
-        free = (F - B @ gauge).reshape(len(names), WORKSPACE, 6, ERRORS)
-        rms = np.sqrt((free[:, :, 3:] ** 2).sum(axis=(1, 2, 3)) / WORKSPACE)[:, None]
-        return cls(names, stack, WorkPostures.of(stack), unit / rms, gauge / rms[..., None])
+        F = stack.columns(q, frames).reshape(len(names), ERRORS, -1) * unit
+        B = gauge_columns(frames.tip).reshape(len(names), 12, -1)
+        weight = np.repeat([LEVER] * 3 + [1.0] * 3, WORKSPACE)
+        gauge = (F * weight) @ np.linalg.pinv(B * weight)  # (A, 77, 12)
+        free = F - gauge @ B
+        rms = np.sqrt((free[:, :, 3 * WORKSPACE :] ** 2).sum(axis=(1, 2)) / WORKSPACE)[:, None, None]
+        energy, V = np.linalg.eigh((free * weight) @ (free * weight).mT)  # ascending
+        lost = np.cumsum(energy, axis=1) / energy.sum(axis=1, keepdims=True)
+        kept = ERRORS - int((lost < WITHIN_ARM).sum(axis=1).min())
+        V = V[:, :, ERRORS - kept :].mT / rms
+        return cls(names, stack, WorkPostures.of(stack), np.concatenate([V * unit[:, 0], -V @ gauge], axis=2))
 
-    def columns(self, q: Array, frames: Frames) -> Array:
-        """(A, n, 6, 77) columns at postures q (A, n, 7), gauge taken out; lengths over the reach."""
-        F = self.stack.columns(q, frames)
-        F *= self.sizes[:, None, None]
-        A, n = F.shape[:2]
-        F -= (gauge_columns(frames.tip).reshape(A, -1, 12) @ self.gauge).reshape(F.shape)
-        return F
+    def columns(self, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return columns (A, c, 6, n) at ``poses`` (n, 3, 4), and whether the arms reach them (A, n); lengths over the
+        reach, RMS over the workspace 1.
+        """
+        q, frames, reached = self.postures.find(poses)
+        A, _, n = q.shape
+        F = np.concatenate([self.stack.columns(q, frames), gauge_columns(frames.tip)], axis=1)
+        return (self.mixing @ F.reshape(A, -1, 6 * n)).reshape(A, -1, 6, n), reached
 
 
 @functools.lru_cache(maxsize=8)
@@ -107,57 +114,49 @@ def population_columns(robot: Array, *, arms: tuple[str, ...] = ARMS, rank: int 
     """
     robot = np.asarray(robot, dtype=float)
     known = population(tuple(arms))
-    farthest = max(float(np.linalg.norm(robot[:, :3, 3], axis=-1).max()), 1e-6)
-    reach = SCALE * farthest
-    wanted = robot[:, :3].copy()
-    wanted[..., 3] /= reach
-    n, A = len(robot), len(known.names)
-    G, reached = np.empty((A, n, 6, ERRORS)), np.zeros((A, n), dtype=bool)
-    for start in range(0, n, BLOCK):
-        part = slice(start, start + BLOCK)
-        q, frames, reached[:, part] = known.postures.find(np.broadcast_to(wanted[part], (A, *wanted[part].shape)))
-        G[:, part] = known.columns(q, frames)
-    kept = reached.mean(axis=1) >= 0.5
-    if not kept.any():
-        kept[:] = True
-    G = G[kept]
-    G[:, :, :3] /= reach
-    G[:, :, 3:] /= TRANSLATION
-    rows = np.moveaxis(G, 0, 2).reshape(6 * n, -1) / np.sqrt(len(G))
-    K = truncated(rows, rank).reshape(n, 6, -1)
-    K[:, 3:] *= TRANSLATION
-    return K
+    reach = SCALE * max(float(np.linalg.norm(robot[:, :3, 3], axis=-1).max()), 1e-6)
+    poses = robot[:, :3].copy()
+    poses[..., 3] /= reach
+    n = len(robot)
+    parts = [known.columns(poses[start : start + BLOCK]) for start in range(0, n, BLOCK)]
+    reached = np.concatenate([part[1] for part in parts], axis=1).mean(axis=1) >= 0.5
+    kept = reached if reached.any() else np.ones_like(reached)
+    G = np.concatenate([part[0][kept] for part in parts], axis=-1)  # (A, c, 6, n)
+    scale = np.repeat([1.0 / reach, 1.0 / TRANSLATION], 3)[:, None] / np.sqrt(len(G))
+    K = truncated((G * scale).reshape(-1, 6 * n).T, rank).reshape(6, n, -1)
+    K[3:] *= TRANSLATION
+    return np.ascontiguousarray(K.swapaxes(0, 1))
 
 
 def truncated(rows: Array, rank: int) -> Array:
-    """Return (N, m) with m <= rank whose second moment is that of ``rows`` (N, M) but for `LEFT_OUT`."""
-    if len(rows) <= 2 * rank:
-        energy, U = np.linalg.eigh(rows @ rows.T)
+    """Return (N, m), m <= rank, with the second moment of ``rows`` (N, M) but for `LEFT_OUT` of its trace.
+
+    The singular vectors are those within the range of ``rows rows^T rows S`` with a fixed random S (M, rank + `MORE`),
+    so that a permutation of the rows permutes the result.
+    """
+    if min(rows.shape) <= rank + MORE:
+        Q, small = np.eye(len(rows)), rows
     else:
-        sketch = _sketch(rows.shape[1], rank + 12)
-        Q = np.linalg.qr(rows @ (rows.T @ (rows @ sketch)))[0]
+        Q = np.linalg.qr(rows @ (rows.T @ (rows @ _sketch(rows.shape[1], rank + MORE))))[0]
         small = Q.T @ rows
-        energy, U = np.linalg.eigh(small @ small.T)
-        U = Q @ U
+    energy, U = np.linalg.eigh(small @ small.T)
     energy, U = np.maximum(energy[::-1], 0.0), U[:, ::-1]
-    lost = (rows**2).sum() - np.cumsum(energy)
-    m = min(int(np.argmax(lost <= LEFT_OUT * energy.sum())) + 1 if (lost <= LEFT_OUT * energy.sum()).any() else rank, rank)
-    return U[:, :m] * np.sqrt(energy[:m])
+    left = (rows**2).sum() - np.cumsum(energy[:rank])
+    m = int(np.count_nonzero(left > LEFT_OUT * energy.sum())) + 1
+    return np.asarray((Q @ U[:, :m]) * np.sqrt(energy[:m]))[:, :rank]
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=8)
 def _sketch(size: int, m: int) -> Array:
     return np.random.default_rng(0).normal(size=(size, m))
 
 
 def gauge_columns(tip: Array) -> Array:
-    """(..., 6, 12) twists of poses (..., 3 or 4, 4) by a rotation and a shift of the base, then of the tip."""
-    R, t = tip[..., :3, :3], tip[..., :3, 3]
-    out = np.zeros((*tip.shape[:-2], 6, 12))
-    out[..., :3, :3] = out[..., 3:, 3:6] = np.eye(3)
-    x, y, z = np.moveaxis(t, -1, 0)
-    out[..., 3, 1], out[..., 3, 2] = z, -y  # theta x t
-    out[..., 4, 0], out[..., 4, 2] = -z, x
-    out[..., 5, 0], out[..., 5, 1] = y, -x
-    out[..., :3, 6:9] = out[..., 3:, 9:] = R
+    """(A, 12, 6, n) twists of tips (A, 3, 4, n) by a rotation and a shift of the base, then of the tip."""
+    A, _, _, n = tip.shape
+    out = np.zeros((A, 12, 6, n))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[:, i, i] = out[:, 3 + i, 3 + i] = 1.0
+        out[:, i, 3 + j], out[:, i, 3 + k] = -tip[:, k, 3], tip[:, j, 3]  # e_i x t
+        out[:, 6 + i, :3] = out[:, 9 + i, 3:] = tip[:, :, i]
     return out

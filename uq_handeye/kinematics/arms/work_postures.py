@@ -40,16 +40,16 @@ class WorkPostures:
     q: Array  # (A, S, 7)
     tips: Array  # (A, S, 3, 3) rotations of the tips
     features: NDArray[np.float32]  # (A, 6, S)
-    low: Array  # (A, 1, 7)
+    low: Array  # (A, 7, 1) rad
     high: Array
 
     @classmethod
     def of(cls, stack: ArmStack) -> WorkPostures:
         """Return the stored postures of a stack."""
         q = stack.at_work(STORED)
-        tip = stack.frames(q).tip
+        tip = np.moveaxis(stack.tips(q), -1, 1)
         features, azimuth = _features(tip)
-        q[..., 0] = -azimuth * stack.fixed[:, None, 0, 2, 2]
+        q[:, 0] = -azimuth * stack.fixed[:, 0, 2, 2, None]
         tips = _about_z(-azimuth) @ tip[..., :3]
         squares = (features**2).sum(axis=-1, keepdims=True)
         table = np.concatenate([-2.0 * features, squares], axis=-1).swapaxes(1, 2).astype(np.float32)
@@ -57,47 +57,44 @@ class WorkPostures:
         low = np.where(free, -np.inf, stack.usual[..., 0] - MARGIN)
         high = np.where(free, np.inf, stack.usual[..., 1] + MARGIN)
         held = ~stack.moves
-        low, high = np.where(held, 0.0, low), np.where(held, 0.0, high)
-        return cls(stack, q, tips, table, low[:, None], high[:, None])
+        low, high = np.where(held, 0.0, low)[..., None], np.where(held, 0.0, high)[..., None]
+        return cls(stack, np.ascontiguousarray(q.swapaxes(1, 2)), tips, table, low, high)
 
     def find(self, poses: Array) -> tuple[Array, Frames, NDArray[np.bool_]]:
-        """Return postures (A, n, 7), their frames and whether they reach ``poses`` (A, n, 3, 4), lengths over the
+        """Return postures (A, 7, n), their frames and whether they reach ``poses`` (n, 3, 4), lengths over the
         reach.
         """
         q = self._start(poses)
-        weight = np.array([1.0, 1.0, 1.0, *[1.0 / LENGTH] * 3])
+        wanted = np.moveaxis(poses, 0, -1)
+        weight = np.array([1.0, 1.0, 1.0, *[1.0 / LENGTH] * 3])[:, None]
         diagonal = np.arange(6)
-        for _ in range(STEPS):
-            frames = self.stack.frames(q)
-            left = _twist(frames.tip, poses) * weight
-            J = self.stack.twists(frames) * weight  # (A, n, 7, 6)
-            M = np.swapaxes(J, -1, -2) @ J
-            M[..., diagonal, diagonal] += DAMPING**2
-            step = (J @ np.linalg.solve(M, left[..., None]))[..., 0]
-            longest = np.abs(step).max(axis=-1, keepdims=True)
-            q = np.clip(q + step * (LONGEST / np.maximum(longest, LONGEST)), self.low, self.high)
         frames = self.stack.frames(q)
-        size = np.linalg.norm(_twist(frames.tip, poses) * weight, axis=-1)
-        return q, frames, size < REACHED
+        for _ in range(STEPS):
+            left = _twist(frames.tip, wanted) * weight
+            J = np.ascontiguousarray(np.moveaxis(self.stack.twists(frames) * weight, -1, 1))  # (A, n, 7, 6)
+            M = J.mT @ J
+            M[..., diagonal, diagonal] += DAMPING**2
+            step = (J @ np.linalg.solve(M, left.swapaxes(-1, -2)[..., None]))[..., 0].swapaxes(-1, -2)
+            longest = np.abs(step).max(axis=1, keepdims=True)
+            q = np.clip(q + step * (LONGEST / np.maximum(longest, LONGEST)), self.low, self.high)
+            frames = self.stack.frames(q)
+        return q, frames, np.linalg.norm(_twist(frames.tip, wanted) * weight, axis=1) < REACHED
 
     def _start(self, poses: Array) -> Array:
         features, azimuth = _features(poses)
-        A, n = azimuth.shape
-        nearest = np.empty((A, n), dtype=np.intp)
-        query = np.concatenate([features, np.ones((A, n, 1))], axis=-1).astype(np.float32)
-        for a in range(A):
-            np.argmin(query[a] @ self.features[a], axis=-1, out=nearest[a])
-        arm = np.arange(A)[:, None]
+        query = np.concatenate([features, np.ones((len(poses), 1))], axis=-1).astype(np.float32)
+        nearest = np.stack([np.argmin(query @ table, axis=-1) for table in self.features])
+        arm = np.arange(len(nearest))[:, None]
         q = self.q[arm, nearest]
         q[..., 0] += azimuth * self.stack.fixed[:, None, 0, 2, 2]
-        left = np.swapaxes(self.tips[arm, nearest], -1, -2) @ _about_z(-azimuth) @ poses[..., :3]
+        left = self.tips[arm, nearest].mT @ (_about_z(-azimuth) @ poses[..., :3])
         turn = np.arctan2(left[..., 1, 0] - left[..., 0, 1], left[..., 0, 0] + left[..., 1, 1])
         q[..., AXES - 1] += turn * self.stack.fixed[:, None, AXES, 2, 2]
-        return q
+        return np.ascontiguousarray(q.swapaxes(1, 2))
 
 
 def _features(poses: Array) -> tuple[Array, Array]:
-    """Distance from the axis of joint 1, height and direction of z, (A, n, 5); azimuth (A, n) of the tip."""
+    """Distance from the axis of joint 1, height and direction of z, (..., 5); azimuth (...) of the tip."""
     x, y, z = np.moveaxis(poses[..., 3], -1, 0)
     distance = np.hypot(x, y)
     cosine, sine = x / np.maximum(distance, 1e-12), y / np.maximum(distance, 1e-12)
@@ -117,17 +114,16 @@ def _about_z(angle: Array) -> Array:
 
 
 def _twist(tip: Array, wanted: Array) -> Array:
-    """(..., 6) from the tip to the poses wanted: left rotation, additive translation.
+    """(A, 6, n) from tips (A, 3, 4, n) to poses (3, 4, n): rotation ``2 tan(angle / 2)`` about its axis, translation.
 
-    The rotation is that of the unit quaternion ``2 v / w`` without its higher orders, at most `LARGEST` or so.
+    Near half a turn the rotation is cut off.
     """
-    M = wanted[..., :3] @ np.swapaxes(tip[..., :3], -1, -2)
-    out = np.empty((*M.shape[:-2], 6))
-    out[..., 0] = M[..., 2, 1] - M[..., 1, 2]
-    out[..., 1] = M[..., 0, 2] - M[..., 2, 0]
-    out[..., 2] = M[..., 1, 0] - M[..., 0, 1]
-    trace = M[..., 0, 0] + M[..., 1, 1] + M[..., 2, 2]
-    # 4 tan(angle / 4) is near the angle up to a half turn; sin a / (1 + cos a) = tan(a / 2)
-    out[..., :3] *= 2.0 / np.maximum(1.0 + trace, 0.1)[..., None]
-    out[..., 3:] = wanted[..., 3] - tip[..., 3]
+    M = (tip[:, None, :, :3] * wanted[:, None, :3]).sum(axis=3)  # R_wanted R_tip^T (A, 3, 3, n)
+    out = np.empty((len(tip), 6, tip.shape[-1]))
+    out[:, 0] = M[:, 2, 1] - M[:, 1, 2]
+    out[:, 1] = M[:, 0, 2] - M[:, 2, 0]
+    out[:, 2] = M[:, 1, 0] - M[:, 0, 1]
+    # 2 sin(angle) / (1 + cos(angle)) and the trace 1 + 2 cos(angle)
+    out[:, :3] *= 2.0 / np.maximum(1.0 + M[:, 0, 0] + M[:, 1, 1] + M[:, 2, 2], 0.1)[:, None]
+    out[:, 3:] = wanted[:, 3] - tip[:, :, 3]
     return out
