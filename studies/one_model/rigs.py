@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from studies.one_model.chains import Array, Chain, branch, chain, inverse_kinematics, urdf
 from studies.one_model.true_arms import TrueArm, drawn_arm, exponential
-from studies.one_model.views import Camera, by_pnp, drawn_camera, drawn_views, estimated
+from studies.one_model.views import MIDDLE, Camera, by_pnp, drawn_camera, drawn_views, estimated
 
 SETUPS = ("eye-in-hand", "eye-to-hand")
 PIXEL_NOISE = (0.1, 0.4)  # pixels, from set to set
@@ -168,14 +168,13 @@ def _session(
         first = drawn_views(camera, 1, rng, tilt=0.2, roll=np.pi, distance=(0.4, 0.5), part=0.1)[0]
         mount = _mount(rng, facing=setup == "eye-to-hand")
         X, W = (mount, G @ mount @ first) if setup == "eye-in-hand" else (G @ mount @ inverse(first), mount)
-        turned = first[:3, :3]
         found = np.empty((0, of.n_joints))
         for _ in range(ROUNDS):
             views = drawn_views(
                 camera, 2 * n, rng, tilt=spread.tilt, roll=spread.roll, distance=spread.distance, part=spread.part
             )
             # roll about that of the first view, so that the wrist is near its middle
-            _roll_about(views, turned)
+            _roll_about(views, first)
             views = views[camera.sees(views)]
             back = X @ views @ inverse(W)
             start = home + rng.uniform(-spread.start, spread.start, (len(views), of.n_joints))
@@ -187,9 +186,7 @@ def _session(
 
 
 def _roll_about(views: Array, first: Array) -> None:
-    """Turn views, in place, about the board's normal through its middle by the roll of the ``first`` one (3, 3)."""
-    from studies.one_model.views import MIDDLE
-
+    """Turn views, in place, about the board's normal through its middle by the roll of the ``first`` one (4, 4)."""
     angle = np.arctan2(first[1, 0], first[0, 0])
     R = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
     middle = views[:, :3, :3] @ MIDDLE + views[:, :3, 3]

@@ -23,9 +23,9 @@ from studies.one_model.chains import Array, Chain, cross_matrix, frames
 
 LEVER = 0.3  # m: what a rotation counts for where frames are aligned
 ALIGNED_ON = 400  # postures of the workspace
-FACTOR = 1.6  # one sigma, from arm to arm, of the size of each group
+FACTOR = 1.8  # one sigma, from arm to arm, of the size of each group
 # Relative sizes of the groups before they are scaled to the accuracy: rad, m.
-OFFSETS, TILTS, LENGTHS, HARMONICS, SAG = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
+OFFSETS, TILTS, LENGTHS, HARMONICS, SAG = 0.7e-3, 0.4e-3, 0.15e-3, 0.2e-3, 0.6e-3
 REPEATABILITY = (0.02e-3, 0.05e-3)  # m, RMS at the flange
 
 
