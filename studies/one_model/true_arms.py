@@ -60,10 +60,10 @@ class TrueArm:
         if rng is not None:
             moved = moved + self.joint_sd * rng.standard_normal(q.shape)
         origins = []
-        for O, tilt, length in zip(self.nominal.origins, self.tilts, self.lengths, strict=True):
+        for origin, tilt, length in zip(self.nominal.origins, self.tilts, self.lengths, strict=True):
             E = np.eye(4)
             E[:3, :3], E[:3, 3] = Rotation.from_rotvec(tilt).as_matrix(), length
-            origins.append(O @ E)
+            origins.append(origin @ E)
         return frames(self.nominal, moved, origins)[2]
 
 
@@ -74,7 +74,9 @@ def torques(of: Chain, q: Array, weights: Array) -> Array:
     found = np.empty(q.shape)
     for k in range(of.n_joints):
         lever = hangs[:, k:] - at[:, k, None]
-        found[:, k] = np.einsum("m,nm->n", weights[k:], z[:, k, None, 0] * lever[..., 1] - z[:, k, None, 1] * lever[..., 0])
+        found[:, k] = np.einsum(
+            "m,nm->n", weights[k:], z[:, k, None, 0] * lever[..., 1] - z[:, k, None, 1] * lever[..., 0]
+        )
     return found
 
 
@@ -123,8 +125,8 @@ def aligned(true: Array, nominal: Array) -> tuple[Array, Array, float]:
         F[:, 3:, :3], F[:, 3:, 3:6], F[:, 3:, 9:] = -cross_matrix(now[:, :3, 3]), np.eye(3), R
         y = left_errors(true, now)
         y[:, :3] *= LEVER
-        F = F.reshape(-1, 12)
-        a = np.linalg.solve(F.T @ F, F.T @ y.ravel())
+        rows = F.reshape(-1, 12)
+        a = np.asarray(np.linalg.solve(rows.T @ rows, rows.T @ y.ravel()))
         A, B = exponential(a[:6]) @ A, B @ exponential(a[6:])
     return A, B, rms_length(true[:, :3, 3] - (A @ nominal @ B)[:, :3, 3])
 
