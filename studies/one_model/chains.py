@@ -219,11 +219,13 @@ def frames(of: Chain, q: Array, origins: Any = None, flange: Array | None = None
     n, L = q.shape
     R, p = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
     z, at = np.empty((n, L, 3)), np.empty((n, L, 3))
-    for k, O in enumerate(of.origins if origins is None else origins):
-        p = p + R @ O[:3, 3]
-        R = R @ O[:3, :3]
+    sin, cos = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
+    for k, origin in enumerate(of.origins if origins is None else origins):
+        K = cross_matrix(of.axes[k])
+        turned, still = origin[:3, :3] @ K, origin[:3, :3] @ (np.eye(3) + K @ K)
+        p = p + R @ origin[:3, 3]
+        R = R @ (still + sin[:, k] * turned - cos[:, k] * (turned @ K))
         z[:, k], at[:, k] = R @ of.axes[k], p
-        R = R @ turn(of.axes[k], q[:, k])
     last = of.flange if flange is None else flange
     T = np.zeros((n, 4, 4))
     T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = R @ last[:3, :3], p + R @ last[:3, 3], 1.0
@@ -238,10 +240,10 @@ def branch(of: Chain, q: Array) -> Array:
     J = np.concatenate([z, np.cross(z, T[:, None, :3, 3] - at)], axis=-1)
     elbow = np.sum(z[:, 2] * np.cross(at[:, 2] - at[:, 1], at[:, 4] - at[:, 2]), axis=-1)
     wrist = np.sum(z[:, 4] * np.cross(z[:, 3], z[:, 5]), axis=-1)
-    return np.sign(np.stack([np.linalg.det(J) * elbow * wrist, elbow, wrist], axis=-1))
+    return np.asarray(np.sign(np.stack([np.linalg.det(J) * elbow * wrist, elbow, wrist], axis=-1)))
 
 
-def inverse_kinematics(of: Chain, wanted: Array, start: Array, steps: int = 40) -> tuple[Array, NDArray[np.bool_]]:
+def inverse_kinematics(of: Chain, wanted: Array, start: Array, steps: int = 25) -> tuple[Array, NDArray[np.bool_]]:
     """Return joints (n, L), from ``start`` (n, L) on, and which of them reach ``wanted`` within the limits.
 
     Damped least squares on position and rotation; what does not converge in ``steps`` has no solution.

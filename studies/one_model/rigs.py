@@ -23,11 +23,11 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from studies.one_model.chains import Array, Chain, branch, chain, inverse_kinematics, urdf
 from studies.one_model.true_arms import TrueArm, drawn_arm, exponential
-from studies.one_model.views import Camera, by_pnp, drawn_camera, drawn_views, estimated
+from studies.one_model.views import MIDDLE, Camera, by_pnp, drawn_camera, drawn_views, estimated
 
 SETUPS = ("eye-in-hand", "eye-to-hand")
 PIXEL_NOISE = (0.1, 0.4)  # pixels, from set to set
-NEAR, FAR = 10, 30  # postures held out: as the calibrated ones, anywhere in the workspace
+NEAR, FAR = 8, 12  # postures held out: as the calibrated ones, and of the spread ``anywhere``
 ROUNDS = 6  # of drawing postures, after which the rig is drawn again
 # White noise of rigs without an arm, standard deviations (rad, m) drawn log-uniformly between these.
 ROBOT, CAMERA = ((1e-4, 2e-5), (1e-3, 2e-4)), ((3e-4, 1e-4), (3e-3, 1e-3))
@@ -48,17 +48,22 @@ class Spread(NamedTuple):
 SPREADS = {
     "local": Spread(np.radians(25.0), np.radians(45.0), (0.3, 0.6), 0.3, 0.1),
     "anywhere": Spread(np.radians(65.0), np.pi, (0.3, 0.9), 0.6, 0.8),
+    "distant": Spread(np.radians(65.0), np.pi, (0.3, 1.6), 0.8, 0.8),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Postures that were not calibrated: joints, the poses that the controller reports, and what is true there."""
+    """Postures that were not calibrated: joints, the poses that the controller reports, and what is true there.
+
+    ``seen`` are the camera poses by PnP from corners without noise: with the intrinsics that the calibrated poses have.
+    """
 
     joints: Array  # (m, L) rad
     robot: Array  # (m, 4, 4) nominal
     true_robot: Array  # (m, 4, 4)
     true_camera: Array  # (m, 4, 4) camera_T_target
+    seen: Array  # (m, 4, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,16 +121,19 @@ def arm_set(
     true_arm, A, B = drawn_arm(of, accuracy, rng)
     camera = drawn_camera(rng)
     given = estimated(camera, rng) if intrinsics == "estimated" else camera
-    X, W, q = _session(of, camera, n + NEAR, SPREADS[spread], setup, rng)
+    X, W, home, q = _session(of, camera, n + NEAR, SPREADS[spread], setup, rng)
     noise = rng if repeatable else None
     views = _views(setup, X, W, true_arm.poses(q[:n], noise))
     sd = float(np.exp(rng.uniform(*np.log(PIXEL_NOISE)))) if corner_noise is None else corner_noise
     pixels = camera.corners(views)
     seen = by_pnp(pixels + sd * rng.standard_normal(pixels.shape), given)
 
+    far = _joints(of, camera, X, W, home, FAR, SPREADS["anywhere"], setup, rng)
+
     def held_out(joints: Array) -> HeldOut:
         G = true_arm.poses(joints)
-        return HeldOut(joints, of.poses(joints), G, _views(setup, X, W, G))
+        true = _views(setup, X, W, G)
+        return HeldOut(joints, of.poses(joints), G, true, by_pnp(camera.corners(true), given))
 
     return DataSet(
         uq.PosePairs(of.poses(q[:n]), seen, setup),
@@ -137,7 +145,7 @@ def arm_set(
         q[:n],
         true_arm,
         held_out(q[n:]),
-        held_out(of.workspace(FAR, rng)),
+        held_out(far),
     )
 
 
@@ -157,39 +165,55 @@ def _mount(rng: np.random.Generator, *, facing: bool) -> Array:
 
 def _session(
     of: Chain, camera: Camera, n: int, spread: Spread, setup: str, rng: np.random.Generator
-) -> tuple[Array, Array, Array]:
-    """Draw X, W and joints (n, L) of one branch at which the camera sees the whole board."""
+) -> tuple[Array, Array, Array, Array]:
+    """Draw X, W, the joints at home and those (n, L) of the session."""
+    free = np.full(of.n_joints, 0.25)
+    free[[0, -1]] = 1.2
+    low, high = 0.9 * of.range.T
     while True:
-        free = np.full(of.n_joints, 0.25)
-        free[[0, -1]] = 1.2
-        low, high = 0.9 * of.range.T
         home = np.clip(of.home + rng.uniform(-free, free), low, high)
         G = of.poses(home[None])[0]
         first = drawn_views(camera, 1, rng, tilt=0.2, roll=np.pi, distance=(0.4, 0.5), part=0.1)[0]
         mount = _mount(rng, facing=setup == "eye-to-hand")
         X, W = (mount, G @ mount @ first) if setup == "eye-in-hand" else (G @ mount @ inverse(first), mount)
-        turned = first[:3, :3]
-        found = np.empty((0, of.n_joints))
-        for _ in range(ROUNDS):
-            views = drawn_views(
-                camera, 2 * n, rng, tilt=spread.tilt, roll=spread.roll, distance=spread.distance, part=spread.part
-            )
-            # roll about that of the first view, so that the wrist is near its middle
-            _roll_about(views, turned)
-            views = views[camera.sees(views)]
-            back = X @ views @ inverse(W)
-            start = home + rng.uniform(-spread.start, spread.start, (len(views), of.n_joints))
-            q, reached = inverse_kinematics(of, inverse(back) if setup == "eye-in-hand" else back, start)
-            q = q[reached & (of.poses(q)[:, 2, 3] > 0.0)]
-            found = np.concatenate([found, q[(branch(of, q) == branch(of, home[None])).all(axis=1)]])
-            if len(found) >= n:
-                return X, W, found[:n]
+        q = _joints(of, camera, X, W, home, n, spread, setup, rng)
+        if len(q) == n:
+            return X, W, home, q
+
+
+def _joints(
+    of: Chain,
+    camera: Camera,
+    X: Array,
+    W: Array,
+    home: Array,
+    n: int,
+    spread: Spread,
+    setup: str,
+    rng: np.random.Generator,
+) -> Array:
+    """Draw joints (n, L), or fewer, of the branch of home at which the camera sees the whole board."""
+    at_home = of.poses(home[None])
+    first = _views(setup, X, W, at_home)[0]
+    found = np.empty((0, of.n_joints))
+    for _ in range(ROUNDS):
+        views = drawn_views(
+            camera, 2 * n, rng, tilt=spread.tilt, roll=spread.roll, distance=spread.distance, part=spread.part
+        )
+        _roll_about(views, first)  # so that the wrist is near its middle
+        views = views[camera.sees(views)]
+        back = X @ views @ inverse(W)
+        start = home + rng.uniform(-spread.start, spread.start, (len(views), of.n_joints))
+        q, reached = inverse_kinematics(of, inverse(back) if setup == "eye-in-hand" else back, start)
+        q = q[reached & (of.poses(q)[:, 2, 3] > 0.0)]
+        found = np.concatenate([found, q[(branch(of, q) == branch(of, home[None])).all(axis=1)]])
+        if len(found) >= n:
+            break
+    return found[:n]
 
 
 def _roll_about(views: Array, first: Array) -> None:
-    """Turn views, in place, about the board's normal through its middle by the roll of the ``first`` one (3, 3)."""
-    from studies.one_model.views import MIDDLE
-
+    """Turn views, in place, about the board's normal through its middle by the roll of the ``first`` one (4, 4)."""
     angle = np.arctan2(first[1, 0], first[0, 0])
     R = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
     middle = views[:, :3, :3] @ MIDDLE + views[:, :3, 3]
@@ -207,9 +231,7 @@ def simple_set(kind: str, rng: np.random.Generator, *, n: int = 30, setup: str =
     X, W = (_random_pose(rng, size) for size in ((0.1, 0.8) if setup == "eye-in-hand" else (0.8, 0.1)))
     views = np.empty((0, 4, 4))
     while len(views) < n:
-        drawn = drawn_views(
-            camera, 2 * n, rng, tilt=np.radians(35), roll=np.radians(60), distance=(0.4, 0.8), part=0.5
-        )
+        drawn = drawn_views(camera, 2 * n, rng, tilt=np.radians(35), roll=np.radians(60), distance=(0.4, 0.8), part=0.5)
         views = np.concatenate([views, drawn[camera.sees(drawn)]])[:n]
     robot = X @ views @ inverse(W)
     if setup == "eye-in-hand":

@@ -23,9 +23,9 @@ from studies.one_model.chains import Array, Chain, cross_matrix, frames
 
 LEVER = 0.3  # m: what a rotation counts for where frames are aligned
 ALIGNED_ON = 400  # postures of the workspace
-FACTOR = 1.6  # one sigma, from arm to arm, of the size of each group
+FACTOR = 1.8  # one sigma, from arm to arm, of the size of each group
 # Relative sizes of the groups before they are scaled to the accuracy: rad, m.
-OFFSETS, TILTS, LENGTHS, HARMONICS, SAG = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
+OFFSETS, TILTS, LENGTHS, HARMONICS, SAG = 0.7e-3, 0.4e-3, 0.15e-3, 0.2e-3, 0.6e-3
 REPEATABILITY = (0.02e-3, 0.05e-3)  # m, RMS at the flange
 
 
@@ -60,10 +60,10 @@ class TrueArm:
         if rng is not None:
             moved = moved + self.joint_sd * rng.standard_normal(q.shape)
         origins = []
-        for O, tilt, length in zip(self.nominal.origins, self.tilts, self.lengths, strict=True):
+        for origin, tilt, length in zip(self.nominal.origins, self.tilts, self.lengths, strict=True):
             E = np.eye(4)
             E[:3, :3], E[:3, 3] = Rotation.from_rotvec(tilt).as_matrix(), length
-            origins.append(O @ E)
+            origins.append(origin @ E)
         return frames(self.nominal, moved, origins)[2]
 
 
@@ -74,7 +74,9 @@ def torques(of: Chain, q: Array, weights: Array) -> Array:
     found = np.empty(q.shape)
     for k in range(of.n_joints):
         lever = hangs[:, k:] - at[:, k, None]
-        found[:, k] = np.einsum("m,nm->n", weights[k:], z[:, k, None, 0] * lever[..., 1] - z[:, k, None, 1] * lever[..., 0])
+        found[:, k] = np.einsum(
+            "m,nm->n", weights[k:], z[:, k, None, 0] * lever[..., 1] - z[:, k, None, 1] * lever[..., 0]
+        )
     return found
 
 
@@ -123,8 +125,8 @@ def aligned(true: Array, nominal: Array) -> tuple[Array, Array, float]:
         F[:, 3:, :3], F[:, 3:, 3:6], F[:, 3:, 9:] = -cross_matrix(now[:, :3, 3]), np.eye(3), R
         y = left_errors(true, now)
         y[:, :3] *= LEVER
-        F = F.reshape(-1, 12)
-        a = np.linalg.solve(F.T @ F, F.T @ y.ravel())
+        rows = F.reshape(-1, 12)
+        a = np.asarray(np.linalg.solve(rows.T @ rows, rows.T @ y.ravel()))
         A, B = exponential(a[:6]) @ A, B @ exponential(a[6:])
     return A, B, rms_length(true[:, :3, 3] - (A @ nominal @ B)[:, :3, 3])
 
