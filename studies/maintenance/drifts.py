@@ -55,7 +55,7 @@ def series_tables(full: bool) -> dict[str, pd.DataFrame]:
 
 
 def _evidence(of: Rig, series: list[uq.PosePairs]) -> list[PoseEvidence]:
-    state = state_of(of.result, of.robot.reshape(-1, 4, 4))
+    state = state_of(of.result)
     return [evidence_of_poses(of.result, poses, state=state) for poses in series]
 
 

@@ -13,7 +13,6 @@ from uq_handeye.likelihood.gauss_helmert import Fit, bound, efficient
 from uq_handeye.likelihood.goodness_of_fit import effective_dof, goodness_of_fit, spread_of
 from uq_handeye.likelihood.starts import start_of
 from uq_handeye.noise.estimate import NoiseEstimate, NoisePrior
-from uq_handeye.one_model.noise_of_data import estimate_noise, model_of, variance_components
 from uq_handeye.noise_estimation.restricted_likelihood import (
     chi_square_interval,
     covariance_of,
@@ -21,6 +20,7 @@ from uq_handeye.noise_estimation.restricted_likelihood import (
     paired_rows,
     restricted,
 )
+from uq_handeye.one_model.noise_of_data import estimate_noise, model_of, variance_components
 
 SIDES = ("robot", "camera")
 WEAK_ROBOT = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -45,7 +44,6 @@ from ..propagation.published_fit import Published, fit_published
 from ..runtime.read_only import read_only
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
-    SharedError,
     assumed_drift,
     shared_columns,
     with_shared,
@@ -131,7 +129,8 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
 
 def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
     """Return the components of a request whose noise is to be estimated."""
-    poses, camera, robot = job.poses, job.camera_noise, job.robot_noise
+    poses, robot = job.poses, job.robot_noise
+    camera: Any = job.camera_noise
     if job.given is not None:  # a side that it leaves out is exact
         camera, robot = (np.zeros((6, 6)) if S is None else S for S in (job.given.camera, job.given.robot))
     errors = job.shared

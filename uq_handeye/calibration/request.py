@@ -33,10 +33,10 @@ from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
-    SharedError,
-    add_columns,
     LENS,
     VIEW,
+    SharedError,
+    add_columns,
     assumed_accuracy,
     assumed_lens,
     assumed_view,

@@ -50,7 +50,7 @@ def input_of(source: str, result: Calibration) -> Input:
         return Input(f"{digits(1e3 * result.time_offset.std, 2)} ms", NORMAL, "the two streams")
     for group in shared_groups(result):
         if name in (group.name, group_of(group.name), group.parts[0].error):
-            return _shared(group.parts[0].error, sizes_of(group), group.default, group.parts[0].wide is not None)
+            return _shared(group.parts[0].error, sizes_of(group), group.default)
     if name == JOINT_NOISE and result.kinematics is not None:
         return Input(_sizes([(result.kinematics.joint_noise, "rad")]), NORMAL, "declared")
     if group_of(name) == INTRINSICS:
@@ -62,11 +62,11 @@ def input_of(source: str, result: Calibration) -> Input:
     return Input("covariance", NORMAL, "as given with the noise")
 
 
-def _shared(error: str, size: str, default: bool, doubt: bool) -> Input:
+def _shared(error: str, size: str, default: bool) -> Input:
     origin = "assumed" if default else "declared"
     if error == ROBOT_ACCURACY:
         return Input(f"{size} (RMS)", "normal, smooth over the pose", origin)
-    return Input(size, "normal, two widths" if doubt else NORMAL, origin)
+    return Input(size, NORMAL, origin)
 
 
 def _estimated(names: list[str], estimate: NoiseEstimate) -> Input | None:

@@ -17,8 +17,7 @@ import numpy as np
 from ..geometry.se3 import Array
 from ..noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ..noise.estimate import NoiseEstimate
-from ..noise.joint_covariance import JointCovariance
-from ..noise.models import Noise, PoseNoise
+from ..noise.models import Noise
 from ..shared_errors.shared_error import CLOCK_OFFSET
 from .budget import EACH, SHARED, Budget
 

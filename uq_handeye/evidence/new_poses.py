@@ -92,8 +92,8 @@ def evidence_of_poses(
     linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
     D_G, D_C = linear.sides
     by_state = np.concatenate([linear.J, D_G @ ahead.columns + D_C @ F_C], axis=-1)
-    state = state_of(result, ahead.poses) if state is None else state
-    by_unit = by_state @ state.A + D_G @ state.robot_errors(ahead.poses)
+    state = state_of(result) if state is None else state
+    by_unit = by_state @ state.A
     robot_noise, more_G = _noise_of(poses, noise, "robot", ahead.noise)
     camera_noise, more_C = _noise_of(poses, noise, "camera", of_camera)
     own = D_G @ robot_noise @ D_G.mT + D_C @ camera_noise @ D_C.mT

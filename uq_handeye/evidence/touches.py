@@ -32,7 +32,7 @@ from ..geometry.se3 import Array
 from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import group_of
 from ..poses.pose_pairs import PosePairs
-from ..prediction.predict import RobotAhead, own_noise, robot_ahead, seen_at, shared_effects, tip_at
+from ..prediction.predict import RobotAhead, own_noise, rest_of_robot, robot_ahead, seen_at, shared_effects, tip_at
 from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.shared_error import TARGET_SCALE
 from .evidence import Evidence
@@ -204,15 +204,17 @@ def evidence_of_touches(result: Calibrated, touches: Touches, state: State | Non
         b, by_tool = tip.at if touches.touched is None else touches.touched, reached.poses[:, :3, :3]
         by_state = by_state + tip.by_all
         touch_noise = touch_noise + tip.new
-    robot_at_touch = reached.poses if reached is not None else _poses_of_points(result, touches)
-    poses = robot_at_touch if seen_from is None else np.concatenate([robot_at_touch, seen_from.poses])
-    state = state_of(result, poses) if state is None else state
-    errors = state.robot_errors(poses)
-    by_unit = by_state @ state.A + by_pose(b - robot_at_touch[:, :3, 3]) @ errors[:m]
+    if reached is None:  # the robot told where it touched, and has its errors there
+        at_touch = _poses_of_points(result, touches)
+        lever = by_pose(b - at_touch[:, :3, 3])
+        eye = np.broadcast_to(np.eye(4), at_touch.shape)
+        by_state[..., 12:] += lever @ shared_effects(result, "robot", at_touch, eye)
+        touch_noise = touch_noise + lever @ rest_of_robot(result, at_touch) @ lever.mT
+    state = state_of(result) if state is None else state
+    by_unit = by_state @ state.A
     groups = []
     if seen_from is not None:
         lever = by_pose(seen.at - seen_from.poses[:, :3, 3])
-        by_unit = by_unit - lever @ errors[m:]
         groups.append(_per_view(lever @ _roots(seen_from.noise), _equal_rows(seen_from.poses)))
     if view_noise is not None:
         groups.append(_per_view(into_base @ view_noise, views))

@@ -41,7 +41,6 @@ from scipy.special import gammainc, gammaincc
 
 from ..errors import InputError
 from ..geometry.se3 import Array
-from ..noise.joint_covariance import JointCovariance
 from ..noise.square_roots import (
     inverse_blocks,
     joint_residuals,

@@ -50,7 +50,9 @@ class Component(ReadOnlyArrays):
 
     def __post_init__(self) -> None:
         if self.side not in SIDES:
-            raise InputError(f"Expected `side` of the component {self.name!r} to be robot or camera, got {self.side!r}.")
+            raise InputError(
+                f"Expected `side` of the component {self.name!r} to be robot or camera, got {self.side!r}."
+            )
         if self.columns is None and self.block is None:
             raise InputError(f"Expected `columns` or `block` of the component {self.name!r}.")
         for name, axes in (("columns", (3,)), ("block", (2, 3))):

@@ -170,7 +170,7 @@ class LatentModel:
         logs = np.log(np.einsum("nii->ni", L)).sum() + np.log(np.diag(C) / unit).sum()
         off = (theta - self.medians) / self.spreads
         value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ off)
-        return _Solved(s, half, A, C, unit, u, value, off)
+        return _Solved(s, np.asarray(half), np.asarray(A), C, unit, u, value, off)
 
     def value(self, theta: Array) -> float:
         """f."""
@@ -203,7 +203,7 @@ class LatentModel:
         across = flat @ Q.reshape(6 * n, -1)
         information = 0.5 * (flat @ flat.T - across @ across.T)
         information[np.diag_indices(len(free))] += 1.0 / self.spreads**2
-        return State(theta, at.value, gradient[free] + at.off / self.spreads, information, determined)
+        return State(theta, at.value, gradient[free] + at.off / self.spreads, information, np.asarray(determined, dtype=float))
 
     def conditional(self, theta: Array) -> Conditional:
         """The joint posterior of the poses and of the errors in their units, for given sizes."""

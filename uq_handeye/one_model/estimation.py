@@ -24,18 +24,18 @@ from ..kinematics.kinematic_errors import DECLARED, DECLARED_AS, JOINT_NOISE, Ki
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.reduced_rows import Reduced, reduce_rows
 from ..noise.camera_noise import CameraNoise
-from ..noise.estimate import CAMERA_EXCESS, Component as Told, NoiseEstimate, NoisePrior, together
+from ..noise.estimate import CAMERA_EXCESS, NoiseEstimate, NoisePrior
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import Noise, PairNoise, PoseNoise, marginals, rows_of
+from ..noise.models import Noise, PairNoise, PoseNoise, marginals
 from ..noise.pose_prior import PosePrior
 from ..poses.pose_pairs import PosePairs
-from ..shared_errors.shared_error import SharedError, add_columns
+from ..shared_errors.shared_error import SharedError
+from ..shared_errors.sizes import SIZES, Size
+from ..shared_errors.view import view_block
 from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate
 from .mode import Mode, find_mode
-from ..shared_errors.sizes import SIZES, Size
-from ..shared_errors.view import view_block
 
 KINDS = ("rotation", "translation")
 PIXELS = "pixel noise"
@@ -90,9 +90,13 @@ class JointModel:
             excess = None if poses.camera_calibration is None else poses.camera_calibration.per_pixel
         prior = NoisePrior() if prior is None else prior
         if camera is not None and not np.isnan(prior.values[2:]).all():
-            known = "but for that of their pixels" if isinstance(camera, CameraNoise) else how.replace("from", "from their")
+            known = (
+                "but for that of their pixels" if isinstance(camera, CameraNoise) else how.replace("from", "from their")
+            )
             raise InputError(
-                f"Expected a `prior` for the robot only: the noise of the camera poses is known {known}.".replace(" .", ".")
+                f"Expected a `prior` for the robot only: the noise of the camera poses is known {known}.".replace(
+                    " .", "."
+                )
             )
         return cls(constraint, prior, camera, robot, errors, poses, excess=excess, how=how, **others)
 
@@ -141,11 +145,11 @@ class JointModel:
         if isinstance(S, CameraNoise):
             own, scaled = S.scaled()
             size = SIZES[PIXELS] if S.pixel_sd is None else Size(S.pixel_sd, 1.0, "px", "declared")
-            names = np.array(_named(S.joint, "intrinsics"))
-            parts = tuple(names[S.scales].tolist())
-            found.append(Component(PIXELS, "camera", size, scaled, np.linalg.cholesky(own), parts))
+            of_all = np.array(_named(S.joint, "intrinsics"))
+            parts = tuple(of_all[S.scales].tolist())
+            found.append(Component(PIXELS, "camera", size, scaled, np.asarray(np.linalg.cholesky(own)), parts))
             if not S.scales.all():
-                rest = tuple(names[~S.scales].tolist())
+                rest = tuple(of_all[~S.scales].tolist())
                 found.append(Component("intrinsics", "camera", Size(1.0), columns=S.fixed(), parts=rest))
         elif isinstance(S, JointCovariance):
             names = _named(S, "intrinsics")
@@ -305,7 +309,8 @@ class FoundSizes:
         for side in ("robot", "camera"):
             own: Any = source.known.get(side)
             own = None if own is not None and not own.any() else own
-            columns, names = [], []
+            columns: list[Array] = []
+            names: list[str] = []
             for part in source.components:
                 if part.side != side:
                     continue
@@ -345,7 +350,7 @@ class FoundSizes:
         values, vectors = np.linalg.eigh(more / np.outer(unit, unit))
         kept = values > 1e-12
         moves = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
-        return moves if self.reduced.basis is None else self.reduced.basis @ moves
+        return np.asarray(moves if self.reduced.basis is None else self.reduced.basis @ moves)
 
     @cached_property
     def shape(self) -> float:

@@ -8,11 +8,9 @@ import numpy as np
 
 from ..findings import Finding
 from ..geometry.se3 import Array
+from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import CAMERA_EXCESS, Component, NoiseEstimate, together
-from ..noise.joint_covariance import JointCovariance
-from ..noise.models import PoseNoise, marginals
-from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
 
 UNITS = {"rotation": "rad", "translation": "m"}
@@ -53,7 +51,10 @@ def tell(found: FoundSizes) -> NoiseEstimate:
             for what, each in zip(KINDS, variance.tolist(), strict=True):
                 own[f"{name} {what}"] += each
     spreads = {name: _spread(mixture.weights, v) for name, v in own.items() if (v > 0).all()}
-    parts = {name: spread.component(name, UNITS[name.split()[-1]], _status(found, name, spread)) for name, spread in spreads.items()}
+    parts = {
+        name: spread.component(name, UNITS[name.split()[-1]], _status(found, name, spread))
+        for name, spread in spreads.items()
+    }
     for what in KINDS:
         names = [f"{side} {what}" for side in sides]
         if all(name in own for name in names) and (total := own[names[0]] + own[names[1]]).all():
@@ -64,15 +65,15 @@ def tell(found: FoundSizes) -> NoiseEstimate:
     order = [name for what in KINDS for name in (together(what, sides), *(f"{side} {what}" for side in sides))]
     components = [parts[name] for name in order if name in parts]
     components += _sized(found)
-    names = tuple(name for name in spreads if spreads[name].sd > 0)
-    logs = np.array([spreads[name].logs for name in names]).reshape(len(names), -1)
+    told = tuple(name for name in spreads if spreads[name].sd > 0)
+    logs = np.array([spreads[name].logs for name in told]).reshape(len(told), -1)
     centred = logs - (logs @ mixture.weights)[:, None]
-    v = np.exp([2.0 * spreads[name].mean for name in names])
+    v = np.exp([2.0 * spreads[name].mean for name in told])
     covariance = 4.0 * (centred * mixture.weights) @ centred.T * np.outer(v, v)
     findings = _findings(found, parts)
     dof = 6.0 * len(found.kept) - found.model.p
     return NoiseEstimate(
-        found.integrated_noise, tuple(components), findings, v, covariance, dof, names=names,
+        found.integrated_noise, tuple(components), findings, v, covariance, dof, names=told,
         shape=found.shape if np.isfinite(found.shape) else None,
     )  # fmt: skip
 
@@ -80,7 +81,7 @@ def tell(found: FoundSizes) -> NoiseEstimate:
 def _spread(weights: Array, variance: Array) -> _Spread:
     logs = 0.5 * np.log(variance)
     mean = float(weights @ logs)
-    return _Spread(mean, float(np.sqrt(max(weights @ (logs - mean) ** 2, 0.0))), logs)
+    return _Spread(mean, float(np.sqrt(np.maximum(weights @ (logs - mean) ** 2, 0.0))), logs)
 
 
 def _status(found: FoundSizes, name: str, spread: _Spread) -> str:
@@ -125,7 +126,9 @@ def _findings(found: FoundSizes, parts: dict[str, Component]) -> tuple[Finding, 
     from .findings import noise_findings
 
     sides = found.source.sides
-    if len(parts) < 6 or any(part.status not in ("fixed", "prior", "estimated", "not told apart") for part in parts.values()):
+    if len(parts) < 6 or any(
+        part.status not in ("fixed", "prior", "estimated", "not told apart") for part in parts.values()
+    ):
         return ()
     told = not any(parts[f"{side} rotation"].status == "not told apart" for side in sides)
     return noise_findings(parts, sides, told, frozenset())

@@ -59,7 +59,6 @@ from ..shared_errors.shared_error import (
     SharedError,
     checked_errors,
     default_errors,
-    listed_errors,
     without_shared,
 )
 from .by_joints import PREDICTION, Wanted, plan_by_joints, so_far_by_joints

@@ -31,14 +31,15 @@ from ..geometry.se3 import Array, inverse, perturb
 from ..kinematics.kinematic_errors import EXACT
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..likelihood.open_directions import OpenDirections
-from ..likelihood.shared_estimates import JointPosterior
+from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
 from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PoseNoise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
-from ..shared_errors.shared_error import error_by_part
+from ..shared_errors.accuracy import ROBOT_ACCURACY
+from ..shared_errors.shared_error import SharedError, bound_again, error_by_part
 from .fitted_kinematics import FittedKinematics
 
 
@@ -63,6 +64,8 @@ class Predicting(Protocol):
     def counted(self) -> PosePairs | Motions | None: ...
     @property
     def opened(self) -> OpenDirections | None: ...
+    @property
+    def shared(self) -> tuple[SharedEstimate, ...]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,6 +276,8 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
     flat = G.reshape(-1, 4, 4)
     more = shared_effects(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
     G = perturb(flat, -(more @ posterior.estimate[:, None])[..., 0]).reshape(G.shape)
+    if joints is None:
+        noise = noise + rest_of_robot(result, flat).reshape(*G.shape[:-2], 6, 6)
     return RobotAhead(G, columns + more.reshape(columns.shape), noise)
 
 
@@ -281,10 +286,17 @@ def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: 
     posterior = _posterior(result)
     found = np.zeros((len(robot), 6, len(posterior.names)))
     poses = PosePairs(robot, camera, result.setup or "eye-in-hand")
+    columns: dict[str, Array] = {}
     for k, name in enumerate(posterior.names):
         if (of := error_by_part(name)) is not None and of[0].side == side:
             error, part = of
-            found[..., k] = error.at(poses)[..., part]
+            if error.name not in columns:
+                columns[error.name] = error.at(poses)
+            found[..., k] = columns[error.name][..., part]
+    for error in errors_of_poses(result):
+        if error.side == side:
+            index = [posterior.names.index(part) for part in error.parts]
+            found[..., index] = error.at(poses)
     data, index = result.counted, numbers_of_intrinsics(posterior)
     seen = data.camera_calibration if isinstance(data, PosePairs) else None
     if side == "camera" and index and seen is not None and isinstance(result.noise, PoseNoise):
@@ -293,6 +305,31 @@ def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: 
         so_far = S.shared[..., [name in ("", INTRINSICS) for name in S.names]]
         found[..., index] = seen.shared_ahead(camera, so_far)
     return found
+
+
+def errors_of_poses(result: Predicting) -> list[SharedError]:
+    """Return the errors whose numbers belong to the poses of the calibration, bound to them."""
+    data, posterior = result.counted, _posterior(result)
+    poses = data if isinstance(data, PosePairs) else getattr(data, "poses", None)
+    groups = dict.fromkeys(map(group_of, posterior.names))
+    if poses is None:
+        return []
+    found = [bound_again(name, poses, reach_stated(result)) for name in groups]
+    return [error for error in found if error is not None and set(error.parts) <= set(posterior.names)]
+
+
+def reach_stated(result: Predicting) -> float | None:
+    """Return the reach (m) of the robot whose accuracy the calibration declares or assumes; None without one."""
+    return next((error.accuracy.reach for error in result.shared if error.accuracy is not None), None)
+
+
+def rest_of_robot(result: Predicting, robot: Array) -> Array:
+    """(m, 6, 6) what the robot's errors at the poses of the calibration leave of those at other poses."""
+    sd = next((error.prior_sd for error in result.shared if error.error == ROBOT_ACCURACY), 0.0)
+    for error in errors_of_poses(result):
+        if error.rest is not None:
+            return sd**2 * error.rest(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)))
+    return np.zeros((len(robot), 6, 6))
 
 
 def numbers_of_intrinsics(posterior: JointPosterior) -> list[int]:

@@ -34,6 +34,7 @@ from ..geometry.se3 import Array
 from ..kinematics.arms.known_arms import known_arm
 from ..kinematics.arms.stack import ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack
 from ..kinematics.arms.work_postures import BLOCK, WorkPostures
+from ..runtime.read_only import ReadOnlyArrays
 
 ARMS = (
     "irb120",
@@ -107,29 +108,81 @@ def population(names: tuple[str, ...] = ARMS) -> ArmPopulation:
     return ArmPopulation.of(names)
 
 
+@dataclass(frozen=True, eq=False)
+class BoundPopulation(ReadOnlyArrays):
+    """The population at the poses of one data set: the same numbers z at these and at other poses."""
+
+    arms: tuple[str, ...]
+    reach: float  # m
+    kept: NDArray[np.bool_]  # (A,) the arms that reach the poses
+    basis: Array  # (M, m) z in units of all errors of these arms
+
+    @classmethod
+    def of(
+        cls, robot: Array, reach: float | None = None, arms: tuple[str, ...] = ARMS, rank: int = RANK
+    ) -> BoundPopulation:
+        """Bind the population to poses ``robot`` (n, 4, 4) base_T_tip; see the module.
+
+        ``reach`` (m) of the arm; None: `SCALE` times the farthest pose. ``rank``: the largest m.
+        """
+        robot = np.asarray(robot, dtype=float)
+        if reach is None:
+            reach = SCALE * max(float(np.linalg.norm(robot[:, :3, 3], axis=-1).max()), 1e-6)
+        G, reached = _of_each_arm(arms, reach, robot)
+        fewer = reached.mean(axis=1) >= 0.5
+        kept = fewer if fewer.any() else np.ones_like(fewer)
+        rows = _rows(G[kept])
+        U, energy = truncated(rows, rank)
+        return cls(arms, reach, kept, rows.T @ U / np.sqrt(np.maximum(energy, 1e-300)))
+
+    def columns(self, robot: Array) -> Array:
+        """K (n, 6, m) at poses ``robot`` (n, 4, 4)."""
+        return self._unscaled(self._rows_at(robot) @ self.basis)
+
+    def ahead(self, robot: Array) -> tuple[Array, Array]:
+        """K (n, 6, m) at other poses, and the covariance (n, 6, 6) of what z leaves of each of them."""
+        rows = self._rows_at(robot)
+        K, whole = self._unscaled(rows @ self.basis), self._unscaled(rows)
+        rest = whole @ whole.mT - K @ K.mT
+        values, vectors = np.linalg.eigh(0.5 * (rest + rest.mT))
+        return K, np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT)
+
+    def _rows_at(self, robot: Array) -> Array:
+        return _rows(_of_each_arm(self.arms, self.reach, np.asarray(robot, dtype=float))[0][self.kept])
+
+    @staticmethod
+    def _unscaled(rows: Array) -> Array:
+        K = rows.reshape(6, -1, rows.shape[-1]).swapaxes(0, 1).copy()
+        K[:, 3:] *= TRANSLATION
+        return K
+
+
+def _of_each_arm(arms: tuple[str, ...], reach: float, robot: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Columns (A, c, 6, n) of each arm of this reach, rad and m, and whether it reaches the poses (A, n)."""
+    known, poses = population(tuple(arms)), robot[:, :3].copy()
+    poses[..., 3] /= reach
+    parts = [known.columns(poses[start : start + BLOCK]) for start in range(0, len(robot), BLOCK)]
+    G = np.concatenate([part[0] for part in parts], axis=-1)
+    G[:, :, :3] /= reach
+    return G, np.concatenate([part[1] for part in parts], axis=1)
+
+
+def _rows(G: Array) -> Array:
+    """(6n, M) all columns of the arms (A, c, 6, n), translations over `TRANSLATION`."""
+    scale = np.repeat([1.0, 1.0 / TRANSLATION], 3)[:, None] / np.sqrt(len(G))
+    return np.asarray((G * scale).reshape(-1, 6 * G.shape[-1]).T)
+
+
 def population_columns(robot: Array, *, arms: tuple[str, ...] = ARMS, rank: int = RANK) -> Array:
     """Return K (n, 6, m) of the poses ``robot`` (n, 4, 4) base_T_tip; see the module.
 
     ``arms``: the geometries, by their names in the table of known arms. ``rank``: the largest m.
     """
-    robot = np.asarray(robot, dtype=float)
-    known = population(tuple(arms))
-    reach = SCALE * max(float(np.linalg.norm(robot[:, :3, 3], axis=-1).max()), 1e-6)
-    poses = robot[:, :3].copy()
-    poses[..., 3] /= reach
-    n = len(robot)
-    parts = [known.columns(poses[start : start + BLOCK]) for start in range(0, n, BLOCK)]
-    reached = np.concatenate([part[1] for part in parts], axis=1).mean(axis=1) >= 0.5
-    kept = reached if reached.any() else np.ones_like(reached)
-    G = np.concatenate([part[0][kept] for part in parts], axis=-1)  # (A, c, 6, n)
-    scale = np.repeat([1.0 / reach, 1.0 / TRANSLATION], 3)[:, None] / np.sqrt(len(G))
-    K = truncated((G * scale).reshape(-1, 6 * n).T, rank).reshape(6, n, -1)
-    K[3:] *= TRANSLATION
-    return np.ascontiguousarray(K.swapaxes(0, 1))
+    return BoundPopulation.of(robot, arms=arms, rank=rank).columns(robot)
 
 
-def truncated(rows: Array, rank: int) -> Array:
-    """Return (N, m), m <= rank, with the second moment of ``rows`` (N, M) but for `LEFT_OUT` of its trace.
+def truncated(rows: Array, rank: int) -> tuple[Array, Array]:
+    """Return U (N, m) and energies (m,), m <= rank, with ``U diag(energy) U^T`` the second moment of ``rows`` (N, M) but for `LEFT_OUT` of its trace.
 
     The singular vectors are those within the range of ``rows rows^T rows S`` with a fixed random S (M, rank + `MORE`),
     so that a permutation of the rows permutes the result.
@@ -143,7 +196,8 @@ def truncated(rows: Array, rank: int) -> Array:
     energy, U = np.maximum(energy[::-1], 0.0), U[:, ::-1]
     left = (rows**2).sum() - np.cumsum(energy[:rank])
     m = int(np.count_nonzero(left > LEFT_OUT * energy.sum())) + 1
-    return np.asarray((Q @ U[:, :m]) * np.sqrt(energy[:m]))[:, :rank]
+    m = min(m, rank)
+    return np.asarray(Q @ U[:, :m]), energy[:m]
 
 
 @functools.lru_cache(maxsize=8)

@@ -47,7 +47,7 @@ from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from ..runtime.read_only import ReadOnlyArrays
-from .accuracy import ROBOT_ACCURACY, RobotAccuracy, reach_of, stated_accuracy
+from .accuracy import ROBOT_ACCURACY, RobotAccuracy, stated_accuracy
 from .drift import DRIFT, FEWEST, drift_columns
 from .sizes import CLASSES, SIZES
 from .view import columns_about, lens_columns, view_scale
@@ -58,6 +58,8 @@ TARGET_SCALE = "target scale"
 ROBOT_SCALE = "robot scale"
 CLOCK_OFFSET = "clock offset"
 VIEW, LENS = "view", "lens distortion"
+# Poses that differ by less, of the reach of the arm, have the same columns of its errors.
+NEAR = 0.02
 # Those whose columns are made of the translations of the poses, and hold their noise.
 OF_LENGTHS = (FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE)
 
@@ -89,6 +91,7 @@ class SharedError(ReadOnlyArrays):
     focal_length_px: float | None = None  # of a principal point in pixels
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
+    rest: Callable[[PosePairs], Array] | None = None  # (n, 6, 6) per unit^2 that its numbers leave of other poses
     accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
     declared: tuple[float, float, float | None] | None = (
         None  # accuracy of a robot (m, rad) and its reach (m), as given
@@ -338,11 +341,27 @@ def _at_these(F: Array) -> Callable[[PosePairs], Array]:
 
 def error_by_part(name: str) -> tuple[SharedError, int] | None:
     """The error that a number of this name belongs to and its place there, if poses alone tell its effect."""
-    known = (SharedError.focal_length, SharedError.principal_point, SharedError.target_scale, SharedError.robot_scale)
+    known = (
+        SharedError.focal_length,
+        SharedError.principal_point,
+        SharedError.target_scale,
+        SharedError.robot_scale,
+        assumed_lens,
+    )
     for error in (make() for make in known):
         if name in error.parts:
             return error, error.parts.index(name)
     return None
+
+
+def bound_again(name: str, poses: PosePairs, reach: float | None = None) -> SharedError | None:
+    """Return the error of this name whose numbers belong to poses, bound to them; None for others.
+
+    ``reach`` (m) of the robot that it was bound with.
+    """
+    if name == ROBOT_ACCURACY:
+        return _population_error(1.0, 0.0, reach).bound(poses)
+    return assumed_view().bound(poses) if name == VIEW else None
 
 
 def assumed_accuracy(of_class: str | None = None) -> SharedError:
@@ -355,15 +374,24 @@ def _population_error(move: float, turn: float, reach: float | None) -> SharedEr
     """Return errors of arms with this accuracy (m, rad), to be bound to poses; ``reach`` (m) None: by the poses."""
 
     def bind(poses: PosePairs) -> SharedError:
-        from .population import population_columns  # its table of arms takes a while
+        from .population import BoundPopulation  # its table of arms takes a while
 
-        K = population_columns(poses.robot)
+        population = BoundPopulation.of(poses.robot, reach)
+        K = population.columns(poses.robot)
         size = move
         if turn > 0:
             size = max(move, turn / float(np.sqrt((K[:, :3] ** 2).sum(axis=(1, 2)).mean())))
         parts = tuple(f"{ROBOT_ACCURACY}: {k + 1}" for k in range(K.shape[-1]))
-        accuracy = RobotAccuracy(move, turn, reach_of(poses.robot) if reach is None else reach)
-        return replace(unbound, parts=parts, sd=np.full(len(parts), size), effect=lambda at: K, accuracy=accuracy)
+        accuracy = RobotAccuracy(move, turn, population.reach)
+
+        def effect(at: PosePairs) -> Array:
+            near = at.n == poses.n and np.abs(at.robot - poses.robot).max() < NEAR * population.reach
+            return K if near else population.columns(at.robot)
+
+        return replace(
+            unbound, parts=parts, sd=np.full(len(parts), size), effect=effect, accuracy=accuracy,
+            rest=lambda at: population.ahead(at.robot)[1],
+        )  # fmt: skip
 
     exact = not (move > 0 or turn > 0)
     words = f"{digits(1e3 * move, 2)} mm" + (f", {digits(np.degrees(turn), 2)} deg" if turn > 0 else "")
@@ -376,7 +404,14 @@ def _population_error(move: float, turn: float, reach: float | None) -> SharedEr
 
 def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
     """Return the default errors, those declared in place of the ones of their names, and the other ones declared."""
-    by_name = {error.name: error for error in (*default_errors(intrinsics_known), assumed_accuracy(), *([] if intrinsics_known else [assumed_lens(), assumed_view()]))}
+    by_name = {
+        error.name: error
+        for error in (
+            *default_errors(intrinsics_known),
+            assumed_accuracy(),
+            *([] if intrinsics_known else [assumed_lens(), assumed_view()]),
+        )
+    }
     return list((by_name | {error.name: error for error in declared}).values())
 
 

@@ -415,9 +415,7 @@ def _read(name: str) -> KnownArm:
     for k, (axis, *fields) in enumerate(rows):
         numbers = np.array([float(field) for field in fields])
         low, high, usual_low, usual_high = np.radians(numbers[3:]).tolist()
-        joints.append(
-            Joint(f"joint_{k + 1}", REVOLUTE, _placed(np.eye(3), numbers[:3]), _direction(axis), low, high)
-        )
+        joints.append(Joint(f"joint_{k + 1}", REVOLUTE, _placed(np.eye(3), numbers[:3]), _direction(axis), low, high))
         usual.append((max(low, usual_low), min(high, usual_high)))
     x, z = _direction(flange[3]), _direction(flange[4])
     end = _placed(np.stack([x, np.cross(z, x), z], axis=1), np.array([float(field) for field in flange[:3]]))

@@ -139,7 +139,7 @@ def series_alarm(result: Logged, series: CheckSeries, every: float = EVERY) -> S
     each = float(every)
     if not checks:
         return SeriesAlarm(times, each, ())
-    state = state_of(result, np.concatenate([check.poses.robot for check in checks]))
+    state = state_of(result)
     evidence = [evidence_of_poses(result, c.poses, c.noise, state=state) for c in checks]
     columns = {X: [-of.linear.J[..., :6] for of in evidence], TARGET: [-of.linear.J[..., 6:] for of in evidence]}
     charts = charts_of(scores_of(evidence, columns, checks[0].noise_dof), each)

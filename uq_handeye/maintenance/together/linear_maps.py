@@ -1,7 +1,7 @@
 r"""Two estimates as linear maps of the errors of their data, and the covariance of their difference.
 
 To first order an estimate is off by ``xi = sum_i M_i eta_i + f e``: eta_i the errors of pose i of its own, e those that
-poses share, with ``M_i = -C J_i^T S^-1 D_i`` of its fit and f the sum of ``M_i F_i`` (`likelihood.carried_errors`). Two
+poses share, with ``M_i = -C J_i^T S^-1 D_i`` of its fit and f the sum of ``M_i F_i``. Two
 estimates differ by
 
     xi_new - xi_old = sum_i (M_i^new - M_i^old) eta_i + (f_new - f_old) e
@@ -24,7 +24,7 @@ import numpy as np
 
 from ...calibration.request import BUNDLE
 from ...calibration.result import Calibration
-from ...evidence.state import accuracy_of, refitted
+from ...evidence.state import refitted
 from ...geometry.se3 import Array
 from ...likelihood.gauss_helmert import ESTIMATORS, Fit, offset_sensitivity
 from ...noise.camera_noise import INTRINSICS
@@ -33,11 +33,15 @@ from ...noise.models import PoseNoise, is_joint
 from ...noise.square_roots import pulled, whiten
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import SIDES
-from ...shared_errors.shared_error import FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, SharedError
+from ...shared_errors.accuracy import ROBOT_ACCURACY
+from ...shared_errors.drift import DRIFT
+from ...shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW, bound_again
 
 ROBOT, CAMERA, TARGET = "robot", "camera", "target"
 # What may be one and the same in two calibrations.
 THINGS = (ROBOT, CAMERA, TARGET)
+# Errors whose numbers belong to the poses of a calibration.
+OF_POSES = (ROBOT_ACCURACY, VIEW)
 # Intrinsics whose columns on common poses agree so well were not estimated from the pictures again.
 FIXED = 1e-6
 
@@ -86,6 +90,10 @@ class LinearMap:
                 own[side] = np.broadcast_to(S, (n, 6, 6))
         return cls(result, poses, fit, by_side, own, columns, intrinsics, serial)
 
+    def sd_of(self, name: str) -> float:
+        """Return the standard deviation of the numbers of an error; 0 where the result has none."""
+        return next((error.prior_sd for error in self.result.shared if error.error == name), 0.0)
+
     def moved_by(self, side: str, columns: Array) -> Array:
         """(12, k) how X and W move with errors of the poses of a side, by columns (n, 6, k)."""
         return np.asarray(np.einsum("nij,njk->ik", self.by_side[side], columns))
@@ -115,28 +123,56 @@ def difference_covariance(old: LinearMap, new: LinearMap, common: list[tuple[int
 
 
 def _of_columns(old: LinearMap, new: LinearMap, common: list[tuple[int, int]], same: frozenset[str]) -> Array:
-    """Errors with a name, which are one in both where they belong to the same thing."""
+    """Errors with a name, which are one in both where they belong to the same thing.
+
+    Those whose numbers belong to poses are compared in numbers that belong to the poses of both.
+    """
     moves = {
         which: {name: of.moved_by(side, F[..., None])[:, 0] for name, (side, F) in of.columns.items()}
         for which, of in (("old", old), ("new", new))
     }
+    moves = {which: dict(by_name) for which, by_name in moves.items()}
+    for name, pair in _of_both(old, new).items():
+        for which, by_number in zip(("old", "new"), pair, strict=True):
+            moves[which] = {one: move for one, move in moves[which].items() if group_of(one) != name}
+            moves[which] |= {f"{name}: {k + 1}": move for k, move in enumerate(by_number.T)}
     before, now = ({error.name: error.prior_sd for error in of.result.shared} for of in (old, new))
     total = np.zeros((12, 12))
     for name in dict.fromkeys([*moves["old"], *moves["new"]]):
         first, second = moves["old"].get(name), moves["new"].get(name)
         if first is not None and second is not None and (common or _thing(name) in same):
-            first = first * (now[name] / before[name] if before.get(name) and now.get(name) else 1.0)
+            if group_of(name) not in OF_POSES:
+                first = first * (now[name] / before[name] if before.get(name) and now.get(name) else 1.0)
             total += _square((second - first)[:, None])
         else:
             total += sum((_square(move[:, None]) for move in (first, second) if move is not None), np.zeros(()))
     return total
 
 
+def _of_both(old: LinearMap, new: LinearMap) -> dict[str, tuple[Array, Array]]:
+    """Moves (12, m) of errors whose numbers belong to poses, by name, in numbers of the poses of both."""
+    found = {}
+    for name in OF_POSES:
+        sides = [of.sd_of(name) for of in (old, new)]
+        if not any(sides):
+            continue
+        robot, camera = (np.concatenate([getattr(of.poses, side) for of in (old, new)]) for side in SIDES)
+        error = bound_again(name, PosePairs(robot, camera, old.poses.setup))
+        assert error is not None
+        before, now = (
+            sd * of.moved_by(error.side, error.at(of.poses)) for of, sd in zip((old, new), sides, strict=True)
+        )
+        found[name] = before, now
+    return found
+
+
 def _thing(name: str) -> str:
     """Return the thing that an error belongs to; the robot's have many names."""
     group = group_of(name)
-    if group == FOCAL_LENGTH or group.startswith(PRINCIPAL_POINT):
+    if group in (FOCAL_LENGTH, VIEW, LENS) or group.startswith(PRINCIPAL_POINT):
         return CAMERA
+    if group.startswith(DRIFT):  # drawn anew
+        return ""
     return TARGET if group == TARGET_SCALE else ROBOT
 
 
@@ -172,35 +208,6 @@ def _gain_of_prior(fit: Fit) -> Array:
     if fit.prior is None:
         return np.zeros((12, 12))
     return np.asarray(fit.covariance @ _root(fit.prior.information(12)))
-
-
-def _of_accuracy(old: LinearMap, new: LinearMap, one_robot: bool) -> Array:
-    """The accuracy of the robot that was carried to X: one field over the poses of both, for one robot."""
-    found = [accuracy_of(of.result) for of in (old, new)]
-    if found[0] is None and found[1] is None:
-        return np.zeros((12, 12))
-    robots = [of.poses.robot for of in (old, new)]
-    together = np.concatenate(robots)
-    if one_robot:
-        stated = found[1] or found[0]
-        moves = [
-            of.moved_by(ROBOT, _field(stated, together, robot)) for of, robot in zip((old, new), robots, strict=True)
-        ]
-        used = [move if accuracy is not None else 0.0 * move for move, accuracy in zip(moves, found, strict=True)]
-        return _square(used[1] - used[0])
-    alone = [
-        _square(of.moved_by(ROBOT, _field(accuracy, robot, robot)))
-        for of, robot, accuracy in zip((old, new), robots, found, strict=True)
-        if accuracy is not None
-    ]
-    return np.asarray(sum(alone, np.zeros((12, 12))))
-
-
-def _field(accuracy: Any, centres: Array, robot: Array) -> Array:
-    """(n, 6, r) columns of the robot's accuracy at poses, bound to others."""
-    error = SharedError.robot_accuracy(accuracy.translation, accuracy.rotation, reach=accuracy.reach)
-    bound = error.bound(PosePairs(centres, np.broadcast_to(np.eye(4), centres.shape)))
-    return np.asarray(bound.at(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape))) * bound.widest)
 
 
 def _of_timing(old: LinearMap, new: LinearMap) -> Array:
