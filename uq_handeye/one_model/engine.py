@@ -59,12 +59,12 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Conditional:
-    """Posterior of the unknown poses x and of the errors e = s z, for given sizes."""
+    """Posterior of the unknown poses x, or of them and the errors e = s z, for given sizes."""
 
     theta: Array
     value: float
-    mean: Array  # (p + m,) of x and of s z
-    covariance: Array  # (p + m, p + m)
+    mean: Array  # (p,) of x, or (p + m,) of x and s z
+    covariance: Array  # (p, p) or (p + m, p + m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +204,13 @@ class LatentModel:
         information = 0.5 * (flat @ flat.T - across @ across.T)
         information[np.diag_indices(len(free))] += 1.0 / self.spreads**2
         return State(theta, at.value, gradient[free] + at.off / self.spreads, information, np.asarray(determined, dtype=float))
+
+    def of_poses(self, theta: Array) -> Conditional:
+        """The posterior of the unknown poses alone, for given sizes."""
+        at = self._solved(theta)
+        p = self.p
+        half = solve_triangular(at.C, np.diag(at.unit)[:, :p], lower=True, check_finite=False)
+        return Conditional(theta, at.value, at.u[:p], half.T @ half)
 
     def conditional(self, theta: Array) -> Conditional:
         """The joint posterior of the poses and of the errors in their units, for given sizes."""

@@ -169,7 +169,8 @@ class JointModel:
             size = Size(1.0, error.factor)
             columns, known = error.at(self.poses) * error.sd, error.sd > 0
             parts = tuple(part for part, is_known in zip(error.parts, known, strict=True) if is_known)
-            found.append(Component(error.name, error.side, size, columns=columns[..., known], parts=parts))
+            rest = None if error.rest is None else float(error.sd[0]) * _root(error.rest(self.poses))
+            found.append(Component(error.name, error.side, size, columns[..., known], rest, parts))
         return found
 
     def _arm(self) -> list[Component]:
@@ -219,9 +220,9 @@ class JointModel:
             self._require_freedom(constraint, reduced.J.shape[-1])
             mode = find_mode(model, theta)
             theta = mode.theta
-            found = model.conditional(theta)
+            found = model.of_poses(theta)
             p = model.p
-            step, C = found.mean[:p], found.covariance[:p, :p]
+            step, C = found.mean, found.covariance
             if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < STILL**2:
                 return FoundSizes(self, model, reduced, mode, at, kept, exact)
             at = at.moved(reduced.unreduced(step))
@@ -344,7 +345,7 @@ class FoundSizes:
     def spread(self) -> Array:
         """(p, r) moves of X and W that the open sizes leave, one standard deviation each: beside the noise."""
         p, mixture = self.model.p, self.mixture
-        centre = self.model.conditional(mixture.mean_theta)
+        centre = self.model.of_poses(mixture.mean_theta)
         more = mixture.about(centre.mean)[:p, :p] - centre.covariance[:p, :p]
         unit = np.sqrt(np.diag(centre.covariance)[:p])
         values, vectors = np.linalg.eigh(more / np.outer(unit, unit))

@@ -1,8 +1,8 @@
-r"""Sizes integrated over: a central composite design about each mode, and the mixture of its posteriors.
+r"""Sizes integrated over: a composite design about each mode, and the mixture of its posteriors.
 
 With f about a mode theta* like ``(theta - theta*)^T I (theta - theta*) / 2``, ``theta = theta* + I^-1/2 v``, the design
 (Rue, Martino and Chopin 2009, section 6.5) has the centre and points v at the distance ``f_0 sqrt(k)``, f_0 = 1.1: two
-along each axis, and the corners of a two-level design. The centre has the weight ``1 - 1 / f_0^2``, each of the m
+along each axis of I, which suffices for an integrand that is nearly a sum over the axes. The centre has the weight ``1 - 1 / f_0^2``, each of the m
 others ``exp(k f_0^2 / 2 - (f - f*)) / (m f_0^2)``: mean and variance of a Gaussian exactly, and of others by their own
 density. Of several modes each has its evidence as weight. Posterior of poses and errors: mean and covariance of the
 mixture,
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
@@ -30,11 +30,11 @@ MOST = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Mixture(ReadOnlyArrays):
-    """Posterior of poses, errors and sizes: Gaussians at given sizes, with weights."""
+    """Posterior of the unknown poses and of the sizes: Gaussians at given sizes, with weights."""
 
     weights: Array  # (d,), of sum 1
     theta: Array  # (d, k) logarithms of the free sizes
-    means: Array  # (d, q) of x and s z
+    means: Array  # (d, q) of the unknown poses
     covariances: Array  # (d, q, q)
     odds: Array  # (modes,) probability of each mode
     mode_of: Array  # (d,) number of the mode of each point
@@ -91,45 +91,23 @@ def integrate(model: LatentModel, modes: Sequence[Mode]) -> Mixture:
 
 def _about(model: LatentModel, mode: Mode) -> tuple[list[Conditional], Array]:
     k = len(mode.theta)
-    centre = model.conditional(mode.theta)
+    centre = model.of_poses(mode.theta)
     if k == 0:
         return [centre], np.ones(1)
     values, vectors = np.linalg.eigh(mode.state.information)
     moves = RADIUS * np.sqrt(k) * design(k) @ (vectors / np.sqrt(values)).T
     low, high = model.medians - (REACH + 2) * model.spreads, model.medians + (REACH + 2) * model.spreads
-    found = [model.conditional(np.clip(mode.theta + move, low, high)) for move in moves]
+    found = [model.of_poses(np.clip(mode.theta + move, low, high)) for move in moves]
     logs = 0.5 * k * RADIUS**2 - (np.array([point.value for point in found]) - mode.state.value)
     each = np.exp(np.minimum(logs, np.log(MOST))) / (len(found) * RADIUS**2)
     w = np.concatenate([[1.0 - 1.0 / RADIUS**2], each])
     return [centre, *found], w / w.sum()
 
 
-@cache
 def design(k: int) -> Array:
-    """(m, k) unit vectors: both ends of each axis, and corners of a two-level design of resolution V where k > 4.
+    """(2k, k) unit vectors: both ends of each axis.
 
-    >>> design(2).shape, design(9).shape
-    ((8, 2), (50, 9))
+    >>> design(2).shape
+    (4, 2)
     """
-    axes = np.concatenate([np.eye(k), -np.eye(k)])
-    if k == 1:
-        return axes
-    base = min(k, 4 if k <= 5 else 5)
-    corners = np.array([[1.0 if number >> bit & 1 else -1.0 for bit in range(base)] for number in range(2**base)])
-    made = [corners[:, j] for j in range(base)]
-    for extra in _GENERATORS[base][: k - base]:
-        made.append(np.prod(corners[:, list(extra)], axis=1))
-    while len(made) < k:  # more sizes than such a design serves: axes alone for the rest
-        made.append(np.zeros(len(corners)))
-    signs = np.array(made).T
-    return np.concatenate([axes, signs / np.linalg.norm(signs, axis=1, keepdims=True)])
-
-
-# Products of the first factors that further ones are set to.
-_GENERATORS = {
-    1: (),
-    2: (),
-    3: (),
-    4: ((0, 1, 2, 3),),
-    5: ((0, 1, 2, 3), (0, 1, 2, 4), (0, 1, 3, 4), (0, 2, 3, 4), (1, 2, 3, 4), (0, 1, 2, 3, 4)),
-}
+    return np.concatenate([np.eye(k), -np.eye(k)])

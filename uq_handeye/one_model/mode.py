@@ -1,8 +1,9 @@
-r"""The most probable sizes: Newton's method with the average information, damped.
+r"""The most probable sizes: a quasi-Newton search that starts from the average information.
 
-The second derivatives of f (`engine`) by log sizes are replaced by their average information, which is positive
-definite with the priors in it. A step moves no logarithm by more than `LONGEST`, stays within `REACH` deviations of
-the prior, and is halved until f falls.
+The second derivatives of f (`engine`) by log sizes are near their average information I where the sizes are near the
+mode, and not far from it. The search takes steps ``-B^-1 df``, B = I at the start and updated by the changes of the
+gradient after that (BFGS). A step moves no logarithm by more than `LONGEST`, stays within `REACH` deviations of the
+prior, and is shortened until f falls. SciPy's L-BFGS-B takes no such start, and twice the evaluations.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 from .engine import LatentModel, State
@@ -17,7 +19,7 @@ from .engine import LatentModel, State
 # Deviations of the prior between which a size is looked for; largest change of a logarithm in one step.
 REACH, LONGEST = 5.0, 1.5
 # The mode is found when a step promises less; steps and halvings at most.
-GAIN, MOST, HALVINGS = 1e-7, 60, 8
+GAIN, MOST, HALVINGS = 1e-6, 60, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,38 +41,51 @@ class Mode:
         return -self.state.value - 0.5 * float(np.linalg.slogdet(self.state.information)[1])
 
 
-def find_mode(model: LatentModel, start: Array | None = None) -> Mode:
-    """Minimise f from ``start`` (the medians by default)."""
+def find_mode(model: LatentModel, start: Array | None = None, gain: float = GAIN) -> Mode:
+    """Minimise f from ``start`` (the medians by default), until a step promises less than ``gain``."""
     low, high = model.medians - REACH * model.spreads, model.medians + REACH * model.spreads
-    theta = model.medians if start is None else np.clip(start, low, high)
-    state = model.at(theta)
-    if not len(theta):
-        return Mode(state, True, ())
-    converged = False
-    for _ in range(MOST):
-        held = ((state.theta <= low) & (state.gradient > 0)) | ((state.theta >= high) & (state.gradient < 0))
-        move = np.zeros(len(theta))
-        open_ = ~held
-        if not open_.any():
-            converged = True
-            break
-        move[open_] = -np.linalg.solve(state.information[np.ix_(open_, open_)], state.gradient[open_])
-        move *= min(1.0, LONGEST / max(float(np.abs(move).max()), 1e-300))
+    state = model.at(model.medians if start is None else np.clip(start, low, high))
+    B, converged = state.information, not len(low)
+    for _ in range(0 if converged else MOST):
+        open_ = ~_held(state, low, high)
+        move = np.zeros(len(low))
+        if open_.any():
+            move[open_] = -np.linalg.solve(B[np.ix_(open_, open_)], state.gradient[open_])
         promised = -float(state.gradient @ move)
-        if promised < GAIN:
+        if promised < gain:
             converged = True
             break
-        share, tried = 1.0, state
+        share = min(1.0, LONGEST / float(np.abs(move).max()))
         for _ in range(HALVINGS):
-            at = np.clip(state.theta + share * move, low, high)
-            tried = model.at(at)
-            if tried.value < state.value + 1e-12 * abs(state.value):
+            tried = model.at(np.clip(state.theta + share * move, low, high))
+            if tried.value < state.value - 1e-4 * share * promised:
                 break
-            share *= 0.4
+            # the minimum of the parabola through both values and the slope
+            curved = tried.value - state.value + share * promised
+            share *= float(np.clip(0.5 * share * promised / max(curved, 1e-300), 0.1, 0.5))
         else:
-            converged = promised < 1e-3  # what is left is rounding
+            converged = promised < 1e-2  # what is left is rounding
             break
+        B = _updated(B if share > 0.1 else tried.information, tried.theta - state.theta, tried.gradient - state.gradient)
         state = tried
-    at_bound = tuple(np.flatnonzero(((state.theta <= low + 1e-6) & (state.gradient > 0)) |
-                                    ((state.theta >= high - 1e-6) & (state.gradient < 0))).tolist())  # fmt: skip
+    at_bound = tuple(np.flatnonzero(_held(state, low, high)).tolist())
     return Mode(state, converged, at_bound)
+
+
+def _held(state: State, low: Array, high: Array) -> NDArray[np.bool_]:
+    """(k,) sizes at the end of their range that would go beyond it."""
+    at_low = (state.theta <= low + 1e-9) & (state.gradient > 0)
+    return np.asarray(at_low | ((state.theta >= high - 1e-9) & (state.gradient < 0)))
+
+
+def _updated(B: Array, s: Array, y: Array) -> Array:
+    """Damped BFGS update (Powell 1978): B stays positive definite."""
+    Bs = B @ s
+    curvature, change = float(s @ Bs), float(s @ y)
+    if curvature <= 0:
+        return B
+    if change < 0.2 * curvature:
+        weight = 0.8 * curvature / (curvature - change)
+        y = weight * y + (1.0 - weight) * Bs
+        change = float(s @ y)
+    return np.asarray(B - np.outer(Bs, Bs) / curvature + np.outer(y, y) / change)

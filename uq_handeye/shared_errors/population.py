@@ -55,7 +55,7 @@ OFFSET, TILT, LENGTH, HARMONIC, SAG = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
 WORKSPACE = 400
 LEVER = 0.3
 TRANSLATION = 0.5  # m
-RANK = 72
+RANK = 36
 # Part of the energy that the columns left out may have: of the mixture, and of each arm over its workspace.
 LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
 # Further vectors of the range from which the columns are taken.
