@@ -59,7 +59,8 @@ def test_arms_have_the_accuracy_asked_for(name, accuracy, rng):
     q = chain(name).workspace(2000, rng)
     true, nominal = arm.poses(q), chain(name).poses(q)
     left = rms_length((true - A @ nominal @ B)[:, :3, 3])
-    assert accuracy * 0.85 < aligned(true, nominal)[2] <= left < accuracy * 1.25
+    assert left == pytest.approx(accuracy, rel=0.15)
+    assert aligned(true, nominal)[2] == pytest.approx(left, rel=0.05)
     shaken = rms_length((arm.poses(q, rng) - true)[:, :3, 3])
     assert 0.015e-3 < shaken < 0.06e-3
 
