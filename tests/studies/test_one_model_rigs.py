@@ -45,7 +45,8 @@ def test_without_errors_the_truth_is_exact(setup, spread, rng):
     of = arm_set("ur5", 0.0, rng, n=12, setup=setup, spread=spread, **EXACT)
     robot = of.poses.robot if setup == "eye-in-hand" else inverse(of.poses.robot)
     np.testing.assert_allclose(robot @ of.X_true @ of.poses.camera, np.tile(of.W_true, (12, 1, 1)), atol=1e-8)
-    X = uq.calibrate(of.poses, method="park").X
+    motions = uq.relative_motions(of.poses)
+    X = uq.solve(motions.A, motions.B, method="park")
     assert np.abs(left_errors(X, of.X_true)).max() < 1e-9
     assert of.near is not None and of.far is not None
     np.testing.assert_allclose(of.far.seen, of.far.true_camera, atol=1e-8)
@@ -59,7 +60,8 @@ def test_arms_have_the_accuracy_asked_for(name, accuracy, rng):
     q = chain(name).workspace(2000, rng)
     true, nominal = arm.poses(q), chain(name).poses(q)
     left = rms_length((true - A @ nominal @ B)[:, :3, 3])
-    assert accuracy * 0.85 < aligned(true, nominal)[2] <= left < accuracy * 1.25
+    assert left == pytest.approx(accuracy, rel=0.15)
+    assert aligned(true, nominal)[2] == pytest.approx(left, rel=0.05)
     shaken = rms_length((arm.poses(q, rng) - true)[:, :3, 3])
     assert 0.015e-3 < shaken < 0.06e-3
 
