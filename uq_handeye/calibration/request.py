@@ -17,7 +17,14 @@ from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, logarithm, perturb
 from ..kinematics.against_controller import ControllerComparison, compare_with_controller
 from ..kinematics.chain import Kinematics
-from ..kinematics.kinematic_errors import ESTIMATE, JOINT_NOISE, KinematicColumns, KinematicErrors
+from ..kinematics.kinematic_errors import (
+    ESTIMATE,
+    JOINT_NOISE,
+    KinematicColumns,
+    KinematicErrors,
+    effects_of_errors,
+    poses_with_errors,
+)
 from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..likelihood.rig_bundle import require_shared
@@ -84,8 +91,9 @@ class Arm(NamedTuple):
         ``FK(q; e)`` less ``F(e) e``, where ``FK(q; 0)`` was measured: with it the errors have the mean 0 as before, and
         ``F(e)`` times them is right to the second order about e.
         """
-        nominal, true = self.kinematics.poses(self.joints), self.kinematics.poses(self.joints, e)
-        linear = perturb(true, -(self.kinematics.columns(self.joints, e) @ e))
+        of = self.kinematics, self.joints, e, self.errors.flange
+        nominal, true = self.kinematics.poses(self.joints), poses_with_errors(*of)
+        linear = perturb(true, -(effects_of_errors(*of) @ e))
         turn = logarithm(linear[:, :3, :3] @ nominal[:, :3, :3].mT)
         return perturb(self.measured.robot, np.concatenate([turn, linear[:, :3, 3] - nominal[:, :3, 3]], axis=-1))
 

@@ -26,11 +26,12 @@ from ..formatting.units import parse_angle, parse_length
 from ..geometry.se3 import Array
 from .chain import Kinematics
 from .errors import LENGTHS, OFFSETS, SAG, TILTS, TRANSMISSION
+from .workspace_gauge import aligned_columns, aligned_poses, counting
 
 ESTIMATE, DECLARED, EXACT = "estimate", "declared", "exact"
 HOW = (ESTIMATE, DECLARED, EXACT)
-CONTROLLER, PHYSICAL = "controller", "physical"
-FLANGES = (CONTROLLER, PHYSICAL)
+WORKSPACE, CONTROLLER, PHYSICAL = "workspace", "controller", "physical"
+FLANGES = (WORKSPACE, CONTROLLER, PHYSICAL)
 
 JOINT_NOISE = "joint noise"
 # The field of `KinematicErrors` that declares each group.
@@ -85,8 +86,9 @@ class KinematicErrors:
     robot_class : "industrial", "cobot", "hobby" or None
         Where a standard deviation is None: that of the population of such arms; None: of industrial ones, but where
         some are declared, the others are 0.
-    flange : "controller" or "physical"
-        Which flange X is of. The errors of the first joint, the offset of the last one and its length along the axis
+    flange : "workspace", "controller" or "physical"
+        Which flange X is of. ``workspace``: the frames of base and flange in which the arm moves as nearly as can be as
+        its model says, over its whole workspace (`workspace_gauge`). The errors of the first joint, the offset of the last one and its length along the axis
         are the same as other base and flange frames. ``controller``: they are left out, the flange is where the
         controller's numbers put it. ``physical``: they are declared errors like the others.
 
@@ -109,7 +111,7 @@ class KinematicErrors:
     sag_sd: float | str | None = None
     joint_sd: float | str | None = None
     robot_class: str | None = None
-    flange: str = CONTROLLER
+    flange: str = WORKSPACE
 
     def __post_init__(self) -> None:
         for name, known in (("how", HOW), ("flange", FLANGES)):
@@ -154,20 +156,31 @@ class KinematicErrors:
     def columns(self, kinematics: Kinematics, q: Array, e: Array | None = None) -> KinematicColumns:
         """The effects on the poses at joints q (n, L), derived at e (m,) where that is not 0."""
         sd = self.standard_deviations
-        kept = [
-            k
-            for k, error in enumerate(kinematics.errors)
-            if sd[error.group] > 0 and (self.flange == PHYSICAL or not error.gauge)
-        ]
+        if self.flange == WORKSPACE:
+            counts, F = counting(kinematics), aligned_columns(kinematics, q, e)
+        else:
+            counts = np.array([self.flange == PHYSICAL or not error.gauge for error in kinematics.errors])
+            F = kinematics.columns(q, e)
+        kept = [k for k, error in enumerate(kinematics.errors) if sd[error.group] > 0 and counts[k]]
         of = [kinematics.errors[k] for k in kept]
         return KinematicColumns(
-            -kinematics.columns(q, e)[..., kept],
+            -F[..., kept],
             kinematics.jacobian(q, e),
             tuple(error.name for error in of),
             tuple(error.group for error in of),
             np.array(kept, dtype=np.intp),
             self,
         )
+
+
+def poses_with_errors(chain: Kinematics, q: Array, e: Array, flange: str) -> Array:
+    """(..., 4, 4) poses at joints q (..., L) with the errors e (m,), in the frames that X is stated in."""
+    return aligned_poses(chain, q, e) if flange == WORKSPACE else chain.poses(q, e)
+
+
+def effects_of_errors(chain: Kinematics, q: Array, e: Array, flange: str) -> Array:
+    """(..., 6, m) derivatives of `poses_with_errors` by e, left rotation and additive translation."""
+    return aligned_columns(chain, q, e) if flange == WORKSPACE else chain.columns(q, e)
 
 
 class KinematicColumns(NamedTuple):

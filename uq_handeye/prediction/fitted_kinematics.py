@@ -15,7 +15,7 @@ from ..geometry.se3 import Array, logarithm, perturb
 from ..kinematics.chain import Kinematics
 from ..kinematics.errors import GROUPS
 from ..kinematics.joint_limits import require_within_limits
-from ..kinematics.kinematic_errors import JOINT_NOISE
+from ..kinematics.kinematic_errors import JOINT_NOISE, poses_with_errors
 from ..likelihood.shared_estimates import JointPosterior
 from ..runtime.read_only import ReadOnlyArrays
 
@@ -52,7 +52,7 @@ class FittedKinematics(ReadOnlyArrays):
     covariance: Array  # (m, m)
     sd: dict[str, float]  # deviations of the groups and of the joint noise, by name
     how: str  # "estimate", "declared" or "exact"
-    flange: str  # "controller" or "physical"
+    flange: str  # "workspace", "controller" or "physical"
     joints: Array  # (n, L) at which it was calibrated
     beside_controller: tuple[float, float]  # RMS of the controller's poses less those of the joints, rad and m
 
@@ -95,7 +95,7 @@ class FittedKinematics(ReadOnlyArrays):
         joints. Where its poses at the calibration were others than those of the joints, they are needed.
         """
         joints = self.checked(q)
-        corrected = self.chain.poses(joints, self.e)
+        corrected = poses_with_errors(self.chain, joints, self.e, self.flange)
         if robot is None:
             if self.beside_controller[0] > SAME[0] or self.beside_controller[1] > SAME[1]:
                 turn, shift = np.degrees(self.beside_controller[0]), 1e3 * self.beside_controller[1]

@@ -28,7 +28,7 @@ from ..diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ..errors import InputError
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.se3 import Array, inverse, perturb
-from ..kinematics.kinematic_errors import EXACT
+from ..kinematics.kinematic_errors import EXACT, effects_of_errors
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..likelihood.open_directions import OpenDirections
 from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
@@ -267,7 +267,7 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
         columns = np.zeros((*G.shape[:-2], 6, len(place)))
         if of_arm:
             here, there = np.array(of_arm).T
-            columns[..., there] = -fitted.chain.columns(q, fitted.e)[..., here]
+            columns[..., there] = -effects_of_errors(fitted.chain, q, fitted.e, fitted.flange)[..., here]
     else:
         assert given is not None
         G = given

@@ -11,15 +11,13 @@ scales, ``used - true`` for others.
 
 | error | side | F_i | unit of e |
 |---|---|---|---|
-| focal length | camera | ``(0; 0, 0, t_z)`` | relative |
-| principal point | camera | ``(w; w x t)``, ``w`` about -y and +x | rad: pixels over focal length |
+| focal length | camera | of poses fitted to a target (`view`); near ``(0; 0, 0, t_z)`` | relative |
+| principal point | camera | likewise; a rotation about the camera, or a shift, or between them | rad: pixels over focal length |
 | target scale | camera | ``(0; t)`` | relative |
 | robot scale | robot | ``(0; t)`` | relative |
 | clock offset | robot | ``rate_i``, velocity between its neighbours in time | s |
 
-t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). A principal point that is wrong by d pixels turns
-the rays, and with them the whole target, about the camera by d / f (exactly so for a target that is small in the
-picture). The columns are taken at the poses as measured, and by `calibrate` once more as the fit corrects them.
+t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). The columns are taken at the poses as measured, and by `calibrate` once more as the fit corrects them.
 
 A standard deviation may itself be known within a factor only (``factor``, one sigma of its logarithm): its size is
 then found with everything else, and integrated over (`one_model`). A square is what the drawing says, to 0.03 %, or
@@ -50,7 +48,7 @@ from ..runtime.read_only import ReadOnlyArrays
 from .accuracy import ROBOT_ACCURACY, RobotAccuracy, stated_accuracy
 from .drift import DRIFT, FEWEST, drift_columns
 from .sizes import CLASSES, SIZES
-from .view import columns_about, lens_columns, view_scale
+from .view import columns_about, intrinsics_columns, view_scale
 
 FOCAL_LENGTH = "focal length"
 PRINCIPAL_POINT = "principal point"
@@ -317,7 +315,7 @@ def assumed_lens() -> SharedError:
     parts = tuple(f"{LENS}: {name}" for name in ("k1", "k2", "p1", "p2"))
     sd = size.median * np.array([1.0, 3.0, 0.1, 0.1])
     return SharedError(
-        LENS, "", "camera", sd, parts, lambda poses: lens_columns(poses.camera), factor=size.factor, default=True
+        LENS, "", "camera", sd, parts, lambda poses: intrinsics_columns(poses.camera)[..., 3:], factor=size.factor, default=True
     )
 
 
@@ -507,18 +505,11 @@ def _unbound(poses: PosePairs) -> Array:
 
 
 def _depth(poses: PosePairs) -> Array:
-    F = np.zeros((poses.n, 6, 1))
-    F[:, 5, 0] = poses.camera[:, 2, 3]
-    return F
+    return intrinsics_columns(poses.camera)[..., :1]
 
 
 def _rays(poses: PosePairs) -> Array:
-    F = np.zeros((poses.n, 6, 2))
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # by errors of x and of y
-    for k in range(2):
-        F[:, :3, k] = turn[k]
-        F[:, 3:, k] = np.cross(turn[k], poses.camera[:, :3, 3])
-    return F
+    return intrinsics_columns(poses.camera)[..., 1:3]
 
 
 def _scale(side: str) -> Callable[[PosePairs], Array]:

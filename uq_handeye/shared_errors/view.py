@@ -14,8 +14,9 @@ and tilt decide (T11): with the derivatives B of the corners' directions ``(x / 
 ``(B^T B)^-1`` per square of the directions' noise. Target and lens are not known here: it is taken as a square of points
 of half the width `HALF` times the median distance, beside its origin, so that only the size of the noise is left open.
 
-*Lens.* A distortion that is wrong by dk moves the directions by A dk (Brown's model, about none), and the poses that
-were fitted to them by ``-(B^T B)^-1 B^T A dk``: four columns.
+*Intrinsics.* Focal length, centre and distortion that are wrong by dk move the directions by A dk (Brown's model, about
+none), and the poses that were fitted to them by ``-(B^T B)^-1 B^T A dk``. A wrong centre does not turn such a pose about
+the camera: a frontal target takes it as a shift.
 """
 
 from __future__ import annotations
@@ -65,16 +66,20 @@ def view_block(camera: Array) -> Array:
     return np.asarray(np.linalg.cholesky(np.linalg.inv(information)))
 
 
-def lens_columns(camera: Array) -> Array:
-    """(n, 6, 4) errors of poses (n, 4, 4) by errors of the distortion k1, k2, p1, p2 of the lens, per unit."""
+def intrinsics_columns(camera: Array) -> Array:
+    """(n, 6, 7) errors of poses (n, 4, 4) by those of the intrinsics with which they were fitted, per unit.
+
+    Of the focal length (relative), the image centre x and y (over the focal length, rad), k1, k2, p1 and p2.
+    """
     x, by_pose, information = _fitted(camera)
     r2 = (x * x).sum(axis=-1)
     u, v = x[..., 0], x[..., 1]
     radial = x * r2[..., None]
     by_p1 = np.stack([2 * u * v, r2 + 2 * v * v], axis=-1)
     by_p2 = np.stack([r2 + 2 * u * u, 2 * u * v], axis=-1)
-    by_lens = np.stack([radial, radial * r2[..., None], by_p1, by_p2], axis=-1).reshape(len(camera), -1, 4)
-    return np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens))
+    one = np.broadcast_to(np.eye(2), (*u.shape, 2, 2))
+    by_lens = np.stack([x, one[..., 0], one[..., 1], radial, radial * r2[..., None], by_p1, by_p2], axis=-1)
+    return np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens.reshape(len(camera), -1, 7)))
 
 
 def _fitted(camera: Array) -> tuple[Array, Array, Array]:
