@@ -5,9 +5,9 @@ poses: twists ``(theta, tau)`` (left rotation, rad; additive translation, m; in 
 3-D RMS position error of the arm over its workspace is 1 m: an arm of 0.6 mm absolute accuracy has the error
 ``0.6e-3 K z``.
 
-**Arms.** Each geometry of `ARMS` is scaled to reach `SCALE` times the farthest pose, with the tip of the poses as its
-flange, and placed at the poses by inverse kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with
-the standard deviations
+**Arms.** Each geometry of `ARMS` is scaled so that its reach, of the flange from joint 2, is `SCALE` times the distance
+of the farthest pose from the base, with the tip of the poses as its flange, and placed at the poses by inverse
+kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with the standard deviations
 
 | offsets | tilts | lengths | harmonics 1, 2 | sag |
 |---|---|---|---|---|

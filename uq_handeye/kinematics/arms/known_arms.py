@@ -415,9 +415,7 @@ def _read(name: str) -> KnownArm:
     for k, (axis, *fields) in enumerate(rows):
         numbers = np.array([float(field) for field in fields])
         low, high, usual_low, usual_high = np.radians(numbers[3:]).tolist()
-        joints.append(
-            Joint(f"joint_{k + 1}", REVOLUTE, _placed(np.eye(3), numbers[:3]), _direction(axis), low, high)
-        )
+        joints.append(Joint(f"joint_{k + 1}", REVOLUTE, _placed(np.eye(3), numbers[:3]), _direction(axis), low, high))
         usual.append((max(low, usual_low), min(high, usual_high)))
     x, z = _direction(flange[3]), _direction(flange[4])
     end = _placed(np.stack([x, np.cross(z, x), z], axis=1), np.array([float(field) for field in flange[:3]]))
@@ -435,4 +433,6 @@ def _placed(R: Array, position: Array) -> Array:
 
 def _direction(axis: str) -> Array:
     """(3,) unit vector of an axis such as ``-y``."""
-    return (1.0 if axis[0] == "+" else -1.0) * np.eye(3)["xyz".index(axis[1])]
+    out = np.zeros(3)
+    out["xyz".index(axis[1])] = 1.0 if axis[0] == "+" else -1.0
+    return out
