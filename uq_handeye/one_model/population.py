@@ -23,8 +23,8 @@ truncated singular value decomposition with translations over `TRANSLATION` leav
 0.2 % of the energy for poses of one region, 3 % for 60 poses all over the workspace.
 
 *Scale.* Fourteen arms of the table in turn as the true one, its family left out of `ARMS`, 0.6 mm (known), 30 poses,
-camera 0.03 deg and 0.3 mm: with a scale of 1.0, 1.2, 1.4, 1.7 the true X is inside its 95 % region in 94, 91, 88, 83 % of
-the sets of one region and in 86, 81, 76, 71 % of those all over the workspace; in 95 % with the arm's own columns.
+camera 0.03 deg and 0.3 mm: with a scale of 1.0, 1.2, 1.4, 1.7 the true X is inside its 95 % region in 94, 91, 88, 83 %
+of the sets of one region and in 86, 81, 76, 71 % of those all over the workspace; in 95 % with the arm's own columns.
 """
 
 from __future__ import annotations
