@@ -40,7 +40,7 @@ def postures_at(chain: Kinematics, poses: Array, start: Array, e: Array | None =
     open_ = np.arange(len(q))
     for _ in range(STEPS):
         T = chain.poses(q[open_], e)
-        left = _twist(T, poses[open_]) * weights
+        left = twist_between(T, poses[open_]) * weights
         size = np.linalg.norm(left, axis=-1)
         reached[open_[size < REACHED]] = True
         open_, left, size = open_[size >= REACHED], left[size >= REACHED], size[size >= REACHED]
@@ -54,7 +54,7 @@ def postures_at(chain: Kinematics, poses: Array, start: Array, e: Array | None =
     return Postures(q, reached)
 
 
-def _twist(T: Array, wanted: Array) -> Array:
+def twist_between(T: Array, wanted: Array) -> Array:
     """(m, 6) from T to the poses wanted: left rotation, additive translation."""
     turn = Rotation.from_matrix(wanted[:, :3, :3] @ T[:, :3, :3].mT).as_rotvec()
     return np.concatenate([turn, wanted[:, :3, 3] - T[:, :3, 3]], axis=-1)

@@ -5,9 +5,9 @@ poses: twists ``(theta, tau)`` (left rotation, rad; additive translation, m; in 
 3-D RMS position error of the arm over its workspace is 1 m: an arm of 0.6 mm absolute accuracy has the error
 ``0.6e-3 K z``.
 
-**Arms.** Each geometry of `ARMS` is scaled to reach `SCALE` times the farthest pose, with the tip of the poses as its
-flange, and placed at the poses by inverse kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with
-the standard deviations
+**Arms.** Each geometry of `ARMS` is scaled so that its reach, of the flange from joint 2, is `SCALE` times the distance
+of the farthest pose from the base, with the tip of the poses as its flange, and placed at the poses by inverse
+kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with the standard deviations
 
 | offsets | tilts | lengths | harmonics 1, 2 | sag |
 |---|---|---|---|---|
@@ -19,7 +19,12 @@ reach, with the same 12 numbers at the poses. **Unit**: the RMS over the same po
 
 **Mixture.** The columns of all arms that reach at least half of the poses (all arms, if none does), over the square
 root of their number, have the second moment of the mixture of the arms: ``K K^T = mean over arms K_a K_a^T``. A
-truncated singular value decomposition with translations over `TRANSLATION` leaves at most `RANK` columns.
+truncated singular value decomposition with translations over `TRANSLATION` leaves at most `RANK` columns: all but some
+0.2 % of the energy for poses of one region, 3 % for 60 poses all over the workspace.
+
+*Scale.* Fourteen arms of the table in turn as the true one, its family left out of `ARMS`, 0.6 mm (known), 30 poses,
+camera 0.03 deg and 0.3 mm: with a scale of 1.0, 1.2, 1.4, 1.7 the true X is inside its 95 % region in 94, 91, 88, 83 %
+of the sets of one region and in 86, 81, 76, 71 % of those all over the workspace; in 95 % with the arm's own columns.
 """
 
 from __future__ import annotations

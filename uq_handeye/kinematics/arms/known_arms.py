@@ -433,4 +433,6 @@ def _placed(R: Array, position: Array) -> Array:
 
 def _direction(axis: str) -> Array:
     """(3,) unit vector of an axis such as ``-y``."""
-    return (1.0 if axis[0] == "+" else -1.0) * np.eye(3)["xyz".index(axis[1])]
+    out = np.zeros(3)
+    out["xyz".index(axis[1])] = 1.0 if axis[0] == "+" else -1.0
+    return out

@@ -86,7 +86,7 @@ class ArmStack:
 
     def workspace(self, n: int) -> Array:
         """(A, 7, n) postures that fill the limits of the joints evenly."""
-        return np.stack([_spread(limits, n) for limits in self.limits])
+        return np.stack([spread(limits, n) for limits in self.limits])
 
     def at_work(self, n: int) -> Array:
         """(A, 7, n) postures that fill the usual ranges evenly, with joints 1 and 7 at zero and the elbow's roll in
@@ -95,7 +95,7 @@ class ArmStack:
         ranges = self.usual.copy()
         ranges[:, [0, AXES - 1]] = 0.0
         ranges[:, ROLL] = ranges[:, ROLL].mean(axis=-1, keepdims=True)
-        return np.stack([_spread(usual, n) for usual in ranges])
+        return np.stack([spread(usual, n) for usual in ranges])
 
     def frames(self, q: Array) -> Frames:
         """Return the frames at postures q (A, 7, n)."""
@@ -151,7 +151,7 @@ class ArmStack:
         return np.asarray((lever[:, :, 0] * z[:, :, 1] - lever[:, :, 1] * z[:, :, 0]) * self.moves[..., None])
 
 
-def _spread(limits: Array, n: int) -> Array:
+def spread(limits: Array, n: int) -> Array:
     """(7, n) joint values that fill the limits (7, 2) evenly; joints whose two limits are equal stay there."""
     free = limits[:, 0] < limits[:, 1]
     q = np.repeat(limits[:, :1], n, axis=1)

@@ -45,11 +45,16 @@ class WorkPostures:
 
     @classmethod
     def of(cls, stack: ArmStack) -> WorkPostures:
-        """Return the stored postures of a stack."""
-        q = stack.at_work(STORED)
+        """Return the stored postures of a stack: spread over its usual ranges."""
+        return cls.at(stack, stack.at_work(STORED))
+
+    @classmethod
+    def at(cls, stack: ArmStack, q: Array) -> WorkPostures:
+        """Return postures q (A, 7, S), joints 1 and 7 at 0, as the stored ones."""
         tip = np.moveaxis(stack.tips(q), -1, 1)
         features, azimuth = _features(tip)
-        q[:, 0] = -azimuth * stack.fixed[:, 0, 2, 2, None]
+        q = q.swapaxes(1, 2).copy()
+        q[..., 0] = -azimuth * stack.fixed[:, None, 0, 2, 2]
         tips = _about_z(-azimuth) @ tip[..., :3]
         squares = (features**2).sum(axis=-1, keepdims=True)
         table = np.concatenate([-2.0 * features, squares], axis=-1).swapaxes(1, 2).astype(np.float32)
@@ -58,27 +63,13 @@ class WorkPostures:
         high = np.where(free, np.inf, stack.usual[..., 1] + MARGIN)
         held = ~stack.moves
         low, high = np.where(held, 0.0, low)[..., None], np.where(held, 0.0, high)[..., None]
-        return cls(stack, np.ascontiguousarray(q.swapaxes(1, 2)), tips, table, low, high)
+        return cls(stack, q, tips, table, low, high)
 
-    def find(self, poses: Array) -> tuple[Array, Frames, NDArray[np.bool_]]:
+    def find(self, poses: Array, steps: int = STEPS) -> tuple[Array, Frames, NDArray[np.bool_]]:
         """Return postures (A, 7, n), their frames and whether they reach ``poses`` (n, 3, 4), lengths over the
         reach.
         """
-        q = self._start(poses)
-        wanted = np.moveaxis(poses, 0, -1)
-        weight = np.array([1.0, 1.0, 1.0, *[1.0 / LENGTH] * 3])[:, None]
-        diagonal = np.arange(6)
-        frames = self.stack.frames(q)
-        for _ in range(STEPS):
-            left = _twist(frames.tip, wanted) * weight
-            J = np.ascontiguousarray(np.moveaxis(self.stack.twists(frames) * weight, -1, 1))  # (A, n, 7, 6)
-            M = J.mT @ J
-            M[..., diagonal, diagonal] += DAMPING**2
-            step = (J @ np.linalg.solve(M, left.swapaxes(-1, -2)[..., None]))[..., 0].swapaxes(-1, -2)
-            longest = np.abs(step).max(axis=1, keepdims=True)
-            q = np.clip(q + step * (LONGEST / np.maximum(longest, LONGEST)), self.low, self.high)
-            frames = self.stack.frames(q)
-        return q, frames, np.linalg.norm(_twist(frames.tip, wanted) * weight, axis=1) < REACHED
+        return descend(self.stack, self._start(poses), poses, self.low, self.high, steps)
 
     def _start(self, poses: Array) -> Array:
         features, azimuth = _features(poses)
@@ -91,6 +82,26 @@ class WorkPostures:
         turn = np.arctan2(left[..., 1, 0] - left[..., 0, 1], left[..., 0, 0] + left[..., 1, 1])
         q[..., AXES - 1] += turn * self.stack.fixed[:, None, AXES, 2, 2]
         return np.ascontiguousarray(q.swapaxes(1, 2))
+
+
+def descend(
+    stack: ArmStack, q: Array, poses: Array, low: Array, high: Array, steps: int
+) -> tuple[Array, Frames, NDArray[np.bool_]]:
+    """Return postures after damped Newton steps from q (A, 7, n), their frames and whether they reach ``poses``."""
+    wanted = np.moveaxis(poses, 0, -1)
+    weight = np.array([1.0, 1.0, 1.0, *[1.0 / LENGTH] * 3])[:, None]
+    diagonal = np.arange(6)
+    frames = stack.frames(q)
+    for _ in range(steps):
+        left = _twist(frames.tip, wanted) * weight
+        J = np.ascontiguousarray(np.moveaxis(stack.twists(frames) * weight, -1, 1))  # (A, n, 7, 6)
+        M = J.mT @ J
+        M[..., diagonal, diagonal] += DAMPING**2
+        step = (J @ np.linalg.solve(M, left.swapaxes(-1, -2)[..., None]))[..., 0].swapaxes(-1, -2)
+        longest = np.abs(step).max(axis=1, keepdims=True)
+        q = np.clip(q + step * (LONGEST / np.maximum(longest, LONGEST)), low, high)
+        frames = stack.frames(q)
+    return q, frames, np.linalg.norm(_twist(frames.tip, wanted) * weight, axis=1) < REACHED
 
 
 def _features(poses: Array) -> tuple[Array, Array]:
