@@ -353,9 +353,7 @@ def _arm_of(
     if method not in ESTIMATORS:
         raise InputError(f"Method {method!r} takes no kinematic errors; use efficient or ml.")
     given = poses.joints if joints is None else joints
-    if given is None:
-        raise InputError("Expected `joints`, (n, L) in rad (prismatic: m), beside `kinematics`.")
-    q = as_numbers(given, "joints")
+    q = joints_by_poses(kinematics, poses) if given is None else as_numbers(given, "joints")
     if q.shape != (poses.n, kinematics.n_joints) or not np.isfinite(q).all():
         raise InputError(
             f"Expected `joints` to be finite numbers {(poses.n, kinematics.n_joints)}, of {poses.n} poses and the "
@@ -368,6 +366,24 @@ def _arm_of(
     if not against.same_arm:
         raise InputError(" ".join(map(str, against.findings)))
     return Arm(against.adapt(kinematics), q, errors, against, poses)
+
+
+def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
+    """Return joint values (n, L) of the poses by inverse kinematics, in the branch that they share.
+
+    Raises `InputError` where the arm does not reach the poses.
+    """
+    from ..kinematics.arms.postures import postures_by_branch
+
+    found = postures_by_branch(kinematics, poses.robot)
+    if not found.reached.all():
+        off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - poses.robot[:, :3, 3], axis=-1)
+        raise InputError(
+            f"The arm {kinematics.name} does not reach {int((~found.reached).sum())} of {poses.n} robot poses: it ends "
+            f"up to {1e3 * off.max():.3g} mm away. Give the chain up to the frame whose poses these are (--base, --tip), "
+            "with the tool that the controller had; or joints (--joints)."
+        )
+    return found.q
 
 
 def take_offset(

@@ -3,7 +3,7 @@ r"""Errors of an arm without those of its base and its flange: the gauge in whic
 A constant motion of the base or of the flange is in W or X, whatever the arm. Which one an arm has is a matter of
 definition; here base and flange are those frames in which the arm, over its whole workspace, moves as nearly as can be as
 its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at `POSTURES` postures spread over the joint
-limits, rotations weighted by `LEVER`, the motion that is in a column F is
+limits, the flange above the floor, rotations weighted by `LEVER`, the motion that is in a column F is
 
     g = argmin sum_i |w (F_i - B_i g)|^2        (12 numbers for each error)
 
@@ -35,10 +35,17 @@ def twists(T: Array) -> Array:
     return found
 
 
+def workspace_postures(chain: Kinematics) -> Array:
+    """(k, L) joint values spread over the limits, with the flange above the floor of the base; at most `POSTURES`."""
+    q = spread_postures(chain.limits, np.array([joint.is_revolute for joint in chain.joints]), 3 * POSTURES)
+    above = chain.poses(q)[:, :3, 3] @ chain.up > 0
+    return np.asarray(q[above][:POSTURES] if above.sum() > POSTURES // 4 else q[:POSTURES])
+
+
 @lru_cache(maxsize=16)
 def gauge_of(chain: Kinematics) -> Array:
     """(12, m) motions of base and flange in the errors of a chain."""
-    q = spread_postures(chain.limits, np.array([joint.is_revolute for joint in chain.joints]), POSTURES)
+    q = workspace_postures(chain)
     F, B = chain.columns(q), twists(chain.poses(q))
     weight = np.repeat([LEVER, 1.0], 3)[:, None]
     found = np.linalg.pinv((weight * B).reshape(-1, 12)) @ (weight * F).reshape(-1, F.shape[-1])
@@ -48,7 +55,7 @@ def gauge_of(chain: Kinematics) -> Array:
 @lru_cache(maxsize=16)
 def counting(chain: Kinematics) -> Array:
     """(m,) whether anything is left of an error."""
-    q = spread_postures(chain.limits, np.array([joint.is_revolute for joint in chain.joints]), POSTURES)
+    q = workspace_postures(chain)
     whole, left = (np.sqrt((of**2).sum(axis=(0, 1))) for of in (chain.columns(q), aligned_columns(chain, q)))
     return np.asarray(left > 1e-6 * np.maximum(whole, VANISHES))
 

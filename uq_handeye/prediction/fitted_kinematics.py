@@ -14,6 +14,7 @@ from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, logarithm, perturb
 from ..kinematics.chain import Kinematics
 from ..kinematics.errors import GROUPS
+from ..kinematics.inverse import postures_at
 from ..kinematics.joint_limits import require_within_limits
 from ..kinematics.kinematic_errors import JOINT_NOISE, poses_with_errors
 from ..likelihood.shared_estimates import JointPosterior
@@ -109,6 +110,24 @@ class FittedKinematics(ReadOnlyArrays):
             raise InputError(f"Expected `robot` poses {nominal.shape} at these joints, got shape {robot.shape}.")
         turn = logarithm(corrected[..., :3, :3] @ nominal[..., :3, :3].mT)
         return perturb(robot, np.concatenate([turn, corrected[..., :3, 3] - nominal[..., :3, 3]], axis=-1))
+
+    def joints_at(self, robot: Array) -> Array:
+        """(..., L) joint values at which the arm is at poses ``robot`` (..., 4, 4), near those of the calibration.
+
+        Raises `InputError` for poses that the arm does not reach from there.
+        """
+        flat = robot.reshape(-1, 4, 4)
+        at = self.chain.poses(self.joints)
+        reach = max(self.chain.reach, 1e-3)
+        apart = np.linalg.norm(flat[:, None, :3, 3] - at[:, :3, 3], axis=-1) / reach
+        apart = apart + np.linalg.norm(flat[:, None, :3, :3] - at[:, :3, :3], axis=(-2, -1))
+        found = postures_at(self.chain, flat, self.joints[apart.argmin(axis=1)])
+        if not found.reached.all():
+            raise InputError(
+                f"The arm {self.chain.name} does not reach {int((~found.reached).sum())} of {len(flat)} robot poses near "
+                "the postures of the calibration: give `joints` (--joints FILE.csv)."
+            )
+        return found.q.reshape(*robot.shape[:-2], -1)
 
     def checked(self, q: Any) -> Array:
         """Joints (..., L), rad (prismatic: m); raises `InputError`."""

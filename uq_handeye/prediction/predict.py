@@ -253,9 +253,8 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
         )
     given = None if robot is None else as_transforms(robot, "robot", stack=False)
     if joints is None and fitted is not None and fitted.how != EXACT:
-        raise InputError(
-            "The errors of this arm are known by its joints: expected `joints` (--joints FILE.csv), got only `robot`."
-        )
+        assert given is not None
+        joints = fitted.joints_at(given)
     place: dict[str, int] = {name: k for k, name in enumerate(posterior.names)}
     if joints is not None:
         assert fitted is not None

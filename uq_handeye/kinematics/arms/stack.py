@@ -85,8 +85,11 @@ class ArmStack:
         return cls(fixed, moves, limits, usual, reach, largest)
 
     def workspace(self, n: int) -> Array:
-        """(A, 7, n) postures that fill the limits of the joints evenly."""
-        return np.stack([spread(limits, n) for limits in self.limits])
+        """(A, 7, n) postures that fill the limits of the joints evenly, the flange above the floor of the base."""
+        q = np.stack([spread(limits, 4 * n) for limits in self.limits])
+        below = self.frames(q).tip[:, 2, 3] <= 0.0
+        order = np.argsort(below, axis=-1, kind="stable")[:, :n]
+        return np.asarray(np.take_along_axis(q, order[:, None], axis=-1))
 
     def at_work(self, n: int) -> Array:
         """(A, 7, n) postures that fill the usual ranges evenly, with joints 1 and 7 at zero and the elbow's roll in
