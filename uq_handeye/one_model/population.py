@@ -17,8 +17,8 @@ kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with t
 for each column at `WORKSPACE` postures spread over the limits of the joints, rotations weighted by `LEVER` of the
 reach, with the same 12 numbers at the poses. **Unit**: the RMS over the same postures.
 
-**Mixture.** The columns of all arms that reach at least half of the poses (all arms, if none does), over the square
-root of their number, have the second moment of the mixture of the arms: ``K K^T = mean over arms K_a K_a^T``. A
+**Mixture.** The columns of all arms that reach at least half of the poses (the `FEWEST` that reach most, if fewer do),
+over the square root of their number, have the second moment of the mixture: ``K K^T = mean over arms K_a K_a^T``. A
 truncated singular value decomposition with translations over `TRANSLATION` leaves at most `RANK` columns: all but some
 0.2 % of the energy for poses of one region, 3 % for 60 poses all over the workspace.
 
@@ -62,6 +62,8 @@ TRANSLATION = 0.5  # m
 RANK = 72
 # Part of the energy that the columns left out may have: of the mixture, and of each arm over its workspace.
 LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
+# Arms that are kept at least, those that reach most poses.
+FEWEST = 3
 # Further vectors of the range from which the columns are taken.
 MORE = 12
 
@@ -124,8 +126,8 @@ def population_columns(robot: Array, *, arms: tuple[str, ...] = ARMS, rank: int 
     poses[..., 3] /= reach
     n = len(robot)
     parts = [known.columns(poses[start : start + BLOCK]) for start in range(0, n, BLOCK)]
-    reached = np.concatenate([part[1] for part in parts], axis=1).mean(axis=1) >= 0.5
-    kept = reached if reached.any() else np.ones_like(reached)
+    reached = np.concatenate([part[1] for part in parts], axis=1).mean(axis=1)
+    kept = (reached >= 0.5) | (reached >= np.sort(reached)[-min(FEWEST, len(reached))])
     G = np.concatenate([part[0][kept] for part in parts], axis=-1)  # (A, c, 6, n)
     scale = np.repeat([1.0 / reach, 1.0 / TRANSLATION], 3)[:, None] / np.sqrt(len(G))
     K = truncated((G * scale).reshape(-1, 6 * n).T, rank).reshape(6, n, -1)
@@ -139,11 +141,12 @@ def truncated(rows: Array, rank: int) -> Array:
     The singular vectors are those within the range of ``rows rows^T rows S`` with a fixed random S (M, rank + `MORE`),
     so that a permutation of the rows permutes the result.
     """
-    if min(rows.shape) <= rank + MORE:
-        Q, small = np.eye(len(rows)), rows
+    if min(rows.shape) > rank + MORE:
+        rows_of_range = rows @ (rows.T @ (rows @ _sketch(rows.shape[1], rank + MORE)))
     else:
-        Q = np.linalg.qr(rows @ (rows.T @ (rows @ _sketch(rows.shape[1], rank + MORE))))[0]
-        small = Q.T @ rows
+        rows_of_range = rows if rows.shape[1] <= len(rows) else np.eye(len(rows))
+    Q = np.linalg.qr(rows_of_range)[0]
+    small = Q.T @ rows
     energy, U = np.linalg.eigh(small @ small.T)
     energy, U = np.maximum(energy[::-1], 0.0), U[:, ::-1]
     left = (rows**2).sum() - np.cumsum(energy[:rank])
