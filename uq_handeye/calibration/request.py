@@ -17,6 +17,8 @@ from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, logarithm, perturb
 from ..kinematics.against_controller import ControllerComparison, compare_with_controller
 from ..kinematics.chain import Kinematics
+from ..kinematics.gravity import spread_postures
+from ..kinematics.inverse import postures_at
 from ..kinematics.kinematic_errors import (
     ESTIMATE,
     JOINT_NOISE,
@@ -66,6 +68,8 @@ DIAGNOSED_PAIRS = 200_000
 # The full bundle adjustment on the corners (`rig_bundle`).
 BUNDLE = "bundle"
 
+# Share of the poses that an arm must reach in one branch of its inverse kinematics, and starts for the others.
+MOST_REACHED, STARTS = 0.6, 60
 # Poses (or motions) from which on wrong ones can be told from good ones.
 FEWEST_FOR_ROBUST = 5
 
@@ -286,8 +290,10 @@ def request(
     if arm is not None:
         arm = arm._replace(at=at)
     robot_known = noise is not None or robot is not None or arm is not None or _known_robot(prior)
-    if not bound or robot_known or motions.poses is None or motions.poses.truth is not None:
-        errors = tuple(error for error in errors if not (error.default and error.name in (ROBOT_ACCURACY, LENS, VIEW)))
+    assumed = {ROBOT_ACCURACY} if robot_known else set()
+    if not bound or motions.poses is None or motions.poses.truth is not None:
+        assumed = {ROBOT_ACCURACY, LENS, VIEW}
+    errors = tuple(error for error in errors if not (error.default and error.name in assumed))
     if motions.poses is not None:
         errors = tuple(error.bound(motions.poses) if error.needs_poses else error for error in errors)
     columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
@@ -376,6 +382,13 @@ def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
     from ..kinematics.arms.postures import postures_by_branch
 
     found = postures_by_branch(kinematics, poses.robot)
+    if found.reached.mean() >= MOST_REACHED:  # another branch for the others: their errors are much the same
+        for start in spread_postures(kinematics.limits, np.array([j.is_revolute for j in kinematics.joints]), STARTS):
+            left = ~found.reached
+            if not left.any():
+                break
+            again = postures_at(kinematics, poses.robot[left], np.tile(start, (int(left.sum()), 1)))
+            found.q[left], found.reached[left] = again.q, again.reached
     if not found.reached.all():
         off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - poses.robot[:, :3, 3], axis=-1)
         raise InputError(

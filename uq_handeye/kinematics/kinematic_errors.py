@@ -26,7 +26,7 @@ from ..formatting.units import parse_angle, parse_length
 from ..geometry.se3 import Array
 from .chain import Kinematics
 from .errors import LENGTHS, OFFSETS, SAG, TILTS, TRANSMISSION
-from .workspace_gauge import aligned_columns, aligned_poses, counting
+from .workspace_gauge import aligned_columns, aligned_poses, counting, frame_columns
 
 ESTIMATE, DECLARED, EXACT = "estimate", "declared", "exact"
 HOW = (ESTIMATE, DECLARED, EXACT)
@@ -163,14 +163,24 @@ class KinematicErrors:
             F = kinematics.columns(q, e)
         kept = [k for k, error in enumerate(kinematics.errors) if sd[error.group] > 0 and counts[k]]
         of = [kinematics.errors[k] for k in kept]
+        columns, names, groups = [F[..., kept]], [error.name for error in of], [error.group for error in of]
+        for group in dict.fromkeys(groups) if self.flange == WORKSPACE else ():
+            columns.append(frame_columns(kinematics, q, group))
+            names += [frame_name(group, k) for k in range(12)]
+            groups += [group] * 12
         return KinematicColumns(
-            -F[..., kept],
+            -np.concatenate(columns, axis=-1),
             kinematics.jacobian(q, e),
-            tuple(error.name for error in of),
-            tuple(error.group for error in of),
+            tuple(names),
+            tuple(groups),
             np.array(kept, dtype=np.intp),
             self,
         )
+
+
+def frame_name(group: str, k: int) -> str:
+    """Return the name of a motion of base and flange that the errors of a group leave open (`frames_of`)."""
+    return f"{group}: frame {k + 1}"
 
 
 def poses_with_errors(chain: Kinematics, q: Array, e: Array, flange: str) -> Array:
@@ -190,9 +200,9 @@ class KinematicColumns(NamedTuple):
 
     F: Array  # (n, 6, m) of the errors that are shared
     J: Array  # (n, 6, L) of noise of the joints
-    names: tuple[str, ...]  # (m)
+    names: tuple[str, ...]  # (m), of the frames at the end
     groups: tuple[str, ...]  # (m)
-    kept: NDArray[np.intp]  # (m) their numbers among all errors of the arm
+    kept: NDArray[np.intp]  # their numbers among all errors of the arm
     given: KinematicErrors
 
     def rows(self, index: NDArray[Any]) -> KinematicColumns:

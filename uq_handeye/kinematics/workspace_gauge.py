@@ -7,7 +7,8 @@ limits, the flange above the floor, rotations weighted by `LEVER`, the motion th
 
     g = argmin sum_i |w (F_i - B_i g)|^2        (12 numbers for each error)
 
-and the errors that count are ``F - B g`` at any posture, the poses ``FK(q; e)`` less ``B g e``.
+A workspace is no sharp set: another sample of as many postures would give other frames, and X is uncertain by that, too
+(`frames_of`). The errors that count are ``F - B g`` at any posture, the poses ``FK(q; e)`` less ``B g e``.
 """
 
 from __future__ import annotations
@@ -58,6 +59,29 @@ def counting(chain: Kinematics) -> Array:
     q = workspace_postures(chain)
     whole, left = (np.sqrt((of**2).sum(axis=(0, 1))) for of in (chain.columns(q), aligned_columns(chain, q)))
     return np.asarray(left > 1e-6 * np.maximum(whole, VANISHES))
+
+
+@lru_cache(maxsize=64)
+def frames_of(chain: Kinematics, group: str) -> Array:
+    """(12, 12) motions of base and flange that another sample of the workspace would give, by errors of a group.
+
+    The frames are a least squares fit to `POSTURES` postures: each contributes ``(sum B^T w^2 B)^-1 B_i^T w^2 f_i`` to
+    them, f_i what is left of the errors there, of standard deviation 1 each. The columns are a root of the sum of the
+    squares of these contributions, the variance of the fit over samples.
+    """
+    q = workspace_postures(chain)
+    of = np.array([error.group == group for error in chain.errors])
+    left, B = aligned_columns(chain, q)[..., of], twists(chain.poses(q))
+    weight = np.repeat([LEVER, 1.0], 3)[:, None]
+    gain = np.linalg.pinv((weight * B).reshape(-1, 12)).reshape(12, len(q), 6)
+    moves = np.einsum("gik,ike->gie", gain, weight * left).reshape(12, -1)
+    values, vectors = np.linalg.eigh(moves @ moves.T)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def frame_columns(chain: Kinematics, q: Array, group: str) -> Array:
+    """(..., 6, 12) effects of `frames_of` on poses at joints q (..., L)."""
+    return np.asarray(twists(chain.poses(q)) @ frames_of(chain, group))
 
 
 def aligned_columns(chain: Kinematics, q: Array, e: Array | None = None) -> Array:

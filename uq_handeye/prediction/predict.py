@@ -28,7 +28,9 @@ from ..diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ..errors import InputError
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.se3 import Array, inverse, perturb
-from ..kinematics.kinematic_errors import EXACT, effects_of_errors
+from ..kinematics.errors import GROUPS
+from ..kinematics.kinematic_errors import EXACT, effects_of_errors, frame_name
+from ..kinematics.workspace_gauge import frame_columns
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..likelihood.open_directions import OpenDirections
 from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
@@ -267,6 +269,10 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
         if of_arm:
             here, there = np.array(of_arm).T
             columns[..., there] = -effects_of_errors(fitted.chain, q, fitted.e, fitted.flange)[..., here]
+        for group in GROUPS:
+            if frame_name(group, 0) in place:
+                there = np.array([place[frame_name(group, k)] for k in range(12)])
+                columns[..., there] = -frame_columns(fitted.chain, q, group)
     else:
         assert given is not None
         G = given

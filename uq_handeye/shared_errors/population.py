@@ -15,10 +15,11 @@ kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with t
 
 **Gauge.** What a constant base and a constant flange do over the workspace is taken out: 12 numbers by least squares
 for each column at `WORKSPACE` postures spread over the limits of the joints, rotations weighted by `LEVER` of the
-reach, with the same 12 numbers at the poses. **Unit**: the RMS over the same postures.
+reach, with the same 12 numbers at the poses. Another sample of as many postures gives other frames: 12 further columns, base
+and flange by what one posture contributes to those numbers, hold that. **Unit**: the RMS over the same postures.
 
-**Mixture.** The columns of all arms that reach at least half of the poses (all arms, if none does), over the square
-root of their number, have the second moment of the mixture of the arms: ``K K^T = mean over arms K_a K_a^T``. A
+**Mixture.** The columns of all arms that reach at least half of the poses (the `FEWEST` that reach most, if fewer do),
+over the square root of their number, have the second moment of the mixture: ``K K^T = mean over arms K_a K_a^T``. A
 truncated singular value decomposition with translations over `TRANSLATION` leaves at most `RANK` columns: all but some
 0.2 % of the energy for poses of one region, 3 % for 60 poses all over the workspace.
 
@@ -63,6 +64,8 @@ TRANSLATION = 0.5  # m
 RANK = 36
 # Part of the energy that the columns left out may have: of the mixture, and of each arm over its workspace.
 LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
+# Arms that are kept at least, those that reach most poses.
+FEWEST = 3
 # Further vectors of the range from which the columns are taken.
 MORE = 12
 
@@ -95,7 +98,14 @@ class ArmPopulation:
         lost = np.cumsum(energy, axis=1) / energy.sum(axis=1, keepdims=True)
         kept = ERRORS - int((lost < WITHIN_ARM).sum(axis=1).min())
         V = V[:, :, ERRORS - kept :].mT / rms
-        return cls(names, stack, WorkPostures.of(stack), np.concatenate([V * unit[:, 0], -V @ gauge], axis=2))
+        mixing = np.concatenate([V * unit[:, 0], -V @ gauge], axis=2)
+        # what the frames of base and flange would be by another sample of the workspace
+        of_posture = ((V @ free) * weight).reshape(len(names), -1, 6, WORKSPACE)
+        by_frame = (np.linalg.pinv(B * weight)).reshape(len(names), 6, WORKSPACE, 12)
+        moves = np.einsum("aekn,aknj->aenj", of_posture, by_frame).reshape(len(names), -1, 12)
+        frames_of = np.linalg.cholesky(moves.mT @ moves + 1e-30 * np.eye(12)).mT
+        frames_of = np.concatenate([np.zeros((len(names), 12, ERRORS)), frames_of], axis=2)
+        return cls(names, stack, WorkPostures.of(stack), np.concatenate([mixing, frames_of], axis=1))
 
     def columns(self, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return columns (A, c, 6, n) at ``poses`` (n, 3, 4), and whether the arms reach them (A, n); lengths over the
@@ -134,8 +144,8 @@ class BoundPopulation(ReadOnlyArrays):
         if reach is None:
             reach = SCALE * max(float(np.linalg.norm(robot[:, :3, 3], axis=-1).max()), 1e-6)
         G, reached = _of_each_arm(arms, reach, robot)
-        fewer = reached.mean(axis=1) >= 0.5
-        kept = fewer if fewer.any() else np.ones_like(fewer)
+        share = reached.mean(axis=1)
+        kept = (share >= 0.5) | (share >= np.sort(share)[-min(FEWEST, len(share))])
         rows = _rows(G[kept])
         U, energy = truncated(rows, rank)
         return cls(arms, reach, kept, rows.T @ U / np.sqrt(np.maximum(energy, 1e-300)))
@@ -187,16 +197,18 @@ def population_columns(robot: Array, *, arms: tuple[str, ...] = ARMS, rank: int 
 
 
 def truncated(rows: Array, rank: int) -> tuple[Array, Array]:
-    """Return U (N, m) and energies (m,), m <= rank, with ``U diag(energy) U^T`` the second moment of ``rows`` (N, M) but for `LEFT_OUT` of its trace.
+    """Return U (N, m) and energies (m,), m <= rank: ``U diag(energy) U^T`` is the second moment of ``rows`` (N, M).
 
+    But for `LEFT_OUT` of its trace.
     The singular vectors are those within the range of ``rows rows^T rows S`` with a fixed random S (M, rank + `MORE`),
     so that a permutation of the rows permutes the result.
     """
-    if min(rows.shape) <= rank + MORE:
-        Q, small = np.eye(len(rows)), rows
+    if min(rows.shape) > rank + MORE:
+        rows_of_range = rows @ (rows.T @ (rows @ _sketch(rows.shape[1], rank + MORE)))
     else:
-        Q = np.linalg.qr(rows @ (rows.T @ (rows @ _sketch(rows.shape[1], rank + MORE))))[0]
-        small = Q.T @ rows
+        rows_of_range = rows if rows.shape[1] <= len(rows) else np.eye(len(rows))
+    Q = np.linalg.qr(rows_of_range)[0]
+    small = Q.T @ rows
     energy, U = np.linalg.eigh(small @ small.T)
     energy, U = np.maximum(energy[::-1], 0.0), U[:, ::-1]
     left = (rows**2).sum() - np.cumsum(energy[:rank])
