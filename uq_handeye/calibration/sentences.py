@@ -43,15 +43,16 @@ def _(name: str, count: int, times: float, p_value: float) -> str:
 
 
 @sentence("calibration.target_size")
-def _(estimate: float, sd: float, square: float | None) -> str:
+def _(estimate: float, sd: float, square: float | None, probability: float = 1.0) -> str:
+    sure = f" (probability {digits(100 * min(probability, 0.9999), 4)} %)"
     # Used / true - 1 = e, so that the true size is that used, over 1 + e.
     true, deviation = 1 / (1 + estimate), sd / (1 + estimate) ** 2
     if square is not None:
         found = concise(1e3 * square * true, 1e3 * square * deviation, "mm")
-        return f"The squares measure {found}, not {digits(1e3 * square, 4)}. Measure them, and give their size."
+        return f"The squares measure {found}, not {digits(1e3 * square, 4)}{sure}. Measure them, and give their size."
     way = "smaller" if true < 1 else "larger"
     found = concise(100 * abs(true - 1), 100 * deviation, "%")
-    return f"The target is {found} {way} than assumed. Measure it, and give its size."
+    return f"The target is {found} {way} than assumed{sure}. Measure it, and give its size."
 
 
 def _directions(directions: Sequence[Mapping[str, Any]]) -> str:

@@ -96,7 +96,7 @@ def evidence_of_poses(
     by_unit = by_state @ state.A
     robot_noise, more_G = _noise_of(poses, noise, "robot", ahead.noise)
     camera_noise, more_C = _noise_of(poses, noise, "camera", of_camera)
-    own = D_G @ robot_noise @ D_G.mT + D_C @ camera_noise @ D_C.mT
+    own = D_G @ (robot_noise + ahead.unseen) @ D_G.mT + D_C @ camera_noise @ D_C.mT
     by_unit = np.concatenate([by_unit, D_G @ more_G, D_C @ more_C], axis=-1)
     return PoseEvidence(linear.r, by_unit, own, state, by_state, linear, ahead.poses, camera)
 

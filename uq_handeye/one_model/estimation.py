@@ -169,7 +169,7 @@ class JointModel:
             size = Size(1.0, error.factor)
             columns, known = error.at(self.poses) * error.sd, error.sd > 0
             parts = tuple(part for part, is_known in zip(error.parts, known, strict=True) if is_known)
-            rest = None if error.rest is None else float(error.sd[0]) * _root(error.rest(self.poses))
+            rest = None if error.rest is None else float(error.sd[0]) * _root(error.rest(self.poses, True))
             found.append(Component(error.name, error.side, size, columns[..., known], rest, parts))
         return found
 

@@ -90,8 +90,7 @@ def words_after(result: Calibration, verdict: Verdict | None, ahead: NextPose | 
         why = result.reasons[0] if result.reasons else "the covariance of X is not determined"
         return [f"{n} poses: X is not usable yet: {why}."]
     accuracy = result.accuracy
-    at_least = "at least " if accuracy.lower_limit else ""
-    first = f"{n} poses: {at_least}{amounts(accuracy.translation, accuracy.rotation)}"
+    first = f"{n} poses: {amounts(accuracy.translation, accuracy.rotation)}"
     if verdict is not None and verdict.passed:
         return [f"{first}.", str(verdict)]
     if verdict is not None and verdict.probability is not None:

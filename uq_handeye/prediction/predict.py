@@ -101,6 +101,7 @@ class RobotAhead:
     poses: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
     columns: Array  # (..., 6, q) error of the pose by (e - estimate) of each shared error
     noise: Array  # (..., 6, 6) of joints and pose, drawn anew
+    unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +112,7 @@ class CameraAhead:
     columns: Array  # (..., 6, 12 + q) error of the pose by those of the posterior
     noise: Array  # (..., 6, 6) of joints, robot pose and camera pose, drawn anew
     robot: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
+    unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
 
 
 def predict_camera(
@@ -125,7 +127,7 @@ def predict_camera(
             "does not hold: calibrate again with the camera folder; or predict without the noise of one measurement."
         )
     ahead = camera_ahead(result, joints, robot)
-    S = ahead.columns @ posterior.covariance @ ahead.columns.mT
+    S = ahead.columns @ posterior.covariance @ ahead.columns.mT + ahead.unseen
     if new_measurement:
         S = S + ahead.noise
     return CameraPrediction(ahead.poses, _symmetric(S), new_measurement)
@@ -149,10 +151,12 @@ def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> C
         [-np.linalg.solve(D_C, linear.J), by_robot @ ahead.columns.reshape(F_C.shape) - F_C], axis=-1
     )
     noise = by_robot @ ahead.noise.reshape(-1, 6, 6) @ by_robot.mT + own_noise(result, "camera")
+    unseen = (by_robot @ ahead.unseen.reshape(-1, 6, 6) @ by_robot.mT).reshape(*shape, 6, 6)
     seen = perturb(flat, (F_C @ posterior.estimate[:, None])[..., 0])
     return CameraAhead(
-        seen.reshape(*shape, 4, 4), by_all.reshape(*shape, *by_all.shape[1:]), noise.reshape(*shape, 6, 6), ahead.poses
-    )
+        seen.reshape(*shape, 4, 4), by_all.reshape(*shape, *by_all.shape[1:]), noise.reshape(*shape, 6, 6), ahead.poses,
+        unseen,
+    )  # fmt: skip
 
 
 def predict_points(
@@ -219,7 +223,7 @@ def seen_at(result: Predicting, p: Array, ahead: RobotAhead | None, noise: Array
         by_G = by_pose(lever)
         by_errors = by_G @ ahead.columns
         by_X = R @ by_X
-        new = by_G @ ahead.noise @ by_G.mT
+        new = by_G @ (ahead.noise + ahead.unseen) @ by_G.mT
         R_p = R @ X[:3, :3]
     else:
         b, by_errors, new, R_p = in_X, np.zeros((3, q)), np.zeros((3, 3)), X[:3, :3]
@@ -240,7 +244,7 @@ def tip_at(ahead: RobotAhead, tool: Any) -> InBase:
     by_errors = by_G @ ahead.columns
     by_all = np.zeros((*by_errors.shape[:-1], 12 + by_errors.shape[-1]))
     by_all[..., 12:] = by_errors
-    return InBase(lever + ahead.poses[..., :3, 3], by_all, by_G @ ahead.noise @ by_G.mT)
+    return InBase(lever + ahead.poses[..., :3, 3], by_all, by_G @ (ahead.noise + ahead.unseen) @ by_G.mT)
 
 
 def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
@@ -281,9 +285,8 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
     flat = G.reshape(-1, 4, 4)
     more = shared_effects(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
     G = perturb(flat, -(more @ posterior.estimate[:, None])[..., 0]).reshape(G.shape)
-    if joints is None:
-        noise = noise + rest_of_robot(result, flat).reshape(*G.shape[:-2], 6, 6)
-    return RobotAhead(G, columns + more.reshape(columns.shape), noise)
+    unseen = rest_of_robot(result, flat).reshape(*G.shape[:-2], 6, 6)
+    return RobotAhead(G, columns + more.reshape(columns.shape), noise, unseen)
 
 
 def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
@@ -333,7 +336,7 @@ def rest_of_robot(result: Predicting, robot: Array) -> Array:
     sd = next((error.prior_sd for error in result.shared if error.error == ROBOT_ACCURACY), 0.0)
     for error in errors_of_poses(result):
         if error.rest is not None:
-            return sd**2 * error.rest(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)))
+            return sd**2 * error.rest(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)), False)
     return np.zeros((len(robot), 6, 6))
 
 

@@ -66,6 +66,9 @@ RANK = 36
 LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
 # Arms that are kept at least, those that reach most poses.
 FEWEST = 3
+# Between arms: frames of base and flange are so many times as uncertain as by the sample of the workspace, and of its errors
+# at poses that are not those of the data this share is unknown again. Found by leaving the family of each arm out.
+UNLIKE, UNSEEN = 5.0, 0.5
 # Further vectors of the range from which the columns are taken.
 MORE = 12
 
@@ -103,7 +106,7 @@ class ArmPopulation:
         of_posture = ((V @ free) * weight).reshape(len(names), -1, 6, WORKSPACE)
         by_frame = (np.linalg.pinv(B * weight)).reshape(len(names), 6, WORKSPACE, 12)
         moves = np.einsum("aekn,aknj->aenj", of_posture, by_frame).reshape(len(names), -1, 12)
-        frames_of = np.linalg.cholesky(moves.mT @ moves + 1e-30 * np.eye(12)).mT
+        frames_of = UNLIKE * np.linalg.cholesky(moves.mT @ moves + 1e-30 * np.eye(12)).mT
         frames_of = np.concatenate([np.zeros((len(names), 12, ERRORS)), frames_of], axis=2)
         return cls(names, stack, WorkPostures.of(stack), np.concatenate([mixing, frames_of], axis=1))
 
@@ -134,13 +137,13 @@ class BoundPopulation(ReadOnlyArrays):
 
     @classmethod
     def of(
-        cls, robot: Array, reach: float | None = None, arms: tuple[str, ...] = ARMS, rank: int = RANK
+        cls, robot: Array, reach: float | None = None, arms: tuple[str, ...] | None = None, rank: int = RANK
     ) -> BoundPopulation:
         """Bind the population to poses ``robot`` (n, 4, 4) base_T_tip; see the module.
 
         ``reach`` (m) of the arm; None: `SCALE` times the farthest pose. ``rank``: the largest m.
         """
-        robot = np.asarray(robot, dtype=float)
+        robot, arms = np.asarray(robot, dtype=float), ARMS if arms is None else tuple(arms)
         if reach is None:
             reach = SCALE * max(float(np.linalg.norm(robot[:, :3, 3], axis=-1).max()), 1e-6)
         G, reached = _of_each_arm(arms, reach, robot)
@@ -154,13 +157,16 @@ class BoundPopulation(ReadOnlyArrays):
         """K (n, 6, m) at poses ``robot`` (n, 4, 4)."""
         return self._unscaled(self._rows_at(robot) @ self.basis)
 
-    def ahead(self, robot: Array) -> tuple[Array, Array]:
-        """K (n, 6, m) at other poses, and the covariance (n, 6, 6) of what z leaves of each of them."""
+    def rest(self, robot: Array, seen: bool = True) -> Array:
+        """(n, 6, 6) covariance that z leaves of the errors of poses (n, 4, 4).
+
+        ``seen``: poses of the data. At others a share of their variance is unknown again.
+        """
         rows = self._rows_at(robot)
         K, whole = self._unscaled(rows @ self.basis), self._unscaled(rows)
-        rest = whole @ whole.mT - K @ K.mT
-        values, vectors = np.linalg.eigh(0.5 * (rest + rest.mT))
-        return K, np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT)
+        found = (1.0 if seen else 1.0 + UNSEEN**2) * whole @ whole.mT - K @ K.mT
+        values, vectors = np.linalg.eigh(0.5 * (found + found.mT))
+        return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT)
 
     def _rows_at(self, robot: Array) -> Array:
         return _rows(_of_each_arm(self.arms, self.reach, np.asarray(robot, dtype=float))[0][self.kept])
@@ -188,7 +194,7 @@ def _rows(G: Array) -> Array:
     return np.asarray((G * scale).reshape(-1, 6 * G.shape[-1]).T)
 
 
-def population_columns(robot: Array, *, arms: tuple[str, ...] = ARMS, rank: int = RANK) -> Array:
+def population_columns(robot: Array, *, arms: tuple[str, ...] | None = None, rank: int = RANK) -> Array:
     """Return K (n, 6, m) of the poses ``robot`` (n, 4, 4) base_T_tip; see the module.
 
     ``arms``: the geometries, by their names in the table of known arms. ``rank``: the largest m.

@@ -89,7 +89,7 @@ class SharedError(ReadOnlyArrays):
     focal_length_px: float | None = None  # of a principal point in pixels
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
-    rest: Callable[[PosePairs], Array] | None = None  # (n, 6, 6) per unit^2 that its numbers leave of other poses
+    rest: Callable[[PosePairs, bool], Array] | None = None  # (n, 6, 6) per unit^2 that its numbers leave; of poses seen
     accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
     declared: tuple[float, float, float | None] | None = (
         None  # accuracy of a robot (m, rad) and its reach (m), as given
@@ -388,7 +388,7 @@ def _population_error(move: float, turn: float, reach: float | None) -> SharedEr
 
         return replace(
             unbound, parts=parts, sd=np.full(len(parts), size), effect=effect, accuracy=accuracy,
-            rest=lambda at: population.ahead(at.robot)[1],
+            rest=lambda at, seen: population.rest(at.robot, seen),
         )  # fmt: skip
 
     exact = not (move > 0 or turn > 0)

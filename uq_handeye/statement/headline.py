@@ -19,11 +19,10 @@ def headline_of(result: Stated) -> str:
     accuracy = accuracy_of(result)
     if accuracy is None:
         return f"The accuracy of {result.frame} is not known: no noise was given, and none could be estimated."
-    lowest = "at least " if accuracy.lower_limit else ""
     if result.opened is not None and result.opened.of_X.size:
-        known = f"{lowest}{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction that is known)"
+        known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction that is known)"
         return f"{result.frame} is known to {known}. Not determined: {'; '.join(result.open_words)}."
-    known = f"{lowest}{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction)"
+    known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction)"
     return f"{result.frame} is known to {known}; {_ahead(accuracy)}."
 
 

@@ -179,8 +179,9 @@ def probability_within(S: Array, reference: Reference, tolerance: Tolerance, R: 
     if reference.dof is not None:
         from scipy.special import chdtri
 
-        nu = reference.dof if reference.kind == "F" else reference.dof - 5
-        xi = xi * np.sqrt(reference.dof / np.maximum(chdtri(nu, u), 1e-300))[:, None]
+        nu = reference.dof - 5 if reference.kind == "Hotelling" else reference.dof
+        scale = reference.dof - 2 if reference.kind == "t" else reference.dof
+        xi = xi * np.sqrt(scale / np.maximum(chdtri(nu, u), 1e-300))[:, None]
     theta, move = xi[:, :3], xi[:, 3:]
     if tolerance.at is not None:
         move = move + np.cross(theta, R[:, 2] * tolerance.at)
