@@ -24,6 +24,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...files.atomic import write_atomically
+from ...files.lock import held
 from ...files.open import StrPath, as_path, opened, shown
 from ...findings import Finding
 from ...geometry.se3 import Array
@@ -272,19 +273,20 @@ def append(path: StrPath, check: LoggedCheck) -> CheckSeries:
         A log of another calibration; poses that are in the log already; whatever prevents reading or writing.
     """
     target = as_path(path)
-    before = _read(path) if target.exists() else ""
-    series = _series(before, path, None) if before.strip() else CheckSeries(())
-    if series.result not in (None, check.result):
-        raise InputError(_another(path, series.result, check.result))
-    same = next((k for k, of in enumerate(series.checks) if _same(of.poses, check.poses)), None)
-    if same is not None:
-        raise InputError(
-            f"{shown(target)}: these poses were logged as check {same + 1} ({series.checks[same].time}), and are not "
-            "logged twice. Check new poses, or leave out --log."
-        )
-    text = before if before.strip() else _csv(COLUMNS)
-    line = check.line()
-    write_atomically(target, f"{text}{'' if text.endswith(chr(10)) else chr(10)}{line}")
+    with held(target):  # from reading to writing: no line of another process is lost
+        before = _read(path) if target.exists() else ""
+        series = _series(before, path, None) if before.strip() else CheckSeries(())
+        if series.result not in (None, check.result):
+            raise InputError(_another(path, series.result, check.result))
+        same = next((k for k, of in enumerate(series.checks) if _same(of.poses, check.poses)), None)
+        if same is not None:
+            raise InputError(
+                f"{shown(target)}: these poses were logged as check {same + 1} ({series.checks[same].time}), and are "
+                "not logged twice. Check new poses, or leave out --log."
+            )
+        text = before if before.strip() else _csv(COLUMNS)
+        line = check.line()
+        write_atomically(target, f"{text}{'' if text.endswith(chr(10)) else chr(10)}{line}")
     (written,) = csv.DictReader(io.StringIO(line), COLUMNS)
     return CheckSeries((*series.checks, LoggedCheck.from_cells(written)), series.damaged)
 
