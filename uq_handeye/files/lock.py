@@ -1,7 +1,7 @@
 """Locks of files that are read and written back, so that nothing of another process is lost in between.
 
-The lock of NAME is that of the operating system on ``.uq-handeye-NAME.lock`` beside it, which is removed at the end. The
-system lets go of it when the process ends, however it ends: what a killed process left behind is in nobody's way. A
+The lock of NAME is that of the system on ``.uq-handeye-NAME.lock`` beside it, which is removed at the end. The system
+lets go of it when the process ends, however it ends: what a killed process left behind is in nobody's way. A
 file system without locks is written to as before.
 """
 
@@ -13,7 +13,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 from ..errors import InputError
 from .atomic import require_writable_file

@@ -79,7 +79,7 @@ def update_command(
 
 
 def _held_if_replaced(result: Path, output: Path | None) -> AbstractContextManager[None]:
-    """Return the lock of a result that its update replaces: of two updates at once, the second starts from the first."""
+    """Return the lock of a result that its update replaces: of two at once, the second starts from the first."""
     replaced = None if output is None else output / "result.json"
     same = replaced is not None and replaced.is_file() and result.is_file() and replaced.samefile(result)
     return held(result) if same else nullcontext()

@@ -14,7 +14,6 @@ from __future__ import annotations
 import csv
 import datetime
 import hashlib
-import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...files.atomic import write_atomically
+from ...files.csv_text import csv_text, plain_text
 from ...files.lock import held
 from ...files.open import StrPath, as_path, opened, shown
 from ...findings import Finding
@@ -287,8 +287,8 @@ def append(path: StrPath, check: LoggedCheck) -> CheckSeries:
         text = before if before.strip() else _csv(COLUMNS)
         line = check.line()
         write_atomically(target, f"{text}{'' if text.endswith(chr(10)) else chr(10)}{line}")
-    (written,) = csv.DictReader(io.StringIO(line), COLUMNS)
-    return CheckSeries((*series.checks, LoggedCheck.from_cells(written)), series.damaged)
+    written = LoggedCheck.from_cells(dict(zip(COLUMNS, _cells(line), strict=True)))
+    return CheckSeries((*series.checks, written), series.damaged)
 
 
 def _read(path: StrPath) -> str:
@@ -305,7 +305,7 @@ def _series(text: str, path: StrPath, result: Identified | None) -> CheckSeries:
     for number, line in enumerate(lines[1:], start=2):
         if not line.strip():
             continue
-        cells = next(csv.reader([line]), [])
+        cells = _cells(line)
         try:
             if len(cells) != len(COLUMNS):
                 raise ValueError(f"{len(cells)} cells, expected {len(COLUMNS)}")
@@ -356,9 +356,11 @@ def _same(a: PosePairs, b: PosePairs) -> bool:
 
 
 def _csv(cells: Any) -> str:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerow([" ".join(str(cell).split()) for cell in cells])
-    return buffer.getvalue()
+    return csv_text([[" ".join(str(cell).split()) for cell in cells]])
+
+
+def _cells(line: str) -> list[str]:
+    return [plain_text(cell) for cell in next(csv.reader([line]), [])]
 
 
 def _text(value: float) -> str:
