@@ -85,6 +85,13 @@ def test_damaged_parts_are_refused(estimated):
         ("analysis", data["analysis"] | {"covariances": {"model": [[1.0]]}}),
         ("analysis", data["analysis"] | {"budget": {"sources": ["a"]}}),
     ]
+    changes += [("usable", value) for value in (False, [], "yes", 1, None)]
+    changes += [
+        ("convention", "x"),
+        ("convention", None),
+        ("units", "mm"),
+        ("units", data["units"] | {"rotation": "deg"}),
+    ]
     for key, value in changes:
         with pytest.raises(uq.InputError):
             uq.Calibration.from_dict(data | {key: value})

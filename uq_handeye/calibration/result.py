@@ -49,7 +49,7 @@ from .analysis import Analysis, StoredAnalysis
 from .estimated_poses import EstimatedPoses
 from .provenance import Provenance
 from .report.plotted import Plotted
-from .result_file import FORMAT, FourDPA, finite, from_dict, parsed, plain
+from .result_file import FORMAT, UNITS, FourDPA, finite, from_dict, parsed, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -435,7 +435,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
         return {
             "format": FORMAT,
             "convention": conventions.CONVENTION,
-            "units": {"rotation": "rad", "translation": "m"},
+            "units": UNITS,
             "method": self.method,
             "scale": self.scale,
             "kind": self.kind,

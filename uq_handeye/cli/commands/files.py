@@ -8,10 +8,10 @@ import typer
 from ...errors import InputError
 from ...runtime.progress import working
 from ..groups import OUTPUT
-from ..messages import progress_wanted, timed
+from ..messages import fail, progress_wanted, timed
 from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, option, require_writable
 from ..options.report import ReportOptions, report_options_of
-from ..outcome import Wanted, emit_answer, emit_result, wanted_of
+from ..outcome import NOT_USABLE, Wanted, emit_answer, emit_result, wanted_of
 from .calibrate import REPORTS, NoCompare
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
@@ -49,7 +49,7 @@ def export_command(
             "(standard deviation below half of the prior) and writes their covariance as JSON.",
         ),
     ] = None,
-) -> None:
+) -> int:
     """Export X for ROS, URDF, OpenCV, NumPy, or as a robot writes it.
 
     Examples:
@@ -68,9 +68,14 @@ def export_command(
             raise InputError("--format applies to X, not to the URDF of --corrects. Remove it.")
         found = Calibration.from_json(result).export_urdf(file, corrects)
         emit(f"Wrote {file} and {file.with_suffix('.corrections.json')}. {found.summary}\n")
-        return
+        return 0
     name = None if format is None else one_of(format, "--format", EXPORT_NAMES)
-    emit(f"Wrote {Calibration.from_json(result).export(file, name)}\n")
+    stored = Calibration.from_json(result)
+    if not stored.usable:
+        fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
+        return NOT_USABLE
+    emit(f"Wrote {stored.export(file, name)}\n")
+    return 0
 
 
 @made_of(wishes=report_options_of, wanted=wanted_of)
