@@ -10,13 +10,35 @@ from ..formatting.numbers import digits, probability
 
 
 @sentence("maintenance.misread")
-def _(kind: str, file: str | None, unit: str | None = None, given: str | None = None, order: str | None = None) -> str:
+def _(
+    kind: str,
+    file: str | None,
+    unit: str | None = None,
+    given: str | None = None,
+    order: str | None = None,
+    factor: float = 1.0,
+    shift: int = 0,
+) -> str:
     of = "both files" if file is None else f"the {file} file"
     ending = "" if file is None else f"{file}-"
     if kind == "unit":
         return (
             f"The poses agree with the calibration if {of} {'are' if file is None else 'is'} in {unit}, not {given}: "
             f"give the unit (--{ending}units {unit})."
+        )
+    if kind == "scale":
+        return (
+            f"The poses agree with the calibration if the camera translations are multiplied by {digits(factor, 4)}: "
+            "the size of the target, or the focal length, is not that of the calibration."
+        )
+    if kind == "swapped":
+        return "The poses agree with the calibration if the two files are exchanged: give that of the robot first."
+    if kind == "rows":
+        early, late = ("camera", "robot") if shift > 0 else ("robot", "camera")
+        rows = "1 row" if abs(shift) == 1 else f"{abs(shift)} rows"
+        return (
+            f"The poses agree with the calibration if the {early} file begins {rows} before the {late} file. Leave out "
+            f"the first {rows} of the {early} file and the last of the {late} file."
         )
     if kind == "quaternion":
         return (
