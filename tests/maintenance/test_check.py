@@ -178,10 +178,10 @@ def test_files_that_are_misread(results, setup):
         (robot_mm, in_mm, "--units mm"),
         (np.linalg.inv(poses.robot), poses.camera, "--robot-frame gripper_T_base"),
         (poses.robot, np.linalg.inv(poses.camera), "--camera-frame target_T_camera"),
-        (poses.robot, scaled(poses.camera, 2.0), "translations are multiplied by 0.5"),
+        (poses.robot, scaled(poses.camera, 2.0), "camera translations are multiplied by 0."),
         (poses.camera, poses.robot, "the two files are exchanged"),
-        (poses.robot[1:], poses.camera[:-1], "the robot file begins 1 row before the camera file"),
-        (poses.robot[:-2], poses.camera[2:], "the first 2 rows of the camera file and the last of the robot file"),
+        (poses.robot[1:], poses.camera[:-1], "Leave out the first row of the camera file and the last of the robot"),
+        (poses.robot[:-2], poses.camera[2:], "the robot file begins 2 rows before the camera file"),
         (poses.robot, np.roll(poses.camera, 3, axis=0), "Pair the files again"),
     ):
         found = uq.check(results[setup], uq.PosePairs(robot, camera, setup))
@@ -190,7 +190,7 @@ def test_files_that_are_misread(results, setup):
         assert "Smallest change" not in str(found)
         verified = verify_poses(results[setup], uq.PosePairs(robot, camera, setup))
         assert verified.contradicted and option in flat(verified.summary()) and verified.to_dict()["findings"]
-        with pytest.raises(uq.InputError, match="contradict the result as they were read|both in metres"):
+        with pytest.raises(uq.InputError, match=r"as they were read|both in metres"):
             uq.update(results[setup], uq.PosePairs(robot, camera, setup))
 
 

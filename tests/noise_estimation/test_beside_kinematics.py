@@ -97,7 +97,7 @@ def test_a_known_camera_leaves_the_noise_of_the_robot(rng, camera):
         assert 0.01 < result.noise_estimate["pixel noise"].value < 2
         assert "robot translation" in [part.name for part in result.noise_estimate.components]
     assert np.isfinite(result.covariance).all()
-    assert result.predict_camera(found.near).covariance.shape == (len(found.near), 6, 6)
+    assert result.predict_camera(joints=found.near).covariance.shape == (len(found.near), 6, 6)
 
 
 def test_large_errors_are_derived_at_their_estimate(rng, monkeypatch):
@@ -106,7 +106,7 @@ def test_large_errors_are_derived_at_their_estimate(rng, monkeypatch):
     errors = uq.KinematicErrors(robot_class="cobot")
 
     def off():
-        seen = estimated(found, errors).predict_camera(found.near, new_measurement=False)
+        seen = estimated(found, errors).predict_camera(joints=found.near, new_measurement=False)
         return np.sqrt(np.mean((seen.poses[:, :3, 3] - found.seen(found.near)[:, :3, 3]) ** 2))
 
     at_the_estimate = off()

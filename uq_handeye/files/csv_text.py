@@ -11,13 +11,13 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from .lines import is_number
-
 if TYPE_CHECKING:
     import pandas as pd
 
+
 # The wide forms are signs of a formula in Japanese and Chinese editions.
 _FORMULA = re.compile(r"'*\s*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20]")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def csv_text(rows: Iterable[Iterable[Any]]) -> str:
@@ -38,7 +38,7 @@ def safe_text(text: str) -> str:
     ("'=1+1", '-7.5', 'corner')
     """
     line = " ".join(text.splitlines())
-    return f"'{line}" if _FORMULA.match(line) and not is_number(line.encode()) else line
+    return f"'{line}" if _FORMULA.match(line) and not _NUMBER.fullmatch(line) else line
 
 
 def plain_text(text: str) -> str:

@@ -60,16 +60,16 @@ def misread(
         found = d2_of(replace(bare, camera=_scaled(bare.camera, factor)))
         if found < LEFT * d2:
             return Finding("maintenance.misread", "caution", {"kind": "scale", "file": "camera", "factor": factor})
-    for shift in (k for size in range(1, MOST_ROWS + 1) for k in (size, -size) if poses.n - size > 1):
-        rows = np.arange(max(0, -shift), poses.n - max(0, shift))
-        part = replace(bare.rows(rows), camera=bare.camera[rows + shift])
-        if d2_of(part, rows) / part.n < LEFT * d2 / poses.n:
-            return Finding("maintenance.misread", "caution", {"kind": "rows", "file": None, "shift": shift})
     order = _pairing(X, W, bare, evidence)
     if order is not None and d2_of(replace(bare, camera=bare.camera[order])) < LEFT * d2:
         rows = np.flatnonzero(order != np.arange(len(order)))
         values = {"rows": rows.tolist()[:10], "count": len(rows), "n": poses.n}
         return Finding("maintenance.pairing", "caution", values)
+    for shift in (k for size in range(1, MOST_ROWS + 1) for k in (size, -size) if poses.n - size > 1):
+        rows = np.arange(max(0, -shift), poses.n - max(0, shift))
+        part = replace(bare.rows(rows), camera=bare.camera[rows + shift])
+        if d2_of(part, rows) / part.n < LEFT * d2 / poses.n:
+            return Finding("maintenance.misread", "caution", {"kind": "rows", "file": None, "shift": shift})
     return None
 
 

@@ -28,17 +28,18 @@ def _(
         )
     if kind == "scale":
         return (
-            f"The poses agree with the calibration if the camera translations are multiplied by {digits(factor, 4)}: "
+            f"The poses agree with the calibration if the camera translations are multiplied by {factor:.4g}: "
             "the size of the target, or the focal length, is not that of the calibration."
         )
     if kind == "swapped":
         return "The poses agree with the calibration if the two files are exchanged: give that of the robot first."
     if kind == "rows":
         early, late = ("camera", "robot") if shift > 0 else ("robot", "camera")
-        rows = "1 row" if abs(shift) == 1 else f"{abs(shift)} rows"
+        size = abs(shift)
+        rows, first = ("1 row", "row") if size == 1 else (f"{size} rows", f"{size} rows")
         return (
             f"The poses agree with the calibration if the {early} file begins {rows} before the {late} file. Leave out "
-            f"the first {rows} of the {early} file and the last of the {late} file."
+            f"the first {first} of the {early} file and the last of the {late} file."
         )
     if kind == "quaternion":
         return (

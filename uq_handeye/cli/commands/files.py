@@ -16,7 +16,7 @@ from .calibrate import REPORTS, NoCompare
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
 EXPORT_NAMES = (
-    *("json", "ros", "urdf", "opencv", "npz"),
+    *("json", "ros", "launch", "urdf", "opencv", "npz"),
     *CONTROLLER_NAMES,
     *("matrix", "franka", "zivid", "halcon"),
 )
@@ -55,6 +55,8 @@ def export_command(
     Examples:
       uq-handeye export result/result.json x.urdf
       uq-handeye export result/result.json handeye.yaml --format ros
+      # ROS 2 launch file that publishes X as a static transform
+      uq-handeye export result/result.json handeye.launch.py
       # As a KUKA writes a frame: X, Y, Z in mm, A, B, C in deg
       uq-handeye export result/result.json x.dat --format kuka
       # URDF of the arm, with the estimated errors corrected
