@@ -36,6 +36,7 @@ NAMED = {
     "far_points": [{"pose": 3, "point": "A", "distance": 2e-3}],
     "readings": [{"kind": "quaternion", "file": None, "order": "wxyz", "length": 0.1}],
     "reading": {"kind": "scale", "factor": 1e-3, "file": "camera", "unit": "mm"},
+    "runs": [[3, 4, 0]],
     "stretches": [[0, 10, 0], [10, 20, -1], [20, 30, 1]],
     "part": "rotation",
     "flag": "downweighted",

@@ -61,6 +61,12 @@ def test_json_round_trip_and_summary(name):
     assert "nan" not in result.summary(verbose=True).lower().split() and "None" not in result.summary(verbose=True)
 
 
+def test_saved_and_loaded(estimated, tmp_path):
+    again = uq.load(estimated.save(tmp_path / "result.json"))
+    np.testing.assert_array_equal(again.X[:3], np.column_stack([again.R, again.t]))
+    np.testing.assert_array_equal(again.X, estimated.X)
+
+
 def test_damaged_parts_are_refused(estimated):
     data = json.loads(estimated.to_json())
     changes = [
@@ -84,6 +90,13 @@ def test_damaged_parts_are_refused(estimated):
         ],
         ("analysis", data["analysis"] | {"covariances": {"model": [[1.0]]}}),
         ("analysis", data["analysis"] | {"budget": {"sources": ["a"]}}),
+    ]
+    changes += [("usable", value) for value in (False, [], "yes", 1, None)]
+    changes += [
+        ("convention", "x"),
+        ("convention", None),
+        ("units", "mm"),
+        ("units", data["units"] | {"rotation": "deg"}),
     ]
     for key, value in changes:
         with pytest.raises(uq.InputError):

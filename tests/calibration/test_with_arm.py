@@ -84,7 +84,7 @@ def test_noise_of_all_robot_poses_together_says_nothing_of_a_new_one(rng):
     assert result.over_workspace is None
     assert "The arm:" in result.summary(verbose=True)
     with pytest.raises(uq.InputError, match="joint array of the robot poses"):
-        result.predict_camera(found.near)
+        result.predict_camera(joints=found.near)
 
 
 def test_errors_beyond_all_numbers_are_refused_in_words():

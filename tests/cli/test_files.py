@@ -2,6 +2,8 @@
 
 import json
 import re
+import warnings
+from dataclasses import replace
 from html import unescape
 
 import numpy as np
@@ -152,6 +154,19 @@ def test_export_writes_what_the_function_writes(session, tmp_path, name, options
     else:
         with np.load(tmp_path / name) as file:
             np.testing.assert_array_equal(file[next(key for key in file if file[key].shape == (4, 4))].shape, (4, 4))
+
+
+def test_a_result_that_is_not_usable_is_not_exported(tmp_path):
+    poses = uq.simulate(15, noise=MODEL, seed=3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", uq.InputWarning)
+        result = uq.calibrate(replace(poses, camera=poses.camera[::-1]), noise=MODEL, shared=[])
+    assert not result.usable
+    result.to_json(tmp_path / "result.json")
+    done = run("export", "result.json", "x.urdf", cwd=tmp_path)
+    assert done.returncode == 3 and done.stdout == ""
+    assert done.stderr.startswith("uq-handeye: error: result.json is not usable, so nothing was exported: ")
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "x.urdf").exists()
 
 
 def test_known_figures_and_exports(session):

@@ -2,7 +2,10 @@
 
 import dataclasses
 import re
+import runpy
 import shlex
+import sys
+import types
 import warnings
 import xml.etree.ElementTree as ElementTree
 
@@ -314,7 +317,7 @@ def test_matrices_of_other_programs(result, unknown, tmp_path):
 
 
 def test_which_format(result, tmp_path):
-    assert set(export.FORMATS) == {"json", "ros", "urdf", "opencv", "npz", *WRITTEN}
+    assert set(export.FORMATS) == {"json", "ros", "launch", "urdf", "opencv", "npz", *WRITTEN}
     for name, format in (("a.JSON", None), ("a.YAML", None), ("a", "ros"), ("a.txt", "opencv"), ("a.urdf", "urdf")):
         assert result.export(tmp_path / name, format).stat().st_size
     for name, format, parts in (
@@ -322,7 +325,7 @@ def test_which_format(result, tmp_path):
         ("a", None, ["--format"]),
         ("a.json", "ros", ["ros", ".yaml or .yml", "a.json"]),
         ("a.yaml", "npz", ["npz", ".npz"]),
-        ("a.yaml", "kdl", ["json, ros, urdf, opencv, npz", "'kdl'"]),
+        ("a.yaml", "kdl", ["json, ros, launch, urdf, opencv, npz", "'kdl'"]),
         ("none/a.yaml", None, ["no folder"]),
     ):
         with pytest.raises(uq.InputError) as caught:
@@ -337,3 +340,24 @@ def test_which_format(result, tmp_path):
         ".txt",
         ".urdf",
     }  # none by halves
+
+
+def test_launch_file(result, tmp_path, monkeypatch):
+    """The launch file, run with stand-ins for ROS, publishes X under the names that the program of ROS takes."""
+    path = result.export(tmp_path / "x.launch.py")
+    nodes = []
+    launch = types.SimpleNamespace(LaunchDescription=list)
+    monkeypatch.setitem(sys.modules, "launch", launch)
+    monkeypatch.setitem(sys.modules, "launch_ros", types.SimpleNamespace())
+    actions = types.SimpleNamespace(Node=lambda **node: nodes.append(node))
+    monkeypatch.setitem(sys.modules, "launch_ros.actions", actions)
+    runpy.run_path(str(path))["generate_launch_description"]()
+    (node,) = nodes
+    assert (node["package"], node["executable"]) == ("tf2_ros", "static_transform_publisher")
+    given = dict(zip(node["arguments"][::2], node["arguments"][1::2], strict=True))
+    position, quaternion = ({a: float(given[f"--{q}{a}"]) for a in axes} for q, axes in (("", "xyz"), ("q", "xyzw")))
+    parent, child = FRAMES[result.setup]
+    assert (given["--frame-id"], given["--child-frame-id"]) == (parent, child)
+    np.testing.assert_allclose(matrix(position, quaternion), result.X, atol=1e-14)
+    assert "translation first" in path.read_text().splitlines()[0]
+    assert "translation first" in result.export(tmp_path / "x.yaml").read_text().splitlines()[0]

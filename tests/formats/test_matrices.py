@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from matrix_forms import FORMS, FRANKA, R33, blocks, lines, names, rig_of, rows16, table
+from matrix_forms import FORMS, FRANKA, R33, blocks, columns16, lines, names, rig_of, rows16, table, timed
 from typer.testing import CliRunner
 
 from uq_handeye.cli.app import app
@@ -44,6 +44,19 @@ def test_franka(tmp_path, camera, form):
     poses = read_poses(path, camera)
     check(poses)
     assert poses.sources[0].format == "franka"
+
+
+@pytest.mark.parametrize(("mark", "times"), [(",", False), (" ", False), (";", True)])
+def test_numbers_of_franka_without_names(tmp_path, camera, mark, times):
+    path = tmp_path / "robot.csv"
+    numbers = timed(columns16(ROBOT)) if times else columns16(ROBOT)
+    path.write_text("".join(mark.join(map(repr, map(float, row))) + "\n" for row in numbers), encoding="utf-8")
+    poses = read_poses(path, camera, format=("franka", None))
+    check(poses)
+    assert poses.sources[0].format == "franka" and (poses.timestamps is not None) == times
+    path.write_text("1,2,3\n4,5,6\n")
+    with pytest.raises(InputError, match=r"expected the 16 numbers of O_T_EE in each line, got none \(docs/formats"):
+        read_poses(path, camera, format=("franka", None))
 
 
 HURT = blocks(ROBOT)

@@ -12,6 +12,7 @@ from uq_handeye.maintenance.causes import columns_of_causes, compare_causes
 from uq_handeye.maintenance.noise_uncertainty import noise_derivatives, reference_of_poses
 from uq_handeye.maintenance.reference import PredictiveReference
 from uq_handeye.simulation.rig import RIGS
+from uq_handeye.verification.new_poses import verify_poses
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")
@@ -154,6 +155,16 @@ def test_a_wrong_pose_is_no_change(results):
     assert "Only pose 4 of 6" in str(found)
 
 
+def flat(text):
+    return " ".join(str(text).split())
+
+
+def scaled(T, factor):
+    T = T.copy()
+    T[:, :3, 3] *= factor
+    return T
+
+
 @pytest.mark.parametrize("setup", SETUPS)
 def test_files_that_are_misread(results, setup):
     poses = moved(setup)
@@ -167,12 +178,28 @@ def test_files_that_are_misread(results, setup):
         (robot_mm, in_mm, "--units mm"),
         (np.linalg.inv(poses.robot), poses.camera, "--robot-frame gripper_T_base"),
         (poses.robot, np.linalg.inv(poses.camera), "--camera-frame target_T_camera"),
-        (poses.robot, np.roll(poses.camera, 1, axis=0), "Pair the files again"),
+        (poses.robot, scaled(poses.camera, 2.0), "camera translations are multiplied by 0."),
+        (poses.camera, poses.robot, "the two files are exchanged"),
+        (poses.robot[1:], poses.camera[:-1], "Leave out the first row of the camera file and the last of the robot"),
+        (poses.robot[:-2], poses.camera[2:], "the robot file begins 2 rows before the camera file"),
+        (poses.robot, np.roll(poses.camera, 3, axis=0), "Pair the files again"),
     ):
         found = uq.check(results[setup], uq.PosePairs(robot, camera, setup))
         assert found.status == "cannot tell"
-        assert option in str(found)
+        assert option in flat(found)
         assert "Smallest change" not in str(found)
+        verified = verify_poses(results[setup], uq.PosePairs(robot, camera, setup))
+        assert verified.contradicted and option in flat(verified.summary()) and verified.to_dict()["findings"]
+        with pytest.raises(uq.InputError, match=r"as they were read|both in metres"):
+            uq.update(results[setup], uq.PosePairs(robot, camera, setup))
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_a_target_of_another_size_is_offered_beside_the_focal_length(results, setup):
+    poses = moved(setup)
+    for factor in (1.05, 1.005):
+        found = flat(uq.check(results[setup], uq.PosePairs(poses.robot, scaled(poses.camera, factor), setup)))
+        assert "focal length" in found and " size" in found and "calibrate again" not in found
 
 
 def test_poses_that_would_miss_what_matters(results):

@@ -51,7 +51,7 @@ def test_predictions_are_those_of_the_enlarged_set(exact):
     ):
         result = quietly(data, noise=NOISE, kinematics=ARM, kinematic_errors=declared(), shared=[])
         assert_same_covariance(covariance, result.covariance, 1e-4)
-        at_task = result.predict_camera(TASK, new_measurement=False).covariance[:, 3:, 3:]
+        at_task = result.predict_camera(joints=TASK, new_measurement=False).covariance[:, 3:, 3:]
         assert value == pytest.approx(np.trace(at_task, axis1=1, axis2=2).mean(), rel=1e-4)
     assert (np.diff([found.criterion_before, *found.criterion_values]) < 0).all()
 
@@ -98,7 +98,7 @@ def test_eight_poses_chosen_by_joints_beat_local_ones_far_away():
         true = np.linalg.inv(X) @ np.linalg.inv(ARM.poses(TASK, e)) @ W
         row, said = [], []
         for poses in sets:
-            seen = calibrated(poses_with(e, poses)).predict_camera(TASK, new_measurement=False)
+            seen = calibrated(poses_with(e, poses)).predict_camera(joints=TASK, new_measurement=False)
             row.append(np.mean(np.sum((seen.poses - true)[:, :3, 3] ** 2, axis=-1)))
             said.append(np.mean(np.trace(seen.covariance[:, 3:, 3:], axis1=1, axis2=2)))
         squares.append(row)

@@ -28,6 +28,19 @@ def test_holds_what_it_was_given(pair):
     assert repr(poses) == "PosePairs(5 poses, eye-in-hand)"
 
 
+def test_some_of_the_poses(pair):
+    poses = PosePairs(*pair, timestamps=[0, 1, 2.5, 3, 4])
+    for index, rows in ((slice(3), [0, 1, 2]), (slice(None, None, -2), [4, 2, 0]), (-1, [4]), ([1, 3], [1, 3])):
+        some = poses[index]
+        np.testing.assert_array_equal(some.camera, poses.camera[rows])
+        np.testing.assert_array_equal(some.timestamps, poses.timestamps[rows])
+    assert len(poses[np.arange(5) > 2]) == 2 and [one.n for one in poses] == [1] * 5
+    with pytest.raises(IndexError):
+        poses[5]
+    with pytest.raises(InputError, match="got PosePairs, which hold two"):
+        np.asarray(poses)
+
+
 def test_is_frozen_and_a_copy(pair):
     robot, camera = pair
     times = np.arange(5.0)

@@ -26,7 +26,7 @@ def test_local_poses_are_named():
     assert found.values["used"] == pytest.approx(np.median(range_shares(case.chain, case.q)))
     told = {of["group"]: of["share"] for of in found.values["told"]}
     assert told == pytest.approx(result.kinematics.told())
-    near = result.predict_camera(case.q, new_measurement=False).covariance[:, 3:, 3:]
+    near = result.predict_camera(joints=case.q, new_measurement=False).covariance[:, 3:, 3:]
     assert found.values["here"] == pytest.approx(np.sqrt(np.trace(near, axis1=1, axis2=2).mean()))
     assert found.values["elsewhere"] > 3 * found.values["here"]
     span = 100 * found.values["span"]

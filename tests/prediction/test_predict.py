@@ -8,6 +8,7 @@ import pytest
 from arm_cases import SIX_AXES, motion
 from picture_cases import camera_to_board, seen_corners
 from rig_of_arm import ARM, CAMERA, CENTRE, GEOMETRY, JOINT_NOISE, rig, squares
+from scipy.spatial.transform import RigidTransform
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
@@ -40,7 +41,7 @@ def test_predicted_camera_poses_are_as_uncertain_as_stated(rng, setup):
         found = rig(rng, setup)
         result = calibrated(found)
         for joints, into in ((found.near, near), (found.far, far)):
-            into.append(squares(result.predict_camera(joints, new_measurement=False), found.seen(joints)))
+            into.append(squares(result.predict_camera(joints=joints, new_measurement=False), found.seen(joints)))
         if k < 20:
             plain = uq.calibrate(found.poses, noise=NOISE, robust=False, shared=[])
             prediction = plain.predict_camera(robot=ARM.poses(found.far), new_measurement=False)
@@ -70,7 +71,8 @@ def test_the_physical_flange_needs_the_columns_of_its_frames(rng):
 def test_a_new_measurement_adds_joint_and_camera_noise(rng):
     found = rig(rng)
     result = calibrated(found)
-    mean, new = (result.predict_camera(found.near, new_measurement=wanted).covariance for wanted in (False, True))
+    at = {"joints": found.near}
+    mean, new = (result.predict_camera(**at, new_measurement=wanted).covariance for wanted in (False, True))
     more = np.linalg.eigvalsh(new - mean)
     assert (more > 0).all()
     # the camera's own noise is all but the joints' share
@@ -81,7 +83,7 @@ def test_points_agree_with_the_camera_poses(rng):
     """A point of the target, seen where the camera should see it, lies where W puts it; and as uncertain as that is."""
     found = rig(rng)
     result = calibrated(found)
-    seen = result.predict_camera(found.far, new_measurement=False)
+    seen = result.predict_camera(joints=found.far, new_measurement=False)
     points = result.predict(seen.poses[:, :3, 3], found.far)
     np.testing.assert_allclose(points.points, np.broadcast_to(result.W[:3, 3], points.points.shape), atol=1e-12)
 
@@ -93,7 +95,15 @@ def test_without_an_arm_predictions_go_by_robot_poses(rng):
     seen = result.predict_camera(robot=poses.robot)
     nominal = inverse(result.X) @ inverse(poses.robot) @ result.W
     np.testing.assert_allclose(seen.poses, nominal, atol=1e-12)
+    for given in (poses.robot, poses.robot.tolist(), RigidTransform.from_matrix(poses.robot)):
+        np.testing.assert_allclose(result.predict_camera(given).poses, seen.poses, atol=1e-12)
+    with pytest.raises(InputError, match="once"):
+        result.predict_camera(poses.robot, robot=poses.robot)
+    with pytest.raises(InputError, match="got PosePairs"):
+        result.predict_camera(poses)
     with pytest.raises(InputError, match="knows no joints"):
+        result.predict_camera(joints=np.zeros(6))
+    with pytest.warns(DeprecationWarning, match="joints by name"), pytest.raises(InputError, match="knows no joints"):
         result.predict_camera(np.zeros(6))
 
 
@@ -135,7 +145,7 @@ def test_a_file_predicts_the_same(rng, tmp_path):
     result = calibrated(found)
     result.to_json(tmp_path / "result.json")
     again = uq.Calibration.from_json(tmp_path / "result.json")
-    one, other = (of.predict_camera(found.far) for of in (result, again))
+    one, other = (of.predict_camera(joints=found.far) for of in (result, again))
     np.testing.assert_allclose(one.poses, other.poses, atol=1e-13)
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9, atol=1e-20)
     data = json.loads((tmp_path / "result.json").read_text())
@@ -156,7 +166,7 @@ def test_what_does_not_fit_is_refused(rng):
     result = calibrated(found)
     for joints in (np.zeros(5), "home", np.full(6, np.nan)):
         with pytest.raises(InputError, match="joints"):
-            result.predict_camera(joints)
+            result.predict_camera(joints=joints)
     with pytest.raises(InputError, match="known by its joints"):
         result.predict_camera(robot=np.eye(4))
     with pytest.raises(InputError, match="points"):
@@ -174,7 +184,7 @@ def test_what_does_not_fit_is_refused(rng):
 
 def test_no_joints_make_no_predictions(rng):
     result = calibrated(rig(rng))
-    assert result.predict_camera(np.zeros((0, 6))).covariance.shape == (0, 6, 6)
+    assert result.predict_camera(joints=np.zeros((0, 6))).covariance.shape == (0, 6, 6)
     assert result.predict([0, 0, 0.3], np.zeros((0, 6))).covariance.shape == (0, 3, 3)
 
 
@@ -186,7 +196,7 @@ def test_the_controller_may_have_a_base_and_a_tool_of_its_own(rng):
     one, other = calibrated(found), calibrated(found._replace(poses=poses))
     np.testing.assert_allclose(other.X, inverse(tool) @ one.X, atol=1e-6)
     for joints in (found.near, found.far):
-        a, b = one.predict_camera(joints), other.predict_camera(joints)
+        a, b = one.predict_camera(joints=joints), other.predict_camera(joints=joints)
         np.testing.assert_allclose(a.poses, b.poses, atol=1e-6)
         ratio = np.linalg.eigvals(np.linalg.solve(a.covariance, b.covariance)).real
         assert (np.abs(ratio - 1) < 5e-3).all()
@@ -199,8 +209,8 @@ def test_a_controller_that_knows_its_arm_better_says_where_it_is(rng):
     poses = uq.PosePairs(ARM.poses(found.poses.joints, known), found.poses.camera, joints=found.poses.joints)
     result = calibrated(found._replace(poses=poses))
     with pytest.raises(InputError, match="expected `robot`"):
-        result.predict_camera(found.far)
-    seen = result.predict_camera(found.far, robot=ARM.poses(found.far, known), new_measurement=False)
+        result.predict_camera(joints=found.far)
+    seen = result.predict_camera(joints=found.far, robot=ARM.poses(found.far, known), new_measurement=False)
     assert squares(seen, found.seen(found.far)).mean() / 6 < 4
     off = np.linalg.norm(seen.poses[:, :3, 3] - found.seen(found.far)[:, :3, 3], axis=-1)
     assert np.sqrt(np.mean(off**2)) < 2e-3
@@ -209,4 +219,4 @@ def test_a_controller_that_knows_its_arm_better_says_where_it_is(rng):
 def test_joints_in_degrees_are_refused(rng):
     result = calibrated(rig(rng))
     with pytest.raises(InputError, match="in degrees"):
-        result.predict_camera(np.rad2deg(CENTRE))
+        result.predict_camera(joints=np.rad2deg(CENTRE))

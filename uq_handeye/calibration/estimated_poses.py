@@ -136,6 +136,16 @@ class EstimatedPoses:
         return conventions.to_convention(self.covariance, self.X, convention)
 
     @property
+    def R(self) -> Array:
+        """Rotation (3, 3) of X."""
+        return np.asarray(self.X[:3, :3])
+
+    @property
+    def t(self) -> Array:
+        """Translation (3,) of X, m."""
+        return np.asarray(self.X[:3, 3])
+
+    @property
     def quaternion(self) -> Array:
         """Unit quaternion (x, y, z, w) of X, w >= 0."""
         return np.asarray(Rotation.from_matrix(self.X[:3, :3]).as_quat(canonical=True))

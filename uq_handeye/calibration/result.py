@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -49,10 +50,11 @@ from .analysis import Analysis, StoredAnalysis
 from .estimated_poses import EstimatedPoses
 from .provenance import Provenance
 from .report.plotted import Plotted
-from .result_file import FORMAT, FourDPA, finite, from_dict, parsed, plain
+from .result_file import FORMAT, UNITS, FourDPA, finite, from_dict, parsed, plain
 
 if TYPE_CHECKING:
     import pandas as pd
+    from scipy.spatial.transform import RigidTransform
 
     from ..report.page import CrossCheck, Methods
 
@@ -292,7 +294,12 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
         return predict_points(self, points, joints, robot, points_covariance, reached_at, tool)
 
     def predict_camera(
-        self, joints: ArrayLike | None = None, *, robot: ArrayLike | None = None, new_measurement: bool = True
+        self,
+        poses: ArrayLike | RigidTransform | None = None,
+        *,
+        joints: ArrayLike | None = None,
+        robot: ArrayLike | None = None,
+        new_measurement: bool = True,
     ) -> CameraPrediction:
         """The poses ``camera_T_target`` that the camera should see at robot poses, with their covariance.
 
@@ -301,11 +308,13 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
 
         Parameters
         ----------
+        poses : (..., 4, 4), RigidTransform or None
+            Robot poses ``base_T_gripper``, where the calibration knows no joints; and beside `joints` where the
+            controller's poses are not those of the joints. Joints in this place are deprecated: name them.
         joints : (..., L) or None
             Of the robot, rad (prismatic: m).
         robot : (..., 4, 4) or None
-            ``base_T_gripper``, in place of joints where the calibration knows none; and beside them where the
-            controller's poses are not those of the joints.
+            Another name of `poses`.
         new_measurement : bool
             With the noise of one new measurement, of joints, robot and camera: what a measured pose differs by.
 
@@ -314,7 +323,14 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
         InputError
             As `predict`.
         """
-        return predict_camera(self, joints, robot, new_measurement)
+        if poses is not None and not _are_poses(poses, self.kinematics):
+            if joints is not None:
+                raise InputError(f"Expected `poses` of the robot (..., 4, 4), got shape {np.shape(poses)}.")
+            warnings.warn("Give joints by name: predict_camera(joints=q).", DeprecationWarning, stacklevel=2)
+            poses, joints = None, poses
+        if poses is not None and robot is not None:
+            raise InputError("Expected the poses of the robot once: `poses` or `robot`, not both.")
+        return predict_camera(self, joints, robot if poses is None else poses, new_measurement)
 
     @cached_property
     def over_workspace(self) -> WorkspacePrediction | None:
@@ -435,7 +451,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
         return {
             "format": FORMAT,
             "convention": conventions.CONVENTION,
-            "units": {"rotation": "rad", "translation": "m"},
+            "units": UNITS,
             "method": self.method,
             "scale": self.scale,
             "kind": self.kind,
@@ -502,6 +518,11 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
         """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
         return json_text(self.to_dict(), path)
 
+    def save(self, path: str | Path) -> Path:
+        """Write the result file, as `to_json`, and return its path; `load` reads it."""
+        self.to_json(path)
+        return Path(path)
+
     @classmethod
     def from_json(cls, path: str | Path) -> Calibration:
         """Read what `to_json` wrote."""
@@ -510,3 +531,17 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
             return cls.from_dict(data)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
+
+
+def load(path: str | Path) -> Calibration:
+    """Read a result file, as `Calibration.save` and ``uq-handeye calibrate -o`` write it."""
+    return Calibration.from_json(path)
+
+
+def _are_poses(value: Any, arm: FittedKinematics | None) -> bool:
+    """Return whether an argument is poses (..., 4, 4), and not values of four joints in four rows."""
+    if hasattr(value, "as_matrix"):
+        return True
+    array = np.asarray(value)
+    of_four = arm is not None and arm.joints.shape[-1] == 4
+    return array.shape[-2:] == (4, 4) and not (of_four and np.any(array[..., 3, :] != (0, 0, 0, 1)))

@@ -20,6 +20,7 @@ from ..files.open import StrPath, as_path, opened
 from ..files.validate import misfit, not_finite, unequal
 from ..findings import Finding
 from ..geometry.checks import as_transforms, checked_covariance
+from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from ..likelihood.constraint import require_noise_fits
@@ -38,6 +39,7 @@ from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
 from ..poses.to_dict import data_from_dict
 from ..prediction.fitted_kinematics import FittedKinematics
+from ..runtime.versions import versions
 from .analysis import Analysis, StoredAnalysis
 from .format_3 import FORMAT_3, converted
 from .provenance import Provenance
@@ -65,6 +67,10 @@ class Stored(Protocol):
     def counted(self) -> PosePairs | Motions | None: ...
     @property
     def excluded(self) -> tuple[int, ...]: ...
+    @property
+    def provenance(self) -> Provenance | None: ...
+    @property
+    def usable(self) -> Any: ...
     def _derived(self) -> dict[str, Any]: ...
 
 
@@ -72,6 +78,8 @@ T = TypeVar("T")
 C = TypeVar("C", bound=Stored)
 
 FORMAT = "uq-handeye calibration 4"
+UNITS = {"rotation": "rad", "translation": "m"}
+IN_PART = "in part"  # of `usable`: some directions are open
 
 # Parts that are taken as they are, covariances (6, 6), and what some parts may be.
 _PLAIN = ("iterations", "covariance_kind", "method", "scale", "kind", "setup", "n_poses", "n_pairs")
@@ -123,6 +131,7 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
     try:
         if (where := not_finite(data, "calibration")) is not None:
             raise ValueError(f"{where} is not finite")
+        _require_stated(data)
         if data["format"] == FORMAT_3:
             data = converted(data)
         parts = _parts_of(data)
@@ -132,6 +141,7 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
             raise TypeError(f"{where} is of the wrong type")
         result = kind(**(parts | {"data": poses}))
         _require_whole(result)
+        _require_usable_as_stated(data, result)
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             if (where := unequal(result._derived(), data, "calibration")) is not None:
                 raise ValueError(f"{where} does not fit the rest")
@@ -140,6 +150,22 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
     except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
         raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
     return result
+
+
+def _require_stated(data: dict[str, Any]) -> None:
+    """Raise where units, convention or usability are not what this program writes: numbers mean nothing without."""
+    for name, expected in (("convention", CONVENTION), ("units", UNITS)):
+        if data[name] != expected:
+            raise ValueError(f"{name} is {data[name]!r:.60}, expected {expected!r:.60}")
+    if type(data.get("usable", True)) is not bool and data["usable"] != IN_PART:
+        raise ValueError(f"usable is {data['usable']!r:.40}, expected true or false")
+
+
+def _require_usable_as_stated(data: dict[str, Any], result: Stored) -> None:
+    """Raise where this version would have written another answer; the rules of others may differ."""
+    origin = result.provenance
+    if origin is not None and origin.versions == versions() and data.get("usable", result.usable) != result.usable:
+        raise ValueError(f"usable is {data['usable']!r}, but its findings say {result.usable!r}")
 
 
 def _require_whole(result: Stored) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..diagnostics.sentences import along
 from ..findings import sentence
-from ..formatting.numbers import concise, digits, probability, signed
+from ..formatting.numbers import concise, digits, multiple, probability, signed
 from ..poses.selection import ranges
 
 
@@ -22,7 +22,7 @@ def _(rotation: float, translation: float, p_value: float) -> str:
 
 
 def _times(ratio: float) -> str:
-    return f"{ratio:.2g} times larger" if ratio > 1 else f"{1 / ratio:.2g} times smaller"
+    return f"{multiple(ratio)} times larger" if ratio > 1 else f"{multiple(1 / ratio)} times smaller"
 
 
 @sentence("calibration.shared_contradicted")
@@ -37,7 +37,7 @@ def _(name: str, unit: str, estimate: float, sd: float, assumed: float, p_value:
 @sentence("calibration.group_contradicted")
 def _(name: str, count: int, times: float, p_value: float) -> str:
     return (
-        f"The residuals contradict the assumed {name}: its {count} numbers are about {digits(times, 2)} times as large "
+        f"The residuals contradict the assumed {name}: its {count} numbers are about {multiple(times)} times as large "
         f"as assumed ({probability(p_value)}). Declare a larger standard deviation."
     )
 

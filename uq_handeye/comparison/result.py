@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .._version import __version__
 from ..errors import InputError
 from ..files.atomic import json_text, write_atomically
+from ..files.csv_text import frame_text
 from ..geometry.conventions import CONVENTION
 from ..noise.models import Noise
 from ..noise.to_dict import noise_to_dict
@@ -152,8 +152,7 @@ class Comparison:
 
     def to_csv(self, path: str | Path | None = None) -> str:
         """`to_dataframe` as CSV text, also written to ``path`` (whole or not at all); empty: not known."""
-        buffer = io.StringIO()
-        self.to_dataframe().to_csv(buffer, index=False, lineterminator="\n")
+        text = frame_text(self.to_dataframe())
         if path is not None:
-            write_atomically(path, buffer.getvalue())
-        return buffer.getvalue()
+            write_atomically(path, text)
+        return text

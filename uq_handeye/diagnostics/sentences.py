@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..findings import sentence
-from ..formatting.numbers import concise, digits, probability, signed
+from ..formatting.numbers import concise, digits, multiple, probability, signed
 
 _MM, _DEG = 1e3, 180.0 / math.pi
 # An axis within 25 degrees of a direction gives it its name.
@@ -285,6 +285,7 @@ def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Ma
 @sentence("diagnostics.noise_too_small")
 def _(scale: float) -> str:
     return (
-        f"The noise given is too small: most residuals are {scale:.2g} times as large as it explains. Outliers were "
-        f"judged by {scale:.2g} times the noise. The standard deviations of X are too small by about this factor."
+        f"The noise given is too small: most residuals are {multiple(scale)} times as large as it explains. Outliers "
+        f"were judged by {multiple(scale)} times the noise. The standard deviations of X are too small by about this "
+        "factor."
     )

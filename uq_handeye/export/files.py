@@ -35,7 +35,7 @@ def ros_text(result: Exportable) -> str:
     """
     X, inverse = transforms_of(result)
     lines = [
-        f"# {X.name} by uq-handeye: metres, unit quaternion (x, y, z, w).",
+        f"# {X.name} by uq-handeye: translation first (m), then the unit quaternion (x, y, z, w).",
         "# Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical.",
         *_transform_stamped("transform_stamped", X),
         f"# The inverse, {inverse.name}.",
@@ -70,6 +70,39 @@ def _transform_stamped(key: str, X: Transform) -> list[str]:
         f"    translation: {yaml_fields('xyz', X.t)}",
         f"    rotation: {yaml_fields('xyzw', X.quaternion)}",
     ]
+
+
+def launch_text(result: Exportable) -> str:
+    """A launch file of ROS 2, in Python, with the node that publishes X as a static transform."""
+    X, _ = transforms_of(result)
+    numbers = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), [*X.t.tolist(), *X.quaternion.tolist()], strict=True)
+    options = [f"--{name} {value!r}" for name, value in numbers]
+    options += [f"--frame-id {X.parent}", f"--child-frame-id {X.child}"]
+    given = (f"                    {', '.join(map(repr, option.split()))}," for option in options)
+    return "\n".join(
+        [
+            f"# {X.name} by uq-handeye: translation first (m), then the unit quaternion, scalar last.",
+            "# Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical.",
+            *(f"# {line}" for line in open_comments(result)),
+            "from launch import LaunchDescription",
+            "from launch_ros.actions import Node",
+            "",
+            "",
+            "def generate_launch_description():",
+            "    return LaunchDescription(",
+            "        [",
+            "            Node(",
+            '                package="tf2_ros",',
+            '                executable="static_transform_publisher",',
+            "                arguments=[",
+            *(line.replace("'", '"') for line in given),
+            "                ],",
+            "            )",
+            "        ]",
+            "    )",
+            "",
+        ]
+    )
 
 
 def urdf_text(result: Exportable) -> str:
@@ -152,6 +185,7 @@ def pose_form_text(result: Exportable, format: str) -> str:
 _WRITERS: dict[str, Callable[[Exportable], str | bytes]] = {
     "json": _json,
     "ros": ros_text,
+    "launch": launch_text,
     "urdf": urdf_text,
     "opencv": opencv_text,
     "npz": npz_bytes,
@@ -164,6 +198,7 @@ _SUFFIXES = {
     ".json": ("json",),
     ".yaml": ("ros", "opencv", "zivid"),
     ".yml": ("ros", "opencv", "zivid"),
+    ".py": ("launch",),
     ".urdf": ("urdf",),
     ".npz": ("npz",),
 }
@@ -177,8 +212,8 @@ def write_export(result: Exportable, path: StrPath, format: str | None = None) -
     result : Calibration
     path : path of the file
     format : one of `FORMATS`, or None
-        None takes it from the suffix: .json, .yaml and .yml (ros), .urdf, .npz. All others must be asked for: the
-        suffix does not tell them.
+        None takes it from the suffix: .json, .yaml and .yml (ros), .py (launch), .urdf, .npz. All others must be asked
+        for: the suffix does not tell them.
 
     Returns
     -------

@@ -25,6 +25,15 @@ def digits(value: float | np.floating[Any], significant: int = 3) -> str:
     return f"{value:.{significant - 1}e}"
 
 
+def multiple(ratio: float) -> str:
+    """Two digits of a ratio, or so many that one which is not 1 does not read as 1.
+
+    >>> multiple(2.345), multiple(1.0), multiple(1.023), multiple(0.99962)
+    ('2.3', '1', '1.02', '0.9996')
+    """
+    return next((text for k in range(2, 9) if float(text := digits(ratio, k)) != 1.0), "1")
+
+
 def rough(value: float) -> str:
     """Two digits of a number that chance moves."""
     return digits(float(f"{value:.1e}"), 2)

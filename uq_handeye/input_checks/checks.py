@@ -21,6 +21,7 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import median, pose_residuals, rotation_angles
 from ..procrustes.degeneracy import DEGENERATE, infinite_directions
 from .misread_files import EXACT, OTHER_SETUP, inverted_on_request, other_readings, scaled_reading
+from .repeated_rows import repeated_rows, runs_of
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
 # unless the noise explains it.
@@ -50,6 +51,8 @@ UNLIKELY_BRACKET = 0.7
 IMPOSSIBLE_BRACKET = 1.0
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
 OUTLIER = 6.0
+# Runs of repeated rows that are named.
+MOST_RUNS = 4
 
 
 # ------------------------------------------------------------------------------------ what the columns look like
@@ -62,6 +65,11 @@ def check_poses(poses: PosePairs) -> list[Finding]:
     def note(what: str, **values: object) -> None:
         found.append(Finding(f"input_checks.{what}", "caution", values))
 
+    groups = repeated_rows(poses)
+    again = sorted((row, group[0]) for group in groups for row in group[1:])
+    if again:
+        note("repeated_rows", file="pose", count=len(again), n=poses.n, runs=runs_of(again)[:MOST_RUNS])
+    new = np.setdiff1d(np.arange(1, poses.n), [row for row, _ in again])
     for name, T in (("robot", poses.robot), ("camera", poses.camera)):
         t = T[:, :3, 3]
         far = float(np.abs(t).max())
@@ -75,7 +83,7 @@ def check_poses(poses: PosePairs) -> list[Finding]:
         for a, b in ((0, 1), (0, 2), (1, 2)):
             if len(t) > 2 and span[a] > 1e-9 * max(far, 1e-3) and np.array_equal(t[:, a], t[:, b]):
                 note("identical_columns", file=name, columns=["xyz"[a], "xyz"[b]], n=len(t))
-        if same := int((T[1:] == T[:-1]).all(axis=(1, 2)).sum()):
+        if same := int((T[new] == T[new - 1]).all(axis=(1, 2)).sum()):
             note("repeated_rows", file=name, count=same, n=len(T))
     if np.array_equal(poses.robot, poses.camera):
         found.append(Finding("input_checks.same_file", "failure"))

@@ -42,7 +42,17 @@ def _(file: str, columns: Sequence[str], n: int) -> str:
 
 
 @sentence("input_checks.repeated_rows")
-def _(file: str, count: int, n: int) -> str:
+def _(file: str, count: int, n: int, runs: Sequence[Sequence[int]] = ()) -> str:
+    if runs:
+        named = [
+            f"row {a} is row {c}" if a == b else f"rows {a} to {b} are rows {c} to {c + b - a}" for a, b, c in runs
+        ]
+        more = "" if sum(b - a + 1 for a, b, _ in runs) == count else ", ..."
+        which = "1 of {n} poses is an earlier one" if count == 1 else "{count} of {n} poses are earlier ones"
+        return (
+            f"{which.format(count=count, n=n)} again, of robot and camera ({'; '.join(named)}{more}): no information "
+            "is added. Leave out what repeats (--exclude)."
+        )
     return f"{count} of {n} {file} poses repeat the row before exactly: they add no information."
 
 

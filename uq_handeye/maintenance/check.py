@@ -15,11 +15,13 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..evidence.new_poses import PoseEvidence, evidence_of_poses
 from ..findings import Finding
+from ..geometry.se3 import Array
 from ..noise.models import PoseNoise
 from ..poses.pose_pairs import PosePairs
 from ..statement.tolerance import Tolerance
 from .causes import (
     CAMERA_MOVED,
+    FOCAL_LENGTH,
     ONE_POSE,
     TARGET_MOVED,
     Causes,
@@ -106,8 +108,20 @@ def check(
     if p_value < level:
         status = CHANGED
         assert result.W is not None
+
+        def d2_of(again: PosePairs, rows: Array | None = None) -> float:
+            of, q = (noise, joints) if rows is None else (
+                None if noise is None else noise.rows(rows), None if joints is None else np.asarray(joints)[rows]
+            )  # fmt: skip
+            return evidence_of_poses(result, again, of, q).d2
+
         other = misread(
-            result.X, result.W, poses, evidence, lambda again: evidence_of_poses(result, again, noise, joints).d2
+            result.X,
+            result.W,
+            poses,
+            evidence,
+            d2_of,
+            any(one.name == FOCAL_LENGTH and one.explains for one in causes.all),
         )
         first = causes.named
         if other is not None:

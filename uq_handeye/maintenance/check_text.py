@@ -8,6 +8,7 @@ from ..formatting.numbers import concise, digits, plus_minus, probability
 from ..presentation.document import Answer, Block, Paragraph, document_of
 from .causes import CAMERA_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE, TARGET_MOVED, Cause
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck
+from .misread import MISREAD
 from .power import Detectable
 
 # What X and W are, and what else moves with them: no pose can separate the two.
@@ -17,8 +18,6 @@ _MOVED = {
     ("eye-to-hand", CAMERA_MOVED): ("the camera moved in the cell", "the robot's base did"),
     ("eye-to-hand", TARGET_MOVED): ("the target moved on the gripper", "the robot's tool frame was changed"),
 }
-# Findings that say that the files are misread.
-MISREAD = ("maintenance.misread", "maintenance.pairing")
 _STATUS = {UNCHANGED: "ok", CHANGED: "failed", CANNOT_TELL: "caution"}
 
 
@@ -42,7 +41,7 @@ def cause_in_words(name: str, setup: str) -> str:
         one, other = _MOVED[setup, name]
         return f"{one}, or {other} (poses cannot separate these two)"
     return {
-        FOCAL_LENGTH: "the focal length changed",
+        FOCAL_LENGTH: "the focal length changed, or the target has another size",
         IMAGE_CENTRE: "the image centre changed (the same as a camera rotated about its own x and y axes)",
         ONE_POSE: "one pose is wrong",
     }[name]
@@ -118,5 +117,5 @@ def _next(result: ChangeCheck) -> str | None:
     if result.cause == TARGET_MOVED and result.setup == "eye-in-hand":
         return "X still holds if it was the target; if it was the base, so do X and the target, in the new base."
     if result.cause == FOCAL_LENGTH:
-        return "calibrate the camera again, then X."
+        return "measure the target; if it is as large as before, calibrate the camera again, then X."
     return None if result.n_poses < 3 else "calibrate again."

@@ -19,16 +19,28 @@ from ..formatting.units import LENGTH_UNITS
 from ..geometry.se3 import Array, inverse, logarithm
 from ..poses.pose_pairs import PosePairs
 
+# Findings that say that the files are misread.
+MISREAD = ("maintenance.misread", "maintenance.pairing")
 # d^2 per number from which the files are doubted, and its share that another reading may leave.
 GROSS, LEFT = 25.0, 0.01
 # Poses up to which all pairings are tried.
 MOST_PAIRED = 200
 
-Judge = Callable[[PosePairs], float]
+# Rows by which one file may begin before the other.
+MOST_ROWS = 3
+# A factor on the camera's translations that differs from 1 by less may be a focal length.
+LENS = 0.2
+
+Judge = Callable[..., float]  # poses, and which rows they are of those that were given
 
 
-def misread(X: Array, W: Array, poses: PosePairs, evidence: Evidence, d2_of: Judge) -> Finding | None:
-    """Return how else the files may be meant, where that explains a gross contradiction; ``d2_of`` judges poses."""
+def misread(
+    X: Array, W: Array, poses: PosePairs, evidence: Evidence, d2_of: Judge, lens: bool = False
+) -> Finding | None:
+    """Return how else the files may be meant, where that explains a gross contradiction; ``d2_of`` judges poses.
+
+    ``lens``: a change of the focal length explains the poses.
+    """
     d2 = evidence.d2
     if d2 < GROSS * evidence.dof:
         return None
@@ -43,11 +55,21 @@ def misread(X: Array, W: Array, poses: PosePairs, evidence: Evidence, d2_of: Jud
             best = found, reading
     if best is not None:
         return Finding("maintenance.misread", "caution", best[1])
+    factor = _factor(X, W, poses)
+    if abs(factor - 1.0) > (LENS if lens else 0.0) and factor > 0:
+        found = d2_of(replace(bare, camera=_scaled(bare.camera, factor)))
+        if found < LEFT * d2:
+            return Finding("maintenance.misread", "caution", {"kind": "scale", "file": "camera", "factor": factor})
     order = _pairing(X, W, bare, evidence)
     if order is not None and d2_of(replace(bare, camera=bare.camera[order])) < LEFT * d2:
         rows = np.flatnonzero(order != np.arange(len(order)))
         values = {"rows": rows.tolist()[:10], "count": len(rows), "n": poses.n}
         return Finding("maintenance.pairing", "caution", values)
+    for shift in (k for size in range(1, MOST_ROWS + 1) for k in (size, -size) if poses.n - size > 1):
+        rows = np.arange(max(0, -shift), poses.n - max(0, shift))
+        part = replace(bare.rows(rows), camera=bare.camera[rows + shift])
+        if d2_of(part, rows) / part.n < LEFT * d2 / poses.n:
+            return Finding("maintenance.misread", "caution", {"kind": "rows", "file": None, "shift": shift})
     return None
 
 
@@ -57,6 +79,7 @@ def _readings(poses: PosePairs) -> list[tuple[dict[str, Any], Array, Array]]:
         ({"kind": "inverse", "file": "robot"}, inverse(G), C),
         ({"kind": "inverse", "file": "camera"}, G, inverse(C)),
         ({"kind": "inverse", "file": None}, inverse(G), inverse(C)),
+        ({"kind": "swapped", "file": None}, C, G),
     ]
     for order, shift in (("wxyz", -1), ("xyzw", 1)):
         robot, camera = _reordered(G, shift), _reordered(C, shift)
@@ -74,6 +97,14 @@ def _readings(poses: PosePairs) -> list[tuple[dict[str, Any], Array, Array]]:
                 ({"kind": "unit", "file": None, "unit": meant, "given": given}, robot, camera),
             ]
     return found
+
+
+def _factor(X: Array, W: Array, poses: PosePairs) -> float:
+    """The factor s on the camera's translations that fits best: ``R_G R_X s t_C = t_W - t_G - R_G t_X``."""
+    G = poses.effective_robot
+    seen = (G @ X)[:, :3, :3] @ poses.camera[:, :3, 3:]
+    meant = W[:3, 3] - (G @ X)[:, :3, 3]
+    return float(np.sum(seen[..., 0] * meant) / max(float(np.sum(seen**2)), 1e-300))
 
 
 def _rough(X: Array, W: Array, robot: Array, camera: Array, setup: str) -> float:

@@ -10,13 +10,36 @@ from ..formatting.numbers import digits, probability
 
 
 @sentence("maintenance.misread")
-def _(kind: str, file: str | None, unit: str | None = None, given: str | None = None, order: str | None = None) -> str:
+def _(
+    kind: str,
+    file: str | None,
+    unit: str | None = None,
+    given: str | None = None,
+    order: str | None = None,
+    factor: float = 1.0,
+    shift: int = 0,
+) -> str:
     of = "both files" if file is None else f"the {file} file"
     ending = "" if file is None else f"{file}-"
     if kind == "unit":
         return (
             f"The poses agree with the calibration if {of} {'are' if file is None else 'is'} in {unit}, not {given}: "
             f"give the unit (--{ending}units {unit})."
+        )
+    if kind == "scale":
+        return (
+            f"The poses agree with the calibration if the camera translations are multiplied by {factor:.4g}: "
+            "the size of the target, or the focal length, is not that of the calibration."
+        )
+    if kind == "swapped":
+        return "The poses agree with the calibration if the two files are exchanged: give that of the robot first."
+    if kind == "rows":
+        early, late = ("camera", "robot") if shift > 0 else ("robot", "camera")
+        size = abs(shift)
+        rows, first = ("1 row", "row") if size == 1 else (f"{size} rows", f"{size} rows")
+        return (
+            f"The poses agree with the calibration if the {early} file begins {rows} before the {late} file. Leave out "
+            f"the first {first} of the {early} file and the last of the {late} file."
         )
     if kind == "quaternion":
         return (

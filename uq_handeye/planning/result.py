@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..files.csv_text import csv_text
 from ..formats.controllers.forms import CONTROLLERS
 from ..formats.controllers.writing import SINGLE, WRITTEN, written_poses
 from ..geometry.conventions import CONVENTION
@@ -156,8 +157,8 @@ class Plan(ReadOnlyArrays):
         if self.joints is None:
             text = pose_text(self.robot)
         else:
-            head = ",".join(f"{name} [{unit}]" for name, unit in zip(self.joint_names, self.joint_units, strict=True))
-            text = "\n".join([head, *(",".join(f"{value:.9g}" for value in q) for q in self.joints), ""])
+            head = [f"{name} [{unit}]" for name, unit in zip(self.joint_names, self.joint_units, strict=True)]
+            text = csv_text([head, *([f"{value:.9g}" for value in q] for q in self.joints)])
         if path is not None:
             write_atomically(path, text)
         return text

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..findings import sentence
-from ..formatting.numbers import concise, digits, probability
+from ..formatting.numbers import concise, digits, multiple, probability
 
 # Points that a sentence names.
 NAMED = 6
@@ -51,7 +51,7 @@ def _(points: Sequence[str]) -> str:
 @sentence("points.noise_differs")
 def _(ratio: float, p_value: float) -> str:
     return (
-        f"The residuals are {digits(ratio, 2)} times as large as the noise given ({probability(p_value)}). Correct "
+        f"The residuals are {multiple(ratio)} times as large as the noise given ({probability(p_value)}). Correct "
         "`noise` (--noise), or leave it out to have it estimated."
     )
 

@@ -133,6 +133,13 @@ class PosePairs:
     def __len__(self) -> int:
         return self.n
 
+    def __getitem__(self, index: int | slice | NDArray[Any] | list[Any]) -> PosePairs:
+        """Some of the poses, as `rows`: by a number, a slice, numbers or a mask."""
+        return self.rows(np.atleast_1d(np.arange(self.n)[index]))
+
+    def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
+        raise InputError("Expected an array of poses, got PosePairs, which hold two: `robot` and `camera`.")
+
     def __repr__(self) -> str:
         return f"PosePairs({self.n} poses, {self.setup})"
 

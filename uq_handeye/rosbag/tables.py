@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
-
 from ..errors import InputError
+from ..files.csv_text import csv_text
 from .info import CameraInfo
 from .open import HINT
 from .recording import JointTrack, Recording
@@ -24,11 +22,7 @@ def joint_tracks(recording: Recording, topic: str) -> list[JointTrack]:
 
 def joints_csv(track: JointTrack) -> str:
     """Return joint values as a table with the header ``timestamp`` and the names of the joints."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["timestamp", *track.names])
-    writer.writerows([repr(value) for value in row] for row in track.table().tolist())
-    return text.getvalue()
+    return csv_text([["timestamp", *track.names], *track.table().tolist()])
 
 
 def camera_info_yaml(info: CameraInfo) -> str:

@@ -16,7 +16,9 @@ import numpy as np
 from ..camera.files.snippets import camera_matrix
 from ..diagnostics.task_space import by_pose
 from ..evidence.new_poses import evidence_of_poses
+from ..findings import Finding
 from ..formatting.numbers import digits, probability
+from ..maintenance.misread import misread
 from ..poses.pose_pairs import PosePairs
 from ..prediction.predict import predict_camera
 from ..presentation.document import COLUMNS, Answer, Document, Paragraph, document_of, to_text
@@ -45,6 +47,7 @@ class PoseVerification:
     rms: tuple[float, float]  # of the residuals, rad and m
     expected: tuple[float, float]  # of them, if nothing has changed
     pixels: Reprojection | None
+    findings: tuple[Finding, ...] = ()  # how the files may be misread
 
     @property
     def contradicted(self) -> bool:
@@ -67,6 +70,7 @@ class PoseVerification:
             "rms": list(self.rms),
             "expected": list(self.expected),
             "reprojection": None if self.pixels is None else vars(self.pixels),
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 
@@ -90,9 +94,12 @@ def verify_poses(result: Verified, poses: PosePairs) -> PoseVerification:
         )
     ]
     (turn, turn_expected), (shift, shift_expected) = sizes
+    other = None
+    if p < LEVEL and result.W is not None:
+        other = misread(result.X, result.W, poses, evidence, lambda again, _=None: evidence_of_poses(result, again).d2)
     return PoseVerification(
         poses.n, evidence.d2, evidence.dof, p, noise_dof, (turn, shift), (turn_expected, shift_expected),
-        _reprojected(result, poses),
+        _reprojected(result, poses), () if other is None else (other,),
     )  # fmt: skip
 
 
@@ -147,4 +154,4 @@ def pose_verification_document(found: PoseVerification) -> Document:
             )
         )
     answer = Answer(f"{word}: {n} {verb} the calibration ({p}).", "failed" if found.contradicted else "ok")
-    return [[answer], lines]
+    return [[answer, *(Paragraph(str(finding), hang="  ") for finding in found.findings)], lines]

@@ -33,6 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..evidence.touches import Touches
+from ..files.csv_text import plain_text
 from ..files.lines import decoded, short
 from ..files.open import StrPath, as_path, opened, shown
 from ..formatting.units import ANGLE_UNITS, LENGTH_UNITS
@@ -131,7 +132,7 @@ def read_touches(
     table = _table(path, units, arm)
     parts: dict[str, Any] = dict(more)
     if "point" in table.texts:
-        parts["names"] = tuple(text or str(k + 1) for k, text in enumerate(table.texts["point"]))
+        parts["names"] = tuple(plain_text(text) or str(k + 1) for k, text in enumerate(table.texts["point"]))
     parts |= _seen(table, board, point_sd)
     if table.group("touched_", "xyz"):
         parts["touched"] = table.lengths(["touched_x", "touched_y", "touched_z"])

@@ -15,6 +15,7 @@ from monte_carlo_cases import NOISE, PROGRAM, assert_same, pairs_problem, poses_
 from support import SEED
 
 from uq_handeye import InputError, InputWarning, PairNoise
+from uq_handeye.files.lock import FileLock
 from uq_handeye.validation.monte_carlo.run import monte_carlo
 
 TRIALS = 6_500
@@ -337,16 +338,13 @@ def test_links_are_replaced_and_not_followed(problem, folder, whole, tmp_path):
 
 def test_a_refusal_lets_go_of_the_folder(problem, folder):
     """The exceptions are kept, and what they refer to with them."""
-    fcntl = pytest.importorskip("fcntl")
     shutil.rmtree(folder / "chunks")
     (folder / "chunks").write_text("no folder")
     with pytest.raises(InputError, match="chunks: expected a folder, got a file") as first:
         run(problem, folder, resume=True)
     with pytest.raises(InputError, match="is not empty") as second:
         run(problem, folder)
-    lock = os.open(folder, os.O_RDONLY)
-    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    os.close(lock)
+    FileLock(folder / "manifest.json").release()
     assert first.value and second.value
 
 
@@ -371,14 +369,10 @@ def test_a_foreign_folder_is_refused(problem, tmp_path):
 
 
 def test_two_at_a_time_are_refused(problem, folder):
-    fcntl = pytest.importorskip("fcntl")
-    other = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(other, fcntl.LOCK_EX)
-        with pytest.raises(InputError, match="in use by another run"):
-            run(problem, folder, resume=True)
-    finally:
-        os.close(other)
+    other = FileLock(folder / "manifest.json")
+    with pytest.raises(InputError, match="in use by another run"):
+        run(problem, folder, resume=True)
+    other.release()
     run(problem, folder, resume=True)
 
 

@@ -239,7 +239,6 @@ def test_what_is_there_is_not_overwritten(rng, tmp_path):
 
 
 def test_one_process_at_a_time(rng, tmp_path):
-    pytest.importorskip("fcntl")
     path, program = tmp_path / "chain.h5", [sys.executable, "-c", HOLDER, str(tmp_path / "chain.h5")]
     with subprocess.Popen(program, stdout=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"held\n"

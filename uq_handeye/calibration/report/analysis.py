@@ -9,7 +9,7 @@ import numpy as np
 
 from ...diagnostics.budget import Budget
 from ...diagnostics.pose_table import PoseTable
-from ...formatting.numbers import column, digits, fixed, pose_rows, probability
+from ...formatting.numbers import column, digits, fixed, multiple, pose_rows, probability
 from ...geometry.pose_numbers import pose_numbers
 from ...geometry.se3 import Array
 from ...likelihood.goodness_of_fit import GoodnessOfFit
@@ -119,8 +119,8 @@ def _fit_sentences(fit: GoodnessOfFit) -> list[str]:
 
 def _misfit(sigma0: float) -> str:
     if sigma0 > 1:
-        return f"the residuals are {digits(sigma0, 2)} times what the noise explains; standard deviations are too small"
-    return f"the residuals are {digits(1 / sigma0, 2)} times smaller than the noise explains"
+        return f"the residuals are {multiple(sigma0)} times what the noise explains; standard deviations are too small"
+    return f"the residuals are {multiple(1 / sigma0)} times smaller than the noise explains"
 
 
 def beside_blocks(result: Calibration) -> list[Block]:
@@ -261,12 +261,15 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     of = [(factor, whole[name]) for name, factor in factors.items()]
     for title, cells in (
         ("combined, u_c", [fixed(factor * found.u) for factor, found in of]),
-        ("effective degrees of freedom", [_freedom(found.dof) for _, found in of]),
+        (DOF, [_freedom(found.dof) for _, found in of]),
         ("coverage factor k for 95 %", [f"{found.k:.2f}" for _, found in of]),
         ("expanded, U = k u_c", [fixed(factor * found.U) for factor, found in of]),
     ):
         rows.append([title, "", *cells, "", "", ""])
     head = ["source", "type", "u (mm)", "u (deg)", "% of mm", "% of deg", "dof"]
+    if not np.isfinite([*budget.dof, *(found.dof for _, found in of)]).any():  # said once
+        rows = [row[:-1] for row in rows if not row or row[0] != DOF]
+        return Table(f"{BUDGET_CAPTION}; all degrees of freedom are infinite", head[:-1], rows, frozenset({1}))
     return Table(BUDGET_CAPTION, head, rows, frozenset({1}))
 
 
@@ -282,6 +285,7 @@ def shorten_budget(budget: Budget, most: int | None) -> Budget:
     return replace(merged, sources=tuple(f"{len(names)} others" if n == whole else n for n in merged.sources))
 
 
+DOF = "effective degrees of freedom"
 BUDGET_CAPTION = (
     "Uncertainty budget of X (JCGM 100): standard uncertainties u of translation (mm) and rotation (deg) per axis ("
     "root mean square), share of the variance, degrees of freedom; type A is evaluated from the data, type B declared"

@@ -209,7 +209,7 @@ def checks_block(result: Calibration) -> Checks:
         sorted(result.checks, key=lambda check: ranks[check.name]), lambda check: (check.status, check.text)
     ):
         said = any(reason in text for reason in result.reasons[:1])
-        rows.append((status, ", ".join(check.name for check in alike), "see above" if said else text))
+        rows.append((status, ", ".join(check.name for check in alike), "as the headline says" if said else text))
     return Checks(rows)
 
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 import csv
 import logging
 import warnings
-from collections.abc import Iterable
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, InputWarning
+from ...files.csv_text import csv_text, plain_text
 from ...files.lines import MAX_BYTES, decoded, is_number, rows_of, short
 from ...files.open import StrPath, as_path, opened, shown
 from ...formats.contents import require_units
@@ -116,7 +116,8 @@ class _Reader:
             )
         numbers = [fields[k] for k in self.places]
         if self.name_at is not None and is_number(numbers[0]):
-            row, name = float(numbers[0]), decoded(fields[self.name_at], f"{where}, column name: expected text").strip()
+            row, name = float(numbers[0]), decoded(fields[self.name_at], f"{where}, column name: expected text")
+            name = plain_text(name.strip())
             before, first = self.named.setdefault(row, (name, where))
             if before != name:
                 raise InputError(f"{where}: row {row:g} is of {short(name)}, in {first} of {short(before)}.")
@@ -161,18 +162,7 @@ class _Reader:
 
 def corners_text(corners: Corners, used: NDArray[np.bool_]) -> str:
     """Format corners as `corners_and_used` reads them, bit by bit."""
-    quoted = [_quoted(name) for name in corners.names]
     table = np.column_stack([corners.points, corners.pixels]).tolist()
-    lines: Iterable[str] = (
-        f"{row},{','.join(map(repr, numbers))},{int(use)},{quoted[picture]}"
-        for row, numbers, use, picture in zip(
-            corners.row.tolist(), table, used.tolist(), corners.picture.tolist(), strict=True
-        )
-    )
-    return "\n".join([f"{HEADER},used,name", *lines, ""])
-
-
-def _quoted(name: str) -> str:
-    """Line ends cannot stand in a table that is read line by line."""
-    text = " ".join(name.splitlines())
-    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',;"\t#') else text
+    rows = zip(corners.row.tolist(), table, used.tolist(), corners.picture.tolist(), strict=True)
+    lines = ([row, *numbers, int(use), corners.names[picture]] for row, numbers, use, picture in rows)
+    return csv_text([[*COLUMNS, "used", "name"], *lines])

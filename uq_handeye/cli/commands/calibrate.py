@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ...errors import InputError, NotConvergedError
+from ...files.csv_text import frame_text
 from ...runtime.progress import working
 from ..bag_files import RobotGiven, given_of_robot
 from ..groups import ESTIMATION, OUTPUT, POSE_FILES
@@ -403,7 +404,7 @@ def _write_result(
 
         files |= camera_files(seen)
     if result.table is not None:
-        files["poses.csv"] = result.table.to_dataframe().to_csv(index=False, lineterminator="\n")
+        files["poses.csv"] = frame_text(result.table.to_dataframe())
     for stem, figure in figures(result, check, comparison).items():
         files |= {f"{stem}.{kind}": render(figure, kind) for kind in ("png", "svg")}
     write_files(directory, files)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ...files.csv_text import frame_text
 from ..delivery import deliver
 from ..messages import progress_wanted, timed, verbose
 from ..options.arm import Arm, arm_of
@@ -85,7 +86,7 @@ def cross_check_command(
     if output is not None:
         from ...validation.cross_check.figure import cross_check_figure  # Matplotlib is slow to import
 
-        table = check.to_dataframe().to_csv(index=False, lineterminator="\n")
+        table = frame_text(check.to_dataframe())
         written = {"cross_check.json": check.to_json(), "cross_check.csv": table}
         said = deliver(output, written, {"cross_check": cross_check_figure(check)})
     if report is not None and result is not None and check.complete:

@@ -8,15 +8,15 @@ import typer
 from ...errors import InputError
 from ...runtime.progress import working
 from ..groups import OUTPUT
-from ..messages import progress_wanted, timed
+from ..messages import fail, progress_wanted, timed
 from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, option, require_writable
 from ..options.report import ReportOptions, report_options_of
-from ..outcome import Wanted, emit_answer, emit_result, wanted_of
+from ..outcome import NOT_USABLE, Wanted, emit_answer, emit_result, wanted_of
 from .calibrate import REPORTS, NoCompare
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
 EXPORT_NAMES = (
-    *("json", "ros", "urdf", "opencv", "npz"),
+    *("json", "ros", "launch", "urdf", "opencv", "npz"),
     *CONTROLLER_NAMES,
     *("matrix", "franka", "zivid", "halcon"),
 )
@@ -49,12 +49,14 @@ def export_command(
             "(standard deviation below half of the prior) and writes their covariance as JSON.",
         ),
     ] = None,
-) -> None:
+) -> int:
     """Export X for ROS, URDF, OpenCV, NumPy, or as a robot writes it.
 
     Examples:
       uq-handeye export result/result.json x.urdf
       uq-handeye export result/result.json handeye.yaml --format ros
+      # ROS 2 launch file that publishes X as a static transform
+      uq-handeye export result/result.json handeye.launch.py
       # As a KUKA writes a frame: X, Y, Z in mm, A, B, C in deg
       uq-handeye export result/result.json x.dat --format kuka
       # URDF of the arm, with the estimated errors corrected
@@ -68,9 +70,14 @@ def export_command(
             raise InputError("--format applies to X, not to the URDF of --corrects. Remove it.")
         found = Calibration.from_json(result).export_urdf(file, corrects)
         emit(f"Wrote {file} and {file.with_suffix('.corrections.json')}. {found.summary}\n")
-        return
+        return 0
     name = None if format is None else one_of(format, "--format", EXPORT_NAMES)
-    emit(f"Wrote {Calibration.from_json(result).export(file, name)}\n")
+    stored = Calibration.from_json(result)
+    if not stored.usable:
+        fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
+        return NOT_USABLE
+    emit(f"Wrote {stored.export(file, name)}\n")
+    return 0
 
 
 @made_of(wishes=report_options_of, wanted=wanted_of)

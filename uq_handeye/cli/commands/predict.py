@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
+from ...files.csv_text import csv_text
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..options.arm import JointUnits
 from ..options.common import FORMAT_NAMES, UNITS, JsonOption, emit, flag, option
@@ -150,7 +151,7 @@ def predict_command(
     else:
         seen = stored.predict_camera(**at, new_measurement=not no_noise)
         rows, data, text = _pose_rows(seen, times), seen.to_dict(), _text_of_poses(seen)
-    csv = "\n".join(",".join(map(str, row)) for row in rows) + "\n"
+    csv = csv_text(rows)
     plain = json_text(data | {"timestamps": times.tolist()})
     said = ""
     if output is not None and is_csv(output):

@@ -1,5 +1,6 @@
 """Commands ``update`` and ``diff``: a stored result with new poses, and how far two results differ."""
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -7,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ...errors import InputError, NotConvergedError
+from ...files.lock import held
 from ..delivery import deliver
 from ..groups import ESTIMATION
 from ..messages import quiet, timed, withheld
@@ -56,23 +58,31 @@ def update_command(
     from ...calibration.result import Calibration
     from ...maintenance.together.update import gain, update
 
-    stored = Calibration.from_json(result)
-    poses = files.read(stored, str(result))
-    with withheld() as shown:
-        try:
-            with timed("updating"):
-                found = update(stored, poses, although_changed=although_changed)
-            shown += [] if as_json else found.warnings
-        except (InputError, NotConvergedError) as error:
-            return emit_refusal(error, as_json, shown)
-    found = replace(found, about=found.about | wishes.about)
-    return deliver_result(
-        found,
-        Files(output, report, not no_compare, None, wishes.of_report),
-        wanted,
-        as_json,
-        more=gain(stored, found, poses.n),
-    )
+    with _held_if_replaced(result, output):
+        stored = Calibration.from_json(result)
+        poses = files.read(stored, str(result))
+        with withheld() as shown:
+            try:
+                with timed("updating"):
+                    found = update(stored, poses, although_changed=although_changed)
+                shown += [] if as_json else found.warnings
+            except (InputError, NotConvergedError) as error:
+                return emit_refusal(error, as_json, shown)
+        found = replace(found, about=found.about | wishes.about)
+        return deliver_result(
+            found,
+            Files(output, report, not no_compare, None, wishes.of_report),
+            wanted,
+            as_json,
+            more=gain(stored, found, poses.n),
+        )
+
+
+def _held_if_replaced(result: Path, output: Path | None) -> AbstractContextManager[None]:
+    """Return the lock of a result that its update replaces: of two at once, the second starts from the first."""
+    replaced = None if output is None else output / "result.json"
+    same = replaced is not None and replaced.is_file() and result.is_file() and replaced.samefile(result)
+    return held(result) if same else nullcontext()
 
 
 def diff_command(

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
+from ...files.csv_text import frame_text
 from ..delivery import deliver, wrote
 from ..groups import OUTPUT
 from ..messages import LOG, progress_wanted, verbose
@@ -242,7 +243,7 @@ def _sweep(
     if output is not None:
         from ...validation.sweep.figure import sweep_figure  # Matplotlib is slow to import
 
-        table = result.to_dataframe().to_csv(index=False, lineterminator="\n")
+        table = frame_text(result.to_dataframe())
         files = {"sweep.json": result.to_json(), "sweep.csv": table}
         said = deliver(output, files, {"sweep": sweep_figure(result)})
         if not as_json:
@@ -258,7 +259,7 @@ def _deliver(result: "MonteCarlo", folder: Path) -> str:
 
     from ...validation.monte_carlo.figure import validation_figure  # Matplotlib is slow to import
 
-    table = result.to_dataframe().to_csv(index=False, lineterminator="\n")
+    table = frame_text(result.to_dataframe())
     with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
         deliver(folder, {"validation.csv": table}, {"validation": validation_figure(result)})
     return wrote(folder, ["result.json", "validation.csv", "validation.png", "validation.svg", "chunks/"])

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ...errors import InputError
+from ...files.csv_text import csv_text
 from ..delivery import deliver
 from ..groups import OUTPUT
 from ..messages import quiet
@@ -141,10 +142,10 @@ def _csv(found: "Verification") -> str:
     table = found.points
     head = "point,difference_x,difference_y,difference_z,distance,sd_x,sd_y,sd_z,p_value,differs"
     rows = [
-        [f'"{name}"', *map(repr, d), repr(length), *map(repr, sd), repr(p), str(flag).lower()]
+        [name, *d, length, *sd, p, str(flag).lower()]
         for name, d, length, sd, p, flag in zip(
-            (name.replace('"', "'") for name in table.names), table.difference.tolist(), table.distance.tolist(),
-            table.std.tolist(), table.p_value.tolist(), table.flagged.tolist(), strict=True,
+            table.names, table.difference.tolist(), table.distance.tolist(), table.std.tolist(),
+            table.p_value.tolist(), table.flagged.tolist(), strict=True,
         )
     ]  # fmt: skip
-    return "\n".join([head, *map(",".join, rows), ""])
+    return csv_text([head.split(","), *rows])

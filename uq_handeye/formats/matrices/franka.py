@@ -1,7 +1,8 @@
 """``O_T_EE`` of Franka robots: the 16 numbers of base_T_end-effector, column by column, in m.
 
 Read are tables with the columns ``O_T_EE_0`` to ``O_T_EE_15`` (also ``O_T_EE[0]``, ``field.O_T_EE0``), and the numbers
-behind each ``O_T_EE`` in JSON, in robot states as libfranka prints them, and in messages that ROS prints. Source:
+behind each ``O_T_EE`` in JSON, in robot states as libfranka prints them, and in messages that ROS prints; where the
+format is asked for, also lines of 16 numbers without names. Source:
 frankaemika/libfranka, ``include/franka/robot_state.h`` (``O_T_EE``: column-major) and ``src/robot_state.cpp``;
 ``franka_msgs/FrankaState``.
 """
@@ -16,6 +17,8 @@ from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side
 from .columns import FRANKA, header_of, read_columns
 from .layout import found_in
+from .numbers import number_lines
+from .text import contents_of
 
 READING = (Reading("franka", "matrix", "m"),)
 HELP = "docs/formats.md, Franka"
@@ -35,8 +38,9 @@ def is_franka(head: str) -> bool:
 
 def read_franka(text: str, name: str) -> Contents:
     """Return the poses of a table, of JSON or of printed states."""
-    if not _KEY.search(text) and (header := header_of(text)) is not None:
-        return read_columns(text, name, header, READING)
+    if not _KEY.search(text):
+        header = header_of(text)
+        return _unnamed(text, name) if header is None else read_columns(text, name, header, READING)
     rows: list[list[float]] = []
     lines: list[int] = []
     begin, line = 0, 1
@@ -52,8 +56,6 @@ def read_franka(text: str, name: str) -> Contents:
         rows += [numbers[k : k + 16] for k in range(0, len(numbers), 16)]
         lines += [line] * (len(numbers) // 16)
         line += text.count("\n", key.end(), begin)
-    if not rows:
-        raise InputError(f"{name}: expected the numbers of O_T_EE, got none ({HELP}).")
     found_matrices = found_in(np.array(rows))
     if found_matrices is None:
         raise InputError(
@@ -61,3 +63,17 @@ def read_franka(text: str, name: str) -> Contents:
         )
     side = matrices_side(name, found_matrices.T, rows=np.array(lines), counted="line", readings=READING)
     return Contents(only=side, notes=(f"O_T_EE, {found_matrices.note}",))
+
+
+def _unnamed(text: str, name: str) -> Contents:
+    """Return the poses of lines of 16 numbers, perhaps behind a time, without names."""
+    lines = list(number_lines(text, name))
+    table = (
+        np.array([line.values for line in lines])
+        if len({len(line.values) for line in lines}) == 1
+        else np.empty((0, 0))
+    )
+    found = found_in(table) if table.shape[1] >= 16 else None
+    if found is None:
+        raise InputError(f"{name}: expected the 16 numbers of O_T_EE in each line, got none ({HELP}).")
+    return contents_of(found, name, np.array([line.line for line in lines]), "line")

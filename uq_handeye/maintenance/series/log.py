@@ -14,7 +14,6 @@ from __future__ import annotations
 import csv
 import datetime
 import hashlib
-import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,6 +23,8 @@ import numpy as np
 
 from ...errors import InputError
 from ...files.atomic import write_atomically
+from ...files.csv_text import csv_text, plain_text
+from ...files.lock import held
 from ...files.open import StrPath, as_path, opened, shown
 from ...findings import Finding
 from ...geometry.se3 import Array
@@ -272,21 +273,22 @@ def append(path: StrPath, check: LoggedCheck) -> CheckSeries:
         A log of another calibration; poses that are in the log already; whatever prevents reading or writing.
     """
     target = as_path(path)
-    before = _read(path) if target.exists() else ""
-    series = _series(before, path, None) if before.strip() else CheckSeries(())
-    if series.result not in (None, check.result):
-        raise InputError(_another(path, series.result, check.result))
-    same = next((k for k, of in enumerate(series.checks) if _same(of.poses, check.poses)), None)
-    if same is not None:
-        raise InputError(
-            f"{shown(target)}: these poses were logged as check {same + 1} ({series.checks[same].time}), and are not "
-            "logged twice. Check new poses, or leave out --log."
-        )
-    text = before if before.strip() else _csv(COLUMNS)
-    line = check.line()
-    write_atomically(target, f"{text}{'' if text.endswith(chr(10)) else chr(10)}{line}")
-    (written,) = csv.DictReader(io.StringIO(line), COLUMNS)
-    return CheckSeries((*series.checks, LoggedCheck.from_cells(written)), series.damaged)
+    with held(target):  # from reading to writing: no line of another process is lost
+        before = _read(path) if target.exists() else ""
+        series = _series(before, path, None) if before.strip() else CheckSeries(())
+        if series.result not in (None, check.result):
+            raise InputError(_another(path, series.result, check.result))
+        same = next((k for k, of in enumerate(series.checks) if _same(of.poses, check.poses)), None)
+        if same is not None:
+            raise InputError(
+                f"{shown(target)}: these poses were logged as check {same + 1} ({series.checks[same].time}), and are "
+                "not logged twice. Check new poses, or leave out --log."
+            )
+        text = before if before.strip() else _csv(COLUMNS)
+        line = check.line()
+        write_atomically(target, f"{text}{'' if text.endswith(chr(10)) else chr(10)}{line}")
+    written = LoggedCheck.from_cells(dict(zip(COLUMNS, _cells(line), strict=True)))
+    return CheckSeries((*series.checks, written), series.damaged)
 
 
 def _read(path: StrPath) -> str:
@@ -303,7 +305,7 @@ def _series(text: str, path: StrPath, result: Identified | None) -> CheckSeries:
     for number, line in enumerate(lines[1:], start=2):
         if not line.strip():
             continue
-        cells = next(csv.reader([line]), [])
+        cells = _cells(line)
         try:
             if len(cells) != len(COLUMNS):
                 raise ValueError(f"{len(cells)} cells, expected {len(COLUMNS)}")
@@ -354,9 +356,11 @@ def _same(a: PosePairs, b: PosePairs) -> bool:
 
 
 def _csv(cells: Any) -> str:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerow([" ".join(str(cell).split()) for cell in cells])
-    return buffer.getvalue()
+    return csv_text([[" ".join(str(cell).split()) for cell in cells]])
+
+
+def _cells(line: str) -> list[str]:
+    return [plain_text(cell) for cell in next(csv.reader([line]), [])]
 
 
 def _text(value: float) -> str:

@@ -29,6 +29,7 @@ from ...noise.models import PoseNoise
 from ...poses.pose_pairs import PosePairs
 from ...poses.to_dict import sha256_of
 from ..check import check
+from ..misread import MISREAD
 from .joined_poses import joined_poses, require_joinable
 from .request import arguments, holds_request, measured_poses
 
@@ -140,6 +141,9 @@ def require_unchanged(result: Calibration, poses: PosePairs, noise: PoseNoise | 
     if result.joint_posterior is None or result.opened is not None or result.noise is None:
         return
     found = check(result, poses, noise=noise)
+    for finding in found.findings:
+        if finding.code in MISREAD:
+            raise InputError(f"The new poses contradict the result as they were read. {finding}")
     if found.changed:
         cause = f", probably {found.cause}" if found.cause is not None else ""
         raise InputError(

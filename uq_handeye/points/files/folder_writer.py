@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...files.atomic import json_text, write_files
+from ...files.csv_text import csv_text
 from ...files.open import StrPath, as_path
 from ...formats.csv_poses import pose_text
 from ...geometry.conventions import TOOLKIT
@@ -100,13 +101,4 @@ def write_point_poses(found: Posed, folder: StrPath) -> Path:
 
 
 def _table(header: list[str], *columns: list[Any]) -> str:
-    rows = (",".join(map(_cell, row)) for row in zip(*columns, strict=True))
-    return "\n".join([",".join(header), *rows, ""])
-
-
-def _cell(value: Any) -> str:
-    """A number, bit by bit, or text on one line, in quotation marks where it has special signs."""
-    if not isinstance(value, str):
-        return repr(value)
-    text = " ".join(value.splitlines())
-    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',;"\t#') else text
+    return csv_text([header, *zip(*columns, strict=True)])

@@ -163,7 +163,8 @@ class _Names:
         return list(self.index)
 
     def number(self, text: str) -> bytes:
-        text = _WHOLE.sub(r"\1", text)
+        if whole := _WHOLE.fullmatch(text):
+            text = whole[1]
         return str(self.index.setdefault(text, len(self.index))).encode()
 
 

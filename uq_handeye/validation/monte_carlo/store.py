@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files.atomic import write_atomically
+from ...files.lock import FileLock
 from ...files.open import as_path, reason, shown
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import Noise, PairNoise
@@ -109,12 +110,12 @@ class RunFolder:
         self._work = work
         self._identity = identity(work)
         self._run = hashlib.sha256(json.dumps(self._identity, sort_keys=True).encode()).hexdigest()
-        self._lock: Any = None
+        self._lock: FileLock | None = None
         self.damaged: list[str] = []  # names of chunks that were there but not used
         self.resumed = 0  # trials of chunks that were used
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            self._take()
+            self._lock = FileLock(self.path / "manifest.json")
             self._require_ours(resume)
             self._chunks.mkdir(exist_ok=True)
             for folder in (self.path, self._chunks):  # of a process that was killed: nobody else is at work here
@@ -207,26 +208,10 @@ class RunFolder:
                 return
         write_atomically(file, content)
 
-    def _take(self) -> None:
-        """Hold the folder against other processes, where the system can; the end of this one lets go of it."""
-        try:
-            import fcntl
-        except ImportError:
-            return
-        self._lock = os.open(self.path, os.O_RDONLY)
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            self.close()
-            raise InputError(f"{shown(self.path)} is in use by another run: wait for its end.") from error
-        except OSError:  # a file system without locks
-            pass
-
     def close(self) -> None:
         """Let go of the folder."""
         if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+            self._lock.release()
 
     def _file(self, index: int) -> Path:
         return self._chunks / f"{index:06d}.npz"

@@ -10,8 +10,7 @@ again. So it writes into an image of the file in memory, which after whole round
 in one step of the file system. What is guaranteed: whenever the process ends, also by kill -9, the file is that of the
 last writing, complete; the steps since then are lost, and sampled again with the same random numbers.
 
-While a process is at work on a file, it holds the lock of ``.uq-handeye-NAME.lock`` beside it, which is removed at the
-end; one that a killed process left behind is in nobody's way.
+While a process is at work on a file, it holds its lock (`files.lock`).
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ import os
 import stat
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 from weakref import WeakValueDictionary
@@ -34,6 +33,7 @@ from emcee.backends import Backend, HDFBackend
 
 from ...errors import InputError
 from ...files.atomic import write_atomically
+from ...files.lock import FileLock
 from ...files.open import as_path, reason, shown
 from ...geometry.se3 import Array
 from .moves import Proposal
@@ -117,7 +117,7 @@ class ChainFile:
             real = os.path.realpath(self.path)
             if (earlier := self._open.get(real)) is not None:
                 earlier.close()
-            self._let_go = weakref.finalize(self, _unlocked, *_locked(Path(real)))
+            self._let_go = weakref.finalize(self, FileLock(real).release)
         except FileNotFoundError as error:
             folder = shown(self.path.parent)
             raise InputError(f"Cannot write {shown(self.path)}: there is no folder {folder}; make it first.") from error
@@ -185,36 +185,6 @@ class ChainFile:
                 f"{shown(self.path)} holds another run: its {', '.join(names)} "
                 f"{'differs' if len(names) == 1 else 'differ'}. Ask for the same, or name a new file."
             )
-
-
-def _locked(file: Path) -> tuple[Path, int | None]:
-    """The lock of a chain's file, and its descriptor once this process holds it; None where there are no locks."""
-    lock = file.with_name(f".uq-handeye-{file.name}.lock")
-    try:
-        import fcntl
-    except ImportError:
-        return lock, None
-    while True:
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            os.close(descriptor)
-            raise InputError(f"{shown(file)} is in use by another run: wait for its end.") from error
-        except OSError:  # a file system without locks
-            return lock, descriptor
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.stat(lock), os.fstat(descriptor)):
-                return lock, descriptor
-        os.close(descriptor)  # the one who held it has just removed it
-
-
-def _unlocked(lock: Path, descriptor: int | None) -> None:
-    """Remove a lock, and only then let go of it."""
-    if descriptor is not None:
-        with suppress(OSError):
-            lock.unlink()
-        os.close(descriptor)
 
 
 def _require_plain(group: Any, size: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...findings import sentence
+from ...formatting.numbers import multiple
 
 
 @sentence("sweep.no_estimate")
@@ -17,7 +18,7 @@ def _(failures: int | None, evaluations: int | None) -> str:
 
 @sentence("sweep.size")
 def _(part: str, ratio: float) -> str:
-    return f"The {_of(part)}errors are {ratio:.3g} times as large as predicted."
+    return f"The {_of(part)}errors are {multiple(ratio)} times as large as predicted."
 
 
 @sentence("sweep.coverage")
