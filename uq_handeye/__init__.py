@@ -10,9 +10,9 @@
 gripper_T_camera [0.34 0.34 0.28] mm
 """
 
-from typing import TYPE_CHECKING, Any
+import typing as _typing
 
-if TYPE_CHECKING:
+if _typing.TYPE_CHECKING:
     from .calibration.calibrate import calibrate
     from .calibration.result import Calibration
     from .camera.board import Board, detect_board, tag_points
@@ -372,7 +372,7 @@ _RENAMED = {
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> _typing.Any:
     import warnings
     from importlib import import_module
     from importlib.util import find_spec
@@ -390,4 +390,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

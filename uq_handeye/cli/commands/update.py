@@ -14,7 +14,16 @@ from ..new_poses import NewPoses, new_poses_of
 from ..options.common import JsonOption, emit, emit_document, flag, folder_option, made_of, option, require_writable
 from ..options.report import ReportOptions, report_options_of
 from ..outcome import Wanted, emit_refusal, wanted_of
-from .calibrate import REPORTS, Files, NoCompare, ReportFile, ResultFolder, deliver_result
+from .calibrate import (
+    REPORTS,
+    FiguresOption,
+    Files,
+    NoCompare,
+    ReportFile,
+    ResultFolder,
+    deliver_result,
+    require_folder,
+)
 from .files import ResultFile
 
 
@@ -37,6 +46,7 @@ def update_command(
     no_compare: NoCompare = False,
     as_json: JsonOption = False,
     output: ResultFolder = None,
+    figures: FiguresOption = False,
 ) -> int:
     """Update a stored result by new poses, one or more.
 
@@ -51,6 +61,7 @@ def update_command(
     contradict the result are refused.
     """
     require_writable(report, "--report", REPORTS)
+    require_folder(figures, output)
     if report is None and no_compare:
         raise InputError("--no-compare needs --report FILE. Add it.")
     from ...calibration.result import Calibration
@@ -68,7 +79,7 @@ def update_command(
     found = replace(found, about=found.about | wishes.about)
     return deliver_result(
         found,
-        Files(output, report, not no_compare, None, wishes.of_report),
+        Files(output, report, not no_compare, None, wishes.of_report, figures),
         wanted,
         as_json,
         more=gain(stored, found, poses.n),
