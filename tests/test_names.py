@@ -15,6 +15,16 @@ def test_every_name_is_there():
     assert set(uq.__all__) <= set(dir(uq))
 
 
+def test_only_public_names_are_listed():
+    """Neither the modules that were loaded on the way, nor what the package itself imports."""
+    import uq_handeye.calibration.calibrate  # noqa: F401
+
+    assert {name for name in dir(uq) if not name.startswith("__")} == set(uq.__all__)
+    for name in ("Any", "TYPE_CHECKING"):
+        with pytest.raises(AttributeError):
+            getattr(uq, name)
+
+
 def test_no_name_is_that_of_a_module():
     """Importing the module would put it in the place of the function."""
     assert not {module.name for module in pkgutil.iter_modules(uq.__path__)} & set(uq.__all__)

@@ -10,9 +10,9 @@
 gripper_T_camera [0.34 0.34 0.28] mm
 """
 
-from typing import TYPE_CHECKING, Any
+import typing as _typing
 
-if TYPE_CHECKING:
+if _typing.TYPE_CHECKING:
     from .calibration.calibrate import calibrate
     from .calibration.result import Calibration, load
     from .camera.board import Board, detect_board, tag_points
@@ -371,7 +371,7 @@ _RENAMED = {
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> _typing.Any:
     import warnings
     from importlib import import_module
     from importlib.util import find_spec
@@ -389,4 +389,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

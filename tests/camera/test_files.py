@@ -258,7 +258,7 @@ HEADER = "row,x,y,z,u,v\n"
         ("0,0,0,0,1,1\n", r"line 1: expected the header row,x,y,z,u,v.*header line is missing"),
         ("row,x,y,u,v\n", r"missing: z"),
         ("row,x,y,z,u,v,u\n", "twice: u"),
-        (HEADER + "0,0,0,0,1\n", r"line 2: expected 6 fields separated by ',', got 5"),
+        (HEADER + "0,0,0,0,1\n", r"line 2: expected 6 fields separated by commas, got 5"),
         (HEADER + "0,0,0,0,1,a\n", "line 2, column v: expected a number, got 'a'"),
         (HEADER + "0,0,0,0,1,nan\n", "line 2, column v: expected a finite number"),
         (HEADER + "nan,0,0,0,1,1\n", "line 2, column row: expected a finite number"),

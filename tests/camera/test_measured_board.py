@@ -131,14 +131,17 @@ def lines(change):
     ("change", "message"),
     [
         (lines(lambda all: [*all[:2], "x,y,z,nominal_x", *all[3:]]), "line 3: expected the header x,y,z, or that"),
-        (lines(lambda all: [*all[:4], all[4].rsplit(",", 1)[0], *all[5:]]), "line 5: expected a point, 21 numbers"),
+        (
+            lines(lambda all: [*all[:4], all[4].rsplit(",", 1)[0], *all[5:]]),
+            "line 5: expected 21 fields separated by commas, got 20",
+        ),
         (lines(lambda all: [*all[:4], all[3], *all[4:]]), "every point of the board once"),
         (
             lines(lambda all: [*all[:4], f"0.9{all[4][all[4].index(',') :]}", *all[5:]]),
             "expected points as measured near to those as meant",
         ),
         (lambda text: "x,y,z\n0,0,0\n", "got only points"),
-        (lines(lambda all: [*all[:4], f"nan{all[4][all[4].index(',') :]}", *all[5:]]), "expected finite numbers"),
+        (lines(lambda all: [*all[:4], f"nan{all[4][all[4].index(',') :]}", *all[5:]]), "expected a finite number"),
     ],
 )
 def test_tables_that_are_no_measured_board(bent, tmp_path, change, message):

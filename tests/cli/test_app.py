@@ -31,12 +31,6 @@ def session(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def no_figures(monkeypatch):
-    """They take seconds to draw."""
-    monkeypatch.setattr("uq_handeye.report.figures.figures", lambda *_: {})
-
-
 def test_simulate_writes_what_simulate_makes(session):
     poses = uq.read_poses(session / "robot.csv", session / "camera.csv")
     noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -46,7 +40,8 @@ def test_simulate_writes_what_simulate_makes(session):
 
 
 def test_calibrate_prints_and_writes(session, tmp_path):
-    done = run_process("calibrate", session / "robot.csv", session / "camera.csv", *NOISE, "-o", tmp_path / "out")
+    out = ("-o", tmp_path / "out", "--figures")
+    done = run_process("calibrate", session / "robot.csv", session / "camera.csv", *NOISE, *out)
     assert (done.returncode, done.stderr) == (0, "")
     names = sorted(file.name for file in (tmp_path / "out").iterdir())
     assert names == sorted([*PICTURES, *EXPORTS, "poses.csv", "result.json"])
@@ -55,10 +50,11 @@ def test_calibrate_prints_and_writes(session, tmp_path):
     assert "Wrote" in done.stdout
     assert "result.jsonwith15morefiles." in "".join(done.stdout.split())  # however the path is wrapped
     typed = f"uq-handeye calibrate {session / 'robot.csv'} {session / 'camera.csv'} {' '.join(NOISE)} -o {tmp_path}/out"
+    typed += " --figures"
     assert result.provenance.command == typed
     lines = (tmp_path / "out" / "poses.csv").read_text().splitlines()
     assert lines[0] == "pose,rotation_deg,translation_mm,distance2,leverage,weight,flag"
-    np.testing.assert_allclose([float(line.split(",")[3]) for line in lines[1:]], result.table.distance2)
+    assert "\n".join([*lines, ""]) == result.table.to_dataframe().to_csv(index=False, lineterminator="\n")
     assert (tmp_path / "out" / "ellipses.png").read_bytes()[:4] == b"\x89PNG"
     assert "</svg>" in (tmp_path / "out" / "ellipses.svg").read_text()
 
@@ -110,7 +106,7 @@ def test_without_noise_it_is_estimated(session):
     assert max(map(len, text.splitlines())) <= 120
 
 
-def test_robust_flag(session, tmp_path, no_figures):
+def test_robust_flag(session, tmp_path):
     lines = (session / "camera.csv").read_text().splitlines()
     fields = lines[5].split(",")
     fields[1] = repr(float(fields[1]) + 0.1)
@@ -388,6 +384,17 @@ def test_full_disk_behind_stdout():
     assert done.stderr == "uq-handeye: error: Cannot write the output: No space left on device.\n"
 
 
+def test_figures_are_drawn_when_they_are_asked_for(session, tmp_path):
+    out = ("calibrate", *files_of(session), "-o", tmp_path / "out")
+    for more, drawn in ((*NOISE, "--figures"), PICTURES), (NOISE, []):
+        assert run(*out, *more).returncode == 0
+        names = {file.name for file in (tmp_path / "out").iterdir()}
+        assert names == {*drawn, *EXPORTS, "poses.csv", "result.json"}
+    for command in ("demo", "calibrate robot.csv camera.csv", "update result.json robot.csv camera.csv"):
+        done = run(*command.split(), "--figures")
+        assert (done.returncode, done.stdout) == (2, "") and "--figures needs -o DIR" in done.stderr
+
+
 def test_old_files_do_not_stay_beside_a_new_result(session, tmp_path, monkeypatch):
     def one(result, *_):
         return {} if result.covariance is None else {"ellipses": Figure(figsize=(1, 1))}
@@ -395,7 +402,7 @@ def test_old_files_do_not_stay_beside_a_new_result(session, tmp_path, monkeypatc
     monkeypatch.setattr("uq_handeye.report.figures.figures", one)
 
     def written(folder, *options):
-        assert run("calibrate", *files_of(folder), *options, "-o", tmp_path / "out").returncode == 0
+        assert run("calibrate", *files_of(folder), *options, "-o", tmp_path / "out", "--figures").returncode == 0
         return sorted(file.name for file in (tmp_path / "out").iterdir())
 
     assert run("simulate", "-o", tmp_path / "exact", "--poses", 12, "--seed", 3).returncode == 0

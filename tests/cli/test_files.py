@@ -81,7 +81,7 @@ def test_the_title_block_goes_into_the_result_and_the_report(session, tmp_path, 
 
 
 def test_the_comparison_of_the_report_is_a_figure_of_the_folder(session, tmp_path, asked):
-    files = ("robot.csv", "camera.csv", *NOISE, "-o", tmp_path / "out")
+    files = ("robot.csv", "camera.csv", *NOISE, "-o", tmp_path / "out", "--figures")
     for more in (("--report", tmp_path / "r.html"), ()):
         assert run("calibrate", *files, *more, cwd=session).returncode == 0
         names = {file.name for file in (tmp_path / "out").iterdir()}

@@ -31,8 +31,7 @@ def update(folder, name, *options):
     return run("update", folder / "result.json", *files, *options)
 
 
-def test_update_and_its_difference(folder, monkeypatch):
-    monkeypatch.setattr("uq_handeye.report.figures.figures", lambda *_: {})
+def test_update_and_its_difference(folder):
     done = update(folder, "new", "-o", folder / "new")
     assert (done.returncode, done.stderr) == (0, "")
     assert (

@@ -145,12 +145,12 @@ def test_what_makes_no_sense_is_refused_in_one_line(rig, arguments, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "got no point"),
-        ("x,y,z\n", "got no point"),
+        ("", "the file is empty; expected the header x,y,z"),
+        ("x,y,z\n", "no rows after the header"),
         ("1,2,3\n", "header x,y,z"),
-        ("x,y,z\n1,2\n", "line 2: expected a point, 3 numbers separated"),
-        ("x,y,z\n1,two,3\n", "line 2: expected a point, 3 numbers, got 'two'"),
-        ("x,y,z\n1,2,inf\n", "line 2: expected finite numbers"),
+        ("x,y,z\n1,2\n", "line 2: expected 3 fields separated by commas, got 2"),
+        ("x,y,z\n1,two,3\n", "line 2, column y: expected a number, got 'two'"),
+        ("x,y,z\n1,2,inf\n", "line 2, column z: expected a finite number, got inf"),
         ("x_deg,y,z\n1,2,3\n", "header x,y,z"),
     ],
 )

@@ -48,8 +48,7 @@ def growing(folder, k):
     )
 
 
-def test_growing_files_until_the_tolerance_is_met(tmp_path, arriving, monkeypatch):
-    monkeypatch.setattr("uq_handeye.report.figures.figures", lambda *_: {})  # they take seconds to draw
+def test_growing_files_until_the_tolerance_is_met(tmp_path, arriving):
     arriving([growing(tmp_path, k) for k in range(1, 15)])
     done = run("calibrate", "--watch", tmp_path, *KNOWN, "--tolerance", "3mm,0.4deg", "-q", "-o", tmp_path / "out")
     assert (done.returncode, done.stderr) == (0, "")

@@ -94,7 +94,7 @@ EYE = "[ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]"
         (b"\x89PNG\r\n\x1a\n", ["is a picture", "--images", "docs/how-to/camera.md"]),
         ("some words\n", ["not a pose file", "'some words'"]),
         # tables
-        ("0 1 2 3 0 0 0 1\n1 1 2\n", ["line 2", "timestamp tx ty tz qx qy qz qw", "got 3 fields"]),
+        ("0 1 2 3 0 0 0 1\n1 1 2\n", ["line 2", "expected 8 fields separated by spaces", "got 3"]),
         (" ".join("1" * 12), ["line 1", "no rotation", "Matrices in text"]),
         ("0 1 2 3 0 0 0 1\n1 1 x 3 0 0 0 1\n", ["line 2", "column ty", "'x'"]),
         ("0 1 2 3 0 0 0 1\n1 1 1_0 3 0 0 0 1\n", ["line 2", "column ty", "'1_0'"]),
@@ -104,7 +104,7 @@ EYE = "[ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]"
         ("0 1 2 3 90 0 0 1\n", ["line 1", "columns qx,qy,qz,qw", "unit quaternion"]),
         ("0,1,2,3,0,0,0,1\n", ["abb (wxyz, m), table (xyzw, m)", "--robot-format"]),
         ("timestamp;x;y;z;qx;qy;qz;qw\n", ["no rows after the header"]),
-        ("timestamp tx ty tz qx qy qz qw\n", ["the file is empty"]),
+        ("timestamp tx ty tz qx qy qz qw\n", ["no rows after the header"]),
         ("0 1 2 3 0 0 0 1\ntimestamp tx ty tz qx qy qz qw\n", ["line 2", "column timestamp", "'timestamp'"]),
         # YAML
         ("a: [1, 2\nb: 3\n", ["line 2", "not YAML"]),

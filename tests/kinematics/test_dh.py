@@ -144,7 +144,7 @@ def test_what_is_refused(tmp_path):
         (body.replace("1.5", "x"), "line 3, alpha: expected a number"),
         (body.replace("1.5", "nan"), "finite"),
         (body.replace("1.5", "q1"), "alpha: expected a number"),
-        (body.replace("1.5", "1.5,2"), "line 3: expected 5 fields, got 6"),
+        (body.replace("1.5", "1.5,2"), "line 3: expected 5 fields separated by commas, got 6"),
         (body.replace("\na,", "\na\x01,"), "printable"),
         (body + "a,0,0,0,0\n", "two of the name a"),
         (body + "b,0,0,0,0\n" * 200, "at most 128 rows"),

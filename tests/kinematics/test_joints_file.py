@@ -184,7 +184,7 @@ def test_limits(read):
         ("shoulder,elbow,slide,elbow\n0.1,-1,0.2,-1\n", "one column of joint elbow, got 'elbow, elbow'"),
         ("shoulder,elbow_deg,elbow_rad,slide\n0,0,0,0\n", "one column of joint elbow"),
         ("shoulder [deg],elbow,slide\n10,-1,0.2\n", "some revolute joints name a unit, that of elbow does not"),
-        ("shoulder,elbow,slide\n0.1,-1\n", "line 2: expected 3 fields, got 2"),
+        ("shoulder,elbow,slide\n0.1,-1\n", "line 2: expected 3 fields separated by commas, got 2"),
         ("shoulder,elbow,slide\n0.1,x,0.2\n", "line 2, column elbow: expected a number, got 'x'"),
         ("shoulder,elbow,slide\n0.1,,0.2\n", "an empty field"),
         ("shoulder,elbow,slide\n0.1,nan,0.2\n", "line 2, joint elbow: expected a finite number"),

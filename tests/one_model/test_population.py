@@ -10,7 +10,6 @@ from uq_handeye.kinematics.arms.known_arms import known_arm
 from uq_handeye.kinematics.chain import Kinematics
 from uq_handeye.kinematics.gravity import spread_postures
 from uq_handeye.one_model import population
-
 from uq_handeye.one_model.population import ARMS, gauge_columns, population_columns, truncated
 
 

@@ -110,7 +110,7 @@ def test_units_and_tables_without_names(tmp_path):
         ("pose,point,x,y,z\n", "no rows after the header"),
         ("pose,point,x,y\n0,A,1,2\n", "missing: z"),
         ("point,x,y,z\nA,1,2,3\n", "missing: pose"),
-        ("pose,point,x,y,z\n0,A,1,2\n", "line 2: expected 5 fields, got 4"),
+        ("pose,point,x,y,z\n0,A,1,2\n", "line 2: expected 5 fields separated by commas, got 4"),
         ("pose,point,x,y,z\n0,A,1,far,3\n", "line 2, column y: expected a number, got 'far'"),
         ("pose,point,x,y,z\n0,A,1,inf,3\n", "line 2: expected finite coordinates"),
         ("pose,point,x,y,z\n0,A,1,2,3\n0,A,1,2,3\n", "point A twice in pose 0"),

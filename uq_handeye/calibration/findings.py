@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
-from ..camera.board import spacing_of
+from ..camera.boards.description import spacing_of
 from ..diagnostics.pose_table import PoseTable, pose_table
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import GROSS, Finding, Severity

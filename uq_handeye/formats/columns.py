@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime
 
+from ..files.table import name_and_unit
 from ..formatting.units import LENGTH_UNITS
 from .contents import COLUMNS
 
@@ -22,6 +23,7 @@ ALIASES = {
 # Longest name of a column.
 LONGEST = 200
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_UNITS = {*LENGTH_UNITS, *SECONDS, "1"}
 
 _CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d):([0-5]?\d(?:[.,]\d+)?)")
 _GERMAN = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})([ T].*)")
@@ -29,7 +31,6 @@ _COUNTING = re.compile(
     r"(?:nr|no|num|number|idx|index|punkt|point|pose|frame|image|img|picture|pic|bild|shot|sample|file|filename|name)"
     r"(?:[ _.]?(?:nr|no|num|number|idx|index|id|name|file|path))?\.?"
 )
-_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_([a-z]{1,3}))")
 _PARTS = re.compile(r"(?:.*[./_])?(?:(position|translation)|orientation|rotation|quaternion)[./_]([xyzw])")
 _EUROC = re.compile(r"(?:(p)|q)_(?:[a-z]+_)+([xyzw])")
 
@@ -77,10 +78,9 @@ def meaning_and_unit(name: str) -> tuple[str, str | None]:
         return "timestamp", "ns"
     if (column := _plain(small)) is not None:
         return column, None
-    split = _UNIT.fullmatch(small)
-    if split is None or (column := _plain(split[1])) is None:
+    bare, unit = name_and_unit(small, _UNITS)
+    if unit is None or (column := _plain(bare)) is None:
         return name, None
-    unit = split[2] if split[2] is not None else split[3]
     if column.startswith("q"):
         return (column, None) if unit in ("", "-", "1") else (name, None)
     known = SECONDS if column == "timestamp" else LENGTH_UNITS

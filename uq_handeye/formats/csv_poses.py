@@ -13,8 +13,7 @@ from __future__ import annotations
 import re
 import warnings
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,9 +21,10 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError, InputWarning
 from ..files.atomic import write_atomically
-from ..files.lines import MAX_BYTES, decoded, is_number, rows_of, short
+from ..files.lines import MAX_BYTES, short
 from ..files.many import numbers_in
 from ..files.open import StrPath, as_path, opened, shown
+from ..files.table import MARKS, Places, Schema, in_order, numbers_only, read_table, split_names
 from ..geometry.checks import as_transforms, first_duplicate
 from ..geometry.se3 import Array
 from .columns import SECONDS, counts_poses, meaning_and_unit
@@ -36,95 +36,20 @@ HEADER = ",".join(COLUMNS)
 _POINTS = ("point", "point_id", "marker", "marker_id", "feature", "feature_id")
 OF_POINTS = "of points, uq-handeye points -o DIR makes camera poses (docs/how-to/points.md)"
 
-_MARKS = {",": "commas", ";": "semicolons", "\t": "tabs"}
-
-
-@dataclass(frozen=True)
-class _Header:
-    """The line of names: those that are used, where they stand, and what they mean."""
-
-    separator: bytes
-    count: int  # columns of the file
-    used: list[int]
-    names: list[str]
-    meant: list[str]
-    units: dict[str, str | None]  # of what is meant
-    left: list[str]  # names that are not used
-    counting: int | None = None  # the column that numbers the poses
-
 
 def read_csv(file: BinaryIO, name: str) -> Contents:
     """The poses of a CSV file, as they stand there."""
-    header: _Header | None = None
-    commented = False  # the header stood in a comment; a real one may follow
-    decimal_commas = False
-    counted: list[bytes] = []
-
-    def comment(text: bytes, where: str) -> None:
-        nonlocal header, commented
-        if header is None:
-            with suppress(InputError):  # any other comment
-                header, commented = _header(text.lstrip(b"# \t"), where), True
-
-    def fields_of(text: bytes, where: str) -> list[bytes] | None:
-        nonlocal header, commented, decimal_commas
-        again = commented and not any(map(is_number, re.split(rb"[,;\s]+", text)))
-        commented = False
-        if header is None or again:
-            header = _header(text, where)
-            return None
-        if b'"' in text:
-            text = text.replace(b'"', b"")
-        fields = text.split(header.separator)
-        if len(fields) == header.count + 1 and not fields[-1].strip():  # a comma behind the last number
-            fields.pop()
-        if len(fields) != header.count:
-            decoded(text, f"{where}: expected {header.count} fields")
-            mark = _MARKS[header.separator.decode()]
-            raise InputError(f"{where}: expected {header.count} fields separated by {mark}, got {len(fields)}.")
-        if header.counting is not None:
-            counted.append(fields[header.counting])
-        if header.left:
-            fields = [fields[k] for k in header.used]
-        if header.separator != b"," and b"," in text:
-            decimal_commas = True
-            fields = [field.replace(b",", b".") for field in fields]
-        return fields
-
-    def explain(fields: list[bytes], where: str) -> NoReturn:
-        for column, field in zip([] if header is None else header.names, fields, strict=True):
-            if not is_number(field):
-                text = decoded(field, f"{where}, column {column}: expected a number").strip(" \t")
-                got = short(text) if text else "an empty field"
-                raise InputError(f"{where}, column {column}: expected a number, got {got}.")
-        raise AssertionError(where)  # the caller has found something wrong
-
-    table, lines = rows_of(file, name, fields_of, explain, comment)
-    if header is None:
-        raise InputError(f"{name}: the file is empty; expected the header {HEADER} and one line per pose.")
-    if not len(lines):
-        raise InputError(f"{name}: no rows after the header; expected one line per pose.")
-    return _contents(
-        name, header, table, lines, decimal_commas, numbers_in(text.decode(errors="replace") for text in counted)
-    )
-
-
-def _contents(
-    name: str,
-    header: _Header,
-    table: Array,
-    lines: NDArray[np.int64],
-    decimal_commas: bool,
-    numbers: tuple[int, ...],
-) -> Contents:
-    """The poses under a header, and notes of what was found out from it."""
-    names, meant, notes = header.names, header.meant, []
+    table = read_table(file, name, SCHEMA)
+    names = [table.names[k] for k in table.places.numbers]
+    meant, units = map(list, zip(*map(meaning_and_unit, names), strict=True))
+    unit_of = dict(zip(meant, units, strict=True))
+    notes = []
     if meant != names:
         notes.append(f"columns {', '.join(names)} read as {', '.join(meant)}")
-    if header.left:
-        notes.append(f"not used: the columns {short(', '.join(header.left))}")
-    if header.separator != b",":
-        marks = "semicolons, numbers with decimal commas" if decimal_commas else _MARKS[header.separator.decode()]
+    if left := [one for k, one in enumerate(table.names) if k not in table.places.numbers]:
+        notes.append(f"not used: the columns {short(', '.join(left))}")
+    if table.mark != ",":
+        marks = "semicolons, numbers with decimal commas" if table.decimal_commas else MARKS[table.mark]
         notes.append(f"fields separated by {marks}")
     # The quaternion as it stands in the file, and the order in which its columns are named.
     quaternion = [k for k, column in enumerate(meant) if column.startswith("q")]
@@ -135,22 +60,22 @@ def _contents(
         notes.append("quaternions with the scalar first, as the columns are named")
     times = None
     if "timestamp" in meant:
-        unit = header.units["timestamp"] or "s"
-        times = table[:, meant.index("timestamp")] * SECONDS[unit]
+        unit = unit_of["timestamp"] or "s"
+        times = table.values[:, meant.index("timestamp")] * SECONDS[unit]
         if unit not in ("s", "sec"):
             notes.append(f"timestamps in {unit}, as the column is named")
     else:
         notes.append("no timestamp column: rows are numbered 0, 1, 2, ...")
     translation = [meant.index(axis) for axis in "xyz"]
-    if (length := header.units["x"]) is not None:
+    if (length := unit_of["x"]) is not None:
         notes.append(f"translations in {length}, as the columns are named")
     columns = (
         names[meant.index("timestamp")] if times is not None else "timestamp",
         *(names[k] for k in translation + quaternion),
     )
     side = Side(
-        name, table[:, translation], table[:, quaternion], times, lines, "line", order, columns, units=length,
-        numbers=numbers,
+        name, table.values[:, translation], table.values[:, quaternion], times, table.lines, "line", order, columns,
+        units=length, numbers=numbers_in(text for (text,) in table.texts),
     )  # fmt: skip
     return Contents(only=side, notes=tuple(notes))
 
@@ -235,56 +160,46 @@ def pose_text(poses: Any, timestamps: ArrayLike | None = None) -> str:
     return "\n".join([HEADER, *rows, ""])
 
 
-def _header(line: bytes, where: str) -> _Header:
-    """The names of a header line; raises `InputError` unless they mean those of `COLUMNS`, in any order, and others."""
-    text = decoded(line, f"{where}: expected the header {HEADER}")
-    separator = next((mark for mark in _MARKS if mark in text), ",")
-    names = [name.strip(" \t\"'") for name in text.split(separator)]
+def _places(names: list[str], line: str, where: str) -> Places:
+    """Find the columns; raises `InputError` unless the names mean those of `COLUMNS`, in any order, and others."""
     meant, units = map(list, zip(*map(meaning_and_unit, names), strict=True))
     used = [k for k, column in enumerate(meant) if column in COLUMNS]
-    found = sorted(meant[k] for k in used)
-    if found in (sorted(COLUMNS), sorted(COLUMNS[1:])):
-        unit_of = {meant[k]: units[k] for k in used}
-        if len(lengths := {unit_of[axis] for axis in "xyz"}) > 1:
+    if sorted(meant[k] for k in used) in (sorted(COLUMNS), sorted(COLUMNS[1:])):
+        if len(lengths := {units[k] for k in used if meant[k] in "xyz"}) > 1:
             got = ", ".join(sorted(unit or "none" for unit in lengths))
             raise InputError(f"{where}: expected one unit for x, y and z, got {got}.")
-        left = [name for k, name in enumerate(names) if k not in used]
-        counting = next((k for k, name in enumerate(names) if k not in used and counts_poses(name)), None)
-        return _Header(
-            separator.encode(),
-            len(names),
-            used,
-            [names[k] for k in used],
-            [meant[k] for k in used],
-            unit_of,
-            left,
-            counting,
-        )
-    words = [word for word in re.split(r"[,;\s]+", text) if word]
-    if len(words) > 1 and all(is_number(word.encode()) for word in words):
+        counting = (k for k, name in enumerate(names) if k not in used and counts_poses(name))
+        return Places(used, list(counting)[:1])
+    if words := list(numbers_only(line)):
         what = f"got numbers: the header line is missing, {_missing_line(len(words))}"
         raise InputError(f"{where}: expected the header {HEADER}, {what}.")
-    missing = [column for column in COLUMNS[1:] if column not in meant]
+    missing, repeated = in_order(meant, COLUMNS)
+    missing = [column for column in missing if column != "timestamp"]
     unknown = [name for name, column in zip(names, meant, strict=True) if column not in COLUMNS]
-    repeated = sorted({column for column in meant if column in COLUMNS and meant.count(column) > 1})
-    parts = (("missing", missing), ("unknown", unknown), ("repeated", repeated))
+    parts = (("missing", missing), ("unknown", unknown), ("repeated", sorted(repeated)))
     details = "; ".join(f"{what}: {short(', '.join(which))}" for what, which in parts if which)
-    hint = "; end each line with a line feed" if "\r" in text else ""
+    hint = "; end each line with a line feed" if "\r" in line else ""
     if not {"x", "y", "z"} & set(missing) and set(COLUMNS[4:]) <= set(missing):
         hint = "; rotations must be quaternions here; for others see --rotation and docs/how-to/controller.md"
     elif missing:
         hint += "; docs/how-to/controller.md"
         if any(name.lower() in _POINTS for name in unknown):
             hint = f"; {OF_POINTS}"
-    raise InputError(f"{where}: expected the header {HEADER}, got {short(text)} ({details}){hint}.")
+    raise InputError(f"{where}: expected the header {HEADER}, got {short(line)} ({details}){hint}.")
+
+
+def _is_header(names: list[str]) -> bool:
+    with suppress(InputError):
+        return bool(_places(names, "", "").numbers)
+    return False
+
+
+SCHEMA = Schema(f"the header {HEADER}", "pose", _places, named=_is_header)
 
 
 def is_csv_header(line: str) -> bool:
     """Return whether a line names the columns of `COLUMNS`, and perhaps others."""
-    with suppress(InputError):
-        _header(line.encode(errors="replace"), "")
-        return True
-    return False
+    return _is_header(split_names(line)[0])
 
 
 def is_points_header(line: str) -> bool:

@@ -252,7 +252,7 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
         return "tum"
     if first.startswith((b"{", b"[", b"<", b"%YAML", b"---", b"- ")) or b":" in first:
         return "tree"
-    if len(words) == 8 and (is_number(words[1]) or names_order(words)):
+    if len(words) == 8 and (is_number(words[1]) or names_order([word.decode(errors="replace") for word in words])):
         return "tum"
     if len(fields) > 1 or names <= set(re.split(rb"[,;\s]+", first)):
         return "csv"

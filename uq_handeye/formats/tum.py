@@ -8,17 +8,17 @@ benchmark, "File Formats" (cvg.cit.tum.de/data/datasets/rgbd-dataset/file_format
 
 from __future__ import annotations
 
-from typing import BinaryIO, NoReturn
+from typing import BinaryIO
 
 from ..errors import InputError
-from ..files.lines import decoded, is_number, rows_of, short
+from ..files.lines import short
+from ..files.table import Places, Schema, read_table
 from .columns import meaning
 from .contents import COLUMNS as USUAL
 from .contents import Contents, Side
 from .rotation_form import QUATERNIONS
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-
 
 _MATRIX = "; matrices are read as --format matrix, or by their content"
 _HINTS = {
@@ -29,52 +29,41 @@ _HINTS = {
 }
 
 
-def names_order(words: list[bytes]) -> str | None:
+def names_order(words: list[str]) -> str | None:
     """The order of the quaternion in a line of names of the columns, or None for any other line."""
-    meant = [meaning(word.decode("utf-8", errors="replace")) for word in words]
+    meant = [meaning(word) for word in words]
     order = "".join(column[-1] for column in meant[4:] if column.startswith("q"))
     return order if meant[:4] == list(USUAL[:4]) and order in QUATERNIONS else None
 
 
+def _places(names: list[str], line: str, where: str) -> Places:
+    named = names_order(names) is not None
+    if len(names) != len(COLUMNS):
+        hint = _HINTS.get(len(names), "; docs/formats.md has the formats")
+        raise InputError(
+            f"{where}: expected the 8 numbers {' '.join(COLUMNS)} separated by spaces, got {len(names)} fields, "
+            f"{short(line)}{hint}."
+        )
+    return Places(range(len(COLUMNS)), names=None if named else COLUMNS)
+
+
+SCHEMA = Schema(
+    f"the columns {' '.join(COLUMNS)}",
+    "pose",
+    _places,
+    named=lambda names: names_order(names) is not None,
+    marks=" ",
+    decimal_commas=False,
+    needs=lambda count: _HINTS.get(count, "; docs/formats.md has the formats"),
+)
+
+
 def read_tum(file: BinaryIO, name: str) -> Contents:
     """The poses of a TUM file, as they stand there."""
-    orders: list[str] = []
-    begun = False
-
-    def comment(text: bytes, where: str) -> None:
-        if order := names_order(text.lstrip(b"# \t").split()):
-            orders[:] = [order]
-
-    def fields_of(text: bytes, where: str) -> list[bytes] | None:
-        fields = text.split()
-        nonlocal begun
-        if not begun:
-            order = names_order(fields) if len(fields) == len(COLUMNS) else None
-            if order:
-                orders[:] = [order]
-                return None
-            begun = True
-            orders[:] = orders or ["xyzw"]
-        if len(fields) != len(COLUMNS):
-            words = decoded(text, f"{where}: expected {' '.join(COLUMNS)}")
-            hint = _HINTS.get(len(fields), "; docs/formats.md has the formats")
-            raise InputError(
-                f"{where}: expected the 8 numbers {' '.join(COLUMNS)} separated by spaces, got {len(fields)} "
-                f"fields, {short(words)}{hint}."
-            )
-        return fields
-
-    def explain(fields: list[bytes], where: str) -> NoReturn:
-        for column, field in zip(COLUMNS, fields, strict=True):
-            if not is_number(field):
-                text = decoded(field, f"{where}, column {column}: expected a number")
-                raise InputError(f"{where}, column {column}: expected a number, got {short(text)}.")
-        raise AssertionError(where)  # the caller has found something wrong
-
-    table, lines = rows_of(file, name, fields_of, explain, comment)
-    if not len(lines):
-        raise InputError(f"{name}: the file is empty; expected {' '.join(COLUMNS)} on each line.")
-    notes = ("quaternions with the scalar first, as the columns are named",) if orders[0] == "wxyz" else ()
-    columns = (*COLUMNS[:4], *(f"q{letter}" for letter in orders[0]))
-    side = Side(name, table[:, 1:4], table[:, 4:], table[:, 0].copy(), lines, "line", orders[0], columns)
+    table = read_table(file, name, SCHEMA)
+    order = names_order(table.names) or "xyzw"
+    notes = ("quaternions with the scalar first, as the columns are named",) if order == "wxyz" else ()
+    columns = (*COLUMNS[:4], *(f"q{letter}" for letter in order))
+    values = table.values
+    side = Side(name, values[:, 1:4], values[:, 4:], values[:, 0].copy(), table.lines, "line", order, columns)
     return Contents(only=side, notes=notes)

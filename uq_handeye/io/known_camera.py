@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hashlib import sha256
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -90,6 +91,8 @@ def _listed(rows: NDArray[Any]) -> str:
 
 def is_folder_of_poses(path: Path) -> bool:
     """Return whether a folder is one of ``uq-handeye camera`` or ``uq-handeye points``."""
+    if not path.is_dir():
+        return False
     from ..camera.files.folder import is_camera_folder
     from ..points.files.folder import is_points_folder
 
@@ -98,6 +101,8 @@ def is_folder_of_poses(path: Path) -> bool:
 
 def known_camera(camera: Any) -> KnownCamera | None:
     """The camera poses with their covariance that are meant, if some are."""
+    if camera is None or (isinstance(camera, str | PathLike) and not as_path(camera).is_dir()):
+        return None  # poses of a file, or none: what follows is slow to import
     from ..camera.files.folder import is_camera_folder, read_camera
     from ..camera.files.folder_writer import CORNERS
     from ..camera.result import CameraCalibration
@@ -109,8 +114,6 @@ def known_camera(camera: Any) -> KnownCamera | None:
         return KnownCamera(camera, None, "the pictures", ())
     if isinstance(camera, PointPoses):
         return KnownCamera(None, camera, "the points", ())
-    if camera is None:
-        return None
     folder = as_path(camera)
     if is_points_folder(folder):
         found = read_point_poses(folder)

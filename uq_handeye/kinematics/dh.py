@@ -42,8 +42,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
-from ..files.lines import decoded, is_number, short
+from ..files.lines import is_number, short
 from ..files.open import as_path, opened, shown
+from ..files.table import Places, Schema, in_order, name_and_unit, read_table
 from ..formats.noise_toml import parse_tables
 from ..formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ..geometry.checks import as_numbers
@@ -62,7 +63,8 @@ _FIELDS = ("joint", *_ANGLES, *_LENGTHS, "type", "lower", "upper", "offset")
 _OF_FILE = ("convention", "angle", "length", "name", "base", "tip", "up", "joints")
 _NAMES = {"name": "joint", "kind": "type", "\u03b8": "theta", "\u03b1": "alpha"}
 _VARIABLE = re.compile(r"\*?|(?:q|theta|\u03b8|d)_?\d*\*?", re.IGNORECASE)
-_HEADER = re.compile(r"(\w+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_(deg|rad|mm|cm|m))?", re.IGNORECASE)
+_UNITS = {*ANGLE_UNITS, *LENGTH_UNITS}
+_SAID = re.compile(r"\bconvention\s*[:=]?\s*\"?(\w+)", re.IGNORECASE)
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s.+-]\S*)\s*")
 
 
@@ -270,64 +272,55 @@ def _toml(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
 
 
 def _csv(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    where = shown(path)
     with opened(path, MAX_BYTES) as file:
-        text = decoded(file.read().removeprefix(b"\xef\xbb\xbf"), f"{where}: expected a table of DH parameters")
-    header: list[tuple[str, str | None]] | None = None
+        table = read_table(file, shown(path), SCHEMA)
+    said = [found for text in table.comments if (found := _SAID.search(text[:200])) is not None]
+    if len(table.lines) > 2 * MAX_JOINTS:
+        raise InputError(f"{table.at(2 * MAX_JOINTS)}: expected at most {2 * MAX_JOINTS} rows.")
+    header = [_column(name) for name in table.names]
+    units = dict(header)
     rows: list[dict[str, Any]] = []
-    about: dict[str, Any] = {}
-    separator = ","
-    for number, line in enumerate(text.splitlines(), start=1):
-        at = f"{where}, line {number}"
-        if not line.strip():
-            continue
-        if line.lstrip().startswith("#"):
-            said = re.search(r"\bconvention\s*[:=]?\s*\"?(\w+)", line[:200], re.IGNORECASE)
-            if said is not None:
-                about["convention"] = said[1].lower()
-            continue
-        if header is None:
-            separator = next((mark for mark in (",", ";", "\t") if mark in line), ",")
-            header = _header(line.split(separator), at)
-            continue
-        fields = [part.strip(" \t\"'") for part in line.split(separator)]
-        if len(fields) != len(header):
-            raise InputError(f"{at}: expected {len(header)} fields, got {len(fields)}.")
-        if len(rows) == 2 * MAX_JOINTS:
-            raise InputError(f"{at}: expected at most {2 * MAX_JOINTS} rows.")
-        row = {name: value for value, (name, _) in zip(fields, header, strict=True) if value}
+    for k, texts in enumerate(table.texts):
+        row = {name: value for value, (name, _) in zip(texts, header, strict=True) if value}
         moving = "d" if row.get("type", "").lower().startswith("p") else "theta"
-        units = dict(header)
-        rows.append({"where": f"line {number}"})
+        rows.append({"where": f"line {table.lines[k]}"})
         for name, value in row.items():
             if name in ("joint", "type") or (name == moving and _VARIABLE.fullmatch(value)):
                 rows[-1][name] = value
             else:  # limits and offset are in the unit of what moves, unless they name their own
                 other = _PARTNER.get(name)
                 if other and not units[name] and units[other] and value.strip("0.+-"):
-                    raise InputError(f"{at}: {name} {short(value)} has no unit, and {other} is in {units[other]}.")
+                    raise InputError(
+                        f"{table.at(k)}: {name} {short(value)} has no unit, and {other} is in {units[other]}."
+                    )
                 own = units[name] or (units[moving] if name in ("lower", "upper", "offset") else None)
                 rows[-1][name] = (value, own)
-    if header is None:
-        raise InputError(f"{where}: the file is empty; expected the header joint,theta,d,a,alpha.")
-    return rows, about
+    return rows, {"convention": said[-1][1].lower()} if said else {}
 
 
-def _header(names: list[str], at: str) -> list[tuple[str, str | None]]:
-    """Fields of the columns, with the unit that each names."""
-    found: list[tuple[str, str | None]] = []
-    for text in names:
-        match = _HEADER.fullmatch(text.strip(" \t\"'")[:100])
-        name = "" if match is None else _NAMES.get(match[1].lower(), match[1].lower())
-        unit = None if match is None else match[2] or match[3]
-        if name not in _FIELDS or unit not in (None, "", *ANGLE_UNITS, *LENGTH_UNITS):
-            raise InputError(f"{at}: unknown column {short(text)}; expected {', '.join(_FIELDS)}, units in brackets.")
+def _column(text: str) -> tuple[str, str | None]:
+    """The field of a column, "" for one that is unknown, and the unit that it names."""
+    name, unit = name_and_unit(text[:100], _UNITS)
+    small = name.lower()
+    found = _NAMES.get(small, small)
+    return (found if found in _FIELDS and unit in (None, "", *_UNITS) else ""), unit or None
+
+
+def _places(names: list[str], line: str, where: str) -> Places:
+    found = [_column(name) for name in names]
+    for text, (name, unit) in zip(names, found, strict=True):
+        if not name:
+            raise InputError(
+                f"{where}: unknown column {short(text)}; expected {', '.join(_FIELDS)}, units in brackets."
+            )
         if (unit in LENGTH_UNITS and name in _ANGLES) or (unit in ANGLE_UNITS and name in _LENGTHS):
-            raise InputError(f"{at}: {name} is {'an angle' if name in _ANGLES else 'a length'}, not in {unit}.")
-        found.append((name, unit or None))
-    which = [name for name, _ in found]
-    if twice := [name for name in which if which.count(name) > 1]:
-        raise InputError(f"{at}: the column {twice[0]} is given twice.")
-    if missing := [name for name in ("theta", "d", "a", "alpha") if name not in which]:
-        raise InputError(f"{at}: expected the columns theta, d, a and alpha; missing: {', '.join(missing)}.")
-    return found
+            raise InputError(f"{where}: {name} is {'an angle' if name in _ANGLES else 'a length'}, not in {unit}.")
+    missing, twice = in_order([name for name, _ in found], _FIELDS)
+    if twice:
+        raise InputError(f"{where}: the column {twice[0]} is given twice.")
+    if missing := [name for name in missing if name in (*_ANGLES, *_LENGTHS)]:
+        raise InputError(f"{where}: expected the columns theta, d, a and alpha; missing: {', '.join(missing)}.")
+    return Places([], range(len(names)))
+
+
+SCHEMA = Schema("the header joint,theta,d,a,alpha", "joint", _places)

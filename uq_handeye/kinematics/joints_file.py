@@ -19,14 +19,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO, NamedTuple, NoReturn
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files.lines import MAX_BYTES, decoded, is_number, rows_of, short
+from ..files.lines import MAX_BYTES, short
 from ..files.open import StrPath, as_path, opened, shown
+from ..files.table import Places, Schema, Table, name_and_unit, read_table, rows_are_numbers
 from ..formats.columns import SECONDS, meaning_and_unit
 from ..formats.numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from ..formats.numpy_poses import TIMES, read_one_array, unpacked
@@ -34,14 +35,14 @@ from ..formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ..geometry.checks import first_duplicate
 from ..geometry.se3 import Array
 from .chain import Kinematics
-from .joint import MAX_NAME, PRISMATIC, REVOLUTE
+from .joint import PRISMATIC, REVOLUTE
 from .joint_limits import require_within_limits
 from .urdf import nearest
 
+# Lists of names in rows that name their joints.
+MAX_ORDERS = 1000
 DEGREE, MILLIMETRE = ANGLE_UNITS["deg"], LENGTH_UNITS["mm"]
 
-_MARKS = (",", ";", "\t")
-_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_([a-z]{1,3}))")
 _NUMBERED = re.compile(r"(?:.*[./])?(name|position)[_.]?\[?(\d{1,6})\]?")
 _OTHERS = {"velocity", "velocities", "vel", "effort", "efforts", "eff", "torque", "current", "acceleration", "acc"}
 _ARRAYS = ("q", "joints", "joint_positions", "positions", "position")
@@ -70,11 +71,9 @@ class _Wanted:
 class _Columns:
     """Meaning of a header."""
 
-    separator: bytes
-    count: int
-    time: tuple[int, float] | None  # column, seconds per unit
-    joints: list[int]  # columns of the joints, in the order of the arm
-    units: list[str | None]  # of each joint, as its column says
+    time: tuple[int, float] | None = None  # column, seconds per unit
+    joints: list[int] = field(default_factory=list)  # columns of the joints, in the order of the arm
+    units: list[str | None] = field(default_factory=list)  # of each joint, as its column says
     by_row: list[tuple[int, int]] = field(default_factory=list)  # columns of name and value, where rows name the joints
 
 
@@ -198,74 +197,35 @@ def _in_units(values: Array, named: list[str | None], wanted: _Wanted, at: Calla
 def _from_csv(
     file: BinaryIO, name: str, wanted: _Wanted
 ) -> tuple[Array | None, Array, list[str | None], NDArray[np.int64]]:
-    columns: _Columns | None = None
-    in_comment: bytes | None = None
-    orders: dict[tuple[bytes, ...], list[int]] = {}
+    columns = _Columns()
 
-    def comment(text: bytes, where: str) -> None:
-        nonlocal in_comment
-        bare = text.lstrip(b"# \t")
-        if in_comment is None and any(joint.encode() in bare for joint in wanted.names):
-            in_comment = bare
-
-    def fields_of(text: bytes, where: str) -> list[bytes] | None:
+    def places(names: list[str], line: str, where: str) -> Places:
         nonlocal columns
-        if columns is None:
-            fields = re.split(rb"[,;\t]", text)
-            if all(is_number(part) for part in fields) and in_comment is not None:
-                columns = _header(in_comment, where, wanted)
-            else:
-                columns = _header(text, where, wanted)
-                return None
-        if b'"' in text:
-            text = text.replace(b'"', b"")
-        fields = text.split(columns.separator)
-        if len(fields) != columns.count:
-            decoded(text, f"{where}: expected {columns.count} fields")
-            raise InputError(f"{where}: expected {columns.count} fields, got {len(fields)}.")
-        if columns.separator != b"," and b"," in text:
-            fields = [part.replace(b",", b".") for part in fields]
-        joints = columns.joints
-        if columns.by_row:
-            key = tuple(fields[k].strip() for k, _ in columns.by_row)
-            if key not in orders:
-                if len(orders) == 1000:
-                    raise InputError(f"{where}: expected rows of one robot, got more than 1000 lists of joint names.")
-                orders[key] = _named_in_row(key, columns.by_row, where, wanted)
-            joints = orders[key]
-        return [fields[k] for k in ([] if columns.time is None else [columns.time[0]]) + joints]
+        columns = _header(names, where, wanted)
+        time = [] if columns.time is None else [columns.time[0]]
+        return Places([*time, *(columns.joints or [k for _, k in columns.by_row])], [k for k, _ in columns.by_row])
 
-    def explain(fields: list[bytes], where: str) -> NoReturn:
-        first = ["timestamp"] if len(fields) > len(wanted.names) else []
-        for column, value in zip([*first, *wanted.names], fields, strict=True):
-            if not is_number(value):
-                text = decoded(value, f"{where}, column {column}: expected a number").strip(" \t")
-                raise InputError(
-                    f"{where}, column {column}: expected a number, got {short(text) if text else 'an empty field'}."
-                )
-        raise AssertionError(where)
+    def named(names: list[str]) -> bool:
+        return any(joint in name for joint in wanted.names for name in names)
 
-    table, lines = rows_of(file, name, fields_of, explain, comment)
-    if columns is None:
-        raise InputError(f"{name}: the file is empty; expected a header with the names of the joints.")
-    if not len(lines):
-        raise InputError(f"{name}: no rows after the header; expected one line per pose.")
-    if columns.time is None:
+    table = read_table(file, name, Schema("a header with the names of the joints", "pose", places, named))
+    values = table.values
+    times = None if columns.time is None else values[:, 0] * columns.time[1]
+    values = values if columns.time is None else values[:, 1:]
+    if columns.by_row:
+        values = _sorted_rows(table, values, wanted)
+    if times is None:
         wanted.notes.append("no timestamp column")
-        return None, table, columns.units, lines
-    return table[:, 0] * columns.time[1], table[:, 1:], columns.units, lines
+    return times, values, columns.units, table.lines
 
 
-def _header(line: bytes, where: str, wanted: _Wanted) -> _Columns:
-    text = decoded(line, f"{where}: expected a header with the names of the joints")
-    separator = next((mark for mark in _MARKS if mark in text), ",")
-    names = [part.strip(" \t\"'") for part in text.split(separator)]
-    if names and all(is_number(part.encode()) for part in names):
+def _header(names: list[str], where: str, wanted: _Wanted) -> _Columns:
+    if rows_are_numbers(names):
         raise InputError(
             f"{where}: expected a header with the names of the joints, got numbers; add it as the first line: "
             f"{short(', '.join(wanted.names))}, in the order of the columns."
         )
-    found = _Columns(separator.encode(), len(names), None, [], [])
+    found = _Columns()
     for k, name in enumerate(names):
         meaning, unit = meaning_and_unit(name)
         if meaning == "timestamp" and name not in wanted.names and found.time is None:
@@ -312,13 +272,11 @@ def _matches(joint: str, kind: str, names: Sequence[str]) -> list[tuple[int, str
     if exact:
         return exact
     found = []
+    known = ANGLE_UNITS if kind == REVOLUTE else LENGTH_UNITS
     for k, name in enumerate(names):
-        bare, unit = name, None
-        split = _UNIT.fullmatch(name) if len(name) <= 2 * MAX_NAME else None
-        if split is not None:
-            word = split[2] if split[2] is not None else split[3]
-            if _kind_of_unit(word) == kind:
-                bare, unit = split[1], word
+        bare, unit = name_and_unit(name, known)
+        if unit not in known:
+            bare, unit = name, None
         parts = re.split(r"[/\\]", bare)
         for ending in (".position", ".positions", ".pos"):
             parts = [part.removesuffix(ending) for part in parts]
@@ -327,13 +285,23 @@ def _matches(joint: str, kind: str, names: Sequence[str]) -> list[tuple[int, str
     return found
 
 
-def _named_in_row(key: tuple[bytes, ...], pairs: list[tuple[int, int]], where: str, wanted: _Wanted) -> list[int]:
-    """Columns of the values in the order of the arm, from the names that stand in a row."""
-    names = [decoded(part, f"{where}: expected names of joints") for part in key]
-    if twice := [joint for joint in wanted.names if names.count(joint) > 1]:
-        raise InputError(f"{where}: joint {twice[0]} is named twice.")
-    _require_all([joint for joint in wanted.names if joint not in names], names, where)
-    return [pairs[names.index(joint)][1] for joint in wanted.names]
+def _sorted_rows(table: Table, values: Array, wanted: _Wanted) -> Array:
+    """Values in the order of the arm, by the names that stand in each row."""
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for k, names in enumerate(table.texts):
+        rows.setdefault(names, []).append(k)
+        if len(rows) > MAX_ORDERS:
+            raise InputError(
+                f"{table.at(k)}: expected rows of one robot, got more than {MAX_ORDERS} lists of joint names."
+            )
+    q = np.empty((len(values), len(wanted.names)))
+    for names, of_names in rows.items():
+        where = table.at(of_names[0])
+        if twice := [joint for joint in wanted.names if names.count(joint) > 1]:
+            raise InputError(f"{where}: joint {twice[0]} is named twice.")
+        _require_all([joint for joint in wanted.names if joint not in names], names, where)
+        q[of_names] = values[of_names][:, [names.index(joint) for joint in wanted.names]]
+    return q
 
 
 # NumPy
@@ -366,7 +334,7 @@ def _from_arrays(data: bytes, name: str, wanted: _Wanted) -> tuple[Array | None,
     _require_all([joint for joint, found in zip(wanted.names, matches, strict=True) if not found], names, name)
     if several := [joint for joint, found in zip(wanted.names, matches, strict=True) if len(found) > 1]:
         raise InputError(f"{name}: expected one column of joint {several[0]}, got several.")
-    columns = _Columns(b"", len(names), None, [found[0][0] for found in matches], [found[0][1] for found in matches])
+    columns = _Columns(None, [found[0][0] for found in matches], [found[0][1] for found in matches])
     _note_columns(columns, names, wanted)
     return times, q[:, columns.joints], columns.units
 

@@ -203,7 +203,9 @@ class LatentModel:
         across = flat @ Q.reshape(6 * n, -1)
         information = 0.5 * (flat @ flat.T - across @ across.T)
         information[np.diag_indices(len(free))] += 1.0 / self.spreads**2
-        return State(theta, at.value, gradient[free] + at.off / self.spreads, information, np.asarray(determined, dtype=float))
+        return State(
+            theta, at.value, gradient[free] + at.off / self.spreads, information, np.asarray(determined, dtype=float)
+        )
 
     def of_poses(self, theta: Array) -> Conditional:
         """The posterior of the unknown poses alone, for given sizes."""

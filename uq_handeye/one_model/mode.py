@@ -66,7 +66,9 @@ def find_mode(model: LatentModel, start: Array | None = None, gain: float = GAIN
         else:
             converged = promised < 1e-2  # what is left is rounding
             break
-        B = _updated(B if share > 0.1 else tried.information, tried.theta - state.theta, tried.gradient - state.gradient)
+        B = _updated(
+            B if share > 0.1 else tried.information, tried.theta - state.theta, tried.gradient - state.gradient
+        )
         state = tried
     at_bound = tuple(np.flatnonzero(_held(state, low, high)).tolist())
     return Mode(state, converged, at_bound)

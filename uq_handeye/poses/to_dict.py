@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..camera.files.camera_dict import camera_from_dict, camera_to_dict
 from ..errors import InputError
 from ..files.source import Source
 from ..files.validate import array_of
@@ -17,6 +16,9 @@ from ..noise.joint_covariance import JointCovariance
 from .motions import Motions, relative_motions
 from .pose_pairs import PosePairs
 from .timing import Timing
+
+if TYPE_CHECKING:
+    from ..camera.result import CameraCalibration
 
 
 def sha256_of(*stacks: Array) -> str:
@@ -44,7 +46,7 @@ def data_to_dict(data: PosePairs | Motions) -> dict[str, Any]:
         **({} if poses.timestamps is None else {"timestamps": poses.timestamps.tolist()}),
         **({} if poses.joints is None else {"joints": poses.joints.tolist()}),
         **({} if timing is None else {"timing": asdict(timing) | {"rate": timing.rate.tolist()}}),
-        **({} if seen is None else {"camera_calibration": camera_to_dict(seen)}),
+        **({} if seen is None else {"camera_calibration": _camera_to_dict(seen)}),
         **({} if poses.camera_covariance is None else {"camera_covariance": poses.camera_covariance.to_dict()}),
         **({} if pairs is None else {"pairs": pairs.tolist()}),
     }
@@ -70,7 +72,7 @@ def data_from_dict(data: dict[str, Any], setup: str | None, sources: tuple[Sourc
         None,
         sources,
         None if timing is None else Timing(**(timing | {"rate": array_of(timing["rate"], (n, 6), "data.timing.rate")})),
-        None if seen is None else camera_from_dict(seen, second),
+        None if seen is None else _camera_from_dict(seen, second),
         None if joints is None else array_of(joints, (n, len(joints[0])), "data.joints"),
         None if data.get("camera_covariance") is None else JointCovariance.from_dict(data["camera_covariance"]),
     )
@@ -84,3 +86,15 @@ def data_from_dict(data: dict[str, Any], setup: str | None, sources: tuple[Sourc
 
 def _stack(value: Any, name: str) -> Array:
     return array_of(value, (len(value), 4, 4), name)
+
+
+def _camera_to_dict(camera: Any) -> dict[str, Any]:
+    from ..camera.files.camera_dict import camera_to_dict  # slow to import, and of few results
+
+    return camera_to_dict(camera)
+
+
+def _camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
+    from ..camera.files.camera_dict import camera_from_dict
+
+    return camera_from_dict(data, poses)

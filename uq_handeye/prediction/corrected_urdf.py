@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,9 +27,11 @@ from ..kinematics.errors import LENGTHS, OFFSETS, TILTS
 from ..kinematics.forward import align
 from ..kinematics.gravity import spread_postures
 from ..kinematics.urdf import origin_of, read_tree
-from ..kinematics.urdf_origins import Placed, with_origins
 from ..runtime.read_only import ReadOnlyArrays
 from .fitted_kinematics import ErrorEstimate, FittedKinematics
+
+if TYPE_CHECKING:
+    from ..kinematics.urdf_origins import Placed
 
 # A posterior is clearly narrower than its prior below this share of its standard deviation.
 NARROWER = 0.5
@@ -93,6 +95,8 @@ def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: flo
     InputError
         A calibration without kinematics, a share outside 0 to 1, or the URDF of another arm.
     """
+    from ..kinematics.urdf_origins import with_origins  # whose parser of XML is slow to import
+
     if fitted is None:
         raise InputError("Expected a calibration with joints and kinematics: it has found nothing to correct.")
     if not 0 < narrower <= 1:
@@ -150,6 +154,8 @@ def _require_same(chain: Kinematics, other: Kinematics, q: Array) -> None:
 
 def _origins(chain: Kinematics, urdf: StrPath, e: Array) -> dict[str, Placed]:
     """The new ``<origin>`` of each joint that has an error: its own one times ``A E A^T``."""
+    from ..kinematics.urdf_origins import Placed
+
     tree = read_tree(urdf)
     own = {part.name: origin_of(part, tree.where) for part in tree.joints}
     zero = np.zeros(chain.n_joints)

@@ -315,7 +315,14 @@ def assumed_lens() -> SharedError:
     parts = tuple(f"{LENS}: {name}" for name in ("k1", "k2", "p1", "p2"))
     sd = size.median * np.array([1.0, 3.0, 0.1, 0.1])
     return SharedError(
-        LENS, "", "camera", sd, parts, lambda poses: intrinsics_columns(poses.camera)[..., 3:], factor=size.factor, default=True
+        LENS,
+        "",
+        "camera",
+        sd,
+        parts,
+        lambda poses: intrinsics_columns(poses.camera)[..., 3:],
+        factor=size.factor,
+        default=True,
     )
 
 

@@ -83,7 +83,7 @@ def verify_poses(result: Verified, poses: PosePairs) -> PoseVerification:
         A calibration without joint covariance, poses of another setup.
     """
     evidence = evidence_of_poses(result, poses)
-    noise_dof = result.reference.dof if result.reference.kind == "F" else None
+    noise_dof = result.reference.dof if result.reference.kind in ("F", "t") else None
     p = tail(evidence.d2, evidence.dof, noise_dof, 1.0)  # all of the noise was estimated
     diagonal = np.diag(evidence.covariance).reshape(evidence.r.shape)
     sizes = [

@@ -134,7 +134,7 @@ def verify(
     evidence = evidence_of_touches(result, touches)
     require_other_touches(result, touches, evidence)
     known = touches.tool_known
-    noise_dof = result.reference.dof if result.reference.kind == "F" else None
+    noise_dof = result.reference.dof if result.reference.kind in ("F", "t") else None
     assessed = assess(evidence, known, noise_dof)
     bias, level = assessed.bias, assessed.level
     size = parse_length(show, "show (--show)")

@@ -147,14 +147,14 @@ from uq_handeye.validation.posterior.sample import sample_posterior
 posterior_run.PAUSE = 0.0
 noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
 print("begun", flush=True)
-sample_posterior(uq.simulate(8, noise=noise, seed=5), noise, samples=12_000, walkers=32, file=sys.argv[1], resume=True)
+sample_posterior(uq.simulate(8, noise=noise, seed=5), noise, samples=5_000, walkers=32, file=sys.argv[1], resume=True)
 print("ended", flush=True)
 """
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no kill -9")
 def test_killed_at_any_moment(tmp_path, rng):
-    reference = sample_posterior(POSES, NOISE, samples=12_000, walkers=32)
+    reference = sample_posterior(POSES, NOISE, samples=5_000, walkers=32)
     file = tmp_path / "chain.h5"
     wait = [0.0, *rng.uniform(0.05, 0.4, 2)]
     for seconds in wait:
@@ -165,7 +165,7 @@ def test_killed_at_any_moment(tmp_path, rng):
             time.sleep(seconds)
             process.send_signal(signal.SIGKILL)
     assert file.exists()
-    assert same(sample_posterior(POSES, NOISE, samples=12_000, walkers=32, file=file, resume=True), reference)
+    assert same(sample_posterior(POSES, NOISE, samples=5_000, walkers=32, file=file, resume=True), reference)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError, InputError, NotConvergedError
 from uq_handeye.likelihood.gauss_helmert import bound
 from uq_handeye.validation.posterior.density import ScalePrior
-from uq_handeye.validation.posterior.figure import _thresholds, corner
+from uq_handeye.validation.posterior.figure import _thresholds
 from uq_handeye.validation.posterior.result import shortest
 from uq_handeye.validation.posterior.sample import sample_posterior
 
@@ -189,13 +189,12 @@ def test_json_and_text(posterior):
 
 def test_figure(posterior, tmp_path):
     style = dict(matplotlib.rcParams)
-    posterior.figure(tmp_path / "corner.png")
+    figure = posterior.figure(tmp_path / "corner.png")
     assert (tmp_path / "corner.png").read_bytes().startswith(b"\x89PNG")
     posterior.figure(tmp_path / "corner.svg")
     assert b"<svg" in (tmp_path / "corner.svg").read_bytes()
     with pytest.raises(InputError, match="png or svg"):
         posterior.figure(tmp_path / "corner.pdf")
-    figure = corner(posterior)
     panels = [axis for axis in figure.axes if axis.axison]
     assert len(panels) == 21
     assert dict(matplotlib.rcParams) == style

@@ -12,13 +12,14 @@ before the header says which board that is, where it is known:
 
 from __future__ import annotations
 
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import InputError
-from ...files.lines import decoded, is_number, rows_of, short
+from ...files.lines import short
 from ...files.open import StrPath, as_path, opened, shown
+from ...files.table import Places, Schema, read_table
 from ...formats.columns import meaning_and_unit
 from ...formatting.units import LENGTH_UNITS
 from ...geometry.se3 import Array
@@ -29,7 +30,7 @@ MAX_BYTES = 20_000_000
 HEADER = "x,y,z"
 AXES = ("x", "y", "z")
 NOMINAL = tuple(f"nominal_{axis}" for axis in AXES)
-BOARD = "# board: "
+BOARD = "board: "
 # No board is bent by more than this share of its size.
 MOVED = 0.1
 
@@ -93,40 +94,21 @@ def read_board_table(path: StrPath) -> BoardTable:
     """All that a file of points says; raises `InputError` as `read_board_points` does."""
     location = as_path(path)
     name = shown(location)
-    factors: list[float] = []
-    board: list[str] = []
-
-    def fields_of(text: bytes, where: str) -> list[bytes] | None:
-        fields = text.replace(b";", b",").split(b",")
-        if not factors:
-            titles = decoded(text, f"{where}: expected the header {HEADER}").replace(";", ",").split(",")
-            factors.extend(_factors([title.strip(" \t\"'") for title in titles], where))
-            return None
-        if len(fields) != len(factors):
-            what = f"expected a point, {len(factors)} numbers separated by ','"
-            raise InputError(f"{where}: {what}, got {len(fields)} fields.")
-        return fields
-
-    def explain(fields: list[bytes], where: str) -> NoReturn:
-        wrong = next(field for field in fields if not is_number(field))
-        what = f"{where}: expected a point, {len(fields)} numbers"
-        raise InputError(f"{what}, got {short(decoded(wrong, what).strip())}.")
-
-    def comment(text: bytes, where: str) -> None:
-        if text.startswith(BOARD.encode()):
-            board.append(decoded(text, f"{where}: expected a board").removeprefix(BOARD))
-
     with opened(location, MAX_BYTES) as file:
-        table, lines = rows_of(file, name, fields_of, explain, comment)
-    if not len(lines):
-        raise InputError(f"{name}: expected the header {HEADER} and one line per point of the board, got no point.")
-    if not (finite := np.isfinite(table)).all():
-        row = int(np.argmin(finite.all(axis=1)))
-        raise InputError(f"{name}, line {lines[row]}: expected finite numbers, got {short(str(table[row].tolist()))}.")
-    table = table * factors
-    columns = table[:, 6:].reshape(len(table), max(table.shape[1] - 6, 0) // 3, 3)
-    nominal = None if table.shape[1] == 3 else table[:, 3:6]
-    return BoardTable(name, table[:, :3], nominal, columns.swapaxes(1, 2), "".join(board[:1]))
+        table = read_table(file, name, SCHEMA)
+    table.require_finite()
+    values = table.values * _factors(table.names, name)
+    columns = values[:, 6:].reshape(len(values), max(values.shape[1] - 6, 0) // 3, 3)
+    nominal = None if values.shape[1] == 3 else values[:, 3:6]
+    board = [text.removeprefix(BOARD) for text in table.comments if text.startswith(BOARD)]
+    return BoardTable(name, values[:, :3], nominal, columns.swapaxes(1, 2), "".join(board[:1]))
+
+
+def _places(titles: list[str], line: str, where: str) -> Places:
+    return Places(range(len(_factors(titles, where))))
+
+
+SCHEMA = Schema(f"the header {HEADER}", "point of the board", _places, marks=";,")
 
 
 def _factors(titles: list[str], where: str) -> list[float]:
@@ -160,6 +142,6 @@ def board_text(board: MeasuredBoard, printed: str) -> str:
     first = [
         f"# points of a board as measured by uq-handeye camera (shape: {board.shape}), and as meant, in metres",
         "# covariance of all points (3u, 3u): F F^T, F of the columns dx_1, dy_1, dz_1, ... below each other",
-        *([BOARD + printed] if printed else []),
+        *([f"# {BOARD}{printed}"] if printed else []),
     ]
     return "\n".join([*first, header, *lines, ""])

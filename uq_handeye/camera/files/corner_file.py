@@ -6,19 +6,19 @@ pixel. A column ``name`` has the picture's file, ``used`` (of our own files) 1 o
 
 from __future__ import annotations
 
-import csv
 import logging
 import warnings
-from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, InputWarning
 from ...files.csv_text import csv_text, plain_text
-from ...files.lines import MAX_BYTES, decoded, is_number, rows_of, short
+from ...files.lines import MAX_BYTES, short
 from ...files.open import StrPath, as_path, opened, shown
+from ...files.table import Places, Schema, Table, in_order, read_table, rows_are_numbers
 from ...formats.contents import require_units
+from ...geometry.se3 import Array
 from ..corners import Corners
 
 COLUMNS = ("row", "x", "y", "z", "u", "v")
@@ -56,21 +56,12 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
     location = as_path(path)
     name = shown(location)
     with opened(location, MAX_BYTES) as file:
-        reader = _Reader(name)
-        table, lines = rows_of(file, name, reader.fields_of, reader.explain, lambda text, where: None)
-    if not reader.names:
-        raise InputError(f"{name}: the file is empty; expected the header {HEADER} and one line per corner.")
-    if not len(lines):
-        raise InputError(f"{name}: no rows after the header; expected one line per corner.")
-    if reader.left:
-        _log.info("%s: not used: the columns %s", name, short(", ".join(reader.left)))
-    if not (finite := np.isfinite(table)).all():
-        where = divmod(int(np.argmin(finite)), table.shape[1])
-        raise InputError(
-            f"{name}, line {lines[where[0]]}, column {reader.meant[where[1]]}: expected a finite number, got "
-            f"{table[where]}; leave out corners that were not seen."
-        )
-    value = dict(zip(reader.meant, table.T, strict=True))
+        table = read_table(file, name, SCHEMA)
+    meant = [table.column(k).lower() for k in range(table.values.shape[1])]
+    if left := [one for one in table.names if one.lower() not in (*meant, "name")]:
+        _log.info("%s: not used: the columns %s", name, short(", ".join(left)))
+    table.require_finite("; leave out corners that were not seen")
+    value = dict(zip(meant, table.values.T, strict=True))
     points = np.stack([value[axis] for axis in "xyz"], axis=-1) * factor
     pixels = np.stack([value[axis] for axis in "uv"], axis=-1)
     if (span := float(np.linalg.norm(np.ptp(points, axis=0)))) > LARGEST:
@@ -80,84 +71,44 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
             InputWarning,
             stacklevel=3,
         )
-    used = np.ones(len(table), dtype=bool)
+    used = np.ones(len(table.values), dtype=bool)
     if "used" in value:
         if not np.isin(value["used"], (0, 1)).all():
             raise InputError(f"{name}, column used: expected 1 or 0, got others.")
         used = value["used"] == 1
     try:
-        corners = Corners(value["row"], points, pixels, reader.pictures(value["row"]))
+        corners = Corners(value["row"], points, pixels, _pictures(table, value["row"]))
     except InputError as error:
         raise InputError(f"{name}: {str(error)[0].lower()}{str(error)[1:]}") from error
     return corners, used[np.argsort(value["row"], kind="stable")]
 
 
-class _Reader:
-    """The header, and the names of the pictures, which are no numbers."""
+def _places(names: list[str], line: str, where: str) -> Places:
+    small = [name.lower() for name in names]
+    missing = [column for column in COLUMNS if column not in small]
+    _, twice = in_order(small, (*COLUMNS, "name", "used"))
+    if missing or twice:
+        what = f"missing: {', '.join(missing)}" if missing else f"twice: {', '.join(sorted(twice))}"
+        hint = "; the header line is missing" if rows_are_numbers(names) else ""
+        raise InputError(f"{where}: expected the header {HEADER}, got {short(line)} ({what}){hint}.")
+    wanted = [*COLUMNS, *(["used"] if "used" in small else [])]
+    return Places([small.index(column) for column in wanted], [small.index("name")] if "name" in small else [])
 
-    def __init__(self, file: str) -> None:
-        self.file = file
-        self.names: list[str] = []
-        self.meant: list[str] = []  # of the fields that are numbers
-        self.left: list[str] = []
-        self.places: list[int] = []
-        self.name_at: int | None = None
-        self.mark = ","
-        self.named: dict[float, tuple[str, str]] = {}  # by row: the name and where it stood first
 
-    def fields_of(self, text: bytes, where: str) -> list[bytes] | None:
-        if not self.names:
-            self._header(decoded(text, f"{where}: expected the header {HEADER}"), where)
-            return None
-        fields = self._split(text, where) if b'"' in text else text.split(self.mark.encode())
-        if len(fields) != len(self.names):
+SCHEMA = Schema(f"the header {HEADER}", "corner", _places, quotes=True)
+
+
+def _pictures(table: Table, row: Array) -> tuple[str, ...]:
+    """Return the names of the pictures, in ascending order of the rows; a row has one name."""
+    named: dict[float, tuple[str, int]] = {}
+    for k, (number, (text,)) in enumerate(zip(row.tolist(), table.texts, strict=bool(table.texts))):
+        name = plain_text(text)
+        before, first = named.setdefault(number, (name, k))
+        if before != name:
             raise InputError(
-                f"{where}: expected {len(self.names)} fields separated by {self.mark!r}, got {len(fields)}."
+                f"{table.at(k)}: row {number:g} is of {short(name)}, in {table.at(first)} of {short(before)}."
             )
-        numbers = [fields[k] for k in self.places]
-        if self.name_at is not None and is_number(numbers[0]):
-            row, name = float(numbers[0]), decoded(fields[self.name_at], f"{where}, column name: expected text")
-            name = plain_text(name.strip())
-            before, first = self.named.setdefault(row, (name, where))
-            if before != name:
-                raise InputError(f"{where}: row {row:g} is of {short(name)}, in {first} of {short(before)}.")
-        return numbers
-
-    def _split(self, text: bytes, where: str) -> list[bytes]:
-        try:
-            parts = next(csv.reader([decoded(text, f"{where}: expected text")], delimiter=self.mark, strict=True))
-        except csv.Error as error:
-            raise InputError(f"{where}: the quotation marks do not match.") from error
-        return [part.encode() for part in parts]
-
-    def _header(self, text: str, where: str) -> None:
-        self.mark = next((mark for mark in (",", ";", "\t") if mark in text), ",")
-        names = [name.strip(" \t\"'").lower() for name in text.split(self.mark)]
-        missing = [column for column in COLUMNS if column not in names]
-        twice = sorted({name for name in names if names.count(name) > 1 and name in (*COLUMNS, "name", "used")})
-        if missing or twice:
-            numbers = all(is_number(name.encode()) for name in names)
-            what = f"missing: {', '.join(missing)}" if missing else f"twice: {', '.join(twice)}"
-            hint = "; the header line is missing" if numbers else ""
-            raise InputError(f"{where}: expected the header {HEADER}, got {short(text)} ({what}){hint}.")
-        self.names = names
-        self.meant = [*COLUMNS, *(["used"] if "used" in names else [])]
-        self.places = [names.index(column) for column in self.meant]
-        self.name_at = names.index("name") if "name" in names else None
-        self.left = [name for name in names if name not in (*self.meant, "name")]
-
-    def explain(self, fields: list[bytes], where: str) -> NoReturn:
-        for column, field in zip(self.meant, fields, strict=True):
-            if not is_number(field):
-                got = short(decoded(field, f"{where}, column {column}: expected a number").strip(" \t"))
-                raise InputError(f"{where}, column {column}: expected a number, got {got}.")
-        raise AssertionError(where)  # the caller has found something wrong
-
-    def pictures(self, row: Any) -> tuple[str, ...]:
-        """Return the names of the pictures, in ascending order of the rows."""
-        if self.name_at is None:
-            return ()
-        return tuple(self.named[number][0] or f"row {number:g}" for number in np.unique(row).tolist())
+    return tuple(named[number][0] or f"row {number:g}" for number in np.unique(row).tolist()) if named else ()
 
 
 def corners_text(corners: Corners, used: NDArray[np.bool_]) -> str:

@@ -1,5 +1,6 @@
 """Commands ``calibrate`` and ``demo``: X with its uncertainty, as text, files and report."""
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ...errors import InputError, NotConvergedError
-from ...files.csv_text import frame_text
 from ...runtime.progress import working
 from ..bag_files import RobotGiven, given_of_robot
 from ..groups import ESTIMATION, OUTPUT, POSE_FILES
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from ...calibration.result import Calibration
     from ...comparison.of_result import Compared
     from ...comparison.result import Comparison
+    from ...diagnostics.pose_table import PoseTable
     from ...noise.estimate import NoisePrior
     from ...statement.tolerance import Verdict
     from ...validation.cross_check.result import CrossCheck
@@ -68,8 +69,16 @@ REPORTS = (".html", ".pdf")
 ResultFolder = Annotated[
     Path | None,
     folder_option(
-        "Folder for the result, figures and exports. It holds result.json, poses.csv, the figures (PNG and SVG; that "
-        "of the methods with --report), and X for ROS, URDF, OpenCV and NumPy."
+        "Folder for the result and exports. It holds result.json, poses.csv, and X for ROS, URDF, OpenCV and NumPy; "
+        "with --figures also the figures."
+    ),
+]
+FiguresOption = Annotated[
+    bool,
+    flag(
+        "--figures",
+        panel=OUTPUT,
+        help="Figures in the folder of -o, as PNG and SVG, that of the methods with --report. Takes some seconds.",
     ),
 ]
 ReportFile = Annotated[
@@ -189,6 +198,7 @@ def calibrate_command(
     ] = None,
     as_json: JsonOption = False,
     output: ResultFolder = None,
+    figures: FiguresOption = False,
 ) -> int:
     r"""Estimate the camera pose X and its uncertainty.
 
@@ -215,6 +225,7 @@ def calibrate_command(
     part of the covariance. Add --robot robot.csv to compare with the controller.
     """
     require_writable(report, "--report", REPORTS)
+    require_folder(figures, output)
     arm = robot.arm
     if robot.bag is not None:
         if watch is not None:
@@ -256,7 +267,7 @@ def calibrate_command(
             return fail("No X: the poses that arrived do not determine it.")
         found = replace(found, about=wishes.about)
         return deliver_result(
-            found, Files(output, report, not no_compare, None, wishes.of_report), wanted, as_json, threshold
+            found, Files(output, report, not no_compare, None, wishes.of_report, figures), wanted, as_json, threshold
         )
     with withheld() as shown:
         poses, noise, shared = files.read_open(given, pictures, prior, arm)
@@ -277,17 +288,22 @@ def calibrate_command(
             return emit_refusal(error, as_json, shown)
     result = replace(result, about=wishes.about)
     check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
-    files_wanted = Files(output, report, not no_compare, check, wishes.of_report)
+    files_wanted = Files(output, report, not no_compare, check, wishes.of_report, figures)
     return deliver_result(result, files_wanted, wanted, as_json, threshold, last)
 
 
-def demo_command(as_json: JsonOption = False, output: ResultFolder = None, report: ReportFile = None) -> int:
+def demo_command(
+    as_json: JsonOption = False,
+    output: ResultFolder = None,
+    report: ReportFile = None,
+    figures: FiguresOption = False,
+) -> int:
     """Calibrate an embedded data set whose true X is known.
 
     Examples:
       uq-handeye demo
-      # Also write result.json, figures and exports
-      uq-handeye demo --report demo.html -o demo/
+      # Also write result.json, exports and figures
+      uq-handeye demo --report demo.html -o demo/ --figures
 
     Prints the estimate, compares it with the true X, and writes the report,
     demo_report.html unless --report names another file.
@@ -300,6 +316,7 @@ def demo_command(as_json: JsonOption = False, output: ResultFolder = None, repor
     from ...noise.models import PoseNoise
 
     require_writable(report, "--report", REPORTS)
+    require_folder(figures, output)
     if report is None and not as_json and not quiet():
         try:
             require_writable(DEMO_REPORT, "--report", REPORTS)
@@ -310,7 +327,9 @@ def demo_command(as_json: JsonOption = False, output: ResultFolder = None, repor
         poses = read_poses(data / "robot.csv", data / "camera.csv")
         _, truth = read_pose_file(data / "truth.csv")
     result = calibrate(poses, noise=PoseNoise.isotropic(**DEMO_NOISE))
-    return deliver_result(result, Files(output, report), Wanted(None), as_json, more=against_truth(result, truth[0]))
+    return deliver_result(
+        result, Files(output, report, figures=figures), Wanted(None), as_json, more=against_truth(result, truth[0])
+    )
 
 
 def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
@@ -323,21 +342,28 @@ def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
     return check
 
 
+def require_folder(figures: bool, output: Path | None) -> None:
+    """Raise `InputError` for figures that are asked for without a folder."""
+    if figures and output is None:
+        raise InputError("--figures needs -o DIR. Add it.")
+
+
 @dataclass(frozen=True)
 class Files:
-    """Output of a calibration: a folder, a report and its contents."""
+    """Output of a calibration: a folder, whether with figures, a report and its contents."""
 
     output: Path | None = None
     report: Path | None = None
     comparison: bool = True
     check: "CrossCheck | None" = None
     of_report: dict[str, Any] = field(default_factory=dict)
+    figures: bool = False
 
     def write(self, result: "Calibration", verdict: "Verdict | None") -> str:
         """Write the files, and return their names as a sentence."""
         methods: Compared | bool = self.comparison
         folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or self.of_report.get("details"))
-        if self.comparison and (folded or (self.report is not None and self.output is not None)):  # two pages have none
+        if self.comparison and (folded or (self.report is not None and self.figures)):  # two pages have none
             from ...comparison.of_result import compare_beside
 
             with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
@@ -346,11 +372,20 @@ class Files:
         if self.output is not None:
             comparison = None if isinstance(methods, bool) else methods.comparison
             with timed(f"writing {self.output}"), working(f"writing {self.output}", progress_wanted()):
-                names.append(_write_result(result, verdict, self.output, self.check, comparison))
+                drawn = self._drawn(result, comparison) if self.figures else {}
+                names.append(_write_result(result, verdict, self.output, drawn))
         if self.report is not None:
             write_report(result, self.report, methods, self.check, verdict=verdict, **self.of_report)
             names.append(str(self.report))
         return f"Wrote {' and '.join(names)}." if names else ""
+
+    def _drawn(self, result: "Calibration", comparison: "Comparison | None") -> dict[str, bytes]:
+        """Draw all figures, each as PNG and SVG."""
+        from ...presentation.ellipses import render  # Matplotlib is slow to import
+        from ...report.figures import figures
+
+        drawn = figures(result, self.check, comparison)
+        return {f"{stem}.{kind}": render(figure, kind) for stem, figure in drawn.items() for kind in ("png", "svg")}
 
 
 def deliver_result(
@@ -389,13 +424,10 @@ def _write_result(
     result: "Calibration",
     verdict: "Verdict | None",
     directory: Path,
-    check: "CrossCheck | None",
-    comparison: "Comparison | None",
+    drawn: dict[str, bytes],
 ) -> str:
-    """Write the folder of -o, and return what was written."""
+    """Write the folder of -o with the figures that were drawn, and return what was written."""
     from ...io import write_files
-    from ...presentation.ellipses import render  # Matplotlib is slow to import
-    from ...report.figures import figures
 
     files: dict[str, Any] = {"result.json": json_of(result, verdict), **_exports(result)}
     seen = getattr(result.data, "camera_calibration", None)
@@ -404,14 +436,29 @@ def _write_result(
 
         files |= camera_files(seen)
     if result.table is not None:
-        files["poses.csv"] = frame_text(result.table.to_dataframe())
-    for stem, figure in figures(result, check, comparison).items():
-        files |= {f"{stem}.{kind}": render(figure, kind) for kind in ("png", "svg")}
+        files["poses.csv"] = _poses_csv(result.table)
+    files |= drawn
     write_files(directory, files)
     possible = {"poses.csv", *EXPORTS.values(), *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg"))}
     for name in possible - set(files):  # those of an earlier run are not of this result
         (directory / name).unlink(missing_ok=True)
     return f"{directory / 'result.json'} with {len(files) - 1} more files"
+
+
+def _poses_csv(table: "PoseTable") -> str:
+    """Format the table of the poses as pandas writes its `to_dataframe`, without loading pandas."""
+    columns: dict[str, Any] = {
+        table.item: range(len(table)),
+        "rotation_deg": [math.degrees(angle) for angle in table.rotation.tolist()],
+        "translation_mm": [1e3 * length for length in table.translation.tolist()],
+        "distance2": table.distance2.tolist(),
+        "leverage": table.leverage.tolist(),
+        "weight": table.weight.tolist(),
+        "flag": table.flag,
+    }
+    rows = zip(*columns.values(), strict=True)
+    lines = (",".join("" if value != value else str(value) for value in row) for row in rows)  # NaN is no value
+    return "\n".join([",".join(columns), *lines, ""])
 
 
 def _exports(result: "Calibration") -> dict[str, bytes]:

@@ -16,7 +16,16 @@ from ..new_poses import NewPoses, new_poses_of
 from ..options.common import JsonOption, emit, emit_document, flag, folder_option, made_of, option, require_writable
 from ..options.report import ReportOptions, report_options_of
 from ..outcome import Wanted, emit_refusal, wanted_of
-from .calibrate import REPORTS, Files, NoCompare, ReportFile, ResultFolder, deliver_result
+from .calibrate import (
+    REPORTS,
+    FiguresOption,
+    Files,
+    NoCompare,
+    ReportFile,
+    ResultFolder,
+    deliver_result,
+    require_folder,
+)
 from .files import ResultFile
 
 
@@ -39,6 +48,7 @@ def update_command(
     no_compare: NoCompare = False,
     as_json: JsonOption = False,
     output: ResultFolder = None,
+    figures: FiguresOption = False,
 ) -> int:
     """Update a stored result by new poses, one or more.
 
@@ -53,6 +63,7 @@ def update_command(
     contradict the result are refused.
     """
     require_writable(report, "--report", REPORTS)
+    require_folder(figures, output)
     if report is None and no_compare:
         raise InputError("--no-compare needs --report FILE. Add it.")
     from ...calibration.result import Calibration
@@ -71,7 +82,7 @@ def update_command(
         found = replace(found, about=found.about | wishes.about)
         return deliver_result(
             found,
-            Files(output, report, not no_compare, None, wishes.of_report),
+            Files(output, report, not no_compare, None, wishes.of_report, figures),
             wanted,
             as_json,
             more=gain(stored, found, poses.n),

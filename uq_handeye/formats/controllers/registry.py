@@ -77,7 +77,7 @@ def kind_of(head: str) -> str | None:
         if content.startswith("#"):
             continue
         words = content.split()
-        if len(words) == len(COLUMNS) and (_numbers(words) or names_order([word.encode() for word in words])):
+        if len(words) == len(COLUMNS) and (_numbers(words) or names_order(words)):
             return None  # TUM
         break
     return _own(head) or table_kind(head) or ("table" if is_labelled(head) else None)

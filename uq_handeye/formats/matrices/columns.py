@@ -10,20 +10,20 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from dataclasses import dataclass, field
+from io import BytesIO
 
 import numpy as np
 
 from ...errors import InputError
 from ...files.lines import short
+from ...files.table import Places, Schema, name_and_unit, read_table, split_names
 from ...formatting.units import LENGTH_UNITS
 from ..columns import SECONDS, meaning_and_unit
 from ..contents import Contents, Reading, matrices_side
 from .layout import BOTH, found_in, with_last_row
 
-_MARKS = (",", ";", "\t")
 _TWO = re.compile(r"(.*?)[\[(_. ]*(\d)[\])(\[_., ]*(\d)[\])]*")
 _ONE = re.compile(r"(.*?)[\[(_. ]*(\d{1,2})[\])]*")
-_UNIT = re.compile(r"\s*[\[(]\s*([a-z]{1,2})\s*[\])]$|_([a-z]{1,2})$", re.IGNORECASE)
 FRANKA = "o_t_ee"
 
 
@@ -34,8 +34,6 @@ class Header:
     Parameters
     ----------
     line : line of the names, counted from 1
-    separator : of the fields; "" for blanks
-    count : of fields
     matrix : columns of the numbers of the matrix, row by row or as they are counted
     names : of all columns
     translation : columns of x, y, z; empty: in the matrix
@@ -45,8 +43,6 @@ class Header:
     """
 
     line: int
-    separator: str
-    count: int
     matrix: list[int]
     names: list[str]
     translation: list[int] = field(default_factory=list)
@@ -61,23 +57,24 @@ def header_of(text: str) -> Header | None:
         content = raw.strip().lstrip("#%").strip()
         if not content:
             continue
-        separator = next((mark for mark in _MARKS if mark in content), "")
-        names = [name.strip(" \t\"'") for name in (content.split(separator) if separator else content.split())]
+        names, _ = split_names(content, ",;\t ")
         if len(names) >= 12 and sum(bool(re.search("[A-Za-z]", name)) for name in names) >= 9:
-            return _header(number, separator, names)
+            return _header(number, names)
         if not raw.strip().startswith(("#", "%")):
             return None
     return None
 
 
-def _header(number: int, separator: str, names: list[str]) -> Header | None:
+def _header(number: int, names: list[str]) -> Header | None:
     two: dict[str, dict[tuple[int, int], int]] = defaultdict(dict)
     one: dict[str, dict[int, int]] = defaultdict(dict)
     units: dict[int, str] = {}
     for k, name in enumerate(names):
-        bare = name
-        if (unit := _UNIT.search(name)) is not None and (said := unit[1] or unit[2]).lower() in LENGTH_UNITS:
-            bare, units[k] = name[: unit.start()], said.lower()
+        bare, unit = name_and_unit(name, LENGTH_UNITS)
+        if unit is not None and unit.lower() in LENGTH_UNITS:
+            units[k] = unit.lower()
+        else:
+            bare = name
         if (match := _TWO.fullmatch(bare)) is not None:
             two[match[1].lower()][int(match[2]), int(match[3])] = k
         if (match := _ONE.fullmatch(bare)) is not None:
@@ -105,8 +102,6 @@ def _header(number: int, separator: str, names: list[str]) -> Header | None:
     said_units = {units.get(k) or meant[k][1] for k in of}
     return Header(
         number,
-        separator,
-        len(names),
         matrix,
         names,
         translation,
@@ -138,21 +133,13 @@ def _counted(at: dict[int, int]) -> list[int]:
 def read_columns(text: str, name: str, header: Header, readings: tuple[Reading, ...] = ()) -> Contents:
     """Return the poses below a header; ``readings`` say what they are where the names do."""
     used = [*header.matrix, *header.translation, *([] if header.time is None else [header.time[0]])]
-    rows: list[list[float]] = []
-    lines: list[int] = []
-    for number, raw in enumerate(text.split("\n"), start=1):
-        content = raw.strip()
-        if number <= header.line or not content or content.startswith(("#", "%")):
-            continue
-        where = f"{name}, line {number}"
-        fields = content.split(header.separator) if header.separator else content.split()
-        if len(fields) != header.count:
-            raise InputError(f"{where}: expected {header.count} fields, as the header has, got {len(fields)}.")
-        rows.append([_number(fields[k], f"{where}, column {header.names[k]}", header.separator) for k in used])
-        lines.append(number)
-    if not rows:
-        raise InputError(f"{name}: no rows after the header; expected one line per pose.")
-    table = np.array(rows)
+    # The names may stand in a comment, also of MATLAB, whose comments begin with %.
+    lines = text.split("\n")
+    lines[: header.line] = [*[""] * (header.line - 1), lines[header.line - 1].strip().lstrip("#%")]
+    lines = ["" if line.lstrip().startswith("%") else line for line in lines]
+    schema = Schema("the names of matrices", "pose", lambda names, line, where: Places(used), marks=",;\t ")
+    found_table = read_table(BytesIO("\n".join(lines).encode()), name, schema)
+    table = found_table.values
     k = len(header.matrix)
     notes = [f"matrices from the columns {short(header.names[header.matrix[0]])} to {header.names[header.matrix[-1]]}"]
     if header.translation:
@@ -162,7 +149,7 @@ def read_columns(text: str, name: str, header: Header, readings: tuple[Reading, 
         found = found_in(table[:, :k])
         if found is None:
             raise InputError(
-                f"{name}, line {lines[0]}: expected a matrix in the columns {header.names[header.matrix[0]]} to "
+                f"{found_table.at(0)}: expected a matrix in the columns {header.names[header.matrix[0]]} to "
                 f"{header.names[header.matrix[-1]]}, got no last row 0, 0, 0, 1 and no rotation (docs/formats.md, "
                 "Matrices in text)."
             )
@@ -175,19 +162,6 @@ def read_columns(text: str, name: str, header: Header, readings: tuple[Reading, 
     if header.units is not None:
         notes.append(f"translations in {header.units}, as the columns are named")
     side = matrices_side(
-        name, T, rows=np.array(lines), counted="line", timestamps=times, units=header.units, readings=readings
+        name, T, rows=found_table.lines, counted="line", timestamps=times, units=header.units, readings=readings
     )
     return Contents(only=side, notes=tuple(notes))
-
-
-def _number(text: str, where: str, separator: str) -> float:
-    word = text.strip(" \t\r\"'")
-    if separator not in (",", "") and "," in word:
-        word = word.replace(",", ".")
-    try:
-        if "_" in word:
-            raise ValueError
-        return float(word)
-    except ValueError:
-        what = short(word) if word else "an empty field"
-        raise InputError(f"{where}: expected a number, got {what}.") from None

@@ -9,19 +9,18 @@ pose, point and coordinates, and four those of a target. Tables with one row per
 
 from __future__ import annotations
 
-import csv
 import logging
 import math
 import re
 import warnings
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, InputWarning
-from ...files.lines import decoded, is_number, rows_of, short
+from ...files.lines import is_number, short
 from ...files.open import StrPath, as_path, opened, shown
+from ...files.table import Places, Schema, Table, read_table
 from ...formats.columns import meaning_and_unit
 from ...formats.contents import require_units
 from ...geometry.se3 import Array
@@ -56,24 +55,21 @@ def read_points(path: StrPath, units: str | None = None) -> PointSet:
     InputError
         One line that names the file and the line: a file that cannot be read or is no such table; see `PointSet`.
     """
-    reader, table = _table(path, units, "pose,point,x,y,z", True)
-    row = _pose_numbers(reader, table[:, 0])
-    if reader.point_at is None:
-        point = _counted(reader, row)
-    else:
-        point = np.array(reader.points.names)[table[:, 1].astype(np.intp)]
-    if units is None and reader.unit is None and np.median(np.linalg.norm(table[:, 2:], axis=1)) > FAR:
-        far = float(np.median(np.linalg.norm(table[:, 2:], axis=1)))
+    table, seen, xyz, unit = _seen(path, units, POSES)
+    poses, *points = _texts(table)
+    row = _pose_numbers(table, poses)[seen]
+    point = np.array(points[0])[seen] if points else _counted(table.name, row)
+    if units is None and unit is None and (far := float(np.median(np.linalg.norm(xyz, axis=1)))) > FAR:
         warnings.warn(
-            f"{reader.file}: the points are {far:.3g} m away (median): they look like millimetres. Read them with "
+            f"{table.name}: the points are {far:.3g} m away (median): they look like millimetres. Read them with "
             'units="mm" (--units mm).',
             InputWarning,
             stacklevel=2,
         )
     try:
-        return PointSet(row, point, table[:, 2:])
+        return PointSet(row, point, xyz)
     except InputError as error:
-        raise InputError(f"{reader.file}: {str(error)[0].lower()}{str(error)[1:]}") from error
+        raise InputError(f"{table.name}: {str(error)[0].lower()}{str(error)[1:]}") from error
 
 
 def read_target(path: StrPath, units: str | None = None) -> Target:
@@ -81,199 +77,136 @@ def read_target(path: StrPath, units: str | None = None) -> Target:
 
     Without names the points are numbered from 0. Raises `InputError` as `read_points`.
     """
-    reader, table = _table(path, units, "point,x,y,z", False)
-    names = reader.points.names if reader.point_at is not None else [str(k) for k in range(len(table))]
-    if reader.point_at is not None:
-        names = np.array(names)[table[:, 1].astype(np.intp)].tolist()
+    table, seen, xyz, _ = _seen(path, units, TARGET)
+    texts = _texts(table)
+    names = [texts[0][k] for k in seen] if texts else [str(k) for k in range(len(xyz))]
     try:
-        return Target(np.array(names), table[:, 2:])
+        return Target(np.array(names), xyz)
     except InputError as error:
-        raise InputError(f"{reader.file}: {str(error)[0].lower()}{str(error)[1:]}") from error
+        raise InputError(f"{table.name}: {str(error)[0].lower()}{str(error)[1:]}") from error
 
 
-def _table(path: StrPath, units: str | None, header: str, poses: bool) -> tuple[_Reader, Array]:
-    """Pose, point (by their index) and coordinates in metres (k, 5), of points that were seen."""
+def _seen(path: StrPath, units: str | None, schema: Schema) -> tuple[Table, NDArray[np.intp], Array, str | None]:
+    """A table, the rows (k,) of points that were seen, their coordinates (k, 3) in metres, and the unit it names."""
     location = as_path(path)
-    reader = _Reader(shown(location), header, poses)
+    name = shown(location)
     with opened(location, MAX_BYTES) as file:
-        text = long_table(file, reader.file, lambda names: _place(names, POINT) is not None) if poses else file
-        table, lines = rows_of(text, reader.file, reader.fields_of, reader.explain, lambda text, where: None)
-    if reader.names is None:
-        raise InputError(f"{reader.file}: the file is empty; expected the header {header} and one line per point.")
-    if not len(lines):
-        raise InputError(f"{reader.file}: no rows after the header; expected one line per point.")
-    if reader.unit is not None and units not in (None, "m", reader.unit):
-        raise InputError(
-            f"{reader.file} names its coordinates in {reader.unit}, and `units` says {units}. Leave `units` out."
-        )
-    factor = require_units(reader.unit or units or "m")
-    seen = ~np.isnan(table[:, 2:]).any(axis=1)
-    if (wrong := np.isinf(table[:, 2:]).any(axis=1)).any():
-        raise InputError(
-            f"{reader.file}, line {lines[int(np.argmax(wrong))]}: expected finite coordinates, got infinity."
-        )
-    if not seen.any():
-        raise InputError(f"{reader.file}: expected points with coordinates, got none.")
-    if not seen.all():
-        _log.info("%s: %d points without coordinates are left out", reader.file, int((~seen).sum()))
-    table = table[seen]
-    table[:, 2:] *= factor
-    return reader, table
+        text = long_table(file, name, lambda names: _place(names, POINT) is not None) if schema is POSES else file
+        table = read_table(text, name, schema)
+    unit = meaning_and_unit(table.column(0).lower())[1]
+    if unit is not None and units not in (None, "m", unit):
+        raise InputError(f"{name} names its coordinates in {unit}, and `units` says {units}. Leave `units` out.")
+    factor = require_units(unit or units or "m")
+    if (wrong := np.isinf(table.values).any(axis=1)).any():
+        raise InputError(f"{table.at(int(np.argmax(wrong)))}: expected finite coordinates, got infinity.")
+    seen = np.flatnonzero(~np.isnan(table.values).any(axis=1))
+    if not seen.size:
+        raise InputError(f"{name}: expected points with coordinates, got none.")
+    if len(seen) < len(table.values):
+        _log.info("%s: %d points without coordinates are left out", name, len(table.values) - len(seen))
+    return table, seen, table.values[seen] * factor, unit
 
 
-def _pose_numbers(reader: _Reader, index: Array) -> NDArray[np.int64]:
+def _texts(table: Table) -> list[list[str]]:
+    """Names in each column of text; whole numbers are one, however they are written."""
+    for k, row in enumerate(table.texts):
+        if "" in row:
+            column = table.names[table.places.texts[row.index("")]]
+            raise InputError(f"{table.at(k)}, column {column}: expected a name or a number, got nothing.")
+    return [[_whole(row[j]) for row in table.texts] for j in range(len(table.places.texts))]
+
+
+def _pose_numbers(table: Table, names: list[str]) -> NDArray[np.int64]:
     """Numbers of the poses: as they stand there where all are whole numbers, else by their first appearance."""
-    names = reader.poses.names
-    values = [float(name) if is_number(name.encode()) else math.nan for name in names]
-    if reader.timed or not all(value >= 0 and value == math.floor(value) and value < 1e9 for value in values):
-        if (
-            not reader.timed
-            and all(value == math.floor(value) for value in values if math.isfinite(value))
-            and min(values) < 0
-        ):
-            raise InputError(f"{reader.file}: expected numbers of poses from 0, got {min(values):g}.")
-        _log.info("%s: poses are numbered 0 to %d in the order of the file", reader.file, len(names) - 1)
-        return index.astype(np.int64)
-    return np.array(values)[index.astype(np.intp)].astype(np.int64)
+    index = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    values = {name: float(name) if is_number(name.encode()) else math.nan for name in index}
+    timed = _is_time(table.names[table.places.texts[0]].lower())
+    if timed or not all(value >= 0 and value == math.floor(value) and value < 1e9 for value in values.values()):
+        finite = [value for value in values.values() if math.isfinite(value)]
+        if not timed and finite and min(finite) < 0 and all(value == math.floor(value) for value in finite):
+            raise InputError(f"{table.name}: expected numbers of poses from 0, got {min(finite):g}.")
+        _log.info("%s: poses are numbered 0 to %d in the order of the file", table.name, len(index) - 1)
+        return np.array([index[name] for name in names])
+    return np.array([int(values[name]) for name in names])
 
 
-def _counted(reader: _Reader, row: NDArray[np.int64]) -> NDArray[np.str_]:
+def _counted(name: str, row: NDArray[np.int64]) -> NDArray[np.str_]:
     """Names of points without any: their place within the pose, where all poses have as many."""
     _, count = np.unique(row, return_counts=True)
     if len(count) > 1 and count.max() > 1 and count.min() != count.max():
         raise InputError(
-            f"{reader.file}: expected a column point, as the poses have {count.min()} to {count.max()} points: which "
+            f"{name}: expected a column point, as the poses have {count.min()} to {count.max()} points: which "
             f"is which is not known. Name the points ({PAGE})."
         )
     order = np.argsort(row, kind="stable")
     place = np.empty(len(row), dtype=np.intp)
     place[order] = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    _log.info("%s: no column of points: they are numbered within each pose, in the order of the file", reader.file)
+    _log.info("%s: no column of points: they are numbered within each pose, in the order of the file", name)
     return np.asarray(place.astype(str))
 
 
-class _Names:
-    """Index of names in the order of their first appearance; whole numbers are one, however they are written."""
+def _places(names: list[str], line: str, where: str, usual: tuple[str, ...]) -> Places:
+    """Find the columns, or take those of a line without names in their usual order."""
+    numeric = [is_number(name.encode()) for name in names]
+    named = len(names) == len(usual) and not numeric[-4]  # the point may have a name
+    if all(numeric) or (named and sum(numeric) == len(names) - 1):
+        if len(names) != len(usual):
+            raise InputError(f"{where}: expected the header {','.join(usual)}, got {short(line)} ({PAGE}).")
+        _log.info("%s: no header; the columns are taken as %s", where.rpartition(",")[0], ",".join(usual))
+        return Places(range(len(usual) - 3, len(usual)), range(len(usual) - 3), usual)
+    small = [name.lower() for name in names]
+    meant = [meaning_and_unit(name) for name in small]
+    missing, axes = [], []
+    for axis in "xyz":
+        places = [k for k, (column, _) in enumerate(meant) if column == axis]
+        if len(places) > 1:
+            raise InputError(f"{where}: expected one column {axis}, got {len(places)} in {short(line)}.")
+        missing += [] if places else [axis]
+        axes += places
+    texts: list[int] = []
+    if "pose" in usual:
+        pose = _place(small, POSE)
+        pose = next((k for k, name in enumerate(small) if _is_time(name)), None) if pose is None else pose
+        texts, missing = ([], ["pose", *missing]) if pose is None else ([pose], missing)
+    point = _place(small, POINT)
+    if point is None:
+        point = next((k for k, name in enumerate(small) if name in ("id", "no", "nr", "#", "number")), None)
+    if missing:
+        raise InputError(
+            f"{where}: expected the header {','.join(usual)}, got {short(line)} (missing: {', '.join(missing)}). One "
+            f"point per line ({PAGE})."
+        )
+    if len({meant[k][1] for k in axes}) > 1:
+        raise InputError(f"{where}: expected one unit for x, y and z, got {short(line)}.")
+    return Places(axes, [*texts, *([] if point is None else [point])])
 
-    def __init__(self) -> None:
-        self.index: dict[str, int] = {}
 
-    @property
-    def names(self) -> list[str]:
-        return list(self.index)
-
-    def number(self, text: str) -> bytes:
-        if whole := _WHOLE.fullmatch(text):
-            text = whole[1]
-        return str(self.index.setdefault(text, len(self.index))).encode()
+def _is_time(name: str) -> bool:
+    """Return whether a column numbers the poses by their time."""
+    return _place([name], POSE) is None and (meaning_and_unit(name)[0] == "timestamp" or name in TIMES)
 
 
-class _Reader:
-    """The header, and the names of poses and points, which need not be numbers."""
+def _schema(*usual: str) -> Schema:
+    return Schema(
+        f"the header {','.join(usual)}",
+        "point",
+        lambda names, line, where: _places(names, line, where, usual),
+        marks=";\t, ",
+        missing=("", "na", "none", "null", "-"),
+        quotes=True,
+    )
 
-    def __init__(self, file: str, header: str, poses: bool) -> None:
-        self.file, self.header, self.with_poses = file, header, poses
-        self.names: list[str] | None = None
-        self.mark: str | None = ","
-        self.unit: str | None = None
-        self.pose_at: int | None = None
-        self.point_at: int | None = None
-        self.timed = False
-        self.axes: list[int] = []
-        self.poses, self.points = _Names(), _Names()
 
-    def fields_of(self, text: bytes, where: str) -> list[bytes] | None:
-        line = decoded(text, f"{where}: expected the header {self.header}")
-        if self.names is None and self._header(line, where):
-            return None
-        assert self.names is not None
-        fields = self._split(line, where)
-        if len(fields) != len(self.names):
-            raise InputError(f"{where}: expected {len(self.names)} fields, got {len(fields)} ({short(line)}).")
-        found = [b"0", b"0"]
-        for k, (place, names) in enumerate(((self.pose_at, self.poses), (self.point_at, self.points))):
-            if place is not None:
-                if not fields[place]:
-                    raise InputError(f"{where}, column {self.names[place]}: expected a name or a number, got nothing.")
-                found[k] = names.number(fields[place])
-        for place in self.axes:
-            value = fields[place]
-            if self.mark != ",":
-                value = value.replace(",", ".")
-            found.append(value.encode() if value and value.lower() not in ("na", "none", "null", "-") else b"nan")
-        return found
-
-    def _split(self, line: str, where: str) -> list[str]:
-        if self.mark is None:
-            fields = line.split()
-        elif '"' in line:
-            try:
-                fields = next(csv.reader([line], delimiter=self.mark, strict=True, skipinitialspace=True))
-            except csv.Error as error:
-                raise InputError(f"{where}: the quotation marks do not match.") from error
-        else:
-            fields = line.split(self.mark)
-        return [field.strip(" \t\"'") for field in fields]
-
-    def _header(self, line: str, where: str) -> bool:
-        """Read the names of the columns; False where the line holds numbers, as there is no header."""
-        self.mark = next((mark for mark in (";", "\t", ",") if mark in line), None)
-        names = self._split(line, where)
-        numeric = [is_number(name.encode()) for name in names]
-        named = len(names) == 4 + self.with_poses and not numeric[int(self.with_poses)]
-        if all(numeric) or (named and sum(numeric) == len(names) - 1):  # the point may have a name
-            if len(names) != 4 + self.with_poses:
-                raise InputError(f"{where}: expected the header {self.header}, got {short(line)} ({PAGE}).")
-            names = ["pose", "point", "x", "y", "z"][0 if self.with_poses else 1 :]
-            self._columns(names, where, line)
-            _log.info("%s: no header; the columns are taken as %s", self.file, ",".join(names))
-            return False
-        self._columns(names, where, line)
-        return True
-
-    def _columns(self, names: list[str], where: str, line: str) -> None:
-        small = [name.lower().strip() for name in names]
-        meant = [meaning_and_unit(name) for name in small]
-        self.names = names
-        missing = []
-        for axis in "xyz":
-            places = [k for k, (column, _) in enumerate(meant) if column == axis]
-            if len(places) > 1:
-                raise InputError(f"{where}: expected one column {axis}, got {len(places)} in {short(line)}.")
-            missing += [] if places else [axis]
-            self.axes += places
-        if self.with_poses:
-            self.pose_at = _place(small, POSE)
-            if self.pose_at is None:
-                self.pose_at = next(
-                    (k for k, name in enumerate(small) if meant[k][0] == "timestamp" or name in TIMES), None
-                )
-                self.timed = self.pose_at is not None
-            if self.pose_at is None:
-                missing.insert(0, "pose")
-        self.point_at = _place(small, POINT)
-        if self.point_at is None:
-            self.point_at = next((k for k, name in enumerate(small) if name in ("id", "no", "nr", "#", "number")), None)
-        if missing:
-            raise InputError(
-                f"{where}: expected the header {self.header}, got {short(line)} (missing: {', '.join(missing)}). One "
-                f"point per line ({PAGE})."
-            )
-        units = {meant[k][1] for k in self.axes}
-        if len(units) > 1:
-            raise InputError(f"{where}: expected one unit for x, y and z, got {short(line)}.")
-        (self.unit,) = units
-
-    def explain(self, fields: list[bytes], where: str) -> NoReturn:
-        assert self.names is not None
-        for k, field in enumerate(fields[2:]):
-            if not is_number(field):
-                column = self.names[self.axes[k]]
-                raise InputError(f"{where}, column {column}: expected a number, got {short(field.decode())}.")
-        raise AssertionError(where)  # the caller has found something wrong
+POSES, TARGET = _schema("pose", "point", "x", "y", "z"), _schema("point", "x", "y", "z")
 
 
 def _place(names: list[str], known: tuple[str, ...]) -> int | None:
     """Return which column bears one of the known names, with or without an ending."""
     meant = {f"{name}{ending}" for name in known for ending in ENDINGS}
     return next((k for k, name in enumerate(names) if name in meant), None)
+
+
+def _whole(text: str) -> str:
+    """Return a name; a whole number without its zeros behind the point."""
+    found = _WHOLE.fullmatch(text)
+    return text if found is None else found[1]
