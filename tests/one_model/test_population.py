@@ -9,8 +9,8 @@ from uq_handeye.errors import InputError
 from uq_handeye.kinematics.arms.known_arms import known_arm
 from uq_handeye.kinematics.chain import Kinematics
 from uq_handeye.kinematics.gravity import spread_postures
-from uq_handeye.one_model import population
-from uq_handeye.one_model.population import ARMS, gauge_columns, population_columns, truncated
+from uq_handeye.shared_errors import population
+from uq_handeye.shared_errors.population import ARMS, gauge_columns, population_columns, truncated
 
 
 def poses_of(name, n, seed=0):

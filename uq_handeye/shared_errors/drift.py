@@ -17,7 +17,7 @@ import numpy as np
 from ..geometry.se3 import Array
 
 DRIFT = "drift of the"
-MODES = 8
+MODES = 6
 # Poses below which a drift is not told from anything.
 FEWEST = 6
 

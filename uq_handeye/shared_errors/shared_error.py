@@ -327,8 +327,8 @@ def assumed_lens() -> SharedError:
 
 
 def assumed_drift(poses: PosePairs) -> tuple[SharedError, ...]:
-    """Return drifts of camera and target over the time of these poses; none without timestamps."""
-    if poses.timestamps is None or poses.n < FEWEST:
+    """Return drifts of camera and target over the time of these poses; none without timestamps or in a simulation."""
+    if poses.timestamps is None or poses.truth is not None or poses.n < FEWEST:
         return ()
     found = []
     for of in ("camera", "target"):
