@@ -291,7 +291,8 @@ class _Reader:
         self.names, self.mark = split_names(line, self.schema.marks)
         self.separator = None if self.mark == " " else self.mark.encode()
         if self.schema.quotes and '"' in line:
-            self.names = [part.decode().strip(" \t\"'") for part in self._split(line.encode(), where)]
+            with suppress(InputError):  # quotes that do not match: the names tell more of what is wrong
+                self.names = [part.decode().strip(" \t\"'") for part in self._split(line.encode(), where)]
         self.places = self.schema.places(self.names, line, where)
         if self.places.names is not None:
             self.names = list(self.places.names)
