@@ -33,7 +33,7 @@ from ..likelihood.robust import RobustFit, fit_robustly
 from ..likelihood.shared_estimates import JointFit, JointPosterior, of_moves
 from ..likelihood.starts import leaves_open
 from ..noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
-from ..one_model.estimation import FoundSizes, JointModel
+from ..one_model.estimation import ROUGH, FoundSizes, JointModel
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
@@ -91,7 +91,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         def estimate_noise(constraint: Constraint, at: Unknowns, weights: Array) -> Noise | None:
             nonlocal found
             assert source is not None
-            found = source.find(at, weights, None if found is None else found.mode.theta)
+            found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH)
             return None if found.noise is None else with_prior(found.noise, known)
 
         slack = 1.0 if job.arm is None else TAILS

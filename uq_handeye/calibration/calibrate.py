@@ -332,7 +332,7 @@ def _numbered(findings: Sequence[Finding], selection: Selection | None) -> list[
 
 
 def _run(job: Job) -> tuple[Calibration, list[Finding]]:
-    if job.arm is not None:  # many columns
+    if job.noise is None and job.method in ESTIMATORS:  # many small matrices, for which threads only wait
         with one_thread():
             return by_likelihood(job)
     if job.method == BUNDLE:

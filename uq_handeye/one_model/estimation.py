@@ -35,7 +35,7 @@ from ..shared_errors.view import view_block
 from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate
-from .mode import Mode, find_mode
+from .mode import GAIN, Mode, find_mode
 
 KINDS = ("rotation", "translation")
 PIXELS = "pixel noise"
@@ -44,6 +44,8 @@ BY_VIEW = "camera by view"
 ROUNDING = 1e-11
 # Linearised again until X and W move by less, in standard deviations; and how often at most.
 STILL, MOST_ROUNDS = 2e-2, 6
+# What a further step of the sizes may promise before the model is linearised again, and before weights are final.
+ROUGH = 1e-2
 # Poses above which the sizes are found from so many of them, spread over the rows.
 ENOUGH = 300
 # A size that leaves more of the spread of its prior is not told by the data.
@@ -169,7 +171,7 @@ class JointModel:
             size = Size(1.0, error.factor)
             columns, known = error.at(self.poses) * error.sd, error.sd > 0
             parts = tuple(part for part, is_known in zip(error.parts, known, strict=True) if is_known)
-            rest = None if error.rest is None else float(error.sd[0]) * _root(error.rest(self.poses, True))
+            rest = None if error.left is None else float(error.sd[0]) * _root(error.left)
             found.append(Component(error.name, error.side, size, columns[..., known], rest, parts))
         return found
 
@@ -193,8 +195,12 @@ class JointModel:
 
     # ------------------------------------------------------------------------------------------- estimation
 
-    def find(self, at: Unknowns, weights: Array | None = None, start: Array | None = None) -> FoundSizes:
+    def find(
+        self, at: Unknowns, weights: Array | None = None, start: Array | None = None, gain: float = GAIN
+    ) -> FoundSizes:
         """Find the sizes near the unknowns, of the poses of weight above 0.
+
+        ``start`` (k,): logarithms of sizes near them; ``gain``: what a further step may still promise (`find_mode`).
 
         Raises
         ------
@@ -218,7 +224,7 @@ class JointModel:
             if exact.any():
                 return FoundSizes(self, model, reduced, find_mode(model), at, kept, exact)
             self._require_freedom(constraint, reduced.J.shape[-1])
-            mode = find_mode(model, theta)
+            mode = find_mode(model, theta, gain if done else max(gain, ROUGH))
             theta = mode.theta
             found = model.of_poses(theta)
             p = model.p

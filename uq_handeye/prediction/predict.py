@@ -335,8 +335,8 @@ def rest_of_robot(result: Predicting, robot: Array) -> Array:
     """(m, 6, 6) what the robot's errors at the poses of the calibration leave of those at other poses."""
     sd = next((error.prior_sd for error in result.shared if error.error == ROBOT_ACCURACY), 0.0)
     for error in errors_of_poses(result):
-        if error.rest is not None:
-            return sd**2 * error.rest(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)), False)
+        if error.unseen is not None:
+            return sd**2 * error.unseen(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)))
     return np.zeros((len(robot), 6, 6))
 
 

@@ -134,6 +134,8 @@ class BoundPopulation(ReadOnlyArrays):
     reach: float  # m
     kept: NDArray[np.bool_]  # (A,) the arms that reach the poses
     basis: Array  # (M, m) z in units of all errors of these arms
+    here: Array  # (n, 6, m) K at the poses
+    left: Array  # (n, 6, 6) covariance that z leaves of them
 
     @classmethod
     def of(
@@ -151,22 +153,18 @@ class BoundPopulation(ReadOnlyArrays):
         kept = (share >= 0.5) | (share >= np.sort(share)[-min(FEWEST, len(share))])
         rows = _rows(G[kept])
         U, energy = truncated(rows, rank)
-        return cls(arms, reach, kept, rows.T @ U / np.sqrt(np.maximum(energy, 1e-300)))
+        basis = rows.T @ U / np.sqrt(np.maximum(energy, 1e-300))
+        K = cls._unscaled(U * np.sqrt(energy))
+        return cls(arms, reach, kept, basis, K, _left(cls._unscaled(rows), K, 1.0))
 
     def columns(self, robot: Array) -> Array:
         """K (n, 6, m) at poses ``robot`` (n, 4, 4)."""
         return self._unscaled(self._rows_at(robot) @ self.basis)
 
-    def rest(self, robot: Array, seen: bool = True) -> Array:
-        """(n, 6, 6) covariance that z leaves of the errors of poses (n, 4, 4).
-
-        ``seen``: poses of the data. At others a share of their variance is unknown again.
-        """
+    def unseen(self, robot: Array) -> Array:
+        """(n, 6, 6) covariance that z leaves of other poses (n, 4, 4), a share of whose variance is unknown again."""
         rows = self._rows_at(robot)
-        K, whole = self._unscaled(rows @ self.basis), self._unscaled(rows)
-        found = (1.0 if seen else 1.0 + UNSEEN**2) * whole @ whole.mT - K @ K.mT
-        values, vectors = np.linalg.eigh(0.5 * (found + found.mT))
-        return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT)
+        return _left(self._unscaled(rows), self._unscaled(rows @ self.basis), 1.0 + UNSEEN**2)
 
     def _rows_at(self, robot: Array) -> Array:
         return _rows(_of_each_arm(self.arms, self.reach, np.asarray(robot, dtype=float))[0][self.kept])
@@ -176,6 +174,13 @@ class BoundPopulation(ReadOnlyArrays):
         K = rows.reshape(6, -1, rows.shape[-1]).swapaxes(0, 1).copy()
         K[:, 3:] *= TRANSLATION
         return K
+
+
+def _left(whole: Array, K: Array, share: float) -> Array:
+    """(n, 6, 6) ``share whole whole^T - K K^T``, without negative eigenvalues."""
+    found = share * whole @ whole.mT - K @ K.mT
+    values, vectors = np.linalg.eigh(0.5 * (found + found.mT))
+    return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT)
 
 
 def _of_each_arm(arms: tuple[str, ...], reach: float, robot: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -199,7 +204,7 @@ def population_columns(robot: Array, *, arms: tuple[str, ...] | None = None, ran
 
     ``arms``: the geometries, by their names in the table of known arms. ``rank``: the largest m.
     """
-    return BoundPopulation.of(robot, arms=arms, rank=rank).columns(robot)
+    return BoundPopulation.of(robot, arms=arms, rank=rank).here
 
 
 def truncated(rows: Array, rank: int) -> tuple[Array, Array]:

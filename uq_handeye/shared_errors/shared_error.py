@@ -89,7 +89,8 @@ class SharedError(ReadOnlyArrays):
     focal_length_px: float | None = None  # of a principal point in pixels
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
-    rest: Callable[[PosePairs, bool], Array] | None = None  # (n, 6, 6) per unit^2 that its numbers leave; of poses seen
+    left: Array | None = None  # (n, 6, 6) per unit^2 that its numbers leave of the poses that it is bound to
+    unseen: Callable[[PosePairs], Array] | None = None  # the same of other poses
     accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
     declared: tuple[float, float, float | None] | None = (
         None  # accuracy of a robot (m, rad) and its reach (m), as given
@@ -273,7 +274,8 @@ class SharedError(ReadOnlyArrays):
             F = whole(poses)
             return F[kept] if len(F) == n != poses.n else F
 
-        return replace(self, effect=effect)
+        left = self.left[kept] if self.left is not None and len(self.left) == n else self.left
+        return replace(self, effect=effect, left=left)
 
     def __repr__(self) -> str:
         return (
@@ -382,7 +384,7 @@ def _population_error(move: float, turn: float, reach: float | None) -> SharedEr
         from .population import BoundPopulation  # its table of arms takes a while
 
         population = BoundPopulation.of(poses.robot, reach)
-        K = population.columns(poses.robot)
+        K = population.here
         size = move
         if turn > 0:
             size = max(move, turn / float(np.sqrt((K[:, :3] ** 2).sum(axis=(1, 2)).mean())))
@@ -395,7 +397,7 @@ def _population_error(move: float, turn: float, reach: float | None) -> SharedEr
 
         return replace(
             unbound, parts=parts, sd=np.full(len(parts), size), effect=effect, accuracy=accuracy,
-            rest=lambda at, seen: population.rest(at.robot, seen),
+            left=population.left, unseen=lambda at: population.unseen(at.robot),
         )  # fmt: skip
 
     exact = not (move > 0 or turn > 0)
