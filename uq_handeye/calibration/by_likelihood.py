@@ -10,7 +10,7 @@ import numpy as np
 
 from ..diagnostics.pose_table import pose_table
 from ..empirical_covariance.resampled import resampled
-from ..errors import DegenerateMotionError, InputError
+from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
 from ..geometry.se3 import Array, logarithm
 from ..input_checks.checks import check_fit, check_motions, require_signal
@@ -42,6 +42,7 @@ from ..prediction.fitted_kinematics import FittedKinematics
 from ..prediction.local_joints import local_findings
 from ..propagation.published_fit import Published, fit_published
 from ..runtime.read_only import read_only
+from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     assumed_drift,
@@ -60,6 +61,9 @@ from .result_file import FourDPA
 EXACT = 1e-10
 # Errors of the arm are derived anew where their second order moves its poses by more than this, in deviations of X.
 SECOND_ORDER = 0.05
+# Share of rejected poses above which all poses are tried as a start as well; and minus the logarithm of the density of a
+# pose that may be anywhere, as rotations are and within a metre.
+MANY_REJECTED, ANYWHERE = 0.05, float(np.log(8 * np.pi**2))
 # The source of a budget for what the open sizes of all errors leave.
 SIZES_OPEN = "sizes of the errors"
 # What no model of an arm explains differs from pose to pose and has tails: beside its errors a pose is wrong from this
@@ -87,15 +91,11 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     robust: RobustFit | None = None
     found: FoundSizes | None = None
     if job.robust and not exact:
-
-        def estimate_noise(constraint: Constraint, at: Unknowns, weights: Array) -> Noise | None:
-            nonlocal found
-            assert source is not None
-            found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH)
-            return None if found.noise is None else with_prior(found.noise, known)
-
-        slack = 1.0 if job.arm is None else TAILS
-        robust = fit_robustly(constraint, noise, at, job.method, estimate_noise, job.seed, known, slack)
+        robust, found = _weighed(job, source, at)
+        if found is not None and not found.exact.any() and (robust.weights == 0).mean() > MANY_REJECTED:
+            with suppress(InputError, NotConvergedError):
+                other = _weighed(job, source, at, all_alike=True)
+                robust, found = min((robust, found), other, key=_cost)
         noise = robust.noise
     elif source is not None:
         found = source.find(at)
@@ -125,6 +125,34 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         fit = _fitted_again(job, noise, fit)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
     return _assembled(job, noise, fit, fourdpa, found, robust)
+
+
+def _weighed(
+    job: Job, source: JointModel | None, at: Unknowns, all_alike: bool = False
+) -> tuple[RobustFit, FoundSizes | None]:
+    """Robust weights, and the sizes of the errors that they go with where the noise is to be estimated."""
+    found: FoundSizes | None = None
+
+    def estimate_noise(constraint: Constraint, at: Unknowns, weights: Array) -> Noise | None:
+        nonlocal found
+        assert source is not None
+        found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH)
+        return None if found.noise is None else with_prior(found.noise, job.pose_prior)
+
+    smooth = job.arm is not None or any(error.name == ROBOT_ACCURACY for error in job.shared)
+    slack = TAILS if smooth and source is not None else 1.0
+    options = (job.method, estimate_noise, job.seed, job.pose_prior, slack, all_alike)
+    return fit_robustly(job.constraint, job.noise, at, *options), found
+
+
+def _cost(weighed: tuple[RobustFit, FoundSizes | None]) -> float:
+    """Return minus the logarithm of the probability of the rows: those rejected lie anywhere within a rad and a metre."""
+    robust, found = weighed
+    if found is None or found.exact.any():
+        return float("inf")
+    kept = len(found.kept)
+    each = found.mode.state.value / len(found.used) if len(found.used) < kept else found.mode.state.value / kept
+    return kept * (each + 3.0 * float(np.log(2.0 * np.pi))) + (len(robust.weights) - kept) * ANYWHERE
 
 
 def joint_model_of(job: Job, constraint: Constraint) -> JointModel:

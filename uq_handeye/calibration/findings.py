@@ -128,7 +128,8 @@ def shared_findings(job: Job, result: Calibration, joint: JointFit) -> list[Find
     for error in result.shared:
         by_name.setdefault(group_of(error.name), []).append(error)
     for name, errors in by_name.items():
-        test = joint.test_of(name) if len(errors) > 1 else None
+        declared = len(errors) > 1 and not errors[0].default  # sizes that are assumed were found by these data
+        test = joint.test_of(name) if declared else None
         if test is not None and test.p_value < CONTRADICTED and test.times > 1:
             of_group = {"name": name, "count": len(errors), "times": test.times, "p_value": test.p_value}
             found.append(Finding("calibration.group_contradicted", "caution", of_group))

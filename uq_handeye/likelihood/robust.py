@@ -191,8 +191,11 @@ def fit_robustly(
     seed: int | np.random.Generator = 0,
     prior: PosePrior | None = None,
     slack: float = 1.0,
+    all_alike: bool = False,
 ) -> RobustFit:
     """Run `robust_fit` on one constraint, from the unknowns that all rows together give.
+
+    ``all_alike``: noise that is not known starts from all rows, not from `consensus`.
 
     ``prior`` of X and W is for noise that is not known yet; else that of the noise counts. ``slack`` multiplies the
     limits of distances where the noise is not known.
@@ -201,7 +204,7 @@ def fit_robustly(
     subsets = 0
     settled = None if noise is None else _begin_with_all(constraint, noise, start, method)
     if settled is None:
-        begun = _begin(constraint, noise, start, seed)
+        begun = _from_all(constraint, start) if all_alike else _begin(constraint, noise, start, seed)
         if noise is None:
             begun = begun._replace(noise=with_prior(begun.noise, prior))
         subsets = begun.subsets
@@ -238,6 +241,10 @@ def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: i
     squares = (squares / np.maximum(np.median(squares, axis=0), 1e-24)).sum(axis=-1)
     inside = (squares <= np.quantile(squares, MAJORITY)).astype(float)
     return Consensus(start, inside, isotropic_residuals(constraint, start) if noise is None else noise, 0)
+
+
+def _from_all(constraint: Constraint, start: Unknowns) -> Consensus:
+    return Consensus(start, np.ones(constraint.n), isotropic_residuals(constraint, start), 0)
 
 
 def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:

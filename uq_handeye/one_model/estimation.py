@@ -222,7 +222,7 @@ class JointModel:
             model, reduced = self._model(part, at, kept[used])
             exact = self._exact(part, model)
             if exact.any():
-                return FoundSizes(self, model, reduced, find_mode(model), at, kept, exact)
+                return FoundSizes(self, model, reduced, find_mode(model), at, kept, kept[used], exact)
             self._require_freedom(constraint, reduced.J.shape[-1])
             mode = find_mode(model, theta, gain if done else max(gain, ROUGH))
             theta = mode.theta
@@ -230,7 +230,7 @@ class JointModel:
             p = model.p
             step, C = found.mean, found.covariance
             if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < STILL**2:
-                return FoundSizes(self, model, reduced, mode, at, kept, exact)
+                return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
             at = at.moved(reduced.unreduced(step))
         turn, shift = np.sqrt((model.r**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
         raise NotConvergedError(
@@ -283,6 +283,7 @@ class FoundSizes:
     mode: Mode
     at: Unknowns  # where the model is linear
     kept: NDArray[np.intp]
+    used: NDArray[np.intp]  # numbers of the poses of the model
     exact: NDArray[np.bool_]  # (2,) rotation, translation residuals at rounding level
 
     @cached_property
