@@ -64,6 +64,7 @@ if _typing.TYPE_CHECKING:
     from .noise.known_values import parse_known_values
     from .noise.models import PairNoise, PoseNoise
     from .noise.pose_prior import PosePrior
+    from .one_model.component import Component
     from .one_model.noise_of_data import estimate_noise, estimate_robot_noise
     from .planning.plan import plan
     from .planning.result import Plan
@@ -114,6 +115,7 @@ __all__ = [
     "ChangeCheck",
     "CheckSeries",
     "Comparison",
+    "Component",
     "ControllerComparison",
     "Corners",
     "CrossCheck",
@@ -309,6 +311,7 @@ _LATER = {
         "PoseNoise",
     ),
     "noise.pose_prior": ("PosePrior",),
+    "one_model.component": ("Component",),
     "one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
     "planning.plan": ("plan",),
     "planning.result": ("Plan",),

@@ -164,7 +164,8 @@ def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
     errors = job.shared
     if poses is not None and job.correlation == "auto" and job.covariance in OF_NOISE and job.given is None:
         errors = (*errors, *assumed_drift(poses))
-    beside = {"pose_prior": job.pose_prior, "arm": job.columns_of_arm}
+    beside: dict[str, Any] = {"pose_prior": job.pose_prior, "arm": job.columns_of_arm}
+    beside |= {"sizes": job.sizes, "more": job.components}
     return JointModel.beside(constraint, poses, job.prior, camera, robot, errors, **beside)
 
 

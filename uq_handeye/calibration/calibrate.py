@@ -7,7 +7,7 @@ are down-weighted (`robust`). What looks wrong is said (`input_checks`, `diagnos
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -29,14 +29,16 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.selection import Selection, ranges, select_poses
 from ..prediction.excluded import residuals_against
 from ..runtime.threads import one_thread
+from ..one_model.component import Component
 from ..shared_errors.shared_error import SharedError, listed_errors
+from ..shared_errors.sizes import SizeLike, checked_sizes
 from .analysis import Analysis
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed, without_consequences
 from .provenance import provenance, requested
-from .request import BUNDLE, Job, request
+from .request import BUNDLE, Job, request, with_sizes
 from .result import Calibration
 
 # How often the errors of an arm are derived anew, at their estimate.
@@ -62,6 +64,8 @@ def calibrate(
     joints: ArrayLike | None = None,
     kinematics: Kinematics | None = None,
     kinematic_errors: KinematicErrors | None = None,
+    sizes: Mapping[str, SizeLike] | None = None,
+    components: Sequence[Component] = (),
     exclude: Sequence[int] | str | None = None,
     only: Sequence[int] | str | None = None,
 ) -> Calibration:
@@ -127,6 +131,11 @@ def calibrate(
         ``result.predict_camera``. By ``efficient`` and ``ml``.
     kinematic_errors : KinematicErrors or None
         What is known of the arm before the data; None: estimated, with the errors of industrial arms as the least.
+    sizes : mapping of names to Size, (median, factor) or a number, or None
+        Sizes of errors in place of those of the table `sizes.SIZES`, by the names there: a median that is known within a
+        factor (one sigma of its logarithm), or a number that is known, rad or m. Where the noise is estimated.
+    components : sequence of Component
+        Errors of the user's own, beside the others, with sizes that are known or found. Where the noise is estimated.
     exclude, only : sequence of int, text such as ``"12,14-16"``, or None
         Numbers of poses to leave out, or of the only ones to use, counted from 0 in ``data``. The fit is that of the
         rest. The excluded poses stay in ``result.data`` and ``result.table``, with their residuals against the fit and
@@ -168,6 +177,7 @@ def calibrate(
         "noise": noise, "method": method, "pairs": pairs, "scale": scale, "kind": kind, "covariance": covariance,
         "robust": robust, "prior": prior, "prior_X": prior_X, "prior_W": prior_W, "seed": seed, "shared": shared,
         "correlation": correlation, "joints": joints, "kinematics": kinematics, "kinematic_errors": kinematic_errors,
+        "sizes": sizes, "components": components,
     }  # fmt: skip
     if exclude is None and only is None:
         return _calibrate(data, None, **options)
@@ -201,6 +211,7 @@ def _of_kept(data: PosePairs, selection: Selection, options: dict[str, Any]) -> 
         found["noise"] = noise.rows(kept)
     if options["shared"] is not None:
         found["shared"] = [error.rows(kept, n) for error in listed_errors(options["shared"])]
+    found["components"] = [part.rows(kept) for part in options["components"]]
     if options["joints"] is not None:
         found["joints"] = as_joint_values(options["joints"], n)[kept]
     if not isinstance(options["pairs"], str):
@@ -257,12 +268,15 @@ def _calibrate(
     joints: ArrayLike | None,
     kinematics: Kinematics | None,
     kinematic_errors: KinematicErrors | None,
+    sizes: Mapping[str, SizeLike] | None,
+    components: Sequence[Component],
 ) -> Calibration:
     """See `calibrate`; ``selection``: the numbers that the poses have in the data set they are taken from."""
     listed = None if shared is None else listed_errors(shared)
     asked = (noise, method, pairs, scale, kind, covariance, robust, prior, seed, listed, correlation)
     of_arm = (joints, kinematics, kinematic_errors)
-    job = request(data, *asked, prior_X, prior_W, *of_arm)
+    of_sizes = checked_sizes(sizes), tuple(components)
+    job = with_sizes(request(data, *asked, prior_X, prior_W, *of_arm), *of_sizes)
     findings = look_at(job) + ([] if job.arm is None else job.arm.against.findings)
     try:
         try:
@@ -273,7 +287,7 @@ def _calibrate(
                 assert job.arm is not None and result.kinematics is not None
                 again = about if isinstance(data, PosePairs) else relative_motions(about, np.asarray(data.pairs))
                 at = (job.arm.measured, result.kinematics.e)
-                job = request(again, *asked, prior_X, prior_W, *of_arm, at)
+                job = with_sizes(request(again, *asked, prior_X, prior_W, *of_arm, at), *of_sizes)
                 result, more = _run(job)
         except SingularNoiseError:
             if method is not None or robust:
@@ -310,6 +324,8 @@ def _calibrate(
         "seed": job.seed,
         "correlation": correlation,
         "shared": [line for error in job.shared for line in error.described],
+        **({} if not job.sizes else {"sizes": {name: [s.median, s.factor] for name, s in job.sizes.items()}}),
+        **({} if not job.components else {"components": [part.name for part in job.components]}),
         **({} if selection is None else {"exclude": ranges(selection.excluded.tolist())}),
     }
     about_errors = None if job.arm is None else job.arm.at

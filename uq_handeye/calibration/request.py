@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -35,11 +35,13 @@ from ..noise.estimate import NoisePrior
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise, require_count, with_prior
 from ..noise.pose_prior import PosePrior
+from ..one_model.component import Component
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
 from ..propagation.all_pairs import AllPairs
 from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
+from ..shared_errors.sizes import Size
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     LENS,
@@ -124,6 +126,8 @@ class Job:
     arm: Arm | None = None  # the robot's joints, where its kinematic errors count
     columns_of_arm: KinematicColumns | None = None  # at the poses, where deviations are to be estimated
     given: PoseNoise | None = None  # noise beside which they are
+    sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table
+    components: tuple[Component, ...] = ()  # of the user's own
 
     @property
     def poses(self) -> PosePairs | None:
@@ -334,6 +338,25 @@ def request(
         columns_of_arm,
         beside,
     )
+
+
+def with_sizes(job: Job, sizes: Mapping[str, Size], components: tuple[Component, ...]) -> Job:
+    """Return the request with sizes and components of the user's own; raises `InputError` where nothing is estimated."""
+    if not sizes and not components:
+        return job
+    if job.noise is not None or job.method not in ESTIMATORS:
+        raise InputError(
+            "Expected no `sizes` or `components` where the noise is given or the method is a published one: nothing is "
+            "estimated. Declare a known error as `shared` (SharedError.columns)."
+        )
+    for part in components:
+        if not isinstance(part, Component):
+            raise InputError(f"Expected `components` to be Component, got {type(part).__name__}.")
+        if part.columns is not None and len(part.columns) != len(job.data):
+            raise InputError(
+                f"Expected `columns` of the component {part.name!r} of {len(job.data)} poses, got {len(part.columns)}."
+            )
+    return replace(job, sizes=sizes, components=components)
 
 
 def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNoise, tuple[SharedError, ...]]:

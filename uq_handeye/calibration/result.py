@@ -29,7 +29,7 @@ from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.open_directions import OpenDirections
 from ..likelihood.rig_bundle import Agreement
 from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
-from ..noise.estimate import NoiseEstimate
+from ..noise.estimate import FoundComponent, NoiseEstimate
 from ..noise.models import Noise
 from ..noise.to_dict import noise_to_dict
 from ..poses.motions import Motions
@@ -178,6 +178,11 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
     analysis: Analysis | StoredAnalysis | None = field(
         default=None, repr=False
     )  # diagnostics, other covariances, split halves, budget
+
+    @property
+    def components(self) -> tuple[FoundComponent, ...]:
+        """All errors of the joint model, with their sizes and what they do to X; empty where the noise was given."""
+        return () if self.noise_estimate is None else self.noise_estimate.of_model
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -138,6 +138,27 @@ class CameraFactor:
     p_value: float  # two-sided
 
 
+@dataclass(frozen=True)
+class FoundComponent:
+    """One error of the joint model: its size with the 95 % interval, and what it does to X.
+
+    ``size``: the standard deviation that was found, per unit of its columns; ``low``, ``high``: where it is known, the
+    same. ``determined``: how many of its ``count`` numbers the data determine. ``share``: of the variance of X, in the
+    direction where it matters most.
+    """
+
+    name: str
+    side: str  # "robot" or "camera"
+    unit: str  # "" where relative, or mixed
+    size: float
+    low: float
+    high: float
+    known: bool
+    count: int  # 0 for noise that is drawn anew at each pose
+    determined: float
+    share: float
+
+
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate(ReadOnlyArrays):
     """The noise that a data set shows; see `estimate_noise`.
@@ -157,6 +178,7 @@ class NoiseEstimate(ReadOnlyArrays):
     camera_factor: CameraFactor | None = None  # beside a camera covariance that is known, where the data can tell
     shape: float | None = None  # degrees of freedom of the t that X follows, its sizes integrated over; None: Gaussian
     names: tuple[str, ...] = ()  # of the components that `variances` are of; empty: by what was estimated, as above
+    of_model: tuple[FoundComponent, ...] = ()  # all errors of the joint model
 
     @property
     def statement(self) -> tuple[str, ...]:
@@ -226,6 +248,7 @@ class NoiseEstimate(ReadOnlyArrays):
             **({} if self.camera_factor is None else {"camera_factor": asdict(self.camera_factor)}),
             **({} if self.shape is None else {"shape": self.shape}),
             **({"names": list(self.names)} if self.names else {}),
+            **({"of_model": [asdict(part) for part in self.of_model]} if self.of_model else {}),
         }
 
     @classmethod
@@ -248,6 +271,7 @@ class NoiseEstimate(ReadOnlyArrays):
                 None if factor is None else CameraFactor(**factor),
                 None if shape is None else float(shape),
                 tuple(map(str, values.get("names", ()))),
+                tuple(FoundComponent(**part) for part in values.get("of_model", ())),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"Expected the values of a noise estimate as `to_dict` writes them: {error}.") from error

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays
-from ..shared_errors.sizes import Size
+from ..shared_errors.sizes import Size, checked_sizes
 
 SIDES = ("robot", "camera")
 
@@ -33,7 +33,7 @@ class Component(ReadOnlyArrays):
     name : str
     side : "robot" or "camera"
         Whose poses it moves; for motions that come without poses A is the robot.
-    size : Size
+    size : Size, (median, factor) or a number that is known
     columns : (n, 6, m) or None
     block : (6, b), (n, 6, b) or None
         At least one of the two is given.
@@ -49,6 +49,8 @@ class Component(ReadOnlyArrays):
     parts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.size, Size):
+            object.__setattr__(self, "size", checked_sizes({self.name: self.size})[self.name])
         if self.side not in SIDES:
             raise InputError(
                 f"Expected `side` of the component {self.name!r} to be robot or camera, got {self.side!r}."

@@ -214,6 +214,27 @@ class LatentModel:
         half = solve_triangular(at.C, np.diag(at.unit)[:, :p], lower=True, check_finite=False)
         return Conditional(theta, at.value, at.u[:p], half.T @ half)
 
+    def shares(self, theta: Array) -> Array:
+        """(components,) largest share of the variance of the first 6 unknowns, of X, that a component has.
+
+        A component moves x by its columns, as the posterior leaves them open, and by its noise at each pose, through
+        the gain ``-H^-1 A^T L^-1``.
+        """
+        at, p, q = self._solved(theta), self.p, min(6, self.p)
+        half = solve_triangular(at.C, np.diag(at.unit), lower=True, check_finite=False)
+        of_x = half[:, :q].T @ half  # (q, p + m) of H^-1
+        gain = np.einsum("qni,nij->qnj", (of_x @ at.A[:, :-1].T).reshape(q, -1, 6), at.half)
+        root = np.linalg.inv(np.linalg.cholesky(of_x[:, :q] + RIDGE * np.diag(np.diag(of_x[:, :q]))))
+        found = np.zeros(len(self.components))
+        for k in range(len(found)):
+            columns = root @ of_x[:, p + np.flatnonzero(self._owner == k)]
+            variance = columns @ columns.T
+            if k in self.blocks:
+                each = np.einsum("qni,nij,rnj->qr", gain, self.blocks[k], gain) * at.s[k] ** 2
+                variance = variance + root @ each @ root.T
+            found[k] = np.linalg.eigvalsh(variance)[-1]
+        return np.clip(found, 0.0, 1.0)
+
     def conditional(self, theta: Array) -> Conditional:
         """The joint posterior of the poses and of the errors in their units, for given sizes."""
         at = self._solved(theta)

@@ -8,8 +8,9 @@ is a `PoseNoise` with the sizes as found, its columns named, and what the open s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import cached_property
 from typing import Any
 
@@ -68,6 +69,8 @@ class JointModel:
     pose_prior: PosePrior | None = None
     arm: KinematicColumns | None = None
     excess: JointCovariance | None = None  # of the camera beside what corners say, per pixel^2
+    sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table, by name
+    more: tuple[Component, ...] = ()  # of the user's own
     how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points"
 
     @classmethod
@@ -109,8 +112,21 @@ class JointModel:
 
     @cached_property
     def components(self) -> tuple[Component, ...]:
-        """All components with something to move."""
-        return tuple(self._noise()) + tuple(self._shared()) + tuple(self._arm())
+        """All components with something to move; raises `InputError` for a size of none of them."""
+        found = [*self._noise(), *self._shared(), *self._arm(), *self.more]
+        names = [part.name for part in found]
+        if unknown := [name for name in self.sizes if name not in names]:
+            near = get_close_matches(unknown[0], names, 3, 0.3) or names
+            raise InputError(f"Expected sizes of errors of this request, got {unknown[0]!r}. Near it: {', '.join(near)}.")
+        return tuple(self._sized(part) for part in found)
+
+    def _sized(self, part: Component) -> Component:
+        """Return a component with the size that was given for it; of shared errors that of their first number."""
+        given = self.sizes.get(part.name)
+        if given is None:
+            return part
+        unit = next((float(error.sd[0]) for error in self.errors if error.name == part.name), 1.0)
+        return replace(part, size=replace(given, median=given.median / unit))
 
     @cached_property
     def known(self) -> dict[str, Array]:

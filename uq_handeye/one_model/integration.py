@@ -1,11 +1,11 @@
-r"""Sizes integrated over: a composite design about each mode, and the mixture of its posteriors.
+r"""Sizes integrated over: a design of points about each mode, and the mixture of its posteriors.
 
-With f about a mode theta* like ``(theta - theta*)^T I (theta - theta*) / 2``, ``theta = theta* + I^-1/2 v``, the design
-(Rue, Martino and Chopin 2009, section 6.5) has the centre and points v at the distance ``f_0 sqrt(k)``, f_0 = 1.1: two
-along each axis of I, which suffices for an integrand that is nearly a sum over the axes. The centre has the weight ``1 - 1 / f_0^2``, each of the m
-others ``exp(k f_0^2 / 2 - (f - f*)) / (m f_0^2)``: mean and variance of a Gaussian exactly, and of others by their own
-density. Of several modes each has its evidence as weight. Posterior of poses and errors: mean and covariance of the
-mixture,
+With f about a mode theta* like ``(theta - theta*)^T I (theta - theta*) / 2``, points ``theta = theta* + I^-1/2 v`` with v
+from a standard normal distribution have the weights ``exp(f* - f + |v|^2 / 2)``, all alike where f is that parabola. The
+v are few and always the same: normal numbers whose mean is 0 and whose second moments are exactly 1, v and -v in pairs.
+(The central composite design of Rue, Martino and Chopin 2009 puts its points ``sqrt(k)`` away, where the square of a
+size that the data leave open, ``exp(2 theta)``, is far above its mean.) Of several modes each has its evidence as
+weight. Posterior of the unknown poses: mean and covariance of the mixture,
 
     mean = sum w mean_i,      C = sum w (C_i + (mean_i - mean) (mean_i - mean)^T)
 """
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from ..runtime.read_only import ReadOnlyArrays
 from .engine import Conditional, LatentModel
 from .mode import REACH, Mode
 
-RADIUS = 1.1
+# Pairs of points.
+PAIRS = 16
 # No point counts more than so many times what it would count under a Gaussian.
 MOST = 20.0
 
@@ -91,23 +92,25 @@ def integrate(model: LatentModel, modes: Sequence[Mode]) -> Mixture:
 
 def _about(model: LatentModel, mode: Mode) -> tuple[list[Conditional], Array]:
     k = len(mode.theta)
-    centre = model.of_poses(mode.theta)
     if k == 0:
-        return [centre], np.ones(1)
-    values, vectors = np.linalg.eigh(mode.state.information)
-    moves = RADIUS * np.sqrt(k) * design(k) @ (vectors / np.sqrt(values)).T
+        return [model.of_poses(mode.theta)], np.ones(1)
+    v = design(k)
+    L = np.linalg.cholesky(mode.state.information)
     low, high = model.medians - (REACH + 2) * model.spreads, model.medians + (REACH + 2) * model.spreads
-    found = [model.of_poses(np.clip(mode.theta + move, low, high)) for move in moves]
-    logs = 0.5 * k * RADIUS**2 - (np.array([point.value for point in found]) - mode.state.value)
-    each = np.exp(np.minimum(logs, np.log(MOST))) / (len(found) * RADIUS**2)
-    w = np.concatenate([[1.0 - 1.0 / RADIUS**2], each])
-    return [centre, *found], w / w.sum()
+    found = [model.of_poses(np.clip(mode.theta + move, low, high)) for move in np.linalg.solve(L.T, v.T).T]
+    logs = mode.state.value - np.array([point.value for point in found]) + 0.5 * (v * v).sum(axis=1)
+    w = np.exp(np.minimum(logs, np.log(MOST)))
+    return found, w / w.sum()
 
 
+@cache
 def design(k: int) -> Array:
-    """(2k, k) unit vectors: both ends of each axis.
+    """(m, k) points of a standard normal distribution, mean 0 and second moments 1, each with its opposite.
 
-    >>> design(2).shape
-    (4, 2)
+    >>> v = design(9)
+    >>> v.shape, bool(np.allclose(v.T @ v, len(v) * np.eye(9)))
+    ((32, 9), True)
     """
-    return np.concatenate([np.eye(k), -np.eye(k)])
+    half = max(PAIRS, k)
+    Q = np.linalg.qr(np.random.default_rng(0).normal(size=(half, k)))[0] * np.sqrt(half)
+    return np.concatenate([Q, -Q])

@@ -10,7 +10,8 @@ from ..findings import Finding
 from ..geometry.se3 import Array
 from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..noise.camera_noise import CameraNoise
-from ..noise.estimate import CAMERA_EXCESS, Component, NoiseEstimate, together
+from ..noise.estimate import CAMERA_EXCESS, Component, FoundComponent, NoiseEstimate, together
+from ..shared_errors.sizes import SIZES
 from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
 
 UNITS = {"rotation": "rad", "translation": "m"}
@@ -74,7 +75,7 @@ def tell(found: FoundSizes) -> NoiseEstimate:
     dof = 6.0 * len(found.kept) - found.model.p
     return NoiseEstimate(
         found.integrated_noise, tuple(components), findings, v, covariance, dof, names=told,
-        shape=found.shape if np.isfinite(found.shape) else None,
+        shape=found.shape if np.isfinite(found.shape) else None, of_model=_of_model(found),
     )  # fmt: skip
 
 
@@ -120,6 +121,24 @@ def _sized(found: FoundSizes) -> list[Component]:
         status = "population" if is_group else "estimated" if sd < TOLD * np.log(part.size.factor) else "not told apart"
         listed.append(spread.component(part.name, unit, status))
     return listed
+
+
+def _of_model(found: FoundSizes) -> tuple[FoundComponent, ...]:
+    """Return all components with their sizes, in rad and m, and what they do to X."""
+    mixture, model, source = found.mixture, found.model, found.source
+    free = {k: j for j, k in enumerate(model.free.tolist())}
+    shares, units = model.shares(mixture.mean_theta), {error.name: float(error.sd[0]) for error in source.errors}
+    listed = []
+    for k, part in enumerate(source.components):
+        log, sd = float(np.log(max(part.size.median, 1e-300))), 0.0
+        if k in free:
+            j = free[k]
+            log, sd = float(mixture.mean_theta[j]), float(np.sqrt(mixture.covariance_theta[j, j]))
+        size, low, high = (units.get(part.name, 1.0) * float(np.exp(log + z * sd)) for z in (0.0, -REACH, REACH))
+        unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
+        determined, share = float(found.mode.state.determined[k]), float(shares[k])
+        listed.append(FoundComponent(part.name, part.side, unit, size, low, high, k not in free, part.count, determined, share))
+    return tuple(listed)
 
 
 def _findings(found: FoundSizes, parts: dict[str, Component]) -> tuple[Finding, ...]:

@@ -103,7 +103,12 @@ class SharedError(ReadOnlyArrays):
 
     def of_size(self, size: float) -> SharedError:
         """Return the error with a size that was found: standard deviations times it, known as they are."""
-        return self if self.factor == 1 else replace(self, sd=size * self.sd, factor=1.0)
+        if self.factor == 1 and size == 1.0:
+            return self
+        found = replace(self, sd=size * self.sd, factor=1.0)
+        if not self.stated:
+            return found
+        return replace(found, stated=f"{digits(1e3 * float(found.sd[0]), 2)} mm (found; {self.stated} assumed)")
 
     @property
     def described(self) -> list[str]:

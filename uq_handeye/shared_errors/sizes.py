@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..errors import InputError
@@ -56,3 +57,22 @@ CLASSES = {
     "industrial": Size(0.6e-3, 2.0, "m", "industrial arms with nominal kinematics"),
     "cobot": Size(2.0e-3, 2.0, "m", "cobots with nominal kinematics"),
 }
+
+SizeLike = Size | tuple[float, float] | float
+
+
+def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
+    """Return sizes by name; raises `InputError` for what is none."""
+    found = {}
+    for name, value in (given or {}).items():
+        parts = (value,) if isinstance(value, int | float) else value
+        if isinstance(value, Size):
+            found[name] = value
+        elif isinstance(parts, tuple | list) and 1 <= len(parts) <= 2 and all(isinstance(x, int | float) for x in parts):
+            median, factor = (*map(float, parts), 1.0)[:2]
+            found[name] = Size(median, factor, source="declared")
+        else:
+            raise InputError(f"Expected the size of {name!r} to be a number or (median, factor), got {value!r}.")
+        if found[name].median <= 0:
+            raise InputError(f"Expected the size of {name!r} to be above 0, got {value!r}. Leave the error out instead.")
+    return found

@@ -90,7 +90,7 @@ def found_of(group: SharedGroup) -> str:
     """RMS of the estimates of a group, and how much the data told of it."""
     sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
     if group.parts[0].stated:
-        return "not estimated"
+        return f"told {100 * group.told:.0f} %"
     rms = ", ".join(size.rstrip() for size in sizes)
     return f"RMS {rms}; told {100 * group.told:.0f} %"
 
