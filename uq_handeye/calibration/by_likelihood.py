@@ -173,8 +173,13 @@ def _at_corrected(source: JointModel, noise: Noise, fit: Fit) -> JointModel:
     """Return the model with its columns at the poses as the fit corrects them (`_columns_at_corrected`)."""
     if source.poses is None or not isinstance(noise, PoseNoise):
         return source
-    robot, camera = corrected(fit, noise, source.poses.robot, source.poses.camera)
-    return replace(source, poses=replace(source.poses, robot=robot, camera=camera))
+    return replace(source, poses=_corrected_poses(source.poses, noise, fit))
+
+
+def _corrected_poses(poses: PosePairs, noise: PoseNoise, fit: Fit) -> PosePairs:
+    """The poses as the fit corrects them, without what belongs to those measured."""
+    robot, camera = corrected(fit, noise, poses.robot, poses.camera)
+    return PosePairs(robot, camera, poses.setup, poses.timestamps)
 
 
 def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
@@ -220,8 +225,7 @@ def _columns_at_corrected(job: Job, noise: Noise, fit: Fit) -> PoseNoise:
     the residuals would seem to ask for the error.
     """
     assert isinstance(noise, PoseNoise) and job.poses is not None
-    robot, camera = corrected(fit, noise, job.poses.robot, job.poses.camera)
-    poses = PosePairs(robot, camera, job.poses.setup, job.poses.timestamps)
+    poses = _corrected_poses(job.poses, noise, fit)
     return with_shared(without_shared(noise, job.shared), shared_columns(job.shared, poses))
 
 

@@ -86,15 +86,16 @@ class BagGiven:
             )
         if files.pair == "time":
             raise InputError("--pair time: poses of a --bag are interpolated. For one clock give --offset 0.")
-        if arm is not None and self.robot:
+        by_joints = arm is not None and arm.by_joints
+        if by_joints and self.robot:
             raise InputError(f"The robot is given twice, by --joints and --robot {self.robot}. Remove one of them.")
         spare = files.robot
-        if files.camera is not None or (spare is not None and (self.robot or arm) and self.camera):
+        if files.camera is not None or (spare is not None and (self.robot or by_joints) and self.camera):
             raise InputError(
                 f"--bag with the pose file {files.camera or spare}: both sides are given twice. Remove the file, or "
                 "--robot or --camera."
             )
-        if spare is None and not ((self.robot or arm) and self.camera):
+        if spare is None and not ((self.robot or by_joints) and self.camera):
             lacks = "--robot BASE:TOOL" if self.camera else "--camera OPTICAL_FRAME:TARGET"
             lacks = lacks if self.robot or self.camera else "--robot BASE:TOOL and --camera OPTICAL_FRAME:TARGET"
             raise InputError(f"--bag needs {lacks}. uq-handeye bag {self.paths[0]} lists what there is.")
@@ -109,7 +110,8 @@ class BagGiven:
             )
         if self.chain is not None:
             arm = self._arm_of_topic(recording, self.chain)
-        sides, views, minima = self._streams(recording, files, seen if isinstance(seen, Views) else None)
+        of_robot = None if arm is not None and arm.by_joints else self.robot
+        sides, views, minima = self._streams(recording, of_robot, files, seen if isinstance(seen, Views) else None)
         for role, stream in sides.items():
             for note in () if stream.source is None else stream.source.notes:
                 LOG.info("%s, %s: %s", recording.name, role, note)
@@ -118,15 +120,14 @@ class BagGiven:
         return BagFiles(**own, sides=sides, spare=spare, still=self.still, minima=minima), views, arm
 
     def _arm_of_topic(self, recording: "Recording", chain: ChainOptions) -> Arm | None:
-        """Return the arm that a topic of joint values moves, by way of a table that is removed at the end."""
+        """Return the arm that a topic of joint values moves, by way of a table that is removed at the end; that of the
+        kinematics alone where --robot names poses.
+        """
         from ..rosbag.tables import joint_tracks, joints_csv
 
         topic = self.robot or ""
         if topic not in recording.joints and f"/{topic}" not in recording.joints:
-            given, there = ", ".join(chain.given), ", ".join(recording.joints) or "none"
-            raise InputError(
-                f"{given}: --robot must name joint values in the bag (topics: {there}), or add --joints joints.csv."
-            )
+            return arm_of_parts(chain, self.errors)
         folder = Path(tempfile.mkdtemp(prefix="uq-handeye-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         first: InputError | None = None
@@ -141,7 +142,7 @@ class BagGiven:
         raise first
 
     def _streams(
-        self, recording: "Recording", files: PoseFiles, seen: Views | None
+        self, recording: "Recording", robot: str | None, files: PoseFiles, seen: Views | None
     ) -> "tuple[dict[str, Any], Views | None, Minima | None]":
         from ..rosbag.streams import camera_stream, robot_stream
 
@@ -155,8 +156,8 @@ class BagGiven:
             if wrong and getattr(self, role):
                 raise InputError(f"{', '.join(wrong)}: for pose files, not for --bag. Remove the option.")
             assert frame in frames
-        if self.robot and self.chain is None:
-            sides["robot"] = robot_stream(recording, self.robot, frame=files.robot_frame)
+        if robot:
+            sides["robot"] = robot_stream(recording, robot, frame=files.robot_frame)
         if not self.camera:
             return sides, seen, None
         text = None if seen is None else seen.options.tag
@@ -189,7 +190,7 @@ class BagFiles(PoseFiles):
         for k, role in enumerate(("robot", "camera")):
             if role in streams:
                 continue
-            by_joints = role == "robot" and arm is not None and self.spare is None
+            by_joints = role == "robot" and arm is not None and arm.by_joints and self.spare is None
             streams[role] = read_stream(
                 None if by_joints else self.spare,
                 role,
@@ -246,7 +247,7 @@ class BagFiles(PoseFiles):
             )
             return found
 
-    def _beside_joints(self, arm: Arm, pictures: bool) -> "BagFiles":
+    def _beside_arm(self, arm: Arm, pictures: bool) -> "BagFiles":
         return self
 
     def _shown(self, arm: Arm | None = None) -> str:
@@ -288,7 +289,8 @@ def given_of_robot(chain: "ChainOptions", options: "ErrorOptions", bag: "BagOpti
         return RobotGiven(arm_of_parts(chain, options), None)
     robot = None if options.robot_file is None else str(options.robot_file)
     if chain.given and chain.joints is None and robot is None:
-        raise InputError(f"{', '.join(chain.given)} with --bag: add --robot TOPIC, the joint values in the bag.")
+        given = ", ".join(chain.given)
+        raise InputError(f"{given} with --bag: add --robot TOPIC, the joint values or the poses in the bag.")
     options = replace(options, robot_file=None)
     given = BagGiven(bag.bag, robot, bag.bag_camera, bag.still)
     if (chain.given or options.given) and chain.joints is None and robot is not None:

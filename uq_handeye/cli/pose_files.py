@@ -94,8 +94,9 @@ class PoseFiles(StreamFiles):
         """Return poses, noise and shared errors as `calibrate` takes them, next to the prior of the noise."""
         from .views import Views
 
-        files = self if arm is None else self._beside_joints(arm, seen is not None and not isinstance(seen, Views))
-        if files.robot is None and arm is None:
+        of_all = given.shared if arm is None else replace(given.shared, robot_class=None)  # it is that of the arm
+        files = self if arm is None else self._beside_arm(arm, seen is not None and not isinstance(seen, Views))
+        if files.robot is None and (arm is None or not arm.by_joints):
             raise missing_robot()
         if self.offset is not None and "," in self.offset and given.shared.offset_sd is not None:
             raise InputError(
@@ -106,7 +107,7 @@ class PoseFiles(StreamFiles):
         if isinstance(seen, Views):
             poses, _ = files._poses_and_noise(None, None, arm)
             noise = seen.beside(poses, given.noise, prior)
-            shared = given.shared.errors(poses, None, given.file, seen)
+            shared = of_all.errors(poses, None, given.file, seen)
         else:
             poses, noise = files._poses_and_noise(given.noise, seen, arm)
             if poses.camera_calibration is not None:
@@ -117,12 +118,12 @@ class PoseFiles(StreamFiles):
                 for finding in () if seen_by is None else seen_by.findings:
                     if finding.code == CODE:
                         LOG.info("%s", finding)
-            shared = given.shared.errors(poses, noise, given.file)
+            shared = of_all.errors(poses, noise, given.file)
         return poses, noise, shared
 
     def read_new(self, pictures: "Pictures | None" = None, arm: Arm | None = None) -> "PosePairs":
         """Return one or more pairs of poses, to be held against a calibration, without those left out by request."""
-        files = self if arm is None else self._beside_joints(arm, pictures is not None)
+        files = self if arm is None else self._beside_arm(arm, pictures is not None)
         if files.robot is None and arm is None:
             raise missing_robot(", or --joints" if arm is None else "")
         poses, _ = files._poses_and_noise(None, pictures, arm, fewest=1)
@@ -135,13 +136,15 @@ class PoseFiles(StreamFiles):
 
         return select_poses(poses.n, self.exclude, self.only, ("--exclude", "--only"))
 
-    def _beside_joints(self, arm: Arm, pictures: bool) -> "PoseFiles":
-        """Return the files as their arguments are read with --joints: a single one is that of the camera."""
+    def _beside_arm(self, arm: Arm, pictures: bool) -> "PoseFiles":
+        """Return the files as their arguments are read with an arm: with --joints a single one is that of the camera."""
         robot, first, second = arm.options.robot_file, self.robot, self.camera
         if robot is not None:
             if second is not None:
                 raise InputError(f"Robot poses are given twice, {first} and --robot {robot}. Give one of them.")
             return replace(self, robot=robot, camera=first)
+        if not arm.by_joints:
+            return self
         files = self
         if second is None and not pictures:
             if first is None:

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..calibration.calibrate import calibrate
+from ..calibration.request import joints_by_poses
 from ..calibration.result import Calibration
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.checks import as_numbers
@@ -182,7 +183,11 @@ def so_far_by_joints(data: PosePairs, chain: Kinematics, options: dict[str, Any]
         raise InputError(f"The poses so far do not determine X and the errors of the arm. {advice}") from error
     if result.joint_posterior is None or result.W is None:
         raise InputError(f"The poses so far leave a part of X open, or fit exactly. {advice}")
-    joints = as_numbers(data.joints if options["joints"] is None else options["joints"], "joints")
+    if result.kinematics is not None:
+        joints = result.kinematics.joints
+    else:
+        given = data.joints if options["joints"] is None else options["joints"]
+        joints = joints_by_poses(chain, data) if given is None else as_numbers(given, "joints")
     return SoFar(data, joints, chain, result, options["noise"] is None)
 
 

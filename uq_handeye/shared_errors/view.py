@@ -98,6 +98,8 @@ def _fitted(camera: Array) -> tuple[Array, Array, Array]:
     by_point[..., 2] = -directions / z[..., None]
     by_pose = np.concatenate([-by_point @ skew(turned), by_point], axis=-1).reshape(len(camera), -1, 6)
     information = by_pose.mT @ by_pose
-    # an edge-on target would leave its tilt open altogether
+    # an edge-on target would leave its tilt open altogether, and one far beside the optical axis its distance
     information[:, range(3), range(3)] += len(P) * (EDGE_ON * HALF) ** 2
+    own = np.maximum(np.linalg.norm(camera[:, :3, 3], axis=-1), near)[:, None]
+    information[:, range(3, 6), range(3, 6)] += len(P) * (EDGE_ON * HALF * distance / own**2) ** 2
     return directions, by_pose, information

@@ -1,4 +1,4 @@
-"""Options of the robot's joints and kinematics."""
+"""Options of the robot's kinematics and joints."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -16,8 +16,15 @@ if TYPE_CHECKING:
 # Names of kinematics.kinematic_errors, repeated here so that help and completion load quickly.
 HOW = ("estimate", "declared", "exact")
 ROBOT_CLASSES = ("industrial", "cobot", "hobby")
-FLANGES = ("controller", "physical")
+FLANGES = ("workspace", "controller", "physical")
 JOINT_UNITS = ("rad", "deg")
+# Those of kinematics.arms.known_arms and of shared_errors.sizes.
+ROBOT_MODELS = (
+    *("ur3e", "ur5e", "ur10e", "ur16e", "ur5", "ur10", "irb120", "irb1200", "irb2600", "irb4600", "kr6r900"),
+    *("kr10r1100", "iiwa7", "iiwa14", "lrmate200id", "m10ia", "crx10ia", "gp7", "hc10", "tx260", "rs007n", "vs060"),
+    *("panda", "fr3", "gen3", "xarm6", "xarm7", "m1013"),
+)
+ACCURACY_CLASSES = ("calibrated", "industrial", "cobot")
 
 # Options of standard deviations: field here, parameter of `KinematicErrors`.
 _DEVIATIONS = {
@@ -29,6 +36,18 @@ _DEVIATIONS = {
     "--sag-sd": ("sag_sd", "sag_sd"),
 }
 
+RobotClass = Annotated[
+    str | None,
+    option(
+        "--robot-class",
+        of=tuple(dict.fromkeys((*ACCURACY_CLASSES, *ROBOT_CLASSES))),
+        metavar="NAME",
+        panel=JOINTS,
+        help=f"Class of the arm. With its kinematics ({', '.join(ROBOT_CLASSES)}) it sets the standard deviations not "
+        f"given. Default: industrial. Without ({', '.join(ACCURACY_CLASSES)}) it sets the accuracy that is assumed of "
+        "the robot: 0.15, 0.6 or 2 mm, within a factor of 2.",
+    ),
+]
 JointUnits = Annotated[
     str | None,
     option(
@@ -53,12 +72,32 @@ class ChainOptions:
             panel=JOINTS,
             common=True,
             help="Joint values in place of ROBOT, with --urdf. One column per joint, named as in the URDF, and one row "
-            "per pose. The robot poses follow from the joints; a single file argument is CAMERA.",
+            "per pose. The robot poses follow from the joints; a single file argument is CAMERA. Default: from ROBOT "
+            "by inverse kinematics of the robot model.",
+        ),
+    ] = None
+    robot_model: Annotated[
+        str | None,
+        option(
+            "--robot-model",
+            of=ROBOT_MODELS,
+            metavar="NAME",
+            panel=JOINTS,
+            common=True,
+            help=f"Arm by its name, e.g. ur5e, in place of --urdf. Its errors are estimated with X. Names: "
+            f"{', '.join(ROBOT_MODELS)}.",
         ),
     ] = None
     urdf: Annotated[
         Path | None,
-        option("--urdf", metavar="FILE.urdf", panel=JOINTS, common=True, help="Robot model (URDF) for --joints."),
+        option(
+            "--urdf",
+            metavar="FILE.urdf",
+            panel=JOINTS,
+            common=True,
+            help="Robot model (URDF), for --joints or for the poses in ROBOT. Without --joints the joint values follow "
+            "from the poses by inverse kinematics.",
+        ),
     ] = None
     base: Annotated[
         str | None,
@@ -84,7 +123,7 @@ class ChainOptions:
             "--dh",
             metavar="FILE",
             panel=JOINTS,
-            help="Denavit-Hartenberg parameters (CSV or TOML), in place of --urdf.",
+            help="Denavit-Hartenberg parameters (CSV or TOML), in place of --urdf, with or without --joints.",
         ),
     ] = None
     ur_calibration: Annotated[
@@ -103,23 +142,33 @@ class ChainOptions:
         """Names of the options that were given."""
         return [f"--{f.name.replace('_', '-')}" for f in fields(self) if getattr(self, f.name) is not None]
 
-    def require(self) -> None:
-        """Raise `InputError` unless the options name joint values and one robot model."""
-        if self.joints is None:
-            raise InputError(f"{', '.join(self.given)}: these options need the joint values. Add --joints joints.csv.")
-        if self.urdf is self.dh is self.ur_calibration is None:
-            raise InputError("--joints needs a robot model. Add --urdf robot.urdf (or --dh FILE).")
-        if self.dh is not None:
-            others = ("--urdf", "--base", "--tip", "--ur-calibration")
-            if wrong := [name for name in others if name in self.given]:
-                raise InputError(
-                    f"{', '.join(wrong)}: not used with --dh, which describes the whole arm. Remove one of them."
-                )
+    def require(self, others: list[str]) -> None:
+        """Raise `InputError` unless the options name one robot model; ``others`` need it, too."""
+        whole = [name for name in ("--dh", "--robot-model") if name in self.given]
+        if not whole and self.urdf is self.ur_calibration is None:
+            if self.joints is not None:
+                raise InputError("--joints needs a robot model. Add --urdf robot.urdf (or --dh FILE, --robot-model NAME).")
+            given = ", ".join([*self.given, *others])
+            raise InputError(f"{given}: needs a robot model. Add --urdf robot.urdf or --robot-model NAME.")
+        parts = ("--urdf", "--base", "--tip", "--ur-calibration", *whole[1:])
+        if whole and (wrong := [name for name in parts if name in self.given]):
+            raise InputError(
+                f"{', '.join(wrong)}: not used with {whole[0]}, which describes the whole arm. Remove one of them."
+            )
+        if self.joint_units is not None and self.joints is None:
+            raise InputError("--joint-units needs --joints. Remove it.")
+        if self.robot_model is not None:
+            self.kinematics()  # before the work, so that a wrong name is told at once
 
     def kinematics(self) -> "Kinematics":
         """Read the kinematic chain."""
         from ...kinematics.chain import Kinematics
 
+        if self.robot_model is not None:
+            try:
+                return Kinematics.from_name(self.robot_model)
+            except InputError as error:
+                raise InputError(f"--robot-model: {error}") from None
         if self.dh is not None:
             return Kinematics.from_dh(self.dh)
         if self.ur_calibration is not None:
@@ -149,8 +198,8 @@ class ErrorOptions:
             of=HOW,
             metavar="NAME",
             panel=JOINTS,
-            help="Treatment of the kinematic errors: estimate, declared or exact. estimate: the standard deviations "
-            "given are a lower bound; declared: as given; exact: no errors. Default: estimate.",
+            help="Treatment of the kinematic errors: estimate, declared or exact. estimate: their standard deviations "
+            "are known within a factor; declared: as given; exact: no errors. Default: estimate.",
         ),
     ] = None
     joint_noise: Annotated[
@@ -209,17 +258,7 @@ class ErrorOptions:
             "Default: by --robot-class.",
         ),
     ] = None
-    robot_class: Annotated[
-        str | None,
-        option(
-            "--robot-class",
-            of=ROBOT_CLASSES,
-            metavar="NAME",
-            panel=JOINTS,
-            help=f"Class of the arm ({', '.join(ROBOT_CLASSES)}), which sets the standard deviations not given. "
-            "Default: industrial.",
-        ),
-    ] = None
+    robot_class: RobotClass = None
     flange: Annotated[
         str | None,
         option(
@@ -227,8 +266,9 @@ class ErrorOptions:
             of=FLANGES,
             metavar="NAME",
             panel=JOINTS,
-            help="Flange that X refers to: controller (as computed from the joints) or physical (its deviation from "
-            "that is part of the uncertainty). Default: controller.",
+            help="Flange that X refers to: workspace (the frames in which the arm agrees best with its model), "
+            "controller (as computed from the joints) or physical (its deviation from that is part of the "
+            "uncertainty). Default: workspace.",
         ),
     ] = None
 
@@ -271,10 +311,15 @@ class ErrorOptions:
 
 @dataclass(frozen=True)
 class Arm:
-    """Robot described by its joint values and its kinematic chain."""
+    """Robot described by its kinematic chain, and its joint values if they are given."""
 
     chain: ChainOptions
     options: ErrorOptions
+
+    @property
+    def by_joints(self) -> bool:
+        """True if the joint values stand in place of robot poses."""
+        return self.chain.joints is not None
 
     @property
     def shown(self) -> str:
@@ -289,6 +334,8 @@ class Arm:
     @property
     def of_files(self) -> dict[str, Any]:
         """Arguments of `read_poses` and `read_stream`."""
+        if not self.by_joints:
+            return {}
         return {"joints": self.chain.joints, "kinematics": self.kinematics, "joint_units": self.chain.joint_units}
 
     @property
@@ -304,11 +351,8 @@ def arm_of(chain: "ChainOptions", options: "ErrorOptions") -> Arm | None:
 
 
 def arm_of_parts(chain: ChainOptions, options: ErrorOptions) -> Arm | None:
-    """Return the arm of both groups of options, or None if none is given."""
-    if not chain.given and not options.given:
+    """Return the arm of both groups of options, or None without kinematics."""
+    if not chain.given and options.given in ([], ["--robot-class"]):  # the class of an unknown arm: `SharedOptions`
         return None
-    if chain.joints is None:
-        given = ", ".join([*chain.given, *options.given])
-        raise InputError(f"{given}: these options need the joint values. Add --joints joints.csv.")
-    chain.require()
+    chain.require(options.given)
     return Arm(chain, options)

@@ -57,8 +57,8 @@ def made_of(**makers: Callable[..., Any]) -> Callable[[Callable[..., Any]], Call
     """Replace parameters of a command by the options that they are made of.
 
     ``@made_of(noise=noise_of)`` gives ``command(noise, seed)`` the options of ``noise_of`` and ``seed``: the values of
-    the former go to ``noise_of``, and what it returns to the command. A maker is a function or a class. The
-    parameters made are annotated in quotes, so that Typer does not see them.
+    the former go to ``noise_of``, and what it returns to the command. A maker is a function or a class; an option that
+    two of them have is one. The parameters made are annotated in quotes, so that Typer does not see them.
     """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -68,10 +68,11 @@ def made_of(**makers: Callable[..., Any]) -> Callable[[Callable[..., Any]], Call
         }
 
         def run(**given: Any) -> Any:
-            made = {name: maker(**{p.name: given.pop(p.name) for p in parts[name]}) for name, maker in makers.items()}
-            return command(**made, **given)
+            made = {name: maker(**{p.name: given[p.name] for p in parts[name]}) for name, maker in makers.items()}
+            return command(**made, **{name: given[name] for name in parts if name not in makers})
 
-        return with_parameters(run, command, [parameter for part in parts.values() for parameter in part])
+        by_name = {parameter.name: parameter for part in parts.values() for parameter in part}
+        return with_parameters(run, command, list(by_name.values()))
 
     return decorate
 

@@ -1,11 +1,12 @@
 """Options of the errors that all poses share."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ...errors import InputError
 from ..groups import SHARED
+from .arm import ACCURACY_CLASSES, RobotClass
 from .common import one_of, option
 
 if TYPE_CHECKING:
@@ -30,8 +31,8 @@ class SharedOptions:
             metavar="NAME",
             panel=SHARED,
             help="Shared errors that are not declared: defaults or none. defaults, for camera poses without corners "
-            "and estimated noise: focal length 0.1%, principal point 0.001, target scale 0.02% (or 2 %, with "
-            "probability 5 %). Default: defaults.",
+            "and estimated noise: focal length 0.1%, principal point 0.001, target scale 0.03% (within a factor of 4), "
+            "lens, view and robot accuracy. Default: defaults.",
         ),
     ] = None
     focal_sd: Annotated[
@@ -78,8 +79,8 @@ class SharedOptions:
             metavar="MM,DEG",
             panel=SHARED,
             common=True,
-            help="Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, as a smooth error "
-            "over the workspace; or exact. Default: none.",
+            help="Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, RMS over the "
+            "workspace; or exact. Default: 0.6 mm within a factor of 3, or by --robot-class.",
         ),
     ] = None
     offset_sd: Annotated[
@@ -92,6 +93,8 @@ class SharedOptions:
         ),
     ] = None
 
+    robot_class: RobotClass = None
+
     def errors(
         self,
         poses: "PosePairs",
@@ -102,7 +105,7 @@ class SharedOptions:
         """Return the declared errors of options and noise file with the remaining defaults, or None."""
         from ...io import read_shared_errors
         from ...noise.models import PairNoise
-        from ...shared_errors.shared_error import SharedError, checked_errors, replace_defaults
+        from ...shared_errors.shared_error import SharedError, assumed_accuracy, checked_errors, replace_defaults
 
         focal_length_px = None if views is None else views.focal_length_px
         if poses.camera_calibration is not None:
@@ -128,6 +131,11 @@ class SharedOptions:
                 except InputError as reason:
                     raise InputError(f"{name}: {reason}") from None
                 declared[error.name] = error
+        if self.robot_class is not None:
+            if self.robot_accuracy is not None:
+                raise InputError("--robot-class and --robot-accuracy both give the accuracy. Remove one of them.")
+            accuracy = assumed_accuracy(one_of(self.robot_class, "--robot-class", ACCURACY_CLASSES))
+            declared[accuracy.name] = replace(accuracy, default=False)
         none = self.shared is not None and one_of(self.shared, "--shared", DEFAULTS) == "none"
         if not declared and not none:
             return None
