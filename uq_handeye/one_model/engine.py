@@ -1,11 +1,11 @@
-r"""The latent Gaussian model: unknown poses, errors that poses share, noise drawn anew, with sizes that have priors.
+r"""The latent Gaussian model: unknown poses, errors that poses share, noise of each pose, with sizes that have priors.
 
 Rows of the linearised constraint (`likelihood.constraint`), six of each of n poses, with the errors of each side
 carried to them by D (n, 6, 6) of that side:
 
     r_i + J_i x + sum_c s_c D_i K_ci z_c + sum_w s_w D_i B_wi z_wi = 0,      z ~ N(0, I),   x flat or with a prior
 
-x (p,) is the step of the unknown poses, c runs over components that all poses share, w over those drawn anew. For
+x (p,) is the step of the unknown poses, c runs over components that all poses share, w over those drawn at each pose. For
 given sizes s all of it is Gaussian: with ``V_i = known_i + sum_w s_w^2 D B B^T D^T = L_i L_i^T``,
 ``A = L^-1 [J, s_c D K_c]``, ``y = L^-1 r`` and ``P_0 = diag(prior of x or 0; 1, 1, ...)``
 
@@ -54,7 +54,7 @@ class State:
     value: float  # f
     gradient: Array  # (k,)
     information: Array  # (k, k) average information with that of the priors
-    determined: Array  # (components,) numbers that the data determine; of noise drawn anew 0
+    determined: Array  # (components,) numbers that the data determine; of noise of each pose 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import CAMERA_EXCESS, Component, NoiseEstimate, together
 from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
+from .findings import noise_findings
 
 UNITS = {"rotation": "rad", "translation": "m"}
 
@@ -85,7 +86,7 @@ def _spread(weights: Array, variance: Array) -> _Spread:
 
 
 def _status(found: FoundSizes, name: str, spread: _Spread) -> str:
-    """Status of a noise: fixed, by its data sheet, estimated, or not told apart from the others."""
+    """Status of a noise: fixed, by its data sheet, estimated, or not separable from the others."""
     source = found.source
     side = name.split()[0]
     index = source.sides.index(side)
@@ -123,8 +124,6 @@ def _sized(found: FoundSizes) -> list[Component]:
 
 
 def _findings(found: FoundSizes, parts: dict[str, Component]) -> tuple[Finding, ...]:
-    from .findings import noise_findings
-
     sides = found.source.sides
     if len(parts) < 6 or any(
         part.status not in ("fixed", "prior", "estimated", "not told apart") for part in parts.values()

@@ -1,4 +1,4 @@
-r"""What a lens, a bent target and wrong corners do to finished camera poses: errors that follow from the view.
+r"""Errors of finished camera poses that follow from the view: those of a lens, a bent target and wrong corners.
 
 Model: the error of a camera pose is a smooth function of how the target was seen, the same function for all poses of a
 rig. To first order it is linear in six coordinates c of the view, the direction ``t / |t|`` in which the target stood
