@@ -1,9 +1,10 @@
 r"""Noise and shared errors of one data set, estimated together: the components of a request, their sizes, the noise.
 
-Every error that a request declares or leaves to the data is a `Component`: the noise of both sides, that of camera poses
-by their corners or their views, what all poses share (`SharedError`), the arm. Their sizes are found together (`mode`),
-near the unknowns that robust weights start from; at the end they are integrated over (`integration`). What is handed on
-is a `PoseNoise` with the sizes as found, its columns named, and what the open sizes add to the covariance of X and W.
+Every error that a request declares or leaves to the data is a `Component`: the noise of both sides, that of camera
+poses by their corners or their views, what all poses share (`SharedError`), the arm. Their sizes are found together
+(`mode`), near the unknowns that robust weights start from; at the end they are integrated over (`integration`). What is
+handed on is a `PoseNoise` with the sizes as found, its columns named, and what the open sizes add to the covariance of
+X and W.
 """
 
 from __future__ import annotations
@@ -228,7 +229,6 @@ class JointModel:
             mode = find_mode(model, theta, gain if done else max(gain, ROUGH))
             theta = mode.theta
             found = model.of_poses(theta)
-            p = model.p
             step, C = found.mean, found.covariance
             if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < STILL**2:
                 return FoundSizes(self, model, reduced, mode, at, kept, exact)

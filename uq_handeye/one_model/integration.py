@@ -2,10 +2,10 @@ r"""Sizes integrated over: a composite design about each mode, and the mixture o
 
 With f about a mode theta* like ``(theta - theta*)^T I (theta - theta*) / 2``, ``theta = theta* + I^-1/2 v``, the design
 (Rue, Martino and Chopin 2009, section 6.5) has the centre and points v at the distance ``f_0 sqrt(k)``, f_0 = 1.1: two
-along each axis of I, which suffices for an integrand that is nearly a sum over the axes. The centre has the weight ``1 - 1 / f_0^2``, each of the m
-others ``exp(k f_0^2 / 2 - (f - f*)) / (m f_0^2)``: mean and variance of a Gaussian exactly, and of others by their own
-density. Of several modes each has its evidence as weight. Posterior of poses and errors: mean and covariance of the
-mixture,
+along each axis of I, which suffices for an integrand that is nearly a sum over the axes. The centre has the weight
+``1 - 1 / f_0^2``, each of the m others ``exp(k f_0^2 / 2 - (f - f*)) / (m f_0^2)``: mean and variance of a Gaussian
+exactly, and of others by their own density. Of several modes each has its evidence as weight. Posterior of poses and
+errors: mean and covariance of the mixture,
 
     mean = sum w mean_i,      C = sum w (C_i + (mean_i - mean) (mean_i - mean)^T)
 """
