@@ -147,7 +147,7 @@ def _at_corrected(source: JointModel, noise: Noise, fit: Fit) -> JointModel:
     if source.poses is None or not isinstance(noise, PoseNoise):
         return source
     robot, camera = corrected(fit, noise, source.poses.robot, source.poses.camera)
-    return replace(source, poses=replace(source.poses, robot=robot, camera=camera))
+    return replace(source, poses=replace(source.poses, robot=robot, camera=camera, camera_calibration=None))
 
 
 def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
