@@ -6,8 +6,8 @@ base, all unknown:
     FK(q_i; e) b = p_s + v_i,    v_i ~ N(0, sigma^2 I + sigma_q^2 J_b J_b^T)
 
 J_b the derivative of the ball's place by the joints. The standard deviations sigma and sigma_q, and those of the groups
-of e with the population as the least, are found as by `calibrate` (`noise_estimation`), on rows of 3 instead of 6. What
-the unknowns say of a touch that was held out, all together:
+of e about the population's, are found and integrated over as by `calibrate` (`one_model`). What the unknowns say of a
+touch that was held out, all together:
 
 - of a *known* socket: the residual ``FK(q) b - p_s``;
 - of a *new* socket, of which nothing is known: differences of two touches, ``FK(q) b - FK(q') b``.
@@ -27,16 +27,17 @@ import uq_handeye as uq
 from studies.common.scores import nees
 from uq_handeye.geometry.se3 import Array, skew
 from uq_handeye.kinematics.kinematic_errors import JOINT_NOISE, JOINT_NOISE_FACTOR
-from uq_handeye.noise_estimation.beside_kinematics import Deviation, Search
-from uq_handeye.noise_estimation.scale_rows import OwnPart, ScaleRows
+from uq_handeye.likelihood.constraint import Linearised
+from uq_handeye.one_model.component import Component
+from uq_handeye.one_model.engine import LatentModel
+from uq_handeye.one_model.integration import integrate
+from uq_handeye.one_model.mode import find_mode
+from uq_handeye.shared_errors.sizes import Size
 
 TOUCH = "touch"
 TOUCH_SD, TOUCH_FACTOR = 0.15e-3, 3.0  # m: what is known of the noise of a touch beforehand
 BALL = np.array([0.0, 0.0, 0.033])  # m, in the frame of the tip: where the search starts
 ROUNDS = 3
-WIDE = 30.0  # noise is looked for within this factor
-# Groups, above the population's. An arm without lengths would fit exactly, all sockets at its base.
-MOST_OF_GROUP = 10.0
 
 
 class Touches(NamedTuple):
@@ -139,39 +140,56 @@ def nominal(kinematics: uq.Kinematics, of: Touches) -> TouchModel:
 
 def fitted(kinematics: uq.Kinematics, of: Touches, errors: uq.KinematicErrors) -> TouchModel:
     """Ball, sockets and kinematic errors, with their joint covariance."""
+    errors = replace(errors, flange="controller")  # ball and sockets are unknown: no frames to define
     columns = errors.columns(kinematics, of.q)
-    groups = list(dict.fromkeys(columns.groups))
-    spread = float(np.log(errors.population.factor))
-    deviations = (
-        Deviation(TOUCH, "m", np.log(TOUCH_SD), np.log(TOUCH_FACTOR)),
-        Deviation(JOINT_NOISE, "rad", np.log(errors.population.joint_sd), np.log(JOINT_NOISE_FACTOR)),
-        *(Deviation(group, "", np.log(errors.standard_deviations[group]), spread, True) for group in groups),
-    )
-    mean = np.array([float(deviation.mean) for deviation in deviations])
-    low: Array = mean - np.where([of.floor for of in deviations], 0.0, np.log(WIDE))
-    high: Array = mean + np.where([of.floor for of in deviations], np.log(MOST_OF_GROUP), np.log(WIDE))
-    group = np.array([2 + groups.index(name) for name in columns.groups], dtype=np.intp)
-    model = replace(nominal(kinematics, of), kept=columns.kept, e=np.zeros(len(columns.kept)))
-    p, x = 3 + 3 * len(model.names), mean
+    by_group = [np.flatnonzero(np.array(columns.groups) == group) for group in dict.fromkeys(columns.groups)]
+    kept = columns.kept[np.concatenate(by_group)]
+    model = replace(nominal(kinematics, of), kept=kept, e=np.zeros(len(kept)))
+    p = 3 + 3 * len(model.names)
     for _ in range(ROUNDS):
-        A, r, at = model.rows(of)
-        J, B = A[..., :p], A[..., p:]
-        eye = np.broadcast_to(np.eye(3), (len(of.q), 3, 3))
-        rows = ScaleRows(J, -r + B @ model.e, [OwnPart(0, eye), OwnPart(1, at.by_joints)], None, B, group)
-        search = Search(rows, deviations, mean, low, high)
-        x = search.minimum(x)
-        counted = search.integrated(x)[0]
-        found, T = rows.at(counted), np.append(np.ones(p), rows.scales(counted))
+        latent = _latent(model, of, errors, [columns.groups[index[0]] for index in by_group], list(map(len, by_group)))
+        mixture = integrate(latent, [find_mode(latent)])
+        each = [latent.conditional(theta) for theta in mixture.theta]
+        mean = np.average([one.mean for one in each], axis=0, weights=mixture.weights)
+        squares = [one.covariance + np.outer(one.mean - mean, one.mean - mean) for one in each]
+        touch_sd, joint_sd = latent.sizes(mixture.mean_theta)[:2].tolist()
         model = replace(
             model,
-            ball=model.ball + found.unknowns[:3],
-            sockets=model.sockets + found.unknowns[3:].reshape(-1, 3),
-            e=T[p:] * found.errors,
-            covariance=found.covariance * T[:, None] * T,
-            touch_sd=float(np.exp(x[0])),
-            joint_sd=float(np.exp(x[1])),
+            ball=model.ball + mean[:3],
+            sockets=model.sockets + mean[3:p].reshape(-1, 3),
+            e=mean[p:],
+            covariance=np.average(squares, axis=0, weights=mixture.weights),
+            touch_sd=touch_sd,
+            joint_sd=joint_sd,
         )
     return model
+
+
+def _latent(
+    model: TouchModel, of: Touches, errors: uq.KinematicErrors, groups: list[str], counts: list[int]
+) -> LatentModel:
+    """Return the model linear about ``model``: a touch is a row of six numbers whose rotation says nothing."""
+    A, r, at = model.rows(of)
+    J, F = np.split(_padded(A), [A.shape[-1] - len(model.e)], axis=-1)
+    residuals = _padded(r[..., None])[..., 0] - F @ model.e
+    population = errors.population
+    components = [
+        Component(TOUCH, "robot", Size(TOUCH_SD, TOUCH_FACTOR, "m"), block=np.eye(6)[:, 3:]),
+        Component(
+            JOINT_NOISE, "robot", Size(population.joint_sd, JOINT_NOISE_FACTOR, "rad"), block=_padded(at.by_joints)
+        ),
+    ]
+    for group, K in zip(groups, np.split(F, np.cumsum(counts)[:-1], axis=-1), strict=True):
+        size = Size(errors.standard_deviations[group], population.factor)
+        components.append(Component(group, "robot", size, columns=K))
+    as_they_are = np.broadcast_to(np.eye(6), (len(of.q), 6, 6))
+    rotations = np.broadcast_to(np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), (len(of.q), 6, 6))
+    return LatentModel.of(Linearised(residuals, J, (as_they_are, as_they_are)), components, known=rotations)
+
+
+def _padded(rows: Array) -> Array:
+    """(n, 6, m) of rows (n, 3, m), which are the last three."""
+    return np.pad(rows, [(0, 0), (3, 0), (0, 0)])
 
 
 def score(residuals: Array, covariances: Array, quantile: float) -> dict[str, float]:

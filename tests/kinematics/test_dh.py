@@ -222,7 +222,7 @@ LINKS = ("inertia", "l1", "l2", "l3", "l4", "l5", "l6")
 
 
 def ur_urdf(prefix="ur_"):
-    from uq_handeye.kinematics.universal_robots import JOINTS
+    from uq_handeye.kinematics.descriptions.universal_robots import JOINTS
 
     return UR_URDF.format(
         "".join(

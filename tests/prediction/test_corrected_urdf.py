@@ -10,9 +10,9 @@ from cli_cases import run
 
 from uq_handeye import InputError
 from uq_handeye.kinematics.chain import Kinematics
+from uq_handeye.kinematics.descriptions.urdf_origins import Placed, with_origins
 from uq_handeye.kinematics.errors import LENGTHS, OFFSETS, TILTS
 from uq_handeye.kinematics.gravity import spread_postures
-from uq_handeye.kinematics.urdf_origins import Placed, with_origins
 from uq_handeye.prediction.corrected_urdf import corrected_urdf
 
 ARM = chain()

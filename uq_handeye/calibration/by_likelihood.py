@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from ..likelihood.shared_estimates import JointFit, JointPosterior, of_moves
 from ..likelihood.starts import leaves_open
 from ..noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
 from ..one_model.estimation import ROUGH, FoundSizes, JointModel
+from ..one_model.telling import tell
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
@@ -102,7 +104,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         noise = None if found.noise is None else with_prior(found.noise, known)
     if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
         assert found is not None
-        estimate = found.describe()
+        estimate = tell(found)
         if robust is not None:  # once wrong ones are left out
             kept = replace(start, X=robust.fit.X, W=robust.fit.W)
             result, findings = estimate_unweighted(job, kept, estimate)
@@ -249,7 +251,7 @@ def _assembled(
     found: FoundSizes | None,
     robust: RobustFit | None,
 ) -> tuple[Calibration, list[Finding]]:
-    estimate = None if found is None else found.describe()
+    estimate = None if found is None else tell(found)
     deviations = None if found is None or job.arm is None else found.sizes
     data, motions, poses = job.data, job.motions, job.poses
     reference = reference_for(fit, estimate)

@@ -36,7 +36,9 @@ from ..geometry.se3 import Array, left_jacobian
 from ..noise.joint_covariance import JointCovariance
 from ..runtime.read_only import ReadOnlyArrays
 from .arms.known_arms import arm_names, known_arm
-from .dh import read_dh
+from .descriptions.dh import read_dh
+from .descriptions.universal_robots import read_ur_calibration
+from .descriptions.urdf import read_urdf
 from .errors import (
     LENGTHS,
     OFFSETS,
@@ -53,8 +55,6 @@ from .forward import Motion, axis_twists, fixed_transforms, forward, rotations, 
 from .gravity import load_rates, loads, spread_postures
 from .joint import MAX_JOINTS, ROUNDED, ChainParts, checked_origin, parts_from_dict, parts_to_dict, require_name
 from .joint import Joint as Joint
-from .universal_robots import read_ur_calibration
-from .urdf import read_urdf
 
 # Postures per block: their frames fit the cache.
 BLOCK = 256

@@ -35,9 +35,9 @@ from ..formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ..geometry.checks import first_duplicate
 from ..geometry.se3 import Array
 from .chain import Kinematics
+from .descriptions.urdf import nearest
 from .joint import PRISMATIC, REVOLUTE
 from .joint_limits import require_within_limits
-from .urdf import nearest
 
 # Lists of names in rows that name their joints.
 MAX_ORDERS = 1000

@@ -1,12 +1,13 @@
 r"""One error of the poses: where it enters, what it does, how large it is before the data.
 
-Every error is a `Component`. It enters on one side, as errors ``xi = (theta, tau)`` of the robot's or the camera's poses
-(left rotation in rad, additive translation in m), in one of two ways or both:
+Every error is a `Component`. It enters on one side, as errors ``xi = (theta, tau)`` of the robot's or the camera's
+poses (left rotation in rad, additive translation in m), in one of two ways or both:
 
 - ``columns`` K (n, 6, m), shared by all poses: ``xi_i = s K_i z``, z ~ N(0, I_m) drawn once;
-- ``block`` B (6, b) or (n, 6, b), drawn anew at each pose: ``xi_i = s B_i z_i``, z_i ~ N(0, I_b).
+- ``block`` B (6, b) or (n, 6, b), drawn at each pose: ``xi_i = s B_i z_i``, z_i ~ N(0, I_b).
 
-A covariance of camera poses that share their intrinsics has both, with one size. Its size s is a number that is known, or log-normal with a median and a factor (one sigma of its logarithm).
+A covariance of camera poses that share their intrinsics has both, with one size. The size s is a number that is known,
+or log-normal with a median and a factor (one sigma of its logarithm).
 """
 
 from __future__ import annotations

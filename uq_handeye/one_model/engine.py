@@ -1,12 +1,12 @@
-r"""The latent Gaussian model: unknown poses, errors that poses share, noise drawn anew, with sizes that have priors.
+r"""The latent Gaussian model: unknown poses, errors that poses share, noise of each pose, with sizes that have priors.
 
 Rows of the linearised constraint (`likelihood.constraint`), six of each of n poses, with the errors of each side
 carried to them by D (n, 6, 6) of that side:
 
     r_i + J_i x + sum_c s_c D_i K_ci z_c + sum_w s_w D_i B_wi z_wi = 0,      z ~ N(0, I),   x flat or with a prior
 
-x (p,) is the step of the unknown poses, c runs over components that all poses share, w over those drawn anew. For
-given sizes s all of it is Gaussian: with ``V_i = known_i + sum_w s_w^2 D B B^T D^T = L_i L_i^T``,
+x (p,) is the step of the unknown poses, c runs over components that all poses share, w over those drawn at each pose.
+For given sizes s all of it is Gaussian: with ``V_i = known_i + sum_w s_w^2 D B B^T D^T = L_i L_i^T``,
 ``A = L^-1 [J, s_c D K_c]``, ``y = L^-1 r`` and ``P_0 = diag(prior of x or 0; 1, 1, ...)``
 
     H = A^T A + P_0,      (x, z) = -H^-1 A^T y,      Cov(x, z) = H^-1
@@ -54,7 +54,7 @@ class State:
     value: float  # f
     gradient: Array  # (k,)
     information: Array  # (k, k) average information with that of the priors
-    determined: Array  # (components,) numbers that the data determine; of noise drawn anew 0
+    determined: Array  # (components,) numbers that the data determine; of noise of each pose 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,9 +164,8 @@ class LatentModel:
         scaled = H * unit[:, None] * unit
         np.einsum("ii->i", scaled)[:] += RIDGE
         C = np.linalg.cholesky(scaled)
-        u = -unit * solve_triangular(
-            C, solve_triangular(C, unit * pull, lower=True, check_finite=False), lower=True, trans="T", check_finite=False
-        )  # fmt: skip
+        half_way = solve_triangular(C, unit * pull, lower=True, check_finite=False)
+        u = -unit * solve_triangular(C, half_way, lower=True, trans="T", check_finite=False)
         logs = np.log(np.einsum("nii->ni", L)).sum() + np.log(np.diag(C) / unit).sum()
         off = (theta - self.medians) / self.spreads
         value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ off)

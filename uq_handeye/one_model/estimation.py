@@ -1,9 +1,10 @@
 r"""Noise and shared errors of one data set, estimated together: the components of a request, their sizes, the noise.
 
-Every error that a request declares or leaves to the data is a `Component`: the noise of both sides, that of camera poses
-by their corners or their views, what all poses share (`SharedError`), the arm. Their sizes are found together (`mode`),
-near the unknowns that robust weights start from; at the end they are integrated over (`integration`). What is handed on
-is a `PoseNoise` with the sizes as found, its columns named, and what the open sizes add to the covariance of X and W.
+Every error that a request declares or leaves to the data is a `Component`: the noise of both sides, that of camera
+poses by their corners or their views, what all poses share (`SharedError`), the arm. Their sizes are found together
+(`mode`), near the unknowns that robust weights start from; at the end they are integrated over (`integration`). What is
+handed on is a `PoseNoise` with the sizes as found, its columns named, and what the open sizes add to the covariance of
+X and W.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ from ..kinematics.kinematic_errors import DECLARED, DECLARED_AS, JOINT_NOISE, Ki
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.reduced_rows import Reduced, reduce_rows
 from ..noise.camera_noise import CameraNoise
-from ..noise.estimate import CAMERA_EXCESS, NoiseEstimate, NoisePrior
+from ..noise.estimate import CAMERA_EXCESS, NoisePrior
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise, marginals
 from ..noise.pose_prior import PosePrior
 from ..poses.pose_pairs import PosePairs
+from ..shared_errors.kinematic_errors import errors_of_arm
 from ..shared_errors.shared_error import SharedError
 from ..shared_errors.sizes import SIZES, Size
 from ..shared_errors.view import view_block
@@ -243,7 +245,6 @@ class JointModel:
             mode = find_mode(model, theta, gain if done else max(gain, ROUGH))
             theta = mode.theta
             found = model.of_poses(theta)
-            p = model.p
             step, C = found.mean, found.covariance
             if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < STILL**2:
                 return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
@@ -356,11 +357,9 @@ class FoundSizes:
 
     @cached_property
     def errors(self) -> tuple[SharedError, ...]:
-        """What all poses share, with the standard deviations that were found, the errors of the arm among them."""
+        """Errors that all poses share, those of the arm among them, with the standard deviations found."""
         found = [error.of_size(self.sizes.get(error.name, 1.0)) for error in self.source.errors]
         if self.source.arm is not None:
-            from ..shared_errors.kinematic_errors import errors_of_arm
-
             found += errors_of_arm(self.source.arm, {group: self.sizes.get(group, 0.0) for group in DECLARED_AS})
         return tuple(found)
 
@@ -395,12 +394,6 @@ class FoundSizes:
         fourth = fourth + 4 * np.einsum("di,dij,dj->d", mu, M, mu)
         ratio = float(mixture.weights @ fourth) / (q * (q + 2))
         return 4.0 + 2.0 / (ratio - 1.0) if ratio > 1.001 else float("inf")
-
-    def describe(self) -> NoiseEstimate:
-        """Components with intervals and what can be said of them."""
-        from .telling import tell
-
-        return tell(self)
 
 
 def _named(S: JointCovariance, otherwise: str) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.shared_error import SharedError, checked_errors
 from .estimation import JointModel
+from .telling import tell
 
 
 def estimate_noise(
@@ -89,8 +90,8 @@ def estimate_noise(
     errors = () if poses is None else checked_errors(shared, poses)
     model = JointModel.beside(constraint, poses, prior, camera, robot, errors)
     if start is None:
-        return model.find(sound_start(data, constraint, None), weights).describe()
-    return model.find(start_of(data, constraint, as_transforms(start, "start", stack=False)), weights).describe()
+        return tell(model.find(sound_start(data, constraint, None), weights))
+    return tell(model.find(start_of(data, constraint, as_transforms(start, "start", stack=False)), weights))
 
 
 def estimate_robot_noise(
@@ -130,4 +131,4 @@ def estimate_robot_noise(
     if not isinstance(constraint, OnPoses) or constraint.first.ndim != 3:
         raise InputError("Expected `data` to be one set of PosePairs, got motions or several sets.")
     model = JointModel.beside(constraint, data, prior, camera, None, ())
-    return model.find(start_of(data, constraint, start)).describe()
+    return tell(model.find(start_of(data, constraint, start)))

@@ -13,6 +13,7 @@ from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import CAMERA_EXCESS, Component, FoundComponent, NoiseEstimate, together
 from ..shared_errors.sizes import SIZES
 from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
+from .findings import noise_findings
 
 UNITS = {"rotation": "rad", "translation": "m"}
 
@@ -86,7 +87,7 @@ def _spread(weights: Array, variance: Array) -> _Spread:
 
 
 def _status(found: FoundSizes, name: str, spread: _Spread) -> str:
-    """Status of a noise: fixed, by its data sheet, estimated, or not told apart from the others."""
+    """Status of a noise: fixed, by its data sheet, estimated, or not separable from the others."""
     source = found.source
     side = name.split()[0]
     index = source.sides.index(side)
@@ -142,8 +143,6 @@ def _of_model(found: FoundSizes) -> tuple[FoundComponent, ...]:
 
 
 def _findings(found: FoundSizes, parts: dict[str, Component]) -> tuple[Finding, ...]:
-    from .findings import noise_findings
-
     sides = found.source.sides
     if len(parts) < 6 or any(
         part.status not in ("fixed", "prior", "estimated", "not told apart") for part in parts.values()

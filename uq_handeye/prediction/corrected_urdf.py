@@ -23,15 +23,15 @@ from ..files.atomic import json_text, write_files
 from ..files.open import StrPath, as_path, shown
 from ..geometry.se3 import Array, inverse
 from ..kinematics.chain import Kinematics
+from ..kinematics.descriptions.urdf import origin_of, read_tree
 from ..kinematics.errors import LENGTHS, OFFSETS, TILTS
 from ..kinematics.forward import align
 from ..kinematics.gravity import spread_postures
-from ..kinematics.urdf import origin_of, read_tree
 from ..runtime.read_only import ReadOnlyArrays
 from .fitted_kinematics import ErrorEstimate, FittedKinematics
 
 if TYPE_CHECKING:
-    from ..kinematics.urdf_origins import Placed
+    from ..kinematics.descriptions.urdf_origins import Placed
 
 # A posterior is clearly narrower than its prior below this share of its standard deviation.
 NARROWER = 0.5
@@ -95,7 +95,7 @@ def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: flo
     InputError
         A calibration without kinematics, a share outside 0 to 1, or the URDF of another arm.
     """
-    from ..kinematics.urdf_origins import with_origins  # whose parser of XML is slow to import
+    from ..kinematics.descriptions.urdf_origins import with_origins  # whose parser of XML is slow to import
 
     if fitted is None:
         raise InputError("Expected a calibration with joints and kinematics: it has found nothing to correct.")
@@ -154,7 +154,7 @@ def _require_same(chain: Kinematics, other: Kinematics, q: Array) -> None:
 
 def _origins(chain: Kinematics, urdf: StrPath, e: Array) -> dict[str, Placed]:
     """The new ``<origin>`` of each joint that has an error: its own one times ``A E A^T``."""
-    from ..kinematics.urdf_origins import Placed
+    from ..kinematics.descriptions.urdf_origins import Placed
 
     tree = read_tree(urdf)
     own = {part.name: origin_of(part, tree.where) for part in tree.joints}

@@ -1,4 +1,4 @@
-r"""What a lens, a bent target and wrong corners do to finished camera poses: errors that follow from the view.
+r"""Errors of finished camera poses that follow from the view: those of a lens, a bent target and wrong corners.
 
 Model: the error of a camera pose is a smooth function of how the target was seen, the same function for all poses of a
 rig. To first order it is linear in six coordinates c of the view, the direction ``t / |t|`` in which the target stood
@@ -10,13 +10,14 @@ standard deviation where that is above `LEAST`. Each of them moves each of the s
 36 columns of one size (rad, and relative to the distance).
 
 *Noise by the view.* The noise of a pose that was fitted to the corners of a flat target has a shape that its distance
-and tilt decide (T11): with the derivatives B of the corners' directions ``(x / z, y / z)`` by the pose the covariance is
-``(B^T B)^-1`` per square of the directions' noise. Target and lens are not known here: it is taken as a square of points
-of half the width `HALF` times the median distance, beside its origin, so that only the size of the noise is left open.
+and tilt decide (T11): with the derivatives B of the corners' directions ``(x / z, y / z)`` by the pose the covariance
+is ``(B^T B)^-1`` per square of the directions' noise. Target and lens are not known here: the target is taken as a
+square of points of half the width `HALF` times the median distance, beside its origin, so that only the size of the
+noise is left open.
 
 *Intrinsics.* Focal length, centre and distortion that are wrong by dk move the directions by A dk (Brown's model, about
-none), and the poses that were fitted to them by ``-(B^T B)^-1 B^T A dk``. A wrong centre does not turn such a pose about
-the camera: a frontal target takes it as a shift.
+none), and the poses that were fitted to them by ``-(B^T B)^-1 B^T A dk``. A wrong centre does not turn such a pose
+about the camera: a frontal target takes it as a shift.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ from typing import NamedTuple
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
-from ..files.open import StrPath
-from ..geometry.se3 import Array
+from ...files.open import StrPath
+from ...geometry.se3 import Array
 from .urdf import read_tree, urdf_text
 
 

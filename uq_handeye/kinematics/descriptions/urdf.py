@@ -18,12 +18,12 @@ from xml.parsers import expat
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..errors import InputError
-from ..files.lines import decoded, is_number, one_line, short
-from ..files.open import StrPath, as_path, opened, shown
-from ..files.trees import MAX_BYTES, MAX_DEPTH
-from ..geometry.se3 import Array
-from .joint import MAX_LENGTH, PRISMATIC, REVOLUTE, ChainParts, Joint
+from ...errors import InputError
+from ...files.lines import decoded, is_number, one_line, short
+from ...files.open import StrPath, as_path, opened, shown
+from ...files.trees import MAX_BYTES, MAX_DEPTH
+from ...geometry.se3 import Array
+from ..joint import MAX_LENGTH, PRISMATIC, REVOLUTE, ChainParts, Joint
 
 MOVING = {"revolute": REVOLUTE, "continuous": REVOLUTE, "prismatic": PRISMATIC}
 # Usual names of the frame at the end of an arm, best first.
