@@ -144,8 +144,7 @@ def _at_corrected(source: JointModel, noise: Noise, fit: Fit) -> JointModel:
     """Return the model with its columns at the poses as the fit corrects them (`_columns_at_corrected`)."""
     if source.poses is None or not isinstance(noise, PoseNoise):
         return source
-    robot, camera = corrected(fit, noise, source.poses.robot, source.poses.camera)
-    return replace(source, poses=replace(source.poses, robot=robot, camera=camera))
+    return replace(source, poses=_corrected(fit, noise, source.poses))
 
 
 def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
@@ -191,9 +190,13 @@ def _columns_at_corrected(job: Job, noise: Noise, fit: Fit) -> PoseNoise:
     the residuals would seem to ask for the error.
     """
     assert isinstance(noise, PoseNoise) and job.poses is not None
-    robot, camera = corrected(fit, noise, job.poses.robot, job.poses.camera)
-    poses = PosePairs(robot, camera, job.poses.setup, job.poses.timestamps)
-    return with_shared(without_shared(noise, job.shared), shared_columns(job.shared, poses))
+    columns = shared_columns(job.shared, _corrected(fit, noise, job.poses))
+    return with_shared(without_shared(noise, job.shared), columns)
+
+
+def _corrected(fit: Fit, noise: PoseNoise, poses: PosePairs) -> PosePairs:
+    """The poses as the fit corrects them."""
+    return PosePairs(*corrected(fit, noise, poses.robot, poses.camera), poses.setup, poses.timestamps)
 
 
 def _fitted_again(job: Job, noise: Noise, found: Fit) -> Fit:

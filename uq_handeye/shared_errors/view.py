@@ -29,7 +29,8 @@ from ..geometry.se3 import Array, skew
 LEAST = 0.1
 # Half of the width of the target over its distance, and points along each side.
 HALF, POINTS = 0.15, 4
-# A target seen edge-on counts as if it were tilted by this cosine.
+# A target seen edge-on counts as if it were tilted by this cosine, and one that is not in front of the camera as if its
+# points told their distance as little.
 EDGE_ON = 0.05
 
 
@@ -98,6 +99,7 @@ def _fitted(camera: Array) -> tuple[Array, Array, Array]:
     by_point[..., 2] = -directions / z[..., None]
     by_pose = np.concatenate([-by_point @ skew(turned), by_point], axis=-1).reshape(len(camera), -1, 6)
     information = by_pose.mT @ by_pose
-    # an edge-on target would leave its tilt open altogether
-    information[:, range(3), range(3)] += len(P) * (EDGE_ON * HALF) ** 2
+    least = len(P) * (EDGE_ON * HALF) ** 2  # else such a target would leave its tilt open altogether, or its distance
+    information[:, range(3), range(3)] += least
+    information[:, range(3, 6), range(3, 6)] += least / max(distance, 1e-6) ** 2
     return directions, by_pose, information
