@@ -24,7 +24,6 @@ from uq_handeye.likelihood.gauss_helmert import corrected, efficient, maximum_li
 from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.likelihood.own_residuals import own_residuals
 from uq_handeye.likelihood.robust import robust_fit
-from uq_handeye.noise.serial_errors import SerialErrors
 from uq_handeye.noise.square_roots import cholesky_of, whiten
 from uq_handeye.shared_errors.shared_error import shared_columns, with_shared
 

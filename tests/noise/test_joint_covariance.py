@@ -16,7 +16,6 @@ from uq_handeye.likelihood.gauss_helmert import bound, efficient, maximum_likeli
 from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.likelihood.robust import pose_distances
 from uq_handeye.noise.joint_covariance import JointCovariance
-from uq_handeye.noise.serial_errors import SerialErrors
 from uq_handeye.noise.square_roots import cholesky_of, inverse_blocks, own_blocks, pulled, weighted, whiten
 from uq_handeye.noise.to_dict import noise_from_dict, noise_to_dict
 from uq_handeye.simulation.rig import disturbed
@@ -24,17 +23,12 @@ from uq_handeye.simulation.rig import disturbed
 ROBOT = np.diag([1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 2e-4]) ** 2
 
 
-@pytest.fixture(params=["shared", "shared and serial"])
-def structured(request):
-    """Make joint covariances of one kind."""
+@pytest.fixture
+def structured():
+    """Make joint covariances."""
 
-    def make(rng, n, q=4, sd=1e-3, alone=False):
-        serial = None
-        if request.param != "shared" and not alone:
-            time = rng.permutation(np.cumsum(rng.uniform(0.2, 2.0, n)))
-            serial = SerialErrors(time, rng.normal(size=(n, 6, 6)), random_covariance(rng, sd=sd), 3.0)
-        own = random_covariance(rng, shape=(n,), sd=sd)
-        return JointCovariance(own, 2 * sd * rng.normal(size=(n, 6, q)), serial=serial)
+    def make(rng, n, q=4, sd=1e-3):
+        return JointCovariance(random_covariance(rng, shape=(n,), sd=sd), 2 * sd * rng.normal(size=(n, 6, q)))
 
     return make
 
@@ -70,7 +64,7 @@ def test_it_multiplies_like_the_array(rng, structured):
     D = rng.normal(size=(5, 6, 6))
     wide = block_diag(*D)
     np.testing.assert_allclose(np.asarray(S.carried(D)), wide @ whole @ wide.T, atol=1e-17)
-    alone = structured(rng, 5, alone=True)
+    alone = structured(rng, 5)
     np.testing.assert_allclose(np.asarray(S.plus(alone)), whole + np.asarray(alone), atol=1e-18)
     np.testing.assert_allclose(np.asarray(alone.plus(S)), whole + np.asarray(alone), atol=1e-18)
 
@@ -122,7 +116,7 @@ def test_first_order_covariances_of_other_methods(rng, both_ways):
 
 def test_on_both_sides_and_beside_an_array(rng, structured):
     n = 9
-    one, other = structured(rng, n), structured(rng, n, q=2, alone=True)
+    one, other = structured(rng, n), structured(rng, n, q=2)
     exact = uq.simulate(n, seed=3)
     poses = uq.PosePairs(disturbed(exact.robot, one, (), rng), disturbed(exact.camera, other, (), rng))
     expected = efficient(poses, uq.PoseNoise(np.asarray(one), np.asarray(other))).covariance

@@ -28,8 +28,12 @@ class Reference:
     def __post_init__(self) -> None:
         if self.kind not in ("chi-square", "F", "t", "Hotelling"):
             raise InputError(f"Expected the reference to be chi-square, F, t or Hotelling, got {self.kind!r}.")
-        if (self.dof is None) != (self.kind == "chi-square") or (self.dof is not None and not self.dof > 0):
-            raise InputError(f"Expected degrees of freedom above 0 only with F and Hotelling, got {self.dof!r}.")
+        least = 2 if self.kind == "t" else 0
+        if (self.dof is None) != (self.kind == "chi-square") or (self.dof is not None and not self.dof > least):
+            raise InputError(
+                f"Expected degrees of freedom with F, t and Hotelling only, above {least}, got {self.dof!r} with "
+                f"{self.kind}."
+            )
         if self.components not in range(1, 7):
             raise InputError(f"Expected 1 to 6 components of X that are determined, got {self.components!r}.")
 

@@ -8,7 +8,7 @@ Goodness of fit. With residuals e after the fit, their covariance S from the noi
 Unknowns along open directions take no degree of freedom. A prior of X or W is so many measurements more: ``xi^T Lambda
 xi`` is part of chi2, the rank of Lambda of dof.
 
-With noise that was estimated from the same residuals (`noise_estimation`) sigma_0 is 1 by construction: the test then
+With noise that was estimated from the same residuals (`one_model`) sigma_0 is 1 by construction: the test then
 says nothing, that of rotation and translation alone little.
 
 Rotation and translation only: ``sum e_i^T S_i^-1 e_i`` over that part, over its expectation
@@ -25,9 +25,8 @@ Degrees of freedom. Where the noise was estimated, ``e^T Sigma_X^-1 e`` is not c
 
 which is exact where all variances have one unknown factor (nu is then the degrees of freedom of its estimate), and for
 6 = 1 is Satterthwaite's rule (Fai and Cornelius 1996; Kenward and Roger 1997).
-Errors that pass on from pose to pose (`serial_errors`) add the term of the logarithm of their variances.
 The 95 % ellipsoids by F hold the truth as often as they say with 30 and with 8 poses; with 8, those by chi-square too
-seldom (tests/noise_estimation/test_estimate.py, 1,000 sets each, one noise each). Not accounted for, and felt with
+seldom (tests/one_model/test_noise_of_data.py, 1,000 sets each, one noise each). Not accounted for, and felt with
 few poses: weights from estimated noise are not the best ones (Kackar and Harville 1984).
 """
 
@@ -42,9 +41,9 @@ from scipy.special import gammainc, gammaincc
 from ..errors import InputError
 from ..geometry.se3 import Array
 from ..noise.square_roots import (
+    LEAST_WEIGHT,
     inverse_blocks,
     joint_residuals,
-    least_weight,
     own_blocks,
     pulled,
     weighed_blocks,
@@ -149,7 +148,7 @@ def covariance_derivatives(fit: Fit) -> Array:
         factor = fit.weighted_factor
         pull = pulled(factor, whiten(factor, J)) @ C
         if fit.weights is not None:
-            pull = pull / np.sqrt(np.maximum(fit.weights, least_weight(fit.S)))[..., None, None]
+            pull = pull / np.sqrt(np.maximum(fit.weights, LEAST_WEIGHT))[..., None, None]
     else:
         pull = pulled(fit.factor, fit.white[1]) @ C
         if fit.weights is not None:

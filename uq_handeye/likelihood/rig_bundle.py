@@ -206,7 +206,7 @@ def adjust_rig(
     Raises
     ------
     InputError
-        Poses without corners; a covariance (6n, 6n), of serial errors, or of another number of poses.
+        Poses without corners; a covariance (6n, 6n), or of another number of poses.
     DegenerateMotionError
         The data do not determine X and W.
     NotConvergedError

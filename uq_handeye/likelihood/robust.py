@@ -42,7 +42,7 @@ from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.se3 import Array
 from ..noise.models import Noise, PairNoise, PoseNoise, with_prior
 from ..noise.pose_prior import PosePrior
-from ..noise.square_roots import inverse_blocks, joint_residuals, least_weight, pulled, weighed_blocks, whiten
+from ..noise.square_roots import LEAST_WEIGHT, inverse_blocks, joint_residuals, pulled, weighed_blocks, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..runtime.read_only import ReadOnlyArrays
@@ -111,7 +111,7 @@ def pose_distances(fit: Fit) -> tuple[Array, Array]:
         leverage = weights * h.sum(axis=-1) / p
         squares = np.where(left > 1e-9, along**2 / np.where(left > 1e-9, variance, 1.0), 0.0)
         return np.asarray(squares.sum(axis=-1)), leverage
-    w = np.maximum(weights, least_weight(fit.S))[..., None]  # as `weighted` does
+    w = np.maximum(weights, LEAST_WEIGHT)[..., None]  # as `weighted` does
     factor = fit.weighted_factor
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
     pulled_back = pulled(factor, whiten(factor, stacked))  # S^-1 J and S^-1 r, pose by pose

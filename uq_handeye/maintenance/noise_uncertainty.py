@@ -27,7 +27,7 @@ from ..noise.camera_noise import INTRINSICS
 from ..noise.estimate import CAMERA_EXCESS, NoiseEstimate
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, marginals
-from ..noise.square_roots import least_weight, pulled, whiten
+from ..noise.square_roots import LEAST_WEIGHT, pulled, whiten
 from .reference import PredictiveReference
 
 # Components that `NoiseEstimate.variances` are of where it does not name them.
@@ -96,7 +96,7 @@ def _old_part(name: str, result: Estimated, before: Fit, variance: float) -> Arr
     """U (n, 6, a) of a component at the poses of the calibration; a pose of weight w counts as w poses."""
     U = _part(name, before.linear.sides, result, variance, before)
     if before.weights is not None:
-        U = U / np.sqrt(np.maximum(before.weights, least_weight(before.S)))[:, None, None]
+        U = U / np.sqrt(np.maximum(before.weights, LEAST_WEIGHT))[:, None, None]
         U = U * (np.asarray(before.weights) > 0)[:, None, None]
     return U
 

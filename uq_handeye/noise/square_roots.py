@@ -16,6 +16,8 @@ from .triangular import checked_cholesky, substitute, substitute_transposed
 
 Covariance = Array | JointCovariance
 Factor = Array | JointFactor
+# It replaces a robust weight of 0.
+LEAST_WEIGHT = 1e-12
 
 
 def joint_residuals(S: Covariance) -> bool:
@@ -97,18 +99,9 @@ def weighed_blocks(S: Covariance) -> Array:
     return S.own if isinstance(S, JointCovariance) else own_blocks(S)
 
 
-def least_weight(S: Covariance) -> float:
-    """Return the number that replaces a weight of 0.
-
-    A pose of no weight stays a link of the chain of serial errors, where a larger variance would leave nothing but
-    rounding of what its neighbours have in common.
-    """
-    return 1e-12
-
-
 def weighted(S: Covariance, weights: Array) -> Covariance:
-    """S with `weighed_blocks` divided by the weights; a weight of 0 becomes `least_weight`."""
-    scale = 1.0 / np.maximum(weights, least_weight(S))
+    """S with `weighed_blocks` divided by the weights; a weight of 0 becomes `LEAST_WEIGHT`."""
+    scale = 1.0 / np.maximum(weights, LEAST_WEIGHT)
     if isinstance(S, JointCovariance):
         return S.weighted(scale)
     if S.shape[-1] == 6:

@@ -198,7 +198,7 @@ class LatentModel:
             gradient[c] += float(np.einsum("nij,nij->", T, left))
             W[c] += 2.0 * (T @ e[..., None])[..., 0]
         free = self.free
-        flat = W[free].reshape(len(free), -1)
+        flat = W[free].reshape(len(free), 6 * n)
         across = flat @ Q.reshape(6 * n, -1)
         information = 0.5 * (flat @ flat.T - across @ across.T)
         information[np.diag_indices(len(free))] += 1.0 / self.spreads**2

@@ -68,7 +68,7 @@ def tell(found: FoundSizes) -> NoiseEstimate:
     components = [parts[name] for name in order if name in parts]
     components += _sized(found)
     told = tuple(name for name in spreads if spreads[name].sd > 0)
-    logs = np.array([spreads[name].logs for name in told]).reshape(len(told), -1)
+    logs = np.array([spreads[name].logs for name in told]).reshape(len(told), len(sizes))
     centred = logs - (logs @ mixture.weights)[:, None]
     v = np.exp([2.0 * spreads[name].mean for name in told])
     covariance = 4.0 * (centred * mixture.weights) @ centred.T * np.outer(v, v)

@@ -30,7 +30,8 @@ from ..geometry.se3 import Array, skew
 LEAST = 0.1
 # Half of the width of the target over its distance, and points along each side.
 HALF, POINTS = 0.15, 4
-# A target seen edge-on counts as if it were tilted by this cosine.
+# A target seen edge-on counts as if it were tilted by this cosine, and one that is not in front of the camera as if its
+# points told their distance as little.
 EDGE_ON = 0.05
 
 
