@@ -95,7 +95,7 @@ def test_the_same_pose_again_tells_of_noise_only(rng):
 def test_absorbed_is_the_fit_of_all_poses(rng, setup):
     small = uq.PoseNoise.isotropic(robot=("4urad", 0.001e-3), camera=("9urad", 0.004e-3))
     old, new = both(rng, setup, small)
-    shared = [SharedError.focal_length(1e-5)]
+    shared = [SharedError.target_scale(1e-5)]
     given = {"noise": small, "robust": False, "shared": shared, "method": "ml"}
     result = uq.calibrate(old, **given)
     together = uq.PosePairs(np.concatenate([old.robot, new.robot]), np.concatenate([old.camera, new.camera]), setup)

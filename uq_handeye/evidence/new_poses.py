@@ -21,7 +21,7 @@ from ..likelihood.constraint import Linearised, OnPoses, Unknowns
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
-from ..prediction.predict import numbers_of_intrinsics, own_noise, robot_ahead, shared_effects
+from ..prediction.predict import camera_at, numbers_of_intrinsics, own_noise, robot_ahead, shared_effects
 from .evidence import Evidence
 from .state import Calibrated, State, joint_posterior_of, state_of
 
@@ -86,7 +86,7 @@ def evidence_of_poses(
         ahead = robot_ahead(result, None, poses.robot)
     else:
         ahead = robot_ahead(result, given, poses.robot)
-    F_C, of_camera = _effects_on_camera(result, poses)
+    F_C, of_camera = _effects_on_camera(result, poses, ahead.poses)
     camera = perturb(poses.camera, -(F_C @ posterior.estimate[:, None])[..., 0])
     constraint = OnPoses(ahead.poses, camera, poses.setup == "eye-to-hand")
     linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
@@ -101,13 +101,16 @@ def evidence_of_poses(
     return PoseEvidence(linear.r, by_unit, own, state, by_state, linear, ahead.poses, camera)
 
 
-def _effects_on_camera(result: Calibrated, poses: PosePairs) -> tuple[Array, Array | JointCovariance]:
+def _effects_on_camera(
+    result: Calibrated, poses: PosePairs, robot: Array
+) -> tuple[Array, Array | JointCovariance]:
     """(m, 6, q) what the errors of the posterior do to the new camera poses, and the noise of these.
 
+    They are taken where the camera should be at the corrected robot poses, without the noise of what it measured.
     Pictures that were adjusted with a camera of their own have nothing of the intrinsics' errors of the calibration.
     """
     posterior, seen = joint_posterior_of(result), poses.camera_calibration
-    F = shared_effects(result, "camera", poses.robot, poses.camera)
+    F = shared_effects(result, "camera", robot, camera_at(result, robot))
     if seen is None:
         S = poses.camera_covariance
         return F, own_noise(result, "camera") if S is None else S

@@ -138,8 +138,7 @@ def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> C
     posterior = _posterior(result)
     assert result.W is not None and result.setup is not None
     ahead = robot_ahead(result, joints, robot)
-    G = inverse(ahead.poses) if result.setup == "eye-to-hand" else ahead.poses
-    C = inverse(result.X) @ inverse(G) @ result.W
+    C = camera_at(result, ahead.poses)
     shape = C.shape[:-2]
     flat = C.reshape(-1, 4, 4)
     constraint = OnPoses(ahead.poses.reshape(-1, 4, 4), flat, result.setup == "eye-to-hand")
@@ -157,6 +156,13 @@ def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> C
         seen.reshape(*shape, 4, 4), by_all.reshape(*shape, *by_all.shape[1:]), noise.reshape(*shape, 6, 6), ahead.poses,
         unseen,
     )  # fmt: skip
+
+
+def camera_at(result: Predicting, robot: Array) -> Array:
+    """(..., 4, 4) camera_T_target by X and W at robot poses (..., 4, 4)."""
+    assert result.W is not None
+    G = inverse(robot) if result.setup == "eye-to-hand" else robot
+    return np.asarray(inverse(result.X) @ inverse(G) @ result.W)
 
 
 def predict_points(
@@ -294,19 +300,19 @@ def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: 
     posterior = _posterior(result)
     found = np.zeros((len(robot), 6, len(posterior.names)))
     poses = PosePairs(robot, camera, result.setup or "eye-in-hand")
+    calibrated = poses if (data := _calibrated(result)) is None else data
     columns: dict[str, Array] = {}
     for k, name in enumerate(posterior.names):
         if (of := error_by_part(name)) is not None and of[0].side == side:
             error, part = of
             if error.name not in columns:
-                columns[error.name] = error.at(poses)
+                columns[error.name] = error.bound(calibrated).at(poses)
             found[..., k] = columns[error.name][..., part]
     for error in errors_of_poses(result):
         if error.side == side:
             index = [posterior.names.index(part) for part in error.parts]
             found[..., index] = error.at(poses)
-    data, index = result.counted, numbers_of_intrinsics(posterior)
-    seen = data.camera_calibration if isinstance(data, PosePairs) else None
+    index, seen = numbers_of_intrinsics(posterior), calibrated.camera_calibration
     if side == "camera" and index and seen is not None and isinstance(result.noise, PoseNoise):
         S = result.noise.camera
         assert isinstance(S, JointCovariance)
@@ -315,13 +321,18 @@ def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: 
     return found
 
 
+def _calibrated(result: Predicting) -> PosePairs | None:
+    """Return the poses of the calibration, where it holds them."""
+    data = result.counted
+    return data.poses if isinstance(data, Motions) else data
+
+
 def errors_of_poses(result: Predicting) -> list[SharedError]:
     """Return the errors whose numbers belong to the poses of the calibration, bound to them."""
-    data, posterior = result.counted, _posterior(result)
-    poses = data if isinstance(data, PosePairs) else getattr(data, "poses", None)
-    groups = dict.fromkeys(map(group_of, posterior.names))
+    poses, posterior = _calibrated(result), _posterior(result)
     if poses is None:
         return []
+    groups = dict.fromkeys(map(group_of, posterior.names))
     found = [bound_again(name, poses, reach_stated(result)) for name in groups]
     return [error for error in found if error is not None and set(error.parts) <= set(posterior.names)]
 

@@ -48,7 +48,7 @@ from ..runtime.read_only import ReadOnlyArrays
 from .accuracy import ROBOT_ACCURACY, RobotAccuracy, stated_accuracy
 from .drift import DRIFT, FEWEST, drift_columns
 from .sizes import CLASSES, SIZES
-from .view import columns_about, intrinsics_columns, view_scale
+from .view import columns_about, intrinsics_columns, median_distance, view_scale
 
 FOCAL_LENGTH = "focal length"
 PRINCIPAL_POINT = "principal point"
@@ -88,7 +88,7 @@ class SharedError(ReadOnlyArrays):
     default: bool = False  # assumed, not declared
     focal_length_px: float | None = None  # of a principal point in pixels
     stated: str = ""  # in words, where the numbers are in units of what was declared
-    bind: Callable[[PosePairs], SharedError] | None = None  # of an error whose numbers belong to the poses at hand
+    bind: Callable[[PosePairs], dict[str, Any]] | None = None  # what changes once it belongs to poses; None: bound
     left: Array | None = None  # (n, 6, 6) per unit^2 that its numbers leave of the poses that it is bound to
     unseen: Callable[[PosePairs], Array] | None = None  # the same of other poses
     accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
@@ -123,7 +123,8 @@ class SharedError(ReadOnlyArrays):
     @classmethod
     def focal_length(cls, sd: float | str = DEFAULT_SD[FOCAL_LENGTH]) -> SharedError:
         """Relative standard deviation of the focal length, as a number, ``"0.1%"`` or, as of all of these, "exact"."""
-        return cls(FOCAL_LENGTH, "", "camera", _sd(sd, FOCAL_LENGTH, parse_ratio), (FOCAL_LENGTH,), _depth)
+        each = _sd(sd, FOCAL_LENGTH, parse_ratio)
+        return cls(FOCAL_LENGTH, "", "camera", each, (FOCAL_LENGTH,), **_of_intrinsics(slice(0, 1)))
 
     @classmethod
     def principal_point(
@@ -155,7 +156,8 @@ class SharedError(ReadOnlyArrays):
         names = (f"{PRINCIPAL_POINT} x", f"{PRINCIPAL_POINT} y")
         each = _sd(sd, PRINCIPAL_POINT, parse)
         return cls(
-            PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), names, _rays, focal_length_px=focal_length_px
+            PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), names, focal_length_px=focal_length_px,
+            **_of_intrinsics(slice(1, 3)),
         )  # fmt: skip
 
     @classmethod
@@ -224,17 +226,15 @@ class SharedError(ReadOnlyArrays):
 
     @property
     def needs_poses(self) -> bool:
-        """True if its numbers belong to poses, and it is not `bound` to some yet."""
-        return self.bind is not None and self.parts == (self.name,)
+        """True if it belongs to poses, its numbers or its columns, and is not `bound` to some yet."""
+        return self.bind is not None
 
     def bound(self, poses: PosePairs) -> SharedError:
-        """Bind the error to the poses where its numbers belong to poses; columns at other poses are of the same.
+        """Bind the error to the poses where it belongs to poses; columns at other poses are of the same numbers.
 
         `calibrate` binds an error to its poses where that has not been done.
         """
-        if self.bind is None:
-            return self
-        return replace(self.bind(poses), default=self.default, stated=self.stated, factor=self.factor)
+        return self if self.bind is None else replace(self, bind=None, **self.bind(poses))
 
     def at(self, poses: PosePairs) -> Array:
         """F (n, 6, k) at these poses; raises `InputError` where they do not tell it."""
@@ -304,16 +304,18 @@ def assumed_view() -> SharedError:
     """Return errors of finished camera poses that follow from the view (`view`), to be bound to poses."""
     size = SIZES[VIEW]
 
-    def bind(poses: PosePairs) -> SharedError:
+    def bind(poses: PosePairs) -> dict[str, Any]:
         mean, scale = view_scale(poses.camera)
         parts = tuple(f"{VIEW}: {k + 1}" for k in range(36))
-        sd = np.full(36, size.median)
-        return replace(unbound, parts=parts, sd=sd, effect=lambda at: columns_about(at.camera, mean, scale))
+        return {
+            "parts": parts,
+            "sd": np.full(36, size.median),
+            "effect": lambda at: columns_about(at.camera, mean, scale),
+        }
 
-    unbound = SharedError(
+    return SharedError(
         VIEW, "", "camera", np.array([size.median]), (VIEW,), _unbound, factor=size.factor, bind=bind, default=True
     )
-    return unbound
 
 
 def assumed_lens() -> SharedError:
@@ -327,9 +329,9 @@ def assumed_lens() -> SharedError:
         "camera",
         sd,
         parts,
-        lambda poses: intrinsics_columns(poses.camera)[..., 3:],
         factor=size.factor,
         default=True,
+        **_of_intrinsics(slice(3, 7)),
     )
 
 
@@ -385,7 +387,7 @@ def assumed_accuracy(of_class: str | None = None) -> SharedError:
 def _population_error(move: float, turn: float, reach: float | None) -> SharedError:
     """Return errors of arms with this accuracy (m, rad), to be bound to poses; ``reach`` (m) None: by the poses."""
 
-    def bind(poses: PosePairs) -> SharedError:
+    def bind(poses: PosePairs) -> dict[str, Any]:
         from .population import BoundPopulation  # its table of arms takes a while
 
         population = BoundPopulation.of(poses.robot, reach)
@@ -400,18 +402,21 @@ def _population_error(move: float, turn: float, reach: float | None) -> SharedEr
             near = at.n == poses.n and np.abs(at.robot - poses.robot).max() < NEAR * population.reach
             return K if near else population.columns(at.robot)
 
-        return replace(
-            unbound, parts=parts, sd=np.full(len(parts), size), effect=effect, accuracy=accuracy,
-            left=population.left, unseen=lambda at: population.unseen(at.robot),
-        )  # fmt: skip
+        return {
+            "parts": parts,
+            "sd": np.full(len(parts), size),
+            "effect": effect,
+            "accuracy": accuracy,
+            "left": population.left,
+            "unseen": lambda at: population.unseen(at.robot),
+        }
 
     exact = not (move > 0 or turn > 0)
     words = f"{digits(1e3 * move, 2)} mm" + (f", {digits(np.degrees(turn), 2)} deg" if turn > 0 else "")
-    unbound = SharedError(
+    return SharedError(
         ROBOT_ACCURACY, "", "robot", np.zeros(1) if exact else np.ones(1), (ROBOT_ACCURACY,), _unbound, stated=words,
         bind=bind, declared=(move, turn, reach),
     )  # fmt: skip
-    return unbound
 
 
 def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
@@ -515,15 +520,19 @@ def _require_sd(sd: Array, name: str, given: Any = None) -> None:
 
 
 def _unbound(poses: PosePairs) -> Array:
-    raise InputError(f"The columns of the {ROBOT_ACCURACY} belong to poses: take SharedError.bound(poses) first.")
+    raise InputError(
+        f"The columns of the errors {ROBOT_ACCURACY!r} and {VIEW!r} belong to poses: take SharedError.bound(poses) "
+        "first."
+    )
 
 
-def _depth(poses: PosePairs) -> Array:
-    return intrinsics_columns(poses.camera)[..., :1]
+def _of_intrinsics(some: slice) -> dict[str, Any]:
+    """Effect of some of the intrinsics, and its change once the width of the target follows from poses."""
 
+    def of_width(distance: float | None = None) -> Callable[[PosePairs], Array]:
+        return lambda poses: intrinsics_columns(poses.camera, distance)[..., some]
 
-def _rays(poses: PosePairs) -> Array:
-    return intrinsics_columns(poses.camera)[..., 1:3]
+    return {"effect": of_width(), "bind": lambda poses: {"effect": of_width(median_distance(poses.camera))}}
 
 
 def _scale(side: str) -> Callable[[PosePairs], Array]:

@@ -68,12 +68,13 @@ def view_block(camera: Array) -> Array:
     return np.asarray(np.linalg.cholesky(np.linalg.inv(information)))
 
 
-def intrinsics_columns(camera: Array) -> Array:
+def intrinsics_columns(camera: Array, distance: float | None = None) -> Array:
     """(n, 6, 7) errors of poses (n, 4, 4) by those of the intrinsics with which they were fitted, per unit.
 
     Of the focal length (relative), the image centre x and y (over the focal length, rad), k1, k2, p1 and p2.
+    ``distance`` (m) that gives the target its width; None: the median one of these poses.
     """
-    x, by_pose, information = _fitted(camera)
+    x, by_pose, information = _fitted(camera, distance)
     r2 = (x * x).sum(axis=-1)
     u, v = x[..., 0], x[..., 1]
     radial = x * r2[..., None]
@@ -84,9 +85,14 @@ def intrinsics_columns(camera: Array) -> Array:
     return np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens.reshape(len(camera), -1, 7)))
 
 
-def _fitted(camera: Array) -> tuple[Array, Array, Array]:
+def median_distance(camera: Array) -> float:
+    """Return the median distance (m) of the target at poses (n, 4, 4)."""
+    return float(np.median(np.linalg.norm(camera[:, :3, 3], axis=-1)))
+
+
+def _fitted(camera: Array, distance: float | None = None) -> tuple[Array, Array, Array]:
     """Directions (n, k, 2) of the points of the target, their derivatives (n, 2k, 6) by the poses, and B^T B."""
-    distance = float(np.median(np.linalg.norm(camera[:, :3, 3], axis=-1)))
+    distance = median_distance(camera) if distance is None else distance
     side = HALF * np.linspace(0.0, 2.0, POINTS)
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     P = np.pad(max(distance, 1e-6) * grid, [(0, 0), (0, 1)])
