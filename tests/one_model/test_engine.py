@@ -160,7 +160,9 @@ def test_with_known_white_sizes_it_is_efficient(setup):
     assert all(part.size.is_known and part.columns is None for part in source.components)
     model = LatentModel.of(fit.linear, source.components)
     found = model.of_poses(np.zeros(0))
-    step = -fit.covariance @ np.einsum("nij,ni->j", fit.linear.J, np.linalg.solve(fit.S, fit.linear.r[..., None])[..., 0])
+    step = -fit.covariance @ np.einsum(
+        "nij,ni->j", fit.linear.J, np.linalg.solve(fit.S, fit.linear.r[..., None])[..., 0]
+    )
     np.testing.assert_allclose(found.mean, step, atol=1e-10 * np.sqrt(np.diag(fit.covariance)).min())
     assert_same_covariance(found.covariance, fit.covariance, 1e-10)
     noise = source.find(fit.unknowns).noise
@@ -300,9 +302,7 @@ def ranks(values, weights, means, deviations):
 def test_ranks_of_the_unknowns_are_uniform(drawn, j):
     """Each unknown within its mixture; a third less of standard deviation is rejected."""
     found = {
-        times: [
-            ranks(0.0, m.weights, m.means[:, j], times * np.sqrt(m.covariances[:, j, j])) for m in drawn[2]
-        ]
+        times: [ranks(0.0, m.weights, m.means[:, j], times * np.sqrt(m.covariances[:, j, j])) for m in drawn[2]]
         for times in (1.0, 0.67)
     }
     assert stats.kstest(found[1.0], "uniform").pvalue > 1 - CONFIDENCE

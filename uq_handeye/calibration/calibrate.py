@@ -23,13 +23,13 @@ from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
 from ..noise.models import Noise, PairNoise, PoseNoise, require_count
+from ..one_model.component import Component
 from ..poses.joint_values import as_joint_values
 from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.selection import Selection, ranges, select_poses
 from ..prediction.excluded import residuals_against
 from ..runtime.threads import one_thread
-from ..one_model.component import Component
 from ..shared_errors.shared_error import SharedError, listed_errors
 from ..shared_errors.sizes import SizeLike, checked_sizes
 from .analysis import Analysis

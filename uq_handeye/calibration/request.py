@@ -41,7 +41,6 @@ from ..poses.pose_pairs import PosePairs
 from ..propagation.all_pairs import AllPairs
 from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
-from ..shared_errors.sizes import Size
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     LENS,
@@ -57,6 +56,7 @@ from ..shared_errors.shared_error import (
     shared_columns,
     with_shared,
 )
+from ..shared_errors.sizes import Size
 
 # Covariances of the result: of the noise, to first order and beyond; and of the residuals.
 OF_NOISE = ("model", "sigma-points")

@@ -101,9 +101,7 @@ def evidence_of_poses(
     return PoseEvidence(linear.r, by_unit, own, state, by_state, linear, ahead.poses, camera)
 
 
-def _effects_on_camera(
-    result: Calibrated, poses: PosePairs, robot: Array
-) -> tuple[Array, Array | JointCovariance]:
+def _effects_on_camera(result: Calibrated, poses: PosePairs, robot: Array) -> tuple[Array, Array | JointCovariance]:
     """(m, 6, q) what the errors of the posterior do to the new camera poses, and the noise of these.
 
     They are taken where the camera should be at the corrected robot poses, without the noise of what it measured.

@@ -119,7 +119,9 @@ class JointModel:
         names = [part.name for part in found]
         if unknown := [name for name in self.sizes if name not in names]:
             near = get_close_matches(unknown[0], names, 3, 0.3) or names
-            raise InputError(f"Expected sizes of errors of this request, got {unknown[0]!r}. Near it: {', '.join(near)}.")
+            raise InputError(
+                f"Expected sizes of errors of this request, got {unknown[0]!r}. Near it: {', '.join(near)}."
+            )
         return tuple(self._sized(part) for part in found)
 
     def _sized(self, part: Component) -> Component:

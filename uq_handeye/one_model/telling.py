@@ -138,7 +138,9 @@ def _of_model(found: FoundSizes) -> tuple[FoundComponent, ...]:
         size, low, high = (units.get(part.name, 1.0) * float(np.exp(log + z * sd)) for z in (0.0, -REACH, REACH))
         unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
         determined, share = float(found.mode.state.determined[k]), float(shares[k])
-        listed.append(FoundComponent(part.name, part.side, unit, size, low, high, k not in free, part.count, determined, share))
+        listed.append(
+            FoundComponent(part.name, part.side, unit, size, low, high, k not in free, part.count, determined, share)
+        )
     return tuple(listed)
 
 

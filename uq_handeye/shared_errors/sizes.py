@@ -68,11 +68,15 @@ def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
         parts = (value,) if isinstance(value, int | float) else value
         if isinstance(value, Size):
             found[name] = value
-        elif isinstance(parts, tuple | list) and 1 <= len(parts) <= 2 and all(isinstance(x, int | float) for x in parts):
+        elif (
+            isinstance(parts, tuple | list) and 1 <= len(parts) <= 2 and all(isinstance(x, int | float) for x in parts)
+        ):
             median, factor = (*map(float, parts), 1.0)[:2]
             found[name] = Size(median, factor, source="declared")
         else:
             raise InputError(f"Expected the size of {name!r} to be a number or (median, factor), got {value!r}.")
         if found[name].median <= 0:
-            raise InputError(f"Expected the size of {name!r} to be above 0, got {value!r}. Leave the error out instead.")
+            raise InputError(
+                f"Expected the size of {name!r} to be above 0, got {value!r}. Leave the error out instead."
+            )
     return found

@@ -147,7 +147,9 @@ class ChainOptions:
         whole = [name for name in ("--dh", "--robot-model") if name in self.given]
         if not whole and self.urdf is self.ur_calibration is None:
             if self.joints is not None:
-                raise InputError("--joints needs a robot model. Add --urdf robot.urdf (or --dh FILE, --robot-model NAME).")
+                raise InputError(
+                    "--joints needs a robot model. Add --urdf robot.urdf (or --dh FILE, --robot-model NAME)."
+                )
             given = ", ".join([*self.given, *others])
             raise InputError(f"{given}: needs a robot model. Add --urdf robot.urdf or --robot-model NAME.")
         parts = ("--urdf", "--base", "--tip", "--ur-calibration", *whole[1:])
