@@ -251,7 +251,7 @@ def test_a_reference_without_variance_is_refused():
         Reference("t", 2.0)
 
 
-# --------------------------------------------------------------------------------------------- simulation-based calibration
+# ------------------------------------------------------------------------------ simulation-based calibration
 
 
 @pytest.fixture(scope="module")
@@ -322,7 +322,7 @@ def test_all_unknowns_together_are_consistent(drawn):
 
 @pytest.fixture(scope="module")
 def sampled(drawn):
-    """Share of the posterior of each size below the true one, by importance sampling about the mode; effective draws."""
+    """Share of the posterior of each size below the true one, by importance sampling; effective draws."""
     rng, draws = np.random.default_rng([SEED, 30]), 300
     found, effective = [], []
     for true, mode, model in zip(drawn[0][:150], drawn[3], drawn[4], strict=False):

@@ -5,10 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from uq_handeye.errors import InputError
 from uq_handeye.kinematics.arms.known_arms import known_arm
 from uq_handeye.kinematics.chain import Kinematics
-from uq_handeye.kinematics.gravity import spread_postures
 from uq_handeye.shared_errors import population
 from uq_handeye.shared_errors.population import ARMS, gauge_columns, population_columns, truncated
 
@@ -110,94 +108,6 @@ def test_a_truncation_keeps_the_second_moment():
     assert kept.shape[1] < 60
     assert (rows**2).sum() - (kept**2).sum() < 1.1e-3 * (rows**2).sum()
     np.testing.assert_allclose(kept @ kept.T, rows @ rows.T, atol=2e-3 * np.linalg.norm(rows, 2) ** 2)
-
-
-def test_an_arm_outside_the_population_is_covered():
-    """Errors of an arm whose family is left out lie in the columns as their size says: mean d^2 of coverage tests."""
-    T, q = poses_of("hc10", 30)
-    K = population_columns(T)
-    chain = Kinematics.from_name("hc10")
-    own = np.concatenate([block.F * size for block, size in zip(arm_columns(chain, q), SIZES, strict=True)], axis=2)
-    rms = np.sqrt(
-        sum(((block.rms * size) ** 2).sum() for block, size in zip(arm_columns(chain, q), SIZES, strict=True))
-    )
-    own = own / rms * 0.6e-3
-    weight = np.tile([1 / 0.2e-3] * 3 + [1 / 0.2e-3] * 3, 30)[:, None]
-    S = (0.6e-3 * weight * K.reshape(180, -1)) @ (0.6e-3 * weight * K.reshape(180, -1)).T + np.eye(180)
-    true = (weight * own.reshape(180, -1)) @ (weight * own.reshape(180, -1)).T + np.eye(180)
-    assert 0.7 < np.trace(np.linalg.solve(S, true)) / 180 < 1.5
-
-
-SIZES = (0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3)
-
-
-# Named arms
-
-
-@pytest.mark.parametrize("name", ["irb120", "ur5e", "panda"])
-def test_columns_of_a_named_arm_have_no_base_and_flange_over_the_workspace(name):
-    chain = Kinematics.from_name(name)
-    q = spread_postures(chain.limits, np.ones(chain.n_joints, dtype=bool), population.WORKSPACE)
-    blocks = arm_columns(chain, q)
-    F = np.concatenate([block.F for block in blocks], axis=2)
-    tip = np.moveaxis(chain.poses(q)[:, :3], 0, -1)[None]
-    B = np.moveaxis(gauge_columns(tip)[0], (0, 2), (2, 0))
-    weight = np.repeat([population.LEVER, 1.0], 3)[:, None]
-    F, B = ((x * weight).reshape(-1, x.shape[-1]) for x in (F, B))
-    assert np.linalg.norm(B.T @ F) < 1e-10 * np.linalg.norm(B) * np.linalg.norm(F)
-    rms = np.sqrt((F.reshape(-1, 6, F.shape[1])[:, 3:] ** 2).sum(axis=(0, 1)) / len(q))
-    np.testing.assert_allclose(np.concatenate([block.rms for block in blocks]), rms, rtol=1e-9)
-    # All of the first joint's geometry, and offset and axial length of the last, are base and flange.
-    names = [name for block in blocks for name in block.names]
-    gauge = [error.name for error in chain.errors if error.gauge]
-    assert not set(names) & set(gauge)
-    # Also gone: sag of the first and last joint, and of the second what commutes with the first.
-    assert len(names) == len(chain.errors) - len(gauge) - 4
-
-
-def test_the_gauge_moves_only_base_and_flange():
-    chain = Kinematics.from_name("ur5e")
-    _, q = poses_of("ur5e", 30)
-    free, plain = arm_columns(chain, q), arm_columns(chain, q, "none")
-    tip = np.moveaxis(chain.poses(q)[:, :3], 0, -1)[None]
-    B = np.moveaxis(gauge_columns(tip)[0], (0, 2), (2, 0)).reshape(-1, 12)
-    for one, other in zip(free, plain, strict=True):
-        index = [other.names.index(name) for name in one.names]
-        difference = (one.F - other.F[..., index]).reshape(180, -1)
-        left = difference - B @ np.linalg.lstsq(B, difference, rcond=None)[0]
-        assert np.abs(left).max() < 1e-9
-
-
-@pytest.mark.parametrize("name", ["panda", "iiwa7", "gen3", "xarm7"])
-def test_the_elbow_moves_and_the_tip_stays(name):
-    chain = Kinematics.from_name(name)
-    T, q = poses_of(name, 20)
-    v = null_directions(chain, q)
-    assert np.abs(chain.jacobian(q) @ v[..., None]).max() < 1e-12
-    moved = elbow_postures(chain, q, 0.3)
-    np.testing.assert_allclose(chain.poses(moved), T, atol=1e-6)
-    size = np.linalg.norm(moved - q, axis=1)
-    assert np.median(size) == pytest.approx(0.3, rel=0.1)
-
-
-def test_an_unknown_elbow_adds_to_the_columns():
-    chain = Kinematics.from_name("panda")
-    _, q = poses_of("panda", 15)
-    known, unknown = arm_columns(chain, q), arm_columns(chain, q, elbow_sd=0.3)
-    for one, other in zip(known, unknown, strict=True):
-        assert one.group == other.group and len(other.names) == other.F.shape[-1] == len(other.rms)
-        assert 0.5 < (other.F**2).sum() / (one.F**2).sum() < 2.0
-        assert (other.rms**2).sum() == pytest.approx((one.rms**2).sum())
-        # the known elbow's errors are not outside of what is said now
-        S = moments(other.F) + 1e-2 * np.eye(90)
-        assert np.trace(np.linalg.solve(S, moments(one.F))) / 90 < 3.0
-    # As sd goes to 0, nothing is added.
-    for one, other in zip(known, arm_columns(chain, q, elbow_sd=1e-6), strict=True):
-        assert np.abs(moments(other.F) - moments(one.F)).max() < 5e-3 * np.abs(moments(one.F)).max()
-    with pytest.raises(InputError, match="no elbow"):
-        arm_columns(Kinematics.from_name("ur5e"), np.zeros((3, 6)), elbow_sd=0.1)
-    with pytest.raises(InputError, match="shape"):
-        arm_columns(chain, np.zeros((3, 6)))
 
 
 def test_time(capsys):

@@ -63,8 +63,8 @@ from .result_file import FourDPA
 EXACT = 1e-10
 # Errors of the arm are derived anew where their second order moves its poses by more than this, in deviations of X.
 SECOND_ORDER = 0.05
-# Share of rejected poses above which all poses are tried as a start as well; and minus the logarithm of the density of a
-# pose that may be anywhere, as rotations are and within a metre.
+# Share of rejected poses above which all poses are tried as a start as well; and minus the logarithm of the density
+# of a pose that may be anywhere, as rotations are and within a metre.
 MANY_REJECTED, ANYWHERE = 0.05, float(np.log(8 * np.pi**2))
 # The source of a budget for what the open sizes of all errors leave.
 SIZES_OPEN = "sizes of the errors"
@@ -148,7 +148,7 @@ def _weighed(
 
 
 def _cost(weighed: tuple[RobustFit, FoundSizes | None]) -> float:
-    """Return minus the logarithm of the probability of the rows: those rejected lie anywhere within a rad and a metre."""
+    """Return minus the logarithm of the probability of the rows; those rejected lie anywhere (`ANYWHERE`)."""
     robust, found = weighed
     if found is None or found.exact.any():
         return float("inf")

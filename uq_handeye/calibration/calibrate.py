@@ -132,8 +132,8 @@ def calibrate(
     kinematic_errors : KinematicErrors or None
         What is known of the arm before the data; None: estimated, with the errors of industrial arms as the least.
     sizes : mapping of names to Size, (median, factor) or a number, or None
-        Sizes of errors in place of those of the table `sizes.SIZES`, by the names there: a median that is known within a
-        factor (one sigma of its logarithm), or a number that is known, rad or m. Where the noise is estimated.
+        Sizes of errors in place of those of the table `sizes.SIZES`, by the names there: a median that is known
+        within a factor (one sigma of its logarithm), or a number that is known, rad or m. Where the noise is estimated.
     components : sequence of Component
         Errors of the user's own, beside the others, with sizes that are known or found. Where the noise is estimated.
     exclude, only : sequence of int, text such as ``"12,14-16"``, or None

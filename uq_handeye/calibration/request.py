@@ -341,7 +341,10 @@ def request(
 
 
 def with_sizes(job: Job, sizes: Mapping[str, Size], components: tuple[Component, ...]) -> Job:
-    """Return the request with sizes and components of the user's own; raises `InputError` where nothing is estimated."""
+    """Return the request with sizes and components of the user's own.
+
+    Raises `InputError` where nothing is estimated.
+    """
     if not sizes and not components:
         return job
     if job.noise is not None or job.method not in ESTIMATORS:
@@ -416,8 +419,8 @@ def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
         off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - poses.robot[:, :3, 3], axis=-1)
         raise InputError(
             f"The arm {kinematics.name} does not reach {int((~found.reached).sum())} of {poses.n} robot poses: it ends "
-            f"up to {1e3 * off.max():.3g} mm away. Give the chain up to the frame whose poses these are (--base, --tip), "
-            "with the tool that the controller had; or joints (--joints)."
+            f"up to {1e3 * off.max():.3g} mm away. Give the chain up to the frame whose poses these are (--base, "
+            "--tip), with the tool that the controller had; or joints (--joints)."
         )
     return found.q
 

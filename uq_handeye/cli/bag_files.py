@@ -289,8 +289,9 @@ def given_of_robot(chain: "ChainOptions", options: "ErrorOptions", bag: "BagOpti
         return RobotGiven(arm_of_parts(chain, options), None)
     robot = None if options.robot_file is None else str(options.robot_file)
     if chain.given and chain.joints is None and robot is None:
-        given = ", ".join(chain.given)
-        raise InputError(f"{given} with --bag: add --robot TOPIC, the joint values or the poses in the bag.")
+        raise InputError(
+            f"{', '.join(chain.given)} with --bag: add --robot TOPIC, the joint values or the poses in the bag."
+        )
     options = replace(options, robot_file=None)
     given = BagGiven(bag.bag, robot, bag.bag_camera, bag.still)
     if (chain.given or options.given) and chain.joints is None and robot is not None:

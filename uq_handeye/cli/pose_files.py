@@ -137,7 +137,7 @@ class PoseFiles(StreamFiles):
         return select_poses(poses.n, self.exclude, self.only, ("--exclude", "--only"))
 
     def _beside_arm(self, arm: Arm, pictures: bool) -> "PoseFiles":
-        """Return the files as their arguments are read with an arm: with --joints a single one is that of the camera."""
+        """Return the files as their arguments are read with an arm: a single one is that of the camera."""
         robot, first, second = arm.options.robot_file, self.robot, self.camera
         if robot is not None:
             if second is not None:

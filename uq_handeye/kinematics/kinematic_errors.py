@@ -88,9 +88,9 @@ class KinematicErrors:
         some are declared, the others are 0.
     flange : "workspace", "controller" or "physical"
         Which flange X is of. ``workspace``: the frames of base and flange in which the arm moves as nearly as can be as
-        its model says, over its whole workspace (`workspace_gauge`). The errors of the first joint, the offset of the last one and its length along the axis
-        are the same as other base and flange frames. ``controller``: they are left out, the flange is where the
-        controller's numbers put it. ``physical``: they are declared errors like the others.
+        its model says, over its whole workspace (`workspace_gauge`). The errors of the first joint, the offset of
+        the last one and its length along the axis are the same as other base and flange frames.
+        ``controller``: they are left out, the flange is where the controller's numbers put it. ``physical``: they are declared errors like the others.
 
     Raises
     ------

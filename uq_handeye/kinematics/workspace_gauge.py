@@ -1,7 +1,8 @@
 r"""Errors of an arm without those of its base and its flange: the gauge in which X is stated (T17).
 
 A constant motion of the base or of the flange is in W or X, whatever the arm. Which one an arm has is a matter of
-definition; here base and flange are those frames in which the arm, over its whole workspace, moves as nearly as can be as
+definition; here base and flange are those frames in which the arm, over its whole workspace, moves as nearly as can
+be as
 its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at `POSTURES` postures spread over the joint
 limits, the flange above the floor, rotations weighted by `LEVER`, the motion that is in a column F is
 
@@ -90,6 +91,6 @@ def aligned_columns(chain: Kinematics, q: Array, e: Array | None = None) -> Arra
 
 
 def aligned_poses(chain: Kinematics, q: Array, e: Array) -> Array:
-    """(..., 4, 4) poses of the arm with the errors e (m,), in the frames of base and flange of its nominal kinematics."""
+    """(..., 4, 4) poses of the arm with the errors e (m,), in the frames of its nominal kinematics."""
     T = chain.poses(q, e)
     return perturb(T, -(twists(T) @ (gauge_of(chain) @ e)))

@@ -124,8 +124,8 @@ class FittedKinematics(ReadOnlyArrays):
         found = postures_at(self.chain, flat, self.joints[apart.argmin(axis=1)])
         if not found.reached.all():
             raise InputError(
-                f"The arm {self.chain.name} does not reach {int((~found.reached).sum())} of {len(flat)} robot poses near "
-                "the postures of the calibration: give `joints` (--joints FILE.csv)."
+                f"The arm {self.chain.name} does not reach {int((~found.reached).sum())} of {len(flat)} robot poses "
+                "near the postures of the calibration: give `joints` (--joints FILE.csv)."
             )
         return found.q.reshape(*robot.shape[:-2], -1)
 

@@ -23,7 +23,7 @@ FEWEST = 6
 
 
 def drift_columns(camera: Array, timestamps: Array, target: bool) -> Array:
-    """(n, 6, 6 m) columns at poses (n, 4, 4) camera_T_target, per step of 1 rad and 1 m; of the target or the camera."""
+    """(n, 6, 6 m) columns at poses (n, 4, 4) camera_T_target, per step of 1 rad and 1 m."""
     n = len(camera)
     place = np.empty(n)
     place[np.argsort(timestamps, kind="stable")] = np.arange(1, n + 1)

@@ -15,7 +15,8 @@ kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with t
 
 **Gauge.** What a constant base and a constant flange do over the workspace is taken out: 12 numbers by least squares
 for each column at `WORKSPACE` postures spread over the limits of the joints, rotations weighted by `LEVER` of the
-reach, with the same 12 numbers at the poses. Another sample of as many postures gives other frames: 12 further columns, base
+reach, with the same 12 numbers at the poses. Another sample of as many postures gives other frames: 12 further
+columns, base
 and flange by what one posture contributes to those numbers, hold that. **Unit**: the RMS over the same postures.
 
 **Mixture.** The columns of all arms that reach at least half of the poses (the `FEWEST` that reach most, if fewer do),
@@ -66,7 +67,8 @@ RANK = 36
 LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
 # Arms that are kept at least, those that reach most poses.
 FEWEST = 3
-# Between arms: frames of base and flange are so many times as uncertain as by the sample of the workspace, and of its errors
+# Between arms: frames of base and flange are so many times as uncertain as by the sample of the workspace, and of
+# its errors
 # at poses that are not those of the data this share is unknown again. Found by leaving the family of each arm out.
 UNLIKE, UNSEEN = 5.0, 0.5
 # Further vectors of the range from which the columns are taken.

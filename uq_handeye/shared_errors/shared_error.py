@@ -12,12 +12,13 @@ scales, ``used - true`` for others.
 | error | side | F_i | unit of e |
 |---|---|---|---|
 | focal length | camera | of poses fitted to a target (`view`); near ``(0; 0, 0, t_z)`` | relative |
-| principal point | camera | likewise; a rotation about the camera, or a shift, or between them | rad: pixels over focal length |
+| principal point | camera | likewise; a rotation about the camera to a shift | rad: pixels over focal length |
 | target scale | camera | ``(0; t)`` | relative |
 | robot scale | robot | ``(0; t)`` | relative |
 | clock offset | robot | ``rate_i``, velocity between its neighbours in time | s |
 
-t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). The columns are taken at the poses as measured, and by `calibrate` once more as the fit corrects them.
+t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). The columns are taken at the poses as
+measured, and by `calibrate` once more as the fit corrects them.
 
 A standard deviation may itself be known within a factor only (``factor``, one sigma of its logarithm): its size is
 then found with everything else, and integrated over (`one_model`). A square is what the drawing says, to 0.03 %, or
@@ -212,9 +213,9 @@ class SharedError(ReadOnlyArrays):
     ) -> SharedError:
         """The accuracy that the robot's data sheet states: errors as a population of arms has them (`population`).
 
-        ``translation`` in m or ``"0.5mm"``, ``rotation`` in rad or ``"0.05deg"``; or both in one text: root mean squares
-        over the workspace. The errors are those of arms of that accuracy in position, or as much larger as the one in
-        rotation asks for. ``reach`` of the arm (m, or ``"0.9m"``); None takes 1.2 times the largest distance of the
+        ``translation`` in m or ``"0.5mm"``, ``rotation`` in rad or ``"0.05deg"``; or both in one text: root mean
+        squares over the workspace. The errors are those of arms of that accuracy in position, or as
+        much larger as the one in rotation asks for. ``reach`` of the arm (m, or ``"0.9m"``); None takes 1.2 times the largest distance of the
         flange from the base.
         """
         exact = isinstance(translation, str) and translation.strip().lower() in EXACT and rotation is None
