@@ -90,7 +90,8 @@ class KinematicErrors:
         Which flange X is of. ``workspace``: the frames of base and flange in which the arm moves as nearly as can be as
         its model says, over its whole workspace (`workspace_gauge`). The errors of the first joint, the offset of
         the last one and its length along the axis are the same as other base and flange frames.
-        ``controller``: they are left out, the flange is where the controller's numbers put it. ``physical``: they are declared errors like the others.
+        ``controller``: they are left out, the flange is where the controller's numbers put it. ``physical``: they are
+        declared errors like the others.
 
     Raises
     ------

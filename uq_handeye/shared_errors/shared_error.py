@@ -215,7 +215,8 @@ class SharedError(ReadOnlyArrays):
 
         ``translation`` in m or ``"0.5mm"``, ``rotation`` in rad or ``"0.05deg"``; or both in one text: root mean
         squares over the workspace. The errors are those of arms of that accuracy in position, or as
-        much larger as the one in rotation asks for. ``reach`` of the arm (m, or ``"0.9m"``); None takes 1.2 times the largest distance of the
+        much larger as the one in rotation asks for. ``reach`` of the arm (m, or ``"0.9m"``); None takes 1.2 times the
+        largest distance of the
         flange from the base.
         """
         exact = isinstance(translation, str) and translation.strip().lower() in EXACT and rotation is None
