@@ -141,7 +141,7 @@ def _weighed(
         found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH)
         return None if found.noise is None else with_prior(found.noise, job.pose_prior)
 
-    smooth = job.arm is not None or any(error.name == ROBOT_ACCURACY for error in job.shared)
+    smooth = job.arm is not None or (all_alike and any(error.name == ROBOT_ACCURACY for error in job.shared))
     slack = TAILS if smooth and source is not None else 1.0
     options = (job.method, estimate_noise, job.seed, job.pose_prior, slack, all_alike)
     return fit_robustly(job.constraint, job.noise, at, *options), found
