@@ -19,7 +19,6 @@ from support import SEED  # noqa: E402
 
 from uq_handeye import findings  # noqa: E402
 
-
 PENDING = {
     line
     for line in (HERE / "pending.txt").read_text(encoding="utf-8").splitlines()
