@@ -412,7 +412,7 @@ def test_more_poses_do_not_average_out_what_all_share(setup):
     assert "for what all poses share of focal length, robot scale" in " ".join(found.to_text().split())
     for steps, covariance in enumerate([found.covariance_before, *found.covariances]):
         everything = enlarged(data, found, steps)
-        noise = with_shared(NOISE, shared_columns(errors, everything))
+        noise = with_shared(NOISE, shared_columns([error.bound(data) for error in errors], everything))
         assert_same_covariance(covariance, efficient(everything, noise).covariance_X, 1e-8)
     assert (found.std > 1.05 * plan(data, others.truth.robot, 4, noise=NOISE).std).any(axis=1).all()
 

@@ -20,7 +20,7 @@ from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.se3 import Array, logarithm
 from ..likelihood.d2_distribution import Reference
 from ..noise.models import Noise, PoseNoise
-from ..shared_errors.shared_error import DEFAULT_SD, SharedError
+from ..shared_errors.shared_error import OF_ANY_POSES, SharedError
 from ..statement.accuracy import amounts, part_name
 from ..statement.tolerance import MET, Verdict, percent, probability_within
 from .plan import plan
@@ -64,7 +64,7 @@ def next_pose(
     data = result.counted
     if result.covariance is None or result.setup is None or data is None:
         return None
-    known = None if shared is None else [error for error in shared if error.name in DEFAULT_SD]
+    known = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
     given = noise if isinstance(noise, PoseNoise) else None
     try:
         with warnings.catch_warnings():

@@ -55,10 +55,11 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES, warn_left_out
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
-    DEFAULT_SD,
+    OF_ANY_POSES,
     SharedError,
+    assumed_drift,
     checked_errors,
-    default_errors,
+    replace_defaults,
     without_shared,
 )
 from .by_joints import PREDICTION, Wanted, plan_by_joints, so_far_by_joints
@@ -164,9 +165,9 @@ def plan(
     estimated = noise is None
     if shared is not None:
         shared = tuple(error for error in checked_errors(shared, data) if not error.is_exact)
-        if own := [error.name for error in shared if error.name not in DEFAULT_SD]:
+        if own := [error.name for error in shared if error.name not in OF_ANY_POSES]:
             raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
-    errors = tuple(shared or ())
+    errors = tuple(error.bound(data) for error in shared or ())
     if noise is None:
         data, noise, errors = _estimated_noise(data, shared)
     elif isinstance(noise, PoseNoise) and not (
@@ -299,6 +300,7 @@ def _estimated_noise(
 ) -> tuple[PosePairs, PoseNoise, tuple[SharedError, ...]]:
     """Noise and shared errors as `calibrate` finds them, and the poses that it keeps; it warns of those left out."""
     give = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
+    every = data
     try:
         result = calibrate(data, shared=shared)
         noise, kept = result.noise, np.arange(data.n)
@@ -311,13 +313,14 @@ def _estimated_noise(
         ) from error
     if not isinstance(noise, PoseNoise):
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {give}")
-    settled = {found.error: found.prior_sd for found in result.shared}
+    settled = {found.name: found.prior_sd for found in result.shared}
+    listed = replace_defaults((), every.camera_known) if shared is None else shared
     errors = tuple(
-        replace(error, sd=np.full_like(error.sd, settled[error.name]), factor=1.0)
-        for error in (default_errors(data.camera_known) if shared is None else shared)
-        if error.name in settled
+        replace(error, sd=np.array([settled[part] for part in error.parts]), factor=1.0)
+        for error in (error.bound(every) for error in listed)
+        if settled.keys() >= set(error.parts)
     )
-    noise = without_shared(noise, errors)
+    noise = without_shared(noise, (*errors, *assumed_drift(every)))  # a drift so far says nothing about new poses
     return data, _of_each_pose(noise).rows(kept), errors
 
 

@@ -57,6 +57,10 @@ TARGET_SCALE = "target scale"
 ROBOT_SCALE = "robot scale"
 CLOCK_OFFSET = "clock offset"
 VIEW, LENS = "view", "lens distortion"
+# Errors whose effect follows from poses, whatever they are.
+OF_ANY_POSES = frozenset(
+    {FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE, CLOCK_OFFSET, VIEW, LENS, ROBOT_ACCURACY}
+)
 # Poses that differ by less, of the reach of the arm, have the same columns of its errors.
 NEAR = 0.02
 # Those whose columns are made of the translations of the poses, and hold their noise.
