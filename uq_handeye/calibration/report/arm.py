@@ -11,7 +11,7 @@ from ...presentation.document import Block, Heading, Paragraph
 from ..result import Calibration
 
 _HOW = {
-    ESTIMATE: "standard deviations estimated, at least those of such arms",
+    ESTIMATE: "standard deviations estimated from the data and what such arms have",
     DECLARED: "standard deviations as declared",
     EXACT: "taken as exact",
 }

@@ -48,7 +48,7 @@ def shared_table(result: Calibration) -> Table | None:
 
 
 def _of_population(result: Calibration) -> set[str]:
-    """The groups of errors of an arm whose standard deviations were estimated, at least those of such arms."""
+    """The groups of errors of an arm whose standard deviations were estimated."""
     parts = () if result.noise_estimate is None else result.noise_estimate.components
     return {part.name for part in parts if part.status == "population"}
 
