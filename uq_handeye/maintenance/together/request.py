@@ -13,7 +13,7 @@ from ...calibration.result import Calibration
 from ...errors import InputError
 from ...geometry.se3 import Array, logarithm, perturb
 from ...kinematics.chain import Kinematics
-from ...kinematics.kinematic_errors import KinematicErrors
+from ...kinematics.kinematic_errors import KinematicErrors, effects_of_errors, poses_with_errors
 from ...noise.camera_noise import CameraNoise
 from ...noise.estimate import NoisePrior
 from ...noise.models import PoseNoise, is_joint
@@ -40,8 +40,9 @@ def measured_poses(result: Calibration) -> PosePairs:
     robot = data.robot.copy()
     if arm["at"] is not None:
         e = np.asarray(arm["at"], dtype=float)
-        nominal, true = fitted.chain.poses(fitted.joints), fitted.chain.poses(fitted.joints, e)
-        linear = perturb(true, -(fitted.chain.columns(fitted.joints, e) @ e))
+        of = fitted.chain, fitted.joints, e, fitted.flange
+        nominal = fitted.chain.poses(fitted.joints)
+        linear = perturb(poses_with_errors(*of), -(effects_of_errors(*of) @ e))
         turn = logarithm(linear[:, :3, :3] @ nominal[:, :3, :3].mT)
         off = np.concatenate([turn, linear[:, :3, 3] - nominal[:, :3, 3]], axis=-1)
         robot[kept] = perturb(robot[kept], -off)
