@@ -34,7 +34,7 @@ class StreamFiles:
         Path | None,
         typer.Argument(
             metavar="CAMERA",
-            help="Camera poses likewise, or the folder of camera -o or points -o. camera_T_target, row by row as in "
+            help="Camera poses, or folder of camera -o or points -o. camera_T_target, row by row as in "
             "ROBOT unless --pair says otherwise.",
             show_default=False,
         ),

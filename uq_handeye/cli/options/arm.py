@@ -72,8 +72,7 @@ class ChainOptions:
             panel=JOINTS,
             common=True,
             help="Joint values in place of ROBOT, with --urdf. One column per joint, named as in the URDF, and one row "
-            "per pose. The robot poses follow from the joints; a single file argument is CAMERA. Default: from ROBOT "
-            "by inverse kinematics of the robot model.",
+            "per pose. The robot poses follow from the joints; a single file argument is CAMERA.",
         ),
     ] = None
     robot_model: Annotated[
@@ -84,8 +83,8 @@ class ChainOptions:
             metavar="NAME",
             panel=JOINTS,
             common=True,
-            help=f"Arm by its name, e.g. ur5e, in place of --urdf. Its errors are estimated with X. Names: "
-            f"{', '.join(ROBOT_MODELS)}.",
+            help=f"Arm by its name, e.g. ur5e, in place of --urdf. Its nominal kinematics are used, with "
+            f"or without --joints. Names: {', '.join(ROBOT_MODELS)}.",
         ),
     ] = None
     urdf: Annotated[
@@ -95,8 +94,8 @@ class ChainOptions:
             metavar="FILE.urdf",
             panel=JOINTS,
             common=True,
-            help="Robot model (URDF), for --joints or for the poses in ROBOT. Without --joints the joint values follow "
-            "from the poses by inverse kinematics.",
+            help="Robot model (URDF), of --joints or of ROBOT. Without --joints the joint values follow from the poses "
+            "in ROBOT by inverse kinematics.",
         ),
     ] = None
     base: Annotated[

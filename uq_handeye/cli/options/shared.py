@@ -80,7 +80,8 @@ class SharedOptions:
             panel=SHARED,
             common=True,
             help="Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, RMS over the "
-            "workspace; or exact. Default: 0.6 mm within a factor of 3, or by --robot-class.",
+            "workspace; or exact. Where it is not declared it is known within a factor of 3, or as --robot-class says. "
+            "Default: 0.6 mm.",
         ),
     ] = None
     offset_sd: Annotated[
