@@ -77,16 +77,23 @@ class PoseFiles(StreamFiles):
         If the noise is given for one side, or by the views of the camera, the rest is estimated. The noise of an arm
         includes its kinematic errors. Poses of --exclude are left out.
         """
-        poses, noise, shared = self.read_open(given, views, given.one_side, arm)
-        if (selection := self.selection(poses)) is not None:
-            kept, n = selection.kept, poses.n
-            poses, noise = poses.rows(kept), None if noise is None else noise.rows(kept)
-            shared = None if shared is None else [error.rows(kept, n) for error in shared]
+        poses, noise, shared = self.read_kept(given, views, arm)
         if arm is not None:
             return poses, _noise_of_arm(poses, given.one_side, noise, shared, arm), []
         if given.one_side is None and views is None:
             return poses, noise, shared
         return poses, *_complete_noise(poses, given.one_side, noise, shared)
+
+    def read_kept(
+        self, given: Given, views: "Views | None" = None, arm: Arm | None = None
+    ) -> "tuple[PosePairs, Any, list[SharedError] | None]":
+        """Return what `read_open` reads, without the poses of --exclude."""
+        poses, noise, shared = self.read_open(given, views, given.one_side, arm)
+        if (selection := self.selection(poses)) is not None:
+            kept, n = selection.kept, poses.n
+            poses, noise = poses.rows(kept), None if noise is None else noise.rows(kept)
+            shared = None if shared is None else [error.rows(kept, n) for error in shared]
+        return poses, noise, shared
 
     def read_open(
         self, given: Given, seen: "Pictures | Views | None", prior: "NoisePrior | None", arm: Arm | None = None
@@ -261,20 +268,21 @@ def _complete_noise(
     """Return the noise with its unknown part estimated as `calibrate` does, and the shared errors."""
     from ..calibration.calibrate import calibrate
     from ..noise.models import PoseNoise
-    from ..shared_errors.shared_error import default_errors, without_shared
+    from ..shared_errors.shared_error import replace_defaults, settled_errors, without_shared
 
     with timed("estimating the other noise"), warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used
-        found = calibrate(poses, noise=given, prior=prior, shared=shared).noise
-    if not isinstance(found, PoseNoise):
+        found = calibrate(poses, noise=given, prior=prior, shared=shared)
+    if not isinstance(found.noise, PoseNoise):
         open_side = "--robot-noise" if prior is not None and prior.camera is not None else "--camera-noise"
         raise InputError(
             f"The residuals are at rounding level, so the other noise cannot be estimated. Give {open_side}, or "
             f"{open_side} {EXACT}."
         )
     known = given is not None or poses.camera_known
-    errors = list(default_errors(known)) if shared is None else shared
-    return without_shared(found, errors), errors
+    listed = replace_defaults((), known) if shared is None else shared
+    errors = settled_errors(listed, {error.name: error.prior_sd for error in found.shared}, poses)
+    return without_shared(found.noise, errors), list(errors)
 
 
 def _noise_of_arm(

@@ -32,7 +32,6 @@ Poses that leave a part of X open (parallel axes, pure translations) can be plan
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -60,6 +59,7 @@ from ..shared_errors.shared_error import (
     assumed_drift,
     checked_errors,
     replace_defaults,
+    settled_errors,
     without_shared,
 )
 from .by_joints import PREDICTION, Wanted, plan_by_joints, so_far_by_joints
@@ -117,15 +117,15 @@ def plan(
     repeat : bool
         Whether a candidate may be taken more than once.
     shared : sequence of SharedError or None
-        As in `calibrate`, but for columns of the user's own, whose effect on new poses is not known, and the
-        accuracy of a robot, of which poses tell nothing. The clock offset has none: the robot is taken to stand still.
+        As in `calibrate`, but for columns of the user's own, whose effect on new poses is not known. The clock offset
+        has none: the robot is taken to stand still.
     joints, kinematics, kinematic_errors
         As in `calibrate`: the errors of the arm are unknowns beside X and W, and the plan is one of joints, inside
         their limits (`planning.by_joints`).
     task : (t, L) or None
         Joints (rad, m) at which predictions are to be good; None: postures spread over the joint limits.
     prior : NoisePrior or None
-        With ``kinematics``: as in `calibrate`.
+        As in `calibrate`, where ``noise`` is None.
 
     Raises
     ------
@@ -156,11 +156,13 @@ def plan(
         criterion = criterion or PREDICTION
         of = Wanted(criterion, *_target(data, criterion, point, length), task)
         return plan_by_joints(known, candidates, k, of, sample, seed, repeat)
-    if criterion == PREDICTION or any(given is not None for given in (joints, kinematic_errors, task, prior)):
+    if criterion == PREDICTION or any(given is not None for given in (joints, kinematic_errors, task)):
         raise InputError(
-            "Expected `kinematics` (Kinematics.from_urdf) beside joints, kinematic errors, task, prior and criterion "
+            "Expected `kinematics` (Kinematics.from_urdf) beside joints, kinematic errors, task and criterion "
             f"{PREDICTION!r}."
         )
+    if noise is not None and prior is not None:
+        raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
     criterion = criterion or "trace"
     estimated = noise is None
     if shared is not None:
@@ -169,7 +171,7 @@ def plan(
             raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
     errors = tuple(error.bound(data) for error in shared or ())
     if noise is None:
-        data, noise, errors = _estimated_noise(data, shared)
+        data, noise, errors = _estimated_noise(data, shared, prior)
     elif isinstance(noise, PoseNoise) and not (
         isinstance(noise.robot, JointCovariance) and noise.robot.shared.shape[-1]
     ):
@@ -296,13 +298,13 @@ def _white_columns(
 
 
 def _estimated_noise(
-    data: PosePairs, shared: Sequence[SharedError] | None
+    data: PosePairs, shared: Sequence[SharedError] | None, prior: NoisePrior | None
 ) -> tuple[PosePairs, PoseNoise, tuple[SharedError, ...]]:
     """Noise and shared errors as `calibrate` finds them, and the poses that it keeps; it warns of those left out."""
     give = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
     every = data
     try:
-        result = calibrate(data, shared=shared)
+        result = calibrate(data, shared=shared, prior=prior)
         noise, kept = result.noise, np.arange(data.n)
         if result.table is not None and result.table.rejected:
             kept = np.flatnonzero(result.table.weight > 0)
@@ -313,13 +315,8 @@ def _estimated_noise(
         ) from error
     if not isinstance(noise, PoseNoise):
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {give}")
-    settled = {found.name: found.prior_sd for found in result.shared}
     listed = replace_defaults((), every.camera_known) if shared is None else shared
-    errors = tuple(
-        replace(error, sd=np.array([settled[part] for part in error.parts]), factor=1.0)
-        for error in (error.bound(every) for error in listed)
-        if settled.keys() >= set(error.parts)
-    )
+    errors = settled_errors(listed, {found.name: found.prior_sd for found in result.shared}, every)
     noise = without_shared(noise, (*errors, *assumed_drift(every)))  # a drift so far says nothing about new poses
     return data, _of_each_pose(noise).rows(kept), errors
 

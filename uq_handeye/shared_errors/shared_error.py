@@ -438,6 +438,19 @@ def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) ->
     return list((by_name | {error.name: error for error in declared}).values())
 
 
+def settled_errors(
+    errors: Iterable[SharedError], sizes: Mapping[str, float], poses: PosePairs
+) -> tuple[SharedError, ...]:
+    """Return errors, bound to poses, with the standard deviations of their numbers that a calibration of these settled
+    on; those that it left out are none.
+    """
+    return tuple(
+        replace(error, sd=np.array([sizes[part] for part in error.parts]), factor=1.0)
+        for error in (error.bound(poses) for error in errors)
+        if sizes.keys() >= set(error.parts)
+    )
+
+
 def listed_errors(errors: Any) -> tuple[SharedError, ...]:
     """The errors, if they are some, and no two of one name."""
     if isinstance(errors, SharedError) or not isinstance(errors, Iterable):

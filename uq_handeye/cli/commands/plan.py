@@ -148,21 +148,19 @@ def plan_command(
         raise InputError(f"Expected --point to be X,Y,Z with units such as 0mm,0mm,300mm, got {point!r}.")
     if point is not None and criterion != "point":
         raise InputError(f"--point needs --criterion point, got --criterion {criterion or 'trace'}.")
+    if arm is None and (task is not None or criterion == "prediction"):
+        raise InputError("--task and --criterion prediction need --joints and --urdf.")
+    poses, noise, shared = files.read_kept(given, None, arm)
     of_arm: dict[str, Any] = {}
     if arm is None:
-        if task is not None or criterion == "prediction":
-            raise InputError("--task and --criterion prediction need --joints and --urdf.")
-        poses, noise, shared = files.read(given)
         like = poses.sources[0].format if poses.sources else None
         of_robot = {"units": files.both_units[0], "format": files.formats[0], "rotation": files.rotations[0]}
         rows = None if candidates is None else read_robot_poses(candidates, like, **of_robot)[1]
     else:
         units, chain = arm.chain.joint_units, arm.kinematics
-        poses, noise, shared = files.read_open(given, None, given.one_side, arm)
         rows = None if candidates is None else read_joints(candidates, chain, units).q
         of_arm = {
             "task": None if task is None else read_joints(task, chain, units).q,
-            "prior": given.one_side,
         } | arm.of_calibrate
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
@@ -181,6 +179,7 @@ def plan_command(
             seed=seed,
             repeat=repeat,
             shared=shared,
+            prior=given.one_side,
             **of_arm,
         )
     if form is not None:
