@@ -201,7 +201,7 @@ def test_an_arm_by_its_model_needs_no_joints(far_apart, model):
 
 
 def test_a_class_sets_the_accuracy_of_an_unknown_arm(far_apart):
-    folder, X = far_apart
+    folder = far_apart[0]
     found = {name: found_in(folder, "robot.csv", "camera.csv", "--robot-class", name) for name in CLASSES}
     for name, size in CLASSES.items():
         line = f"robot accuracy: {1e3 * size.median:.2g} mm"

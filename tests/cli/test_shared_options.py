@@ -129,6 +129,14 @@ def test_they_reach_the_other_commands(folder, command, more, key, given):
         (["--robot-accuracy", "0.5,0.05deg"], ["--robot-accuracy", "unit", "mm"]),
         (["--robot-accuracy", "-1mm,0.05deg"], ["--robot-accuracy", ">= 0"]),
         (["--shared", "some"], ["--shared", "defaults, none", "'some'"]),
+        (["--size", "robot accuracy"], ["--size", "NAME=SIZE", "'robot accuracy'"]),
+        (["--size", "robot acuracy=0.3mm"], ["--size", "'robot acuracy'", "Near it: robot accuracy"]),
+        (["--size", "robot accuracy=0.3"], ["--size", "robot accuracy", "unit"]),
+        (["--size", "robot accuracy=0.3mm,x"], ["--size", "factor", "'x'"]),
+        (["--size", "robot accuracy=0.3mm,0.5"], ["--size", "factor", "0.5"]),
+        (["--size", "robot accuracy=0mm"], ["'robot accuracy'", "above 0"]),
+        (["--size", "pixel noise=0.2px"], ["'pixel noise'"]),  # of no error of these poses
+        ([*NOISE, "--size", "robot accuracy=0.3mm"], ["nothing is estimated"]),
         (["--pair", "async", "--offset", "0,0.001", "--offset-sd", "1ms"], ["twice", "--offset-sd"]),
     ],
     ids=lambda value: " ".join(value),
@@ -138,6 +146,23 @@ def test_bad_options(folder, options, parts):
     assert (found.returncode, found.stdout, found.stderr.count("\n")) == (2, "", 1)
     for part in parts:
         assert part in found.stderr
+
+
+def test_sizes_by_name(folder):
+    """A size takes the place of that of the table: exact, or the median within a factor."""
+
+    def sized(*texts):
+        options = [part for text in texts for part in ("--size", text)]
+        found = json.loads(run("calibrate", *BOTH, *options, "--json", cwd=folder).stdout)
+        of_model = {part["name"]: part for part in found["noise_estimate"]["of_model"]}
+        return found["provenance"]["options"].get("sizes"), of_model
+
+    given, found = sized("robot accuracy=0.3mm,2", "target scale = 0.01%")
+    assert given == {"robot accuracy": [3e-4, 2.0], "target scale": [pytest.approx(1e-4), 1.0]}
+    assert found["target scale"]["known"] and found["target scale"]["size"] == pytest.approx(1e-4)
+    assert not found["robot accuracy"]["known"] and 3e-5 < found["robot accuracy"]["size"] < 3e-3
+    more = sized("robot accuracy=3mm,1.2")[1]["robot accuracy"]["size"]
+    assert more > 2 * found["robot accuracy"]["size"] and sized()[0] is None
 
 
 def test_offset_needs_times(folder):

@@ -445,7 +445,7 @@ def test_noise_from_the_poses_so_far(monkeypatch):
         plan(simulate(10))
     for error in (DegenerateMotionError("open", np.eye(6)), NotConvergedError("no end")):
 
-        def fail(_, shared, error=error):
+        def fail(_, error=error, **__):
             raise error
 
         monkeypatch.setattr(planning, "calibrate", fail)

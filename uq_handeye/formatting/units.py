@@ -13,6 +13,7 @@ ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180, "°
                "arcmin": math.pi / 10800, "arcsec": math.pi / 648000}  # fmt: skip
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6, "in": 0.0254}
 RATIO_UNITS = {"%": 1e-2, "ppm": 1e-6}
+PIXEL_UNITS = {"px": 1.0}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "\u03bcs": 1e-6}
 
 # Factor and unit in which people read relative numbers, angles and times that are small.
@@ -67,6 +68,15 @@ def parse_ratio(value: str | float, name: str = "ratio") -> float:
     0.001
     """
     return _parse(value, RATIO_UNITS, "a ratio", name)
+
+
+def parse_pixels(value: str | float, name: str = "length") -> float:
+    """A length in pixels, from a number or text with ``px``.
+
+    >>> parse_pixels("0.2px")
+    0.2
+    """
+    return _parse(value, PIXEL_UNITS, "a length in pixels", name)
 
 
 def parse_time(value: str | float, name: str = "time") -> float:

@@ -130,7 +130,7 @@ class JointModel:
         if given is None:
             return part
         unit = next((float(error.sd[0]) for error in self.errors if error.name == part.name), 1.0)
-        return replace(part, size=replace(given, median=given.median / unit))
+        return replace(part, size=replace(given, median=given.median / unit, unit=given.unit or part.size.unit))
 
     @cached_property
     def known(self) -> dict[str, Array]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 from ..errors import InputError
+from ..formatting.units import parse_angle, parse_length, parse_pixels, parse_ratio
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,8 @@ CLASSES = {
     "cobot": Size(2.0e-3, 2.0, "m", "cobots with nominal kinematics"),
 }
 
+PARSERS = {"rad": parse_angle, "m": parse_length, "px": parse_pixels, "": parse_ratio}
+
 SizeLike = Size | tuple[float, float] | float
 
 
@@ -80,3 +84,23 @@ def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
                 f"Expected the size of {name!r} to be above 0, got {value!r}. Leave the error out instead."
             )
     return found
+
+
+def parse_size(text: str) -> tuple[str, Size]:
+    """Return the name and the size of a text such as ``"robot accuracy=0.3mm,2"``: median, and factor if it is not 1.
+
+    Raises `InputError` for a name that the table `SIZES` does not have, with the nearest ones.
+    """
+    name, equals, value = (part.strip() for part in text.partition("="))
+    median, comma, factor = value.partition(",")
+    if not equals or not median:
+        raise InputError(f"Expected NAME=SIZE or NAME=SIZE,FACTOR such as 'robot accuracy=0.3mm,2', got {text!r}.")
+    if name not in SIZES:
+        near = get_close_matches(name, SIZES, 3, 0.4) or SIZES
+        raise InputError(f"No error of the name {name!r:.60} has a size. Near it: {', '.join(near)}.")
+    of = SIZES[name]
+    try:
+        number = float(factor) if comma else 1.0
+    except ValueError:
+        raise InputError(f"Expected the factor of {name!r} to be a number >= 1, got {factor!r}.") from None
+    return name, Size(PARSERS[of.unit](median, f"the size of {name!r}"), number, of.unit, "declared")

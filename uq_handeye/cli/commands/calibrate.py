@@ -11,7 +11,7 @@ import typer
 from ...errors import InputError, NotConvergedError
 from ...runtime.progress import working
 from ..bag_files import RobotGiven, given_of_robot
-from ..groups import ESTIMATION, OUTPUT, POSE_FILES
+from ..groups import ESTIMATION, OUTPUT, POSE_FILES, SHARED
 from ..messages import LOG, command_line, fail, progress_wanted, quiet, timed, withheld
 from ..options.common import (
     AT_THE_BOUND,
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from ...comparison.result import Comparison
     from ...diagnostics.pose_table import PoseTable
     from ...noise.estimate import NoisePrior
+    from ...shared_errors.sizes import Size
     from ...statement.tolerance import Verdict
     from ...validation.cross_check.result import CrossCheck
     from ..pictures import Pictures
@@ -118,6 +119,16 @@ def calibrate_command(
             panel=ESTIMATION,
             common=True,
             help=f"Estimator. One of {', '.join(METHODS)}; bundle needs pictures. Default: efficient.",
+        ),
+    ] = None,
+    size: Annotated[
+        list[str] | None,
+        option(
+            "--size",
+            metavar="NAME=SIZE[,FACTOR]",
+            panel=SHARED,
+            help="Size of an error before the data, e.g. 'robot accuracy=0.3mm,2': a standard deviation, and the "
+            "factor within which it is known (1 sigma). Without a factor: exact. Repeatable. Default: by a table.",
         ),
     ] = None,
     pairs: PairsOption = "all",
@@ -254,11 +265,12 @@ def calibrate_command(
         "prior": prior,
         "seed": seed,
         "correlation": one_of(correlation, "--correlation", ("auto", "none")),
+        "sizes": _sizes_of(size or []),
         **beforehand,
     }
     if watch is not None:
         if arm is not None:
-            raise InputError("--watch takes robot poses, not --joints. Calibrate with the joints afterwards.")
+            raise InputError("--watch takes no joints and no robot model. Calibrate with them afterwards.")
         if touched.touches is not None:
             raise InputError("--watch takes no --touches. Calibrate with the touches afterwards.")
         session = Session(arrivals_of(watch, files, pictures, output), given, options, wanted, output, as_json)
@@ -330,6 +342,17 @@ def demo_command(
     return deliver_result(
         result, Files(output, report, figures=figures), Wanted(None), as_json, more=against_truth(result, truth[0])
     )
+
+
+def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
+    """Return the sizes of --size by name."""
+    from ...shared_errors.sizes import parse_size
+
+    try:
+        found = [parse_size(text) for text in texts]
+    except InputError as error:
+        raise InputError(f"--size: {error}") from None
+    return dict(found) or None
 
 
 def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
