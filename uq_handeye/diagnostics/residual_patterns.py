@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.special import chdtrc, fdtrc, ndtr
+from scipy.special import betainc, chdtrc, ndtr
 
 from ..findings import Finding
 from ..geometry.se3 import Array
@@ -273,7 +273,8 @@ def _regressors(pose: Array) -> Array:
 def regression_of(r: Array, U: Array, Z: Array) -> tuple[Array, Array, Array] | None:
     """R^2 of `standardised` residuals (..., n, 6) on the orthonormal columns Z (n, q), its chance level and p-value.
 
-    Each of the six components has coefficients of its own. None where fewer than 6 degrees of freedom are left.
+    Each of the six components has coefficients of its own. None where fewer than 6 degrees of freedom are left, or no
+    coefficient.
     """
     q = 6 * Z.shape[-1]
     VU = np.einsum("tz,...tcp->...czp", Z, U).reshape(*U.shape[:-3], q, U.shape[-1])
@@ -285,7 +286,8 @@ def regression_of(r: Array, U: Array, Z: Array) -> tuple[Array, Array, Array] | 
     columns = free.sum(axis=-1)
     freedom = 6 * r.shape[-2] - U.shape[-1]
     left = freedom - columns
-    if (left < 6).any():
+    if (left < 6).any() or (columns == 0).any():
         return None
-    F = explained / columns / ((1 - explained) / left)
-    return explained, np.asarray(columns / freedom), np.asarray(fdtrc(columns, left, F))
+    explained = np.minimum(explained, 1.0)  # copies of poses leave residuals that are explained altogether
+    p_value = betainc(left / 2, columns / 2, 1.0 - explained)  # that of F
+    return explained, np.asarray(columns / freedom), np.asarray(p_value)
