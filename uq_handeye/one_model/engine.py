@@ -24,14 +24,18 @@ with ``e = y + A (x, z)``. Its gradient comes from the same factors: with ``T = 
 ``m_c - tr (H^-1)_cc`` is the number of numbers of a component that the data determine. In place of the second
 derivatives stand their average over data and expectation (average information, Gilmour, Thompson and Cullis 1995):
 ``W^T (1 - A H^-1 A^T) W / 2`` with the columns ``2 A_c z_c`` and ``2 T_w e``. Everything is O(n (p + m)^2).
+
+Rows that share an error drawn anew, such as that of one robot pose in all views of its time, are one block: i counts
+groups of rows, of 6 each where a group is one pose. Groups of other sizes stand beside them (`Rows`).
 Reference: Rue, Martino and Chopin (2009); the mode with flat priors is restricted maximum likelihood.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,17 +71,36 @@ class Conditional:
     covariance: Array  # (p, p) or (p + m, p + m)
 
 
+class Rows(NamedTuple):
+    """Groups of rows that are independent of each other, n of d rows each."""
+
+    J: Array  # (n, d, p)
+    r: Array  # (n, d)
+    shared: Array  # (n, d, m)
+    blocks: dict[int, Array]  # (n, d, d)
+    known: Array | None  # (n, d, d)
+
+    def covariance(self, s: Array) -> Array:
+        """V (n, d, d) by the sizes of the components."""
+        V = np.zeros((*self.r.shape, self.r.shape[-1])) if self.known is None else self.known.copy()
+        for k, B in self.blocks.items():
+            V += s[k] ** 2 * B
+        return V
+
+
 @dataclass(frozen=True, eq=False)
 class LatentModel:
     """The model at one linearisation; see the module."""
 
-    J: Array  # (n, 6, p)
-    r: Array  # (n, 6)
+    J: Array  # (n, d, p), d = 6 where a group is one pose
+    r: Array  # (n, d)
     components: tuple[Component, ...]
-    shared: Array  # (n, 6, m) D K of all shared components, side by side
-    blocks: dict[int, Array]  # (n, 6, 6) D B B^T D^T of the components that have a part drawn anew, by their number
-    known: Array | None = None  # (n, 6, 6) covariance that has no size
+    shared: Array  # (n, d, m) D K of all shared components, side by side
+    blocks: dict[int, Array]  # (n, d, d) D B B^T D^T of the components that have a part drawn anew, by their number
+    known: Array | None = None  # (n, d, d) covariance that has no size
     prior: Array | None = None  # (p + 1, p + 1) what is known of x: added to [J, r]^T V^-1 [J, r]
+    others: tuple[Rows, ...] = ()  # groups of other sizes d
+    covariance_of_sizes: Array | None = None  # (k, k) of the logarithms of the free sizes; None: independent
 
     @classmethod
     def of(
@@ -134,6 +157,18 @@ class LatentModel:
         """Number of unknowns of the poses."""
         return int(self.J.shape[-1])
 
+    @cached_property
+    def groups(self) -> tuple[Rows, ...]:
+        """All rows, those of equal size together."""
+        return (Rows(self.J, self.r, self.shared, self.blocks, self.known), *self.others)
+
+    @cached_property
+    def _prior_of_sizes(self) -> Array:
+        """(k, k) information of the prior of the logarithms of the free sizes."""
+        if self.covariance_of_sizes is None:
+            return np.diag(1.0 / self.spreads**2)
+        return np.asarray(np.linalg.inv(self.covariance_of_sizes))
+
     def sizes(self, theta: Array) -> Array:
         """(components,) sizes, known ones among them."""
         found = np.array([part.size.median for part in self.components])
@@ -143,16 +178,17 @@ class LatentModel:
     # ------------------------------------------------------------------------------------------- one set of sizes
 
     def _solved(self, theta: Array) -> _Solved:
-        s = self.sizes(theta)
-        n, p = len(self.r), self.p
-        V = np.zeros((n, 6, 6)) if self.known is None else self.known.copy()
-        for k, B in self.blocks.items():
-            V += s[k] ** 2 * B
-        L = checked_cholesky(V)
-        half = np.linalg.inv(L)  # (n, 6, 6)
-        A = np.empty((n, 6, p + self.shared.shape[-1] + 1))
-        A[..., :p], A[..., p:-1], A[..., -1] = self.J, self.shared * s[self._owner], self.r
-        A = (half @ A).reshape(6 * n, -1)
+        s, p = self.sizes(theta), self.p
+        halves, white, logs = [], [], 0.0
+        for rows in self.groups:
+            L = checked_cholesky(rows.covariance(s))
+            half = np.linalg.inv(L)  # (n, d, d)
+            A = np.empty((*rows.r.shape, p + self.shared.shape[-1] + 1))
+            A[..., :p], A[..., p:-1], A[..., -1] = rows.J, rows.shared * s[self._owner], rows.r
+            white.append((half @ A).reshape(rows.r.size, -1))
+            halves.append(np.asarray(half))
+            logs += float(np.log(np.einsum("nii->ni", L)).sum())
+        A = white[0] if len(white) == 1 else np.concatenate(white)
         gram = A.T @ A
         if self.prior is not None:
             index = np.r_[:p, -1]
@@ -166,10 +202,11 @@ class LatentModel:
         C = np.linalg.cholesky(scaled)
         half_way = solve_triangular(C, unit * pull, lower=True, check_finite=False)
         u = -unit * solve_triangular(C, half_way, lower=True, trans="T", check_finite=False)
-        logs = np.log(np.einsum("nii->ni", L)).sum() + np.log(np.diag(C) / unit).sum()
-        off = (theta - self.medians) / self.spreads
-        value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ off)
-        return _Solved(s, np.asarray(half), np.asarray(A), C, unit, u, value, off)
+        logs += np.log(np.diag(C) / unit).sum()
+        off = theta - self.medians
+        pulled = self._prior_of_sizes @ off
+        value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ pulled)
+        return _Solved(s, tuple(halves), np.asarray(A), C, unit, u, value, pulled)
 
     def value(self, theta: Array) -> float:
         """f."""
@@ -178,33 +215,40 @@ class LatentModel:
     def at(self, theta: Array) -> State:
         """f with its derivatives."""
         at = self._solved(theta)
-        n, p, k = len(self.r), self.p, len(self.components)
+        p, k = self.p, len(self.components)
         whole = solve_triangular(at.C, np.diag(at.unit), lower=True, check_finite=False)  # H^-1 = whole^T whole
         inverse_diagonal = np.einsum("ij,ij->j", whole, whole)
         columns = at.A[:, :-1]
-        Q = (columns @ whole.T).reshape(n, 6, -1)
-        e = (at.A[:, -1] + columns @ at.u).reshape(n, 6)
-        left = -(Q @ Q.mT) - e[:, :, None] * e[:, None, :]
-        np.einsum("nii->ni", left)[:] += 1.0  # 1 - A H^-1 A^T - e e^T
+        Q = columns @ whole.T
+        e = at.A[:, -1] + columns @ at.u
         z, owner = at.u[p:], self._owner
         determined = np.bincount(owner, 1.0 - inverse_diagonal[p:], minlength=k)
         gradient = determined - np.bincount(owner, z * z, minlength=k)
-        W = np.zeros((k, n, 6))
+        W = np.zeros((k, len(e)))
         for c in np.unique(owner):
             of = p + np.flatnonzero(owner == c)
-            W[c] = -2.0 * (columns[:, of] @ at.u[of]).reshape(n, 6)
-        for c, B in self.blocks.items():
-            T = at.s[c] ** 2 * (at.half @ B @ at.half.mT)
-            gradient[c] += float(np.einsum("nij,nij->", T, left))
-            W[c] += 2.0 * (T @ e[..., None])[..., 0]
+            W[c] = -2.0 * (columns[:, of] @ at.u[of])
+        for rows, half, part in self._parts(at.halves):
+            shape = rows.r.shape
+            Q_i, e_i = Q[part].reshape(*shape, -1), e[part].reshape(shape)
+            left = -(Q_i @ Q_i.mT) - e_i[:, :, None] * e_i[:, None, :]
+            np.einsum("nii->ni", left)[:] += 1.0  # 1 - A H^-1 A^T - e e^T
+            for c, B in rows.blocks.items():
+                T = at.s[c] ** 2 * (half @ B @ half.mT)
+                gradient[c] += float(np.einsum("nij,nij->", T, left))
+                W[c, part] += 2.0 * (T @ e_i[..., None]).reshape(-1)
         free = self.free
-        flat = W[free].reshape(len(free), 6 * n)
-        across = flat @ Q.reshape(6 * n, -1)
-        information = 0.5 * (flat @ flat.T - across @ across.T)
-        information[np.diag_indices(len(free))] += 1.0 / self.spreads**2
-        return State(
-            theta, at.value, gradient[free] + at.off / self.spreads, information, np.asarray(determined, dtype=float)
-        )
+        flat = W[free]
+        across = flat @ Q
+        information = 0.5 * (flat @ flat.T - across @ across.T) + self._prior_of_sizes
+        return State(theta, at.value, gradient[free] + at.pulled, information, np.asarray(determined, dtype=float))
+
+    def _parts(self, halves: tuple[Array, ...]) -> Iterator[tuple[Rows, Array, slice]]:
+        """Groups of equal size with ``L^-1`` and their place among the rows."""
+        start = 0
+        for rows, half in zip(self.groups, halves, strict=True):
+            yield rows, half, slice(start, start + rows.r.size)
+            start += rows.r.size
 
     def of_poses(self, theta: Array) -> Conditional:
         """The posterior of the unknown poses alone, for given sizes."""
@@ -222,15 +266,17 @@ class LatentModel:
         at, p, q = self._solved(theta), self.p, min(6, self.p)
         half = solve_triangular(at.C, np.diag(at.unit), lower=True, check_finite=False)
         of_x = half[:, :q].T @ half  # (q, p + m) of H^-1
-        gain = np.einsum("qni,nij->qnj", (of_x @ at.A[:, :-1].T).reshape(q, -1, 6), at.half)
+        gain = of_x @ at.A[:, :-1].T
         root = np.linalg.inv(np.linalg.cholesky(of_x[:, :q] + RIDGE * np.diag(np.diag(of_x[:, :q]))))
         found = np.zeros(len(self.components))
         for k in range(len(found)):
             columns = root @ of_x[:, p + np.flatnonzero(self._owner == k)]
             variance = columns @ columns.T
-            if k in self.blocks:
-                each = np.einsum("qni,nij,rnj->qr", gain, self.blocks[k], gain) * at.s[k] ** 2
-                variance = variance + root @ each @ root.T
+            for rows, half, part in self._parts(at.halves):
+                if k in rows.blocks:
+                    pull = np.einsum("qni,nij->qnj", gain[:, part].reshape(q, *rows.r.shape), half)
+                    each = np.einsum("qni,nij,rnj->qr", pull, rows.blocks[k], pull) * at.s[k] ** 2
+                    variance = variance + root @ each @ root.T
             found[k] = np.linalg.eigvalsh(variance)[-1]
         return np.clip(found, 0.0, 1.0)
 
@@ -246,10 +292,10 @@ class LatentModel:
 @dataclass(frozen=True, eq=False)
 class _Solved:
     s: Array  # (components,)
-    half: Array  # (n, 6, 6) L^-1
-    A: Array  # (6n, p + m + 1) with y as the last column
+    halves: tuple[Array, ...]  # (n, d, d) L^-1 of groups of equal size
+    A: Array  # (rows, p + m + 1) with y as the last column
     C: Array  # Cholesky factor of H times unit on both sides
     unit: Array  # (p + m,)
     u: Array  # (p + m,) x and z
     value: float
-    off: Array  # (k,) deviations of the sizes from their medians
+    pulled: Array  # (k,) derivatives of the prior of the sizes
