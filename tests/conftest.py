@@ -10,6 +10,8 @@ for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"): 
     os.environ.setdefault(variable, "1")
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
+# Processes of the tests keep what they compile of the package: compiling is half the time of a short command.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Processes of the tests run this checkout, too, not one that the Python in use has installed.
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(HERE.parent), os.environ.get("PYTHONPATH"))))
 

@@ -1,10 +1,17 @@
 """``uq-handeye`` and ``python -m uq_handeye``: the command, with Ctrl-C caught also while it is being loaded."""
 
+import os
 import sys
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line.
+
+    Linear algebra keeps to one thread, unless the environment says otherwise: matrices of a hundred rows are just
+    large enough for several, which wait for each other far longer than one takes (`runtime.threads`).
+    """
+    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):  # before NumPy is loaded
+        os.environ.setdefault(variable, "1")
     try:
         from .cli.app import main as run
 
