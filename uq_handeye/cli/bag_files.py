@@ -7,13 +7,12 @@ import shutil
 import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, NotConvergedError
-from .groups import POSE_FILES
 from .messages import LOG, timed
 from .options.arm import Arm, ChainOptions, ErrorOptions, arm_of_parts
-from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES, flag, made_of, option
+from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES, made_of
 from .pictures import Pictures, read_length
 from .pose_files import PoseFiles
 from .views import Views, camera_of
@@ -30,31 +29,19 @@ CHOICES = ("raw", "rectified")
 
 @dataclass(frozen=True)
 class BagOptions:
-    """Options of a bag."""
+    """Options of a bag.
 
-    bag: Annotated[
-        list[Path] | None,
-        option(
-            "--bag",
-            metavar="FILE",
-            panel=POSE_FILES,
-            help="ROS bag (.bag, .mcap, .db3 or folder) in place of ROBOT and CAMERA, with --robot and --camera. "
-            "uq-handeye bag lists its content. Repeat it for several.",
-        ),
-    ] = None
-    bag_camera: Annotated[
-        str | None,
-        option(
-            "--camera",
-            metavar="FRAMES",
-            panel=POSE_FILES,
-            help="Camera poses of --bag: frames such as camera:tag36h11_0 (optical frame and target), or a topic.",
-        ),
-    ] = None
-    still: Annotated[
-        bool,
-        flag("--still", panel=POSE_FILES, help="One mean pose pair per stop of --bag, if the robot stops."),
-    ] = False
+    Options (Pose files):
+      --bag FILE: ROS bag (.bag, .mcap, .db3 or folder) in place of ROBOT and CAMERA, with --robot and --camera.
+        uq-handeye bag lists its content. Repeat it for several.
+      bag_camera = --camera FRAMES: Camera poses of --bag: frames such as camera:tag36h11_0 (optical frame and target),
+        or a topic.
+      --still: One mean pose pair per stop of --bag, if the robot stops.
+    """
+
+    bag: list[Path] | None = None
+    bag_camera: str | None = None
+    still: bool = False
 
 
 @dataclass(frozen=True)

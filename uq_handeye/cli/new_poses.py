@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .groups import JOINTS, PICTURES
 from .messages import progress_wanted, timed
 from .options.arm import Arm, ChainOptions, ErrorOptions, JointUnits
-from .options.common import made_of, option
+from .options.common import made_of
 from .pictures import BoardOptions, LensOptions, Pictures
 from .pose_files import PoseFiles
 
@@ -95,28 +94,18 @@ class NewPoses:
 def new_poses_of(
     files: "PoseFiles",
     board: "BoardOptions",
-    images: Annotated[
-        str | None,
-        option(
-            "--images",
-            metavar="'PATTERN'",
-            panel=PICTURES,
-            common=True,
-            help="New pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, by the camera of the "
-            "calibration; for a calibration from pictures.",
-        ),
-    ] = None,
-    joints: Annotated[
-        Path | None,
-        option(
-            "--joints",
-            metavar="FILE.csv",
-            panel=JOINTS,
-            common=True,
-            help="Joint values at the new poses, for a calibration with --joints. In place of ROBOT, or with it.",
-        ),
-    ] = None,
+    images: str | None = None,
+    joints: Path | None = None,
     joint_units: JointUnits = None,
 ) -> NewPoses:
-    """Return the files of the options."""
+    """Return the files of the options.
+
+    Options (Pictures of a board):
+      * --images 'PATTERN': New pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, by the camera of
+        the calibration; for a calibration from pictures.
+
+    Options (Robot joints):
+      * --joints FILE.csv: Joint values at the new poses, for a calibration with --joints. In place of ROBOT, or with
+        it.
+    """
     return NewPoses(files, images, board, joints, joint_units)

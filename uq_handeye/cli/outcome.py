@@ -1,12 +1,11 @@
 """The outcome of a calibration on the command line: what is printed of it, the tolerance it meets, the exit status."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
-from .groups import OUTPUT
 from .messages import LOG, fail, quiet, styled, terminal_width, verbose
-from .options.common import emit, emit_document, option
+from .options.common import emit, emit_document
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -28,30 +27,17 @@ class Wanted:
 
 
 def wanted_of(
-    tolerance: Annotated[
-        str | None,
-        option(
-            "--tolerance",
-            metavar="MM,DEG",
-            panel=OUTPUT,
-            common=True,
-            help="Accepted error of X, e.g. 1mm,0.1deg: PASS or FAIL. A length, an angle or both. NOT SHOWN if "
-            "the data cannot decide. Exit status 5 unless PASS.",
-        ),
-    ] = None,
-    at: Annotated[
-        str | None,
-        option(
-            "--at",
-            metavar="LENGTH",
-            panel=OUTPUT,
-            common=True,
-            help="Point distance for --tolerance. The length applies to a point so far ahead of the camera, e.g. 0.5m. "
-            "Default: X itself.",
-        ),
-    ] = None,
+    tolerance: str | None = None,
+    at: str | None = None,
 ) -> Wanted:
-    """Read the tolerance."""
+    """Read the tolerance.
+
+    Options (Output):
+      * --tolerance MM,DEG: Accepted error of X, e.g. 1mm,0.1deg: PASS or FAIL. A length, an angle or both. NOT SHOWN if
+        the data cannot decide. Exit status 5 unless PASS.
+      * --at LENGTH: Point distance for --tolerance. The length applies to a point so far ahead of the camera, e.g.
+        0.5m. Default: X itself.
+    """
     if tolerance is None:
         if at is not None:
             raise InputError("--at needs a tolerance. Add, for example, --tolerance 1mm.")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ..errors import InputError
 from ..runtime.progress import working
-from .groups import CAMERA_MODEL, PICTURES
+from .groups import CAMERA_MODEL
 from .messages import LOG, progress_wanted, timed
 from .options.common import one_of, option
 
@@ -32,78 +32,28 @@ COEFFICIENT_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """Options of the board."""
+    """Options of the board.
 
-    board: Annotated[
-        str | None,
-        option(
-            "--board",
-            metavar="COLSxROWS",
-            panel=PICTURES,
-            common=True,
-            help="Inner corners of a chessboard, e.g. 9x6. Of a ChArUco board the squares, of a grid the tags. Or the "
-            "board.csv of an earlier camera -o, the board as measured; or target.yaml of Kalibr; with --camera-matrix "
-            "also a table of points x,y,z.",
-        ),
-    ] = None
-    square: Annotated[
-        str | None,
-        option(
-            "--square",
-            metavar="LENGTH",
-            panel=PICTURES,
-            common=True,
-            help="Measured side of a square or tag, e.g. 20mm. Without a unit: metres.",
-        ),
-    ] = None
-    pattern: Annotated[
-        str | None,
-        option(
-            "--pattern",
-            of=KINDS,
-            metavar="NAME",
-            panel=PICTURES,
-            help=f"Kind of board: {', '.join(KINDS)}. aprilgrid is that of Kalibr, aruco OpenCV's GridBoard; apriltag, "
-            "or aruco without --board, is a single tag. Default: chessboard, with --marker charuco.",
-        ),
-    ] = None
-    spacing: Annotated[
-        str | None,
-        option(
-            "--spacing",
-            metavar="GAP",
-            panel=PICTURES,
-            help="Gap between the tags of a grid, e.g. 6mm; of aprilgrid also as a share of the side, e.g. 0.3.",
-        ),
-    ] = None
-    marker: Annotated[
-        str | None,
-        option(
-            "--marker",
-            metavar="LENGTH",
-            panel=PICTURES,
-            common=True,
-            help="Side of a marker, for a ChArUco board.",
-        ),
-    ] = None
-    dictionary: Annotated[
-        str | None,
-        option(
-            "--dictionary",
-            metavar="NAME",
-            panel=PICTURES,
-            help="Dictionary of the markers, e.g. 5X5_100 or tag25h9. Default: 4X4_50, of AprilTags 36h11.",
-        ),
-    ] = None
-    first_id: Annotated[
-        int | None,
-        option(
-            "--first-id",
-            metavar="ID",
-            panel=PICTURES,
-            help="Id of the first tag of a grid (default: 0), or of a single tag (default: any).",
-        ),
-    ] = None
+    Options (Pictures of a board):
+      * --board COLSxROWS: Inner corners of a chessboard, e.g. 9x6. Of a ChArUco board the squares, of a grid the tags.
+        Or the board.csv of an earlier camera -o, the board as measured; or target.yaml of Kalibr; with --camera-matrix
+        also a table of points x,y,z.
+      * --square LENGTH: Measured side of a square or tag, e.g. 20mm. Without a unit: metres.
+      --pattern NAME <KINDS>: Kind of board: {KINDS}. aprilgrid is that of Kalibr, aruco OpenCV's GridBoard; apriltag,
+        or aruco without --board, is a single tag. Default: chessboard, with --marker charuco.
+      --spacing GAP: Gap between the tags of a grid, e.g. 6mm; of aprilgrid also as a share of the side, e.g. 0.3.
+      * --marker LENGTH: Side of a marker, for a ChArUco board.
+      --dictionary NAME: Dictionary of the markers, e.g. 5X5_100 or tag25h9. Default: 4X4_50, of AprilTags 36h11.
+      --first-id ID: Id of the first tag of a grid (default: 0), or of a single tag (default: any).
+    """
+
+    board: str | None = None
+    square: str | None = None
+    pattern: str | None = None
+    spacing: str | None = None
+    marker: str | None = None
+    dictionary: str | None = None
+    first_id: int | None = None
 
     @property
     def given(self) -> list[str]:
@@ -201,28 +151,19 @@ class BoardOptions:
 
 @dataclass(frozen=True)
 class LensOptions:
-    """Options of the camera model."""
+    """Options of the camera model.
 
-    model: Annotated[
-        str | None,
-        option(
-            "--model",
-            of=MODEL_NAMES,
-            metavar="NAME",
-            panel=CAMERA_MODEL,
-            help=f"Camera model: {', '.join(MODEL_NAMES)}. auto selects by BIC. Default: auto.",
-        ),
-    ] = None
-    coefficients: Annotated[
-        str | None,
-        option(
-            "--coefficients",
-            of=COEFFICIENT_NAMES,
-            metavar="NAMES",
-            panel=CAMERA_MODEL,
-            help="Distortion coefficients to estimate, e.g. k1,k2; the others are 0. Default: all of the model.",
-        ),
-    ] = None
+    Options (Camera model):
+      --model NAME <MODEL_NAMES>: Camera model: {MODEL_NAMES}. auto selects by BIC. Default: auto.
+      --coefficients NAMES <COEFFICIENT_NAMES>: Distortion coefficients to estimate, e.g. k1,k2; the others are 0.
+        Default: all of the model.
+      --board-shape NAME: Shape model of the board: auto, flat, bow2, bow3, bow4 (height, a polynomial of that degree),
+        plane1 (aspect and shear), plane2 (also degree 2), or a sum such as bow2+plane1. auto selects by BIC. Default:
+        auto.
+    """
+
+    model: str | None = None
+    coefficients: str | None = None
     intrinsics: Annotated[
         str | None,
         option(
@@ -234,17 +175,7 @@ class LensOptions:
             "name: estimated, pinhole or exact (see uq-handeye compare --help-all).",
         ),
     ] = None
-    board_shape: Annotated[
-        str | None,
-        option(
-            "--board-shape",
-            metavar="NAME",
-            panel=CAMERA_MODEL,
-            help="Shape model of the board: auto, flat, bow2, bow3, bow4 (height, a polynomial of that degree), plane1 "
-            "(aspect and shear), plane2 (also degree 2), or a sum such as bow2+plane1. auto selects by BIC. Default: "
-            "auto.",
-        ),
-    ] = None
+    board_shape: str | None = None
 
     @property
     def given(self) -> list[str]:

@@ -3,13 +3,12 @@
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, InputWarning
-from .groups import POSE_FILES
 from .messages import LOG, timed
 from .options.arm import Arm
-from .options.common import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, one_of, option
+from .options.common import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, one_of
 from .options.noise import EXACT, Given
 from .stream_files import StreamFiles, missing_robot
 
@@ -26,48 +25,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PoseFiles(StreamFiles):
-    """Options of the files of robot and camera poses, and of their pairing."""
+    """Options of the files of robot and camera poses, and of their pairing.
 
-    pair: Annotated[
-        str | None,
-        option(
-            "--pair",
-            of=PAIRINGS,
-            metavar="HOW",
-            panel=POSE_FILES,
-            common=True,
-            help="Pairing: rows, time or async. rows: row k with row k (default; if given, whatever timestamps say); "
-            "time: nearest timestamps; async: unsynchronised streams, put on one clock as by uq-handeye sync.",
-        ),
-    ] = None
-    time_tolerance: Annotated[
-        float | None,
-        option(
-            "--time-tolerance",
-            metavar="SECONDS",
-            panel=POSE_FILES,
-            help="Largest time difference of a pair (s), for --pair time. Default: 0.02.",
-        ),
-    ] = None
-    exclude: Annotated[
-        str | None,
-        option(
-            "--exclude",
-            metavar="POSES",
-            panel=POSE_FILES,
-            help="Poses to exclude, e.g. 12,14-16, numbered as in the report (paired poses, from 0). The report "
-            "shows them with their residuals. The intrinsics stay those of all pictures.",
-        ),
-    ] = None
-    only: Annotated[
-        str | None,
-        option(
-            "--only",
-            metavar="POSES",
-            panel=POSE_FILES,
-            help="Poses to use. All others are excluded, as by --exclude.",
-        ),
-    ] = None
+    Options (Pose files):
+      * --pair HOW <PAIRINGS>: Pairing: rows, time or async. rows: row k with row k (default; if given, whatever
+        timestamps say); time: nearest timestamps; async: unsynchronised streams, put on one clock as by uq-handeye
+        sync.
+      --time-tolerance SECONDS: Largest time difference of a pair (s), for --pair time. Default: 0.02.
+      --exclude POSES: Poses to exclude, e.g. 12,14-16, numbered as in the report (paired poses, from 0). The report
+        shows them with their residuals. The intrinsics stay those of all pictures.
+      --only POSES: Poses to use. All others are excluded, as by --exclude.
+    """
+
+    pair: str | None = None
+    time_tolerance: float | None = None
+    exclude: str | None = None
+    only: str | None = None
 
     def read(
         self, given: Given, views: "Views | None" = None, arm: Arm | None = None

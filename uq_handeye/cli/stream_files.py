@@ -10,7 +10,7 @@ from ..errors import InputError
 from .groups import POSE_FILES
 from .messages import LOG, command_line
 from .options.arm import Arm
-from .options.common import CAMERA_FRAMES, FORMAT_NAMES, ROBOT_FRAMES, SETUP_NAMES, UNITS, option
+from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES, option
 
 if TYPE_CHECKING:
     from ..synchronisation.result import Synchronised
@@ -18,7 +18,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StreamFiles:
-    """Options of the files of robot and camera poses."""
+    """Options of the files of robot and camera poses.
+
+    Options (Pose files):
+      * --setup NAME <SETUP_NAMES>: Camera mount: eye-in-hand (default) or eye-to-hand. eye-in-hand: on the gripper;
+        eye-to-hand: in the cell. A pose file may state it, too.
+      --format NAME <FORMAT_NAMES>: Format of both files: {FORMAT_NAMES}. Default: detected.
+      --robot-format NAME <FORMAT_NAMES>: Format of the robot file. Default: --format.
+      --camera-format NAME <FORMAT_NAMES>: Format of the camera file. Default: --format.
+      * --units UNIT <UNITS>: Length unit of both files. One of {UNITS}. Default: of the format. If that says none: m.
+      --robot-units UNIT <UNITS>: Length unit of the robot file. Default: --units.
+      --camera-units UNIT <UNITS>: Length unit of the camera file. Default: --units.
+      --rotation FORM: Rotations of both files, e.g. ZYX-deg. Euler angles by their axes and unit (ZYX-deg: rotated
+        axes; xyz-rad: fixed axes), rotvec-rad, rotvec-deg, xyzw, wxyz, or transposed matrices. Default: as the format
+        says.
+      --robot-rotation FORM: Rotations of the robot file. Default: --rotation.
+      --camera-rotation FORM: Rotations of the camera file. Default: --rotation.
+      --quaternion ORDER <xyzw|wxyz>: Quaternion order of both files: xyzw, or wxyz (scalar first). Default: that of the
+        format.
+      --robot-quaternion ORDER <xyzw|wxyz>: Quaternion order of the robot file. Default: --quaternion.
+      --camera-quaternion ORDER <xyzw|wxyz>: Quaternion order of the camera file. Default: --quaternion.
+      --offset SECONDS: Clock offset of unsynchronised streams (robot minus camera, s), taken as exact, or OFFSET,STD.
+        Default: estimated.
+    """
 
     robot: Annotated[
         Path | None,
@@ -39,138 +61,19 @@ class StreamFiles:
             show_default=False,
         ),
     ] = None
-    setup: Annotated[
-        str | None,
-        option(
-            "--setup",
-            of=SETUP_NAMES,
-            metavar="NAME",
-            panel=POSE_FILES,
-            common=True,
-            help="Camera mount: eye-in-hand (default) or eye-to-hand. eye-in-hand: on the gripper; eye-to-hand: in "
-            "the cell. A pose file may state it, too.",
-        ),
-    ] = None
-    format: Annotated[
-        str | None,
-        option(
-            "--format",
-            of=FORMAT_NAMES,
-            metavar="NAME",
-            panel=POSE_FILES,
-            help=f"Format of both files: {', '.join(FORMAT_NAMES)}. Default: detected.",
-        ),
-    ] = None
-    robot_format: Annotated[
-        str | None,
-        option(
-            "--robot-format",
-            of=FORMAT_NAMES,
-            metavar="NAME",
-            panel=POSE_FILES,
-            help="Format of the robot file. Default: --format.",
-        ),
-    ] = None
-    camera_format: Annotated[
-        str | None,
-        option(
-            "--camera-format",
-            of=FORMAT_NAMES,
-            metavar="NAME",
-            panel=POSE_FILES,
-            help="Format of the camera file. Default: --format.",
-        ),
-    ] = None
-    units: Annotated[
-        str | None,
-        option(
-            "--units",
-            of=UNITS,
-            metavar="UNIT",
-            panel=POSE_FILES,
-            common=True,
-            help=f"Length unit of both files. One of {', '.join(UNITS)}. Default: of the format. If that says none: m.",
-        ),
-    ] = None
-    robot_units: Annotated[
-        str | None,
-        option(
-            "--robot-units",
-            of=UNITS,
-            metavar="UNIT",
-            panel=POSE_FILES,
-            help="Length unit of the robot file. Default: --units.",
-        ),
-    ] = None
-    camera_units: Annotated[
-        str | None,
-        option(
-            "--camera-units",
-            of=UNITS,
-            metavar="UNIT",
-            panel=POSE_FILES,
-            help="Length unit of the camera file. Default: --units.",
-        ),
-    ] = None
-    rotation: Annotated[
-        str | None,
-        option(
-            "--rotation",
-            metavar="FORM",
-            panel=POSE_FILES,
-            help="Rotations of both files, e.g. ZYX-deg. Euler angles by their axes and unit (ZYX-deg: rotated axes; "
-            "xyz-rad: fixed axes), rotvec-rad, rotvec-deg, xyzw, wxyz, or transposed matrices. Default: as the format "
-            "says.",
-        ),
-    ] = None
-    robot_rotation: Annotated[
-        str | None,
-        option(
-            "--robot-rotation",
-            metavar="FORM",
-            panel=POSE_FILES,
-            help="Rotations of the robot file. Default: --rotation.",
-        ),
-    ] = None
-    camera_rotation: Annotated[
-        str | None,
-        option(
-            "--camera-rotation",
-            metavar="FORM",
-            panel=POSE_FILES,
-            help="Rotations of the camera file. Default: --rotation.",
-        ),
-    ] = None
-    quaternion: Annotated[
-        str | None,
-        option(
-            "--quaternion",
-            of=("xyzw", "wxyz"),
-            metavar="ORDER",
-            panel=POSE_FILES,
-            help="Quaternion order of both files: xyzw, or wxyz (scalar first). Default: that of the format.",
-        ),
-    ] = None
-    robot_quaternion: Annotated[
-        str | None,
-        option(
-            "--robot-quaternion",
-            of=("xyzw", "wxyz"),
-            metavar="ORDER",
-            panel=POSE_FILES,
-            help="Quaternion order of the robot file. Default: --quaternion.",
-        ),
-    ] = None
-    camera_quaternion: Annotated[
-        str | None,
-        option(
-            "--camera-quaternion",
-            of=("xyzw", "wxyz"),
-            metavar="ORDER",
-            panel=POSE_FILES,
-            help="Quaternion order of the camera file. Default: --quaternion.",
-        ),
-    ] = None
+    setup: str | None = None
+    format: str | None = None
+    robot_format: str | None = None
+    camera_format: str | None = None
+    units: str | None = None
+    robot_units: str | None = None
+    camera_units: str | None = None
+    rotation: str | None = None
+    robot_rotation: str | None = None
+    camera_rotation: str | None = None
+    quaternion: str | None = None
+    robot_quaternion: str | None = None
+    camera_quaternion: str | None = None
     robot_frame: Annotated[
         str,
         option(
@@ -191,16 +94,7 @@ class StreamFiles:
             help=f"Direction of the camera poses: {' or '.join(CAMERA_FRAMES)}.",
         ),
     ] = CAMERA_FRAMES[0]
-    offset: Annotated[
-        str | None,
-        option(
-            "--offset",
-            metavar="SECONDS",
-            panel=POSE_FILES,
-            help="Clock offset of unsynchronised streams (robot minus camera, s), taken as exact, or OFFSET,STD. "
-            "Default: estimated.",
-        ),
-    ] = None
+    offset: str | None = None
 
     def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
         """Return both files as streams on one clock; ``options`` are further arguments of `synchronise`."""

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .groups import CAMERA_MODEL, PICTURES, VIEWS
-from .options.common import made_of, option
+from .options.common import made_of
 from .pictures import BoardOptions, KnownCamera, LensOptions, Pictures, read_length
 
 if TYPE_CHECKING:
@@ -21,39 +20,20 @@ INTRINSICS = ("estimated", "pinhole", "exact")
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """Options of the camera that finished poses come from."""
+    """Options of the camera that finished poses come from.
 
-    camera_matrix: Annotated[
-        str | None,
-        option(
-            "--camera-matrix",
-            metavar="MATRIX",
-            panel=VIEWS,
-            common=True,
-            help="Camera matrix fx,fy,cx,cy (px), for finished poses. Also for pictures of a single tag. With --board "
-            "and --square, or --tag, the camera noise follows from the view of each pose. Or a file: camera_info of "
-            "ROS, OpenCV, JSON with standard deviations, or the folder of camera -o. For tags of --bag also raw or "
-            "rectified, the picture in which they were detected. Default there: as the corners fit.",
-        ),
-    ] = None
-    tag: Annotated[
-        str | None,
-        option(
-            "--tag",
-            metavar="LENGTH",
-            panel=VIEWS,
-            help="Side of a single tag, e.g. 40mm, in place of --board; with --images that of the tag to look for.",
-        ),
-    ] = None
-    pixel_noise: Annotated[
-        str | None,
-        option(
-            "--pixel-noise",
-            metavar="PIXELS",
-            panel=VIEWS,
-            help="Standard deviation of the corners, e.g. 0.2px. Default: estimated.",
-        ),
-    ] = None
+    Options (Camera poses from other programs):
+      * --camera-matrix MATRIX: Camera matrix fx,fy,cx,cy (px), for finished poses. Also for pictures of a single tag.
+        With --board and --square, or --tag, the camera noise follows from the view of each pose. Or a file: camera_info
+        of ROS, OpenCV, JSON with standard deviations, or the folder of camera -o. For tags of --bag also raw or
+        rectified, the picture in which they were detected. Default there: as the corners fit.
+      --tag LENGTH: Side of a single tag, e.g. 40mm, in place of --board; with --images that of the tag to look for.
+      --pixel-noise PIXELS: Standard deviation of the corners, e.g. 0.2px. Default: estimated.
+    """
+
+    camera_matrix: str | None = None
+    tag: str | None = None
+    pixel_noise: str | None = None
 
     @property
     def given(self) -> list[str]:
@@ -169,19 +149,14 @@ def intrinsics_of(text: str | None) -> str | None:
 def views_of(
     board: "BoardOptions",
     options: "ViewOptions",
-    intrinsics: Annotated[
-        str | None,
-        option(
-            "--intrinsics",
-            of=INTRINSICS,
-            metavar="NAME",
-            panel=CAMERA_MODEL,
-            help="Origin of --camera-matrix: estimated (from the same pictures), pinhole (the same, without "
-            "distortion) or exact. Default: the standard deviations of its file, else estimated.",
-        ),
-    ] = None,
+    intrinsics: str | None = None,
 ) -> Views | None:
-    """Return target and camera of the options, or None."""
+    """Return target and camera of the options, or None.
+
+    Options (Camera model):
+      --intrinsics NAME <INTRINSICS>: Origin of --camera-matrix: estimated (from the same pictures), pinhole (the same,
+        without distortion) or exact. Default: the standard deviations of its file, else estimated.
+    """
     if not board.given and not options.given and intrinsics is None:
         return None
     return Views(board, options, intrinsics_of(intrinsics))
@@ -247,22 +222,17 @@ def _known(camera: Any, exact: bool) -> KnownCamera:
 @made_of(board=BoardOptions, lens=LensOptions, options=ViewOptions)
 def pictures_of(
     *,
-    images: Annotated[
-        str | None,
-        option(
-            "--images",
-            metavar="'PATTERN'",
-            panel=PICTURES,
-            common=True,
-            help="Pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, in the order of their names "
-            "(img2 before img10).",
-        ),
-    ] = None,
+    images: str | None = None,
     board: "BoardOptions",
     lens: "LensOptions",
     options: "ViewOptions",
 ) -> Pictures | Views | None:
-    """Return the pictures of the options, or the views of finished camera poses, or None if neither is given."""
+    """Return the pictures of the options, or the views of finished camera poses, or None if neither is given.
+
+    Options (Pictures of a board):
+      * --images 'PATTERN': Pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, in the order of their
+        names (img2 before img10).
+    """
     if images is not None:
         return _pictures(images, board, lens, options)
     if options.given:

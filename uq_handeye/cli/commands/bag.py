@@ -9,7 +9,7 @@ from ...errors import InputError
 from ..bag_files import info_of
 from ..delivery import deliver
 from ..messages import LOG, timed
-from ..options.common import JsonOption, emit, folder_option, option
+from ..options.common import JsonOption, emit, folder_option
 from ..pictures import read_length
 
 if TYPE_CHECKING:
@@ -25,56 +25,11 @@ def bag_command(
             metavar="BAG", help="ROS bag: .bag, .mcap, .db3 or the folder of ros2 bag; several of a session."
         ),
     ],
-    robot: Annotated[
-        str | None,
-        option(
-            "--robot",
-            metavar="FRAMES",
-            panel=TABLES,
-            common=True,
-            help="Robot poses to write with -o: frames such as base_link:tool0, or a topic.",
-        ),
-    ] = None,
-    camera: Annotated[
-        str | None,
-        option(
-            "--camera",
-            metavar="FRAMES",
-            panel=TABLES,
-            common=True,
-            help="Camera poses to write with -o: frames such as camera:tag36h11_0, or a topic.",
-        ),
-    ] = None,
-    tag: Annotated[
-        str | None,
-        option(
-            "--tag",
-            metavar="LENGTH",
-            panel=TABLES,
-            common=True,
-            help="Side of a tag that was detected by its corners, e.g. 40mm.",
-        ),
-    ] = None,
-    camera_matrix: Annotated[
-        str | None,
-        option(
-            "--camera-matrix",
-            metavar="MATRIX",
-            panel=TABLES,
-            help="Intrinsics for the corners of a tag: fx,fy,cx,cy (px), a file, or of camera_info raw (K and D) or "
-            "rectified (P), the picture in which it was detected. Default: camera_info, as the corners fit.",
-        ),
-    ] = None,
-    joints: Annotated[
-        str | None,
-        option(
-            "--joints",
-            metavar="TOPIC",
-            panel=TABLES,
-            common=True,
-            help="Joint values to write with -o: a topic of JointState, e.g. /joint_states.",
-        ),
-    ] = None,
+    robot: str | None = None,
+    camera: str | None = None,
+    tag: str | None = None,
+    camera_matrix: str | None = None,
+    joints: str | None = None,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
@@ -98,6 +53,14 @@ def bag_command(
     Reads ROS 1 and ROS 2 bags and MCAP files without ROS: /tf and /tf_static,
     pose topics, joint states, tags, camera_info. It needs the extra rosbag:
     pip install 'uq-handeye[rosbag]'.
+
+    Options (Poses as tables):
+      * --robot FRAMES: Robot poses to write with -o: frames such as base_link:tool0, or a topic.
+      * --camera FRAMES: Camera poses to write with -o: frames such as camera:tag36h11_0, or a topic.
+      * --tag LENGTH: Side of a tag that was detected by its corners, e.g. 40mm.
+      --camera-matrix MATRIX: Intrinsics for the corners of a tag: fx,fy,cx,cy (px), a file, or of camera_info raw (K
+        and D) or rectified (P), the picture in which it was detected. Default: camera_info, as the corners fit.
+      * --joints TOPIC: Joint values to write with -o: a topic of JointState, e.g. /joint_states.
     """
     asked = {"--robot": robot, "--camera": camera, "--joints": joints}
     given = [name for name, value in asked.items() if value is not None]

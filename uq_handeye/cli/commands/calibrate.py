@@ -11,7 +11,7 @@ import typer
 from ...errors import InputError, NotConvergedError
 from ...runtime.progress import working
 from ..bag_files import RobotGiven, given_of_robot
-from ..groups import ESTIMATION, OUTPUT, POSE_FILES, SHARED
+from ..groups import ESTIMATION, OUTPUT
 from ..messages import LOG, command_line, fail, progress_wanted, quiet, timed, withheld
 from ..options.common import (
     AT_THE_BOUND,
@@ -110,47 +110,11 @@ def calibrate_command(
     touched: "TouchesToUse",
     wishes: "ReportOptions",
     wanted: "Wanted",
-    method: Annotated[
-        str | None,
-        option(
-            "--method",
-            of=METHODS,
-            metavar="NAME",
-            panel=ESTIMATION,
-            common=True,
-            help=f"Estimator. One of {', '.join(METHODS)}; bundle needs pictures. Default: efficient.",
-        ),
-    ] = None,
-    size: Annotated[
-        list[str] | None,
-        option(
-            "--size",
-            metavar="NAME=SIZE[,FACTOR]",
-            panel=SHARED,
-            help="Size of an error before the data, e.g. 'robot accuracy=0.3mm,2': a standard deviation, and the "
-            "factor within which it is known (1 sigma). Without a factor: exact. Repeatable. Default: by a table.",
-        ),
-    ] = None,
+    method: str | None = None,
+    size: list[str] | None = None,
     pairs: PairsOption = "all",
-    scale: Annotated[
-        float | None,
-        option(
-            "--scale",
-            metavar="D",
-            panel=ESTIMATION,
-            help="Scaling factor d of 4dpa. Default: its limit, in closed form.",
-        ),
-    ] = None,
-    kind: Annotated[
-        str | None,
-        option(
-            "--kind",
-            of=("poses", "pairs", "literal"),
-            metavar="NAME",
-            panel=ESTIMATION,
-            help="Noise propagation of published methods: poses, pairs, or literal (noise of pairs).",
-        ),
-    ] = None,
+    scale: float | None = None,
+    kind: str | None = None,
     covariance: Annotated[
         str,
         option(
@@ -162,28 +126,9 @@ def calibrate_command(
             f"{', '.join(COVARIANCE_NAMES[2:])}.",
         ),
     ] = "model",
-    robust: Annotated[
-        bool | None,
-        flag(
-            "--robust/--no-robust",
-            panel=ESTIMATION,
-            help="Down-weighting of outliers. Default: on from 5 poses.",
-        ),
-    ] = None,
-    correlation: Annotated[
-        str,
-        option(
-            "--correlation",
-            of=("auto", "none"),
-            metavar="NAME",
-            panel=ESTIMATION,
-            help="Correlated errors of neighbouring poses (drift): auto (estimated and included in the covariance) or "
-            "none (independent poses).",
-        ),
-    ] = "auto",
-    seed: Annotated[
-        int, option("--seed", metavar="N", panel=ESTIMATION, help="Seed of random subsets, bootstrap and cross-check.")
-    ] = 0,
+    robust: bool | None = None,
+    correlation: str = "auto",
+    seed: int = 0,
     threshold: Annotated[
         float,
         typer.Option(
@@ -192,21 +137,8 @@ def calibrate_command(
     ] = 0.5,
     report: ReportFile = None,
     no_compare: NoCompare = False,
-    with_cross_check: Annotated[
-        bool,
-        flag("--with-cross-check", panel=OUTPUT, help="Report with Monte Carlo and posterior; takes a minute."),
-    ] = False,
-    watch: Annotated[
-        Path | None,
-        option(
-            "--watch",
-            metavar="DIR",
-            panel=POSE_FILES,
-            help="Folder in which poses arrive one by one: an answer after each, with the pose to take next. "
-            "Growing files robot.csv and camera.csv, or files robot* and camera* with a pose each, or files that hold "
-            "both sides (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.",
-        ),
-    ] = None,
+    with_cross_check: bool = False,
+    watch: Path | None = None,
     as_json: JsonOption = False,
     output: ResultFolder = None,
     figures: FiguresOption = False,
@@ -234,6 +166,30 @@ def calibrate_command(
 
     With joint values and a robot model, the kinematic errors of the robot are
     part of the covariance. Add --robot robot.csv to compare with the controller.
+
+    Options (Estimation):
+      * --method NAME <METHODS>: Estimator. One of {METHODS}; bundle needs pictures. Default: efficient.
+
+    Options (Shared errors):
+      --size NAME=SIZE[,FACTOR]: Size of an error before the data, e.g. 'robot accuracy=0.3mm,2': a standard deviation,
+        and the factor within which it is known (1 sigma). Without a factor: exact. Repeatable. Default: by a table.
+
+    Options (Estimation):
+      --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
+      --kind NAME <poses|pairs|literal>: Noise propagation of published methods: poses, pairs, or literal (noise of
+        pairs).
+      --robust/--no-robust: Down-weighting of outliers. Default: on from 5 poses.
+      --correlation NAME <auto|none>: Correlated errors of neighbouring poses (drift): auto (estimated and included in
+        the covariance) or none (independent poses).
+      --seed N: Seed of random subsets, bootstrap and cross-check.
+
+    Options (Output):
+      --with-cross-check: Report with Monte Carlo and posterior; takes a minute.
+
+    Options (Pose files):
+      --watch DIR: Folder in which poses arrive one by one: an answer after each, with the pose to take next. Growing
+        files robot.csv and camera.csv, or files robot* and camera* with a pose each, or files that hold both sides
+        (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.
     """
     require_writable(report, "--report", REPORTS)
     require_folder(figures, output)

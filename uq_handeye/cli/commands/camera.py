@@ -8,7 +8,7 @@ import typer
 from ...errors import InputError
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
-from ..options.common import UNITS, JsonOption, folder_option, made_of, one_of, option
+from ..options.common import UNITS, JsonOption, folder_option, made_of, one_of
 from ..pictures import BoardOptions, LensOptions, read_two_numbers
 
 TABLES = (".csv", ".txt", ".tsv")
@@ -23,18 +23,8 @@ def camera_command(
     ],
     board: "BoardOptions",
     lens: "LensOptions",
-    image_size: Annotated[
-        str | None,
-        option(
-            "--image-size", metavar="WxH", panel=TABLE, common=True, help="Size of the pictures (px), e.g. 1920x1080."
-        ),
-    ] = None,
-    units: Annotated[
-        str | None,
-        option(
-            "--units", of=UNITS, metavar="UNIT", panel=TABLE, help="Length unit of the table of corners. Default: m."
-        ),
-    ] = None,
+    image_size: str | None = None,
+    units: str | None = None,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
@@ -59,6 +49,10 @@ def camera_command(
 
     Picture k, from 0 in the order of the names (img2 before img10), belongs to
     row k of the robot poses.
+
+    Options (Table of corners):
+      * --image-size WxH: Size of the pictures (px), e.g. 1920x1080.
+      --units UNIT <UNITS>: Length unit of the table of corners. Default: m.
     """
     if len(files) == 1 and Path(files[0]).suffix.lower() in TABLES:
         if board.given and board.file is None:

@@ -7,10 +7,9 @@ from ...errors import InputError
 from ...files.atomic import json_text
 from ..check_log import logged
 from ..delivery import deliver
-from ..groups import OUTPUT
 from ..messages import quiet, timed
 from ..new_poses import NewPoses, new_poses_of
-from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, option
+from ..options.common import JsonOption, emit, emit_document, folder_option, made_of
 from .files import ResultFile
 
 if TYPE_CHECKING:
@@ -25,38 +24,10 @@ CHANGED_STATUS, CANNOT_TELL_STATUS = 4, 3
 def check_command(
     result: ResultFile,
     files: "NewPoses",
-    tolerance: Annotated[
-        str | None,
-        option(
-            "--tolerance",
-            metavar="MM,DEG",
-            panel=OUTPUT,
-            common=True,
-            help="Change of X that matters, e.g. 1mm,0.1deg. Poses that would miss it cannot tell. Default: 1 % of the "
-            "target distance, and 0.57 deg.",
-        ),
-    ] = None,
-    level: Annotated[
-        float,
-        option("--level", metavar="P", panel=OUTPUT, common=True, help="Probability of a false alarm."),
-    ] = 0.05,
-    log: Annotated[
-        Path | None,
-        option(
-            "--log",
-            metavar="FILE.csv",
-            panel=SERIES,
-            common=True,
-            help="Log of the checks of this calibration: add this one, and test the whole series for a slow drift. "
-            "Made if there is none.",
-        ),
-    ] = None,
-    every: Annotated[
-        float | None,
-        option(
-            "--every", metavar="N", panel=SERIES, help="Checks for each false alarm of --log, on average. Default: 500."
-        ),
-    ] = None,
+    tolerance: str | None = None,
+    level: float = 0.05,
+    log: Path | None = None,
+    every: float | None = None,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None, folder_option("Folder for check.json and check.txt; with --log also series.png and series.svg.")
@@ -80,6 +51,16 @@ def check_command(
     One pose is enough; three or more separate the causes. The exit status is 0
     if unchanged, 4 if changed or if the series raises its alarm, 3 if these
     poses cannot tell.
+
+    Options (Output):
+      * --tolerance MM,DEG: Change of X that matters, e.g. 1mm,0.1deg. Poses that would miss it cannot tell. Default: 1
+        % of the target distance, and 0.57 deg.
+      * --level P: Probability of a false alarm.
+
+    Options (Series of checks):
+      * --log FILE.csv: Log of the checks of this calibration: add this one, and test the whole series for a slow drift.
+        Made if there is none.
+      --every N: Checks for each false alarm of --log, on average. Default: 500.
     """
     from ...calibration.result import Calibration
     from ...maintenance.check import check

@@ -9,7 +9,7 @@ import typer
 
 from ...errors import InputError
 from ..messages import LOG
-from ..options.common import emit, flag, folder_option, one_of, option
+from ..options.common import emit, folder_option, one_of
 
 # Names of symbolic.codegen.COMMENTS, repeated here so that help and completion load quickly.
 LANGUAGE_NAMES = ("c", "cpp", "octave", "julia", "rust", "fortran", "javascript", "python", "latex")
@@ -19,22 +19,10 @@ def codegen_command(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="NAME", help="Names of matrices and functions, as for --matrix.")
     ] = None,
-    language: Annotated[
-        str | None,
-        option(
-            "--language",
-            of=LANGUAGE_NAMES,
-            metavar="NAME",
-            common=True,
-            help=f"Language: {', '.join(LANGUAGE_NAMES)}.",
-        ),
-    ] = None,
-    matrix: Annotated[
-        list[str] | None,
-        option("--matrix", metavar="NAME", common=True, help="Matrix or function of --list. Repeatable."),
-    ] = None,
-    every: Annotated[bool, flag("--all", common=True, help="All matrices and functions of the language.")] = False,
-    list_names: Annotated[bool, flag("--list", common=True, help="List the available functions and exit.")] = False,
+    language: str | None = None,
+    matrix: list[str] | None = None,
+    every: bool = False,
+    list_names: bool = False,
     output: Annotated[Path | None, folder_option("Folder for the code. Default: standard output.")] = None,
 ) -> None:
     """Generate the closed forms as code in other languages.
@@ -47,6 +35,12 @@ def codegen_command(
     The matrices of the paper and their derivatives are available in every
     language, the functions solve_4dpa and covariance_4dpa in c, cpp, octave and
     python.
+
+    Options:
+      * --language NAME <LANGUAGE_NAMES>: Language: {LANGUAGE_NAMES}.
+      * --matrix NAME: Matrix or function of --list. Repeatable.
+      * every = --all: All matrices and functions of the language.
+      * list_names = --list: List the available functions and exit.
     """
     from ..._version import __version__
     from ...io import write_files

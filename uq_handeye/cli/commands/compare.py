@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from ...errors import InputError
 from ..delivery import deliver
-from ..groups import ESTIMATION, OUTPUT
 from ..messages import fail, progress_wanted, timed, verbose, withheld
 from ..options.arm import Arm, arm_of
 from ..options.common import (
@@ -14,11 +13,9 @@ from ..options.common import (
     PairsOption,
     emit,
     emit_document,
-    flag,
     folder_option,
     made_of,
     methods_of,
-    option,
 )
 from ..options.noise import Given, given_of
 from ..pose_files import PoseFiles
@@ -37,32 +34,11 @@ def compare_command(
     given: "Given",
     views: "Views | None",
     arm: "Arm | None",
-    methods: Annotated[
-        str | None,
-        option(
-            "--methods",
-            of=COMPARED,
-            metavar="NAMES",
-            panel=ESTIMATION,
-            common=True,
-            help=f"Methods to compare. Some of {', '.join(EVERY_METHOD)}. Default: efficient (the answer of "
-            "calibrate) and the 15 methods for AX = XB.",
-        ),
-    ] = None,
-    reference: Annotated[
-        str,
-        option(
-            "--reference",
-            of=COMPARED,
-            metavar="NAME",
-            panel=ESTIMATION,
-            common=True,
-            help="Method that differences are relative to.",
-        ),
-    ] = "efficient",
+    methods: str | None = None,
+    reference: str = "efficient",
     pairs: PairsOption = "all",
     as_json: JsonOption = False,
-    as_csv: Annotated[bool, flag("--csv", panel=OUTPUT, common=True, help="Print the table as CSV.")] = False,
+    as_csv: bool = False,
     output: Annotated[Path | None, folder_option("Folder for comparison.json, .csv, .png and .svg.")] = None,
 ) -> int:
     r"""Compare the estimate of X with the published methods.
@@ -75,6 +51,14 @@ def compare_command(
 
     A method that fails keeps its row, with the reason. The exit status is 2 if
     every method fails.
+
+    Options (Estimation):
+      * --methods NAMES <COMPARED>: Methods to compare. Some of {EVERY_METHOD}. Default: efficient (the answer of
+        calibrate) and the 15 methods for AX = XB.
+      * --reference NAME <COMPARED>: Method that differences are relative to.
+
+    Options (Output):
+      * as_csv = --csv: Print the table as CSV.
     """
     if as_json and as_csv:
         raise InputError("Give either --json or --csv, not both.")

@@ -14,10 +14,8 @@ from ..options.common import (
     cores,
     emit,
     emit_document,
-    flag,
     folder_option,
     made_of,
-    option,
     require_writable,
 )
 from ..options.noise import Given, given_of
@@ -37,14 +35,10 @@ def cross_check_command(
     given: "Given",
     views: "Views | None",
     arm: "Arm | None",
-    trials: Annotated[
-        int, option("--trials", metavar="N", common=True, help="Monte Carlo trials of each method.")
-    ] = 10_000,
-    posterior: Annotated[
-        bool, flag("--posterior/--no-posterior", common=True, help="Sampling of the posterior. Default: on.")
-    ] = True,
+    trials: int = 10_000,
+    posterior: bool = True,
     pairs: PairsOption = "all",
-    seed: Annotated[int, option("--seed", metavar="N", help="Seed of the random numbers.")] = 0,
+    seed: int = 0,
     workers: WorkersOption = None,
     as_json: JsonOption = False,
     output: Annotated[Path | None, folder_option("Folder for cross_check.json, .csv, .png and .svg.")] = None,
@@ -64,6 +58,11 @@ def cross_check_command(
     that must hold between them. A broken relation is a result: the exit status
     is 0. Ctrl-C prints what is finished (exit status 130); so does a run that
     lost its workers (exit status 1).
+
+    Options:
+      * --trials N: Monte Carlo trials of each method.
+      * --posterior/--no-posterior: Sampling of the posterior. Default: on.
+      --seed N: Seed of the random numbers.
     """
     require_writable(report, "--report", REPORTS)
     poses, noise, shared = files.read(given, views, arm)

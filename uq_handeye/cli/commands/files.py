@@ -7,9 +7,8 @@ import typer
 
 from ...errors import InputError
 from ...runtime.progress import working
-from ..groups import OUTPUT
 from ..messages import fail, progress_wanted, timed
-from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, option, require_writable
+from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, require_writable
 from ..options.report import ReportOptions, report_options_of
 from ..outcome import NOT_USABLE, Wanted, emit_answer, emit_result, wanted_of
 from .calibrate import REPORTS, NoCompare
@@ -27,28 +26,8 @@ ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", help="Result file:
 def export_command(
     result: ResultFile,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, e.g. x.urdf.")],
-    format: Annotated[
-        str | None,
-        option(
-            "--format",
-            of=EXPORT_NAMES,
-            metavar="NAME",
-            panel=OUTPUT,
-            common=True,
-            help=f"Format: {', '.join(EXPORT_NAMES)}. Default: by the suffix of FILE.",
-        ),
-    ] = None,
-    corrects: Annotated[
-        Path | None,
-        option(
-            "--corrects",
-            metavar="ROBOT.urdf",
-            panel=OUTPUT,
-            common=True,
-            help="URDF of the calibrated arm, to write with its errors corrected. Corrects the errors that are known "
-            "(standard deviation below half of the prior) and writes their covariance as JSON.",
-        ),
-    ] = None,
+    format: str | None = None,
+    corrects: Path | None = None,
 ) -> int:
     """Export X for ROS, URDF, OpenCV, NumPy, or as a robot writes it.
 
@@ -61,6 +40,11 @@ def export_command(
       uq-handeye export result/result.json x.dat --format kuka
       # URDF of the arm, with the estimated errors corrected
       uq-handeye export result/result.json new.urdf --corrects robot.urdf
+
+    Options (Output):
+      * --format NAME <EXPORT_NAMES>: Format: {EXPORT_NAMES}. Default: by the suffix of FILE.
+      * --corrects ROBOT.urdf: URDF of the calibrated arm, to write with its errors corrected. Corrects the errors that
+        are known (standard deviation below half of the prior) and writes their covariance as JSON.
     """
     from ...calibration.result import Calibration
 

@@ -7,10 +7,9 @@ from typing import Annotated, Any
 
 from ...errors import InputError
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
-from ..groups import JOINTS
 from ..messages import timed
 from ..options.arm import Arm, arm_of
-from ..options.common import CONTROLLER_NAMES, JsonOption, emit, flag, made_of, one_of, option
+from ..options.common import CONTROLLER_NAMES, JsonOption, emit, made_of, one_of, option
 from ..options.noise import Given, given_of
 from ..pose_files import PoseFiles
 
@@ -29,77 +28,15 @@ def plan_command(
     files: "PoseFiles",
     given: "Given",
     arm: "Arm | None",
-    k: Annotated[
-        int, option("-k", "--count", metavar="N", panel=PLANNING, common=True, help="Number of poses to choose.")
-    ] = 5,
-    candidates: Annotated[
-        Path | None,
-        option(
-            "--candidates",
-            metavar="FILE.csv",
-            panel=PLANNING,
-            common=True,
-            help="Robot poses to choose from, or joint values with --joints. In the units of the robot file. Default: "
-            "drawn, see --sample.",
-        ),
-    ] = None,
-    sample: Annotated[
-        int,
-        option(
-            "--sample",
-            metavar="N",
-            panel=PLANNING,
-            help="Number of candidates to draw, without --candidates. They view the target from near the poses so "
-            "far (0.8 to 1.2 times the distances, 15 deg more tilt, 30 deg more roll), with the robot inside the box "
-            "of its positions, enlarged by 15 % of its diagonal, because its reach is not known. With --joints: "
-            "anywhere inside the joint limits.",
-        ),
-    ] = 200,
-    seed: Annotated[int, option("--seed", metavar="N", panel=PLANNING, help="Seed of the candidates drawn.")] = 0,
-    criterion: Annotated[
-        str | None,
-        option(
-            "--criterion",
-            of=CRITERIA,
-            metavar="NAME",
-            panel=PLANNING,
-            common=True,
-            help="Criterion to minimise: trace, logdet, point or prediction. trace: mean squared error of points at "
-            "--length from the camera; logdet: volume of the ellipsoid; point: mean squared error of --point; "
-            "prediction (with --joints): of the target seen from the postures of --task. Default: trace, with --joints "
-            "prediction.",
-        ),
-    ] = None,
-    point: Annotated[
-        str | None,
-        option(
-            "--point",
-            metavar="X,Y,Z",
-            panel=PLANNING,
-            help="Point in camera coordinates, for --criterion point, e.g. 0mm,0mm,300mm.",
-        ),
-    ] = None,
-    length: Annotated[
-        str | None,
-        option(
-            "--length",
-            metavar="LENGTH",
-            panel=PLANNING,
-            help="Distance of the points of --criterion trace. Default: RMS distance of camera and target so far.",
-        ),
-    ] = None,
-    task: Annotated[
-        Path | None,
-        option(
-            "--task",
-            metavar="FILE.csv",
-            panel=JOINTS,
-            help="Joint values at which the calibration will be used. Default: postures spread over the joint limits.",
-        ),
-    ] = None,
-    repeat: Annotated[
-        bool, flag("--repeat", panel=PLANNING, help="Allow a candidate to be chosen more than once.")
-    ] = False,
+    k: int = 5,
+    candidates: Path | None = None,
+    sample: int = 200,
+    seed: int = 0,
+    criterion: str | None = None,
+    point: str | None = None,
+    length: str | None = None,
+    task: Path | None = None,
+    repeat: bool = False,
     form: Annotated[
         str | None,
         option(
@@ -133,6 +70,29 @@ def plan_command(
     order in the noise.
 
     Reach and obstacles are not known. Check each pose before you drive there.
+
+    Options (Planning):
+      * k = -k, --count N: Number of poses to choose.
+      * --candidates FILE.csv: Robot poses to choose from, or joint values with --joints. In the units of the robot
+        file. Default: drawn, see --sample.
+      --sample N: Number of candidates to draw, without --candidates. They view the target from near the poses so far
+        (0.8 to 1.2 times the distances, 15 deg more tilt, 30 deg more roll), with the robot inside the box of its
+        positions, enlarged by 15 % of its diagonal, because its reach is not known. With --joints: anywhere inside the
+        joint limits.
+      --seed N: Seed of the candidates drawn.
+      * --criterion NAME <CRITERIA>: Criterion to minimise: trace, logdet, point or prediction. trace: mean squared
+        error of points at --length from the camera; logdet: volume of the ellipsoid; point: mean squared error of
+        --point; prediction (with --joints): of the target seen from the postures of --task. Default: trace, with
+        --joints prediction.
+      --point X,Y,Z: Point in camera coordinates, for --criterion point, e.g. 0mm,0mm,300mm.
+      --length LENGTH: Distance of the points of --criterion trace. Default: RMS distance of camera and target so far.
+
+    Options (Robot joints):
+      --task FILE.csv: Joint values at which the calibration will be used. Default: postures spread over the joint
+        limits.
+
+    Options (Planning):
+      --repeat: Allow a candidate to be chosen more than once.
     """
     from ...calibration.findings import check_input
     from ...findings import warn

@@ -10,7 +10,7 @@ from ...errors import InputError, InputWarning
 from ...runtime.progress import working
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
-from ..options.common import UNITS, JsonOption, folder_option, one_of, option
+from ..options.common import UNITS, JsonOption, folder_option, one_of
 
 
 def points_command(
@@ -23,34 +23,10 @@ def points_command(
             show_default=False,
         ),
     ],
-    target: Annotated[
-        Path | None,
-        option(
-            "--target",
-            metavar="FILE",
-            common=True,
-            help="Points in the frame of the target, CSV with the header point,x,y,z (m). Default: the shape of the "
-            "target is estimated with the poses.",
-        ),
-    ] = None,
-    noise: Annotated[
-        str | None,
-        option(
-            "--noise",
-            metavar="SD",
-            common=True,
-            help="Standard deviations of a point across and along the line of sight, e.g. 0.1mm,0.5mm. One value, or "
-            "isotropic to estimate one: the same in all directions (trackers). Default: both are estimated.",
-        ),
-    ] = None,
-    units: Annotated[
-        str | None,
-        option("--units", of=UNITS, metavar="UNIT", common=True, help="Length unit of POINTS. Default: m."),
-    ] = None,
-    target_units: Annotated[
-        str | None,
-        option("--target-units", of=UNITS, metavar="UNIT", help="Length unit of the target. Default: m."),
-    ] = None,
+    target: Path | None = None,
+    noise: str | None = None,
+    units: str | None = None,
+    target_units: str | None = None,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
@@ -74,6 +50,14 @@ def points_command(
     For depth cameras, structured light and trackers. Each pose needs three
     points that are not in a line. The noise is estimated across and along the
     line of sight; wrong points are left out and named.
+
+    Options:
+      * --target FILE: Points in the frame of the target, CSV with the header point,x,y,z (m). Default: the shape of the
+        target is estimated with the poses.
+      * --noise SD: Standard deviations of a point across and along the line of sight, e.g. 0.1mm,0.5mm. One value, or
+        isotropic to estimate one: the same in all directions (trackers). Default: both are estimated.
+      * --units UNIT <UNITS>: Length unit of POINTS. Default: m.
+      --target-units UNIT <UNITS>: Length unit of the target. Default: m.
     """
     from ...points.estimate import poses_from_points
     from ...points.files.folder_writer import to_dict

@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
 from ..delivery import deliver, wrote
-from ..groups import ESTIMATION, OUTPUT
 from ..messages import progress_wanted, timed
 from ..options.arm import Arm, arm_of
-from ..options.common import JsonOption, emit, flag, folder_option, made_of, option
+from ..options.common import JsonOption, emit, folder_option, made_of
 from ..options.noise import Given, given_of, pose_prior_of
 from ..pose_files import PoseFiles
 from ..starting_point import calibrated, problem_for
@@ -28,48 +27,19 @@ def posterior_command(
     beforehand: "dict[str, Any]",
     views: "Views | None",
     arm: "Arm | None",
-    pairs: Annotated[
-        str,
-        option(
-            "--pairs",
-            of=("disjoint", "consecutive"),
-            metavar="NAME",
-            panel=ESTIMATION,
-            help="Pairs of poses that form a motion, for noise of motions (A and B): disjoint or consecutive.",
-        ),
-    ] = "disjoint",
-    samples: Annotated[
-        int, option("--samples", metavar="N", panel=CHAINS, common=True, help="Effective samples of every coordinate.")
-    ] = 10_000,
-    scales: Annotated[
-        bool | None,
-        flag(
-            "--scales/--no-scales",
-            panel=CHAINS,
-            help="Sampling of unknown factors of the robot and camera noise. Default: on if the noise is estimated.",
-        ),
-    ] = None,
-    student_t: Annotated[
-        float | None,
-        option(
-            "--student-t",
-            metavar="NU",
-            panel=CHAINS,
-            common=True,
-            help="Heavy-tailed likelihood with NU degrees of freedom, e.g. 5. Default: Gaussian.",
-        ),
-    ] = None,
-    walkers: Annotated[int, option("--walkers", metavar="N", panel=CHAINS, help="Number of walkers.")] = 128,
-    max_steps: Annotated[
-        int, option("--max-steps", metavar="N", panel=CHAINS, common=True, help="Largest number of steps of a walker.")
-    ] = 10_000,
-    seed: Annotated[int, option("--seed", metavar="N", panel=CHAINS, help="Seed of the random numbers.")] = 0,
+    pairs: str = "disjoint",
+    samples: int = 10_000,
+    scales: bool | None = None,
+    student_t: float | None = None,
+    walkers: int = 128,
+    max_steps: int = 10_000,
+    seed: int = 0,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
         folder_option(f"Folder for {CHAIN}, posterior.json and corner.png, .svg."),
     ] = None,
-    resume: Annotated[bool, flag("--resume", panel=OUTPUT, common=True, help="Continue the chain in -o DIR.")] = False,
+    resume: bool = False,
 ) -> None:
     r"""Sample the posterior of X by Markov chain Monte Carlo.
 
@@ -86,6 +56,22 @@ def posterior_command(
     Nothing is reported before the chain has converged (autocorrelation time,
     split R-hat, effective samples). With -o, an interrupted run continues with
     --resume and ends in the same numbers.
+
+    Options (Estimation):
+      --pairs NAME <disjoint|consecutive>: Pairs of poses that form a motion, for noise of motions (A and B): disjoint
+        or consecutive.
+
+    Options (Sampling):
+      * --samples N: Effective samples of every coordinate.
+      --scales/--no-scales: Sampling of unknown factors of the robot and camera noise. Default: on if the noise is
+        estimated.
+      * --student-t NU: Heavy-tailed likelihood with NU degrees of freedom, e.g. 5. Default: Gaussian.
+      --walkers N: Number of walkers.
+      * --max-steps N: Largest number of steps of a walker.
+      --seed N: Seed of the random numbers.
+
+    Options (Output):
+      * --resume: Continue the chain in -o DIR.
     """
     if resume and output is None:
         raise InputError("--resume needs the folder of the run. Add -o DIR.")

@@ -7,7 +7,7 @@ from ...errors import InputError
 from ...files.csv_text import csv_text
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..options.arm import JointUnits
-from ..options.common import FORMAT_NAMES, UNITS, JsonOption, emit, flag, option
+from ..options.common import JsonOption, emit
 from ..options.points import coordinates
 from .files import ResultFile
 
@@ -24,82 +24,16 @@ PLACES = "Robot poses"
 
 def predict_command(
     result: ResultFile,
-    joints: Annotated[
-        Path | None,
-        option(
-            "--joints",
-            metavar="FILE.csv",
-            panel=PLACES,
-            common=True,
-            help="Joint values to predict at, named as in the calibration.",
-        ),
-    ] = None,
+    joints: Path | None = None,
     joint_units: JointUnits = None,
-    robot: Annotated[
-        Path | None,
-        option(
-            "--robot",
-            metavar="FILE.csv",
-            panel=PLACES,
-            common=True,
-            help="Robot poses base_T_gripper to predict at. For a calibration without joints, or with --joints if the "
-            "controller's poses differ from those of the joints.",
-        ),
-    ] = None,
-    robot_units: Annotated[
-        str | None,
-        option(
-            "--robot-units",
-            of=UNITS,
-            metavar="UNIT",
-            panel=PLACES,
-            help=f"Length unit of --robot: {', '.join(UNITS)}. Default: as its format says, else m.",
-        ),
-    ] = None,
-    robot_format: Annotated[
-        str | None,
-        option(
-            "--robot-format",
-            of=FORMAT_NAMES,
-            metavar="NAME",
-            panel=PLACES,
-            help="Format of --robot, as of calibrate. Default: told by the content.",
-        ),
-    ] = None,
-    point: Annotated[
-        list[str] | None,
-        option(
-            "--point",
-            metavar="X,Y,Z",
-            common=True,
-            help="Point in camera coordinates, e.g. 0mm,0mm,300mm. Predicts its position in the base frame. "
-            "Repeatable.",
-        ),
-    ] = None,
-    reached_at: Annotated[
-        Path | None,
-        option(
-            "--reached-at",
-            metavar="FILE.csv",
-            common=True,
-            help="Joint values that bring the tool to the points of --joints. Row by row; predicts how far it misses.",
-        ),
-    ] = None,
-    tool: Annotated[
-        str | None,
-        option(
-            "--tool",
-            metavar="X,Y,Z",
-            common=True,
-            help="Tool tip in the flange frame, for --reached-at. For example 0mm,0mm,150mm. Default: its origin.",
-        ),
-    ] = None,
-    camera: Annotated[
-        bool, flag("--camera", common=True, help="Predict camera_T_target, the poses that the camera should see.")
-    ] = False,
-    no_noise: Annotated[
-        bool, flag("--no-noise", help="With --camera: leave out the noise of a new measurement.")
-    ] = False,
+    robot: Path | None = None,
+    robot_units: str | None = None,
+    robot_format: str | None = None,
+    point: list[str] | None = None,
+    reached_at: Path | None = None,
+    tool: str | None = None,
+    camera: bool = False,
+    no_noise: bool = False,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None, folder_or_csv_option("Folder for predictions.csv (m, rad) and predictions.json.")
@@ -118,6 +52,22 @@ def predict_command(
           --point 0mm,0mm,300mm --reached-at there.csv --tool 0mm,0mm,150mm
 
     The uncertainty combines X, the target pose and the robot.
+
+    Options (Robot poses):
+      * --joints FILE.csv: Joint values to predict at, named as in the calibration.
+      * --robot FILE.csv: Robot poses base_T_gripper to predict at. For a calibration without joints, or with --joints
+        if the controller's poses differ from those of the joints.
+      --robot-units UNIT <UNITS>: Length unit of --robot: {UNITS}. Default: as its format says, else m.
+      --robot-format NAME <FORMAT_NAMES>: Format of --robot, as of calibrate. Default: told by the content.
+
+    Options:
+      * --point X,Y,Z: Point in camera coordinates, e.g. 0mm,0mm,300mm. Predicts its position in the base frame.
+        Repeatable.
+      * --reached-at FILE.csv: Joint values that bring the tool to the points of --joints. Row by row; predicts how far
+        it misses.
+      * --tool X,Y,Z: Tool tip in the flange frame, for --reached-at. For example 0mm,0mm,150mm. Default: its origin.
+      * --camera: Predict camera_T_target, the poses that the camera should see.
+      --no-noise: With --camera: leave out the noise of a new measurement.
     """
     import numpy as np
 

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated
 
 from ...errors import InputError
-from ..groups import NOISE, OUTPUT
 from ..options.common import SETUP_NAMES, emit, made_of, option
 from ..options.noise import NoiseOptions, exact_beside
 
@@ -15,37 +14,24 @@ MAX_POSES = 1_000_000  # about 1 GB of memory
 
 @dataclass(frozen=True)
 class SimulatedNoise(NoiseOptions):
-    """Options of the noise that is simulated."""
+    """Options of the noise that is simulated.
 
-    robot_noise: Annotated[
-        str | None,
-        option(
-            "--robot-noise",
-            metavar="ROT,TRANS",
-            panel=NOISE,
-            common=True,
-            help="Robot noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.02deg,0.05mm. Default: none.",
-        ),
-    ] = None
-    camera_noise: Annotated[
-        str | None,
-        option(
-            "--camera-noise",
-            metavar="ROT,TRANS",
-            panel=NOISE,
-            common=True,
-            help="Camera noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.1deg,0.5mm. Default: none.",
-        ),
-    ] = None
+    Options (Noise):
+      * --robot-noise ROT,TRANS: Robot noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.02deg,0.05mm.
+        Default: none.
+      * --camera-noise ROT,TRANS: Camera noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.1deg,0.5mm.
+        Default: none.
+    """
+
+    robot_noise: str | None = None
+    camera_noise: str | None = None
 
 
 @made_of(options=SimulatedNoise)
 def simulate_command(
     options: "SimulatedNoise",
-    output: Annotated[
-        Path, option("-o", "--output", metavar="DIR", panel=OUTPUT, common=True, help="Folder to write.")
-    ],
-    n_poses: Annotated[int, option("--poses", "-n", metavar="N", panel=RIG, common=True, help="Number of poses.")] = 20,
+    output: Path,
+    n_poses: int = 20,
     setup: Annotated[
         str,
         option(
@@ -57,19 +43,10 @@ def simulate_command(
             help=f"Camera mount: {' or '.join(SETUP_NAMES)}.",
         ),
     ] = SETUP_NAMES[0],
-    distance: Annotated[
-        str, option("--distance", metavar="NEAR,FAR", panel=RIG, common=True, help="Distances of camera and target.")
-    ] = "0.4m,0.8m",
-    tilt: Annotated[
-        str,
-        option(
-            "--tilt", metavar="ANGLE", panel=RIG, common=True, help="Largest angle of line of sight to target normal."
-        ),
-    ] = "35deg",
-    roll: Annotated[
-        str, option("--roll", metavar="ANGLE", panel=RIG, common=True, help="Largest roll about the line of sight.")
-    ] = "60deg",
-    seed: Annotated[int, option("--seed", metavar="N", panel=RIG, common=True, help="Seed of the random numbers.")] = 0,
+    distance: str = "0.4m,0.8m",
+    tilt: str = "35deg",
+    roll: str = "60deg",
+    seed: int = 0,
 ) -> None:
     r"""Simulate a rig and write its pose files.
 
@@ -80,6 +57,16 @@ def simulate_command(
       uq-handeye simulate -o sim/ --setup eye-to-hand
 
     Writes robot.csv, camera.csv and the true X, truth.csv.
+
+    Options (Output):
+      * -o, --output DIR: Folder to write.
+
+    Options (Rig):
+      * n_poses = --poses, -n N: Number of poses.
+      * --distance NEAR,FAR: Distances of camera and target.
+      * --tilt ANGLE: Largest angle of line of sight to target normal.
+      * --roll ANGLE: Largest roll about the line of sight.
+      * --seed N: Seed of the random numbers.
     """
     from ...geometry.frames import SETUPS
     from ...io import pose_text, read_shared_errors, write_files

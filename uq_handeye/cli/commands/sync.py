@@ -5,7 +5,7 @@ from typing import Annotated
 
 from ..delivery import deliver
 from ..messages import LOG, timed
-from ..options.common import JsonOption, emit, flag, folder_option, made_of, one_of, option
+from ..options.common import JsonOption, emit, folder_option, made_of, one_of
 from ..stream_files import StreamFiles
 
 CLOCKS = "Synchronisation"
@@ -15,47 +15,11 @@ INTERPOLATIONS = ("so4", "geodesic")
 @made_of(files=StreamFiles)
 def sync_command(
     files: "StreamFiles",
-    max_offset: Annotated[
-        float | None,
-        option(
-            "--max-offset",
-            metavar="SECONDS",
-            panel=CLOCKS,
-            common=True,
-            help="Largest clock offset (s) to search; inf for unrelated clocks. Default: a quarter of the overlap of "
-            "the streams.",
-        ),
-    ] = None,
-    still: Annotated[
-        bool,
-        flag(
-            "--still",
-            panel=CLOCKS,
-            common=True,
-            help="One mean pose pair per stop, if the robot stops for each picture.",
-        ),
-    ] = False,
-    max_gap: Annotated[
-        float | None,
-        option(
-            "--max-gap",
-            metavar="SECONDS",
-            panel=CLOCKS,
-            common=True,
-            help="Longest gap (s) that is interpolated. Default: three times the median interval.",
-        ),
-    ] = None,
-    interpolation: Annotated[
-        str,
-        option(
-            "--interpolation",
-            of=INTERPOLATIONS,
-            metavar="NAME",
-            panel=CLOCKS,
-            help="Interpolation of poses: so4 or geodesic.",
-        ),
-    ] = INTERPOLATIONS[0],
-    seed: Annotated[int, option("--seed", metavar="N", panel=CLOCKS, help="Seed of random subsets.")] = 0,
+    max_offset: float | None = None,
+    still: bool = False,
+    max_gap: float | None = None,
+    interpolation: str = INTERPOLATIONS[0],
+    seed: int = 0,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
@@ -79,6 +43,14 @@ def sync_command(
 
     The written files hold no uncertainty of the offset. Use uq-handeye
     calibrate --pair async to include it in the uncertainty of X.
+
+    Options (Synchronisation):
+      * --max-offset SECONDS: Largest clock offset (s) to search; inf for unrelated clocks. Default: a quarter of the
+        overlap of the streams.
+      * --still: One mean pose pair per stop, if the robot stops for each picture.
+      * --max-gap SECONDS: Longest gap (s) that is interpolated. Default: three times the median interval.
+      --interpolation NAME <INTERPOLATIONS>: Interpolation of poses: so4 or geodesic.
+      --seed N: Seed of random subsets.
     """
     kind = one_of(interpolation, "--interpolation", INTERPOLATIONS)
     with timed("synchronising"):

@@ -10,10 +10,9 @@ import typer
 from ...errors import InputError, NotConvergedError
 from ...files.lock import held
 from ..delivery import deliver
-from ..groups import ESTIMATION
 from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses, new_poses_of
-from ..options.common import JsonOption, emit, emit_document, flag, folder_option, made_of, option, require_writable
+from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, require_writable
 from ..options.report import ReportOptions, report_options_of
 from ..outcome import Wanted, emit_refusal, wanted_of
 from .calibrate import (
@@ -35,15 +34,7 @@ def update_command(
     files: "NewPoses",
     wishes: "ReportOptions",
     wanted: "Wanted",
-    although_changed: Annotated[
-        bool,
-        flag(
-            "--although-changed",
-            panel=ESTIMATION,
-            common=True,
-            help="Update even if the new poses contradict the result.",
-        ),
-    ] = False,
+    although_changed: bool = False,
     report: ReportFile = None,
     no_compare: NoCompare = False,
     as_json: JsonOption = False,
@@ -61,6 +52,9 @@ def update_command(
     The new result is the calibration of all poses together, with the options
     of the stored one. The order of updates does not matter. New poses that
     contradict the result are refused.
+
+    Options (Estimation):
+      * --although-changed: Update even if the new poses contradict the result.
     """
     require_writable(report, "--report", REPORTS)
     require_folder(figures, output)
@@ -99,17 +93,7 @@ def _held_if_replaced(result: Path, output: Path | None) -> AbstractContextManag
 def diff_command(
     old: Annotated[Path, typer.Argument(metavar="OLD", help="Result file of before: result.json.")],
     new: Annotated[Path, typer.Argument(metavar="NEW", help="Result file of now: result.json.")],
-    same: Annotated[
-        str | None,
-        option(
-            "--same",
-            metavar="NAMES",
-            panel=ESTIMATION,
-            common=True,
-            help="What is the same in both, out of robot,camera,target: its errors cancel in part. Default: all three "
-            "if the results have poses in common.",
-        ),
-    ] = None,
+    same: str | None = None,
     as_json: JsonOption = False,
     output: Annotated[Path | None, folder_option("Folder for diff.json and diff.txt.")] = None,
 ) -> None:
@@ -123,6 +107,10 @@ def diff_command(
     The difference of X and of the target, its standard uncertainty, and the
     probability of one as large if nothing has changed. Poses that both results
     hold count once.
+
+    Options (Estimation):
+      * --same NAMES: What is the same in both, out of robot,camera,target: its errors cancel in part. Default: all
+        three if the results have poses in common.
     """
     from ...calibration.result import Calibration
     from ...maintenance.together.difference import difference

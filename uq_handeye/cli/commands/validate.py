@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ...errors import InputError
 from ...files.csv_text import frame_text
 from ..delivery import deliver, wrote
-from ..groups import OUTPUT
 from ..messages import LOG, progress_wanted, verbose
 from ..options.arm import Arm, arm_of
 from ..options.common import (
@@ -18,11 +17,9 @@ from ..options.common import (
     cores,
     emit,
     emit_document,
-    flag,
     folder_option,
     made_of,
     methods_of,
-    option,
     require_writable,
 )
 from ..options.noise import Given, given_of, pose_prior_of
@@ -48,80 +45,17 @@ def validate_command(
     beforehand: "dict[str, Any]",
     views: "Views | None",
     arm: "Arm | None",
-    method: Annotated[
-        list[str] | None,
-        option(
-            "--method",
-            of=EVERY_METHOD,
-            metavar="NAMES",
-            panel=TRIALS,
-            common=True,
-            help=f"Methods to check. Some of {', '.join(EVERY_METHOD)}. Default: efficient.",
-        ),
-    ] = None,
-    trials: Annotated[
-        int | None,
-        option(
-            "--trials",
-            metavar="N",
-            panel=TRIALS,
-            common=True,
-            help="Number of trials. With --digits the largest number, 1,000,000 by default. Default: 10,000.",
-        ),
-    ] = None,
-    digits: Annotated[
-        int | None,
-        option(
-            "--digits",
-            metavar="N",
-            panel=TRIALS,
-            common=True,
-            help="Number of stable digits to stop at, 1 to 4 (JCGM 102).",
-        ),
-    ] = None,
-    seed: Annotated[int, option("--seed", metavar="N", panel=TRIALS, help="Seed of the simulated noise.")] = 0,
-    covariance: Annotated[
-        str,
-        option(
-            "--covariance",
-            of=("model", "each"),
-            metavar="NAME",
-            panel=TRIALS,
-            help="Covariance to check: model (of the method at the true poses) or each (reported by each trial).",
-        ),
-    ] = "model",
+    method: list[str] | None = None,
+    trials: int | None = None,
+    digits: int | None = None,
+    seed: int = 0,
+    covariance: str = "model",
     pairs: PairsOption = "all",
-    scale: Annotated[
-        float | None,
-        option(
-            "--scale", metavar="D", panel=TRIALS, help="Scaling factor d of 4dpa. Default: its limit, in closed form."
-        ),
-    ] = None,
-    sweep_noise: Annotated[
-        str | None,
-        option(
-            "--sweep-noise",
-            metavar="FACTORS",
-            panel=TRIALS,
-            common=True,
-            help="Factors of the noise covariance, e.g. 1,3,10,30,100. Finds the noise level beyond which the "
-            "covariance is no longer valid.",
-        ),
-    ] = None,
+    scale: float | None = None,
+    sweep_noise: str | None = None,
     workers: WorkersOption = None,
-    scheduler: Annotated[
-        str | None,
-        option(
-            "--scheduler",
-            metavar="ADDRESS",
-            panel=TRIALS,
-            help="Dask scheduler whose workers run the trials, e.g. tcp://HOST:8786.",
-        ),
-    ] = None,
-    figure: Annotated[
-        Path | None,
-        option("--figure", metavar="FILE", panel=OUTPUT, common=True, help="Figure, .png or .svg, one per method."),
-    ] = None,
+    scheduler: str | None = None,
+    figure: Path | None = None,
     as_json: JsonOption = False,
     output: Annotated[
         Path | None,
@@ -131,9 +65,7 @@ def validate_command(
             "--sweep-noise: sweep.json, sweep.csv, sweep.png, sweep.svg."
         ),
     ] = None,
-    resume: Annotated[
-        bool, flag("--resume", panel=OUTPUT, common=True, help="Continue the run in -o DIR, or add trials to it.")
-    ] = False,
+    resume: bool = False,
 ) -> int:
     r"""Check the covariance of X by Monte Carlo simulation.
 
@@ -152,6 +84,22 @@ def validate_command(
     A rejected covariance is a result: the exit status is 0. A run that ends
     early prints the result so far: Ctrl-C (exit status 130), or lost workers
     (exit status 1). With -o DIR, --resume continues it.
+
+    Options (Simulation):
+      * --method NAMES <EVERY_METHOD>: Methods to check. Some of {EVERY_METHOD}. Default: efficient.
+      * --trials N: Number of trials. With --digits the largest number, 1,000,000 by default. Default: 10,000.
+      * --digits N: Number of stable digits to stop at, 1 to 4 (JCGM 102).
+      --seed N: Seed of the simulated noise.
+      --covariance NAME <model|each>: Covariance to check: model (of the method at the true poses) or each (reported by
+        each trial).
+      --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
+      * --sweep-noise FACTORS: Factors of the noise covariance, e.g. 1,3,10,30,100. Finds the noise level beyond which
+        the covariance is no longer valid.
+      --scheduler ADDRESS: Dask scheduler whose workers run the trials, e.g. tcp://HOST:8786.
+
+    Options (Output):
+      * --figure FILE: Figure, .png or .svg, one per method.
+      * --resume: Continue the run in -o DIR, or add trials to it.
     """
     names = methods_of(",".join(method or ["efficient"]), "--method", EVERY_METHOD)
     if covariance not in ("model", "each"):

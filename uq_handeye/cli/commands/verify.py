@@ -8,9 +8,8 @@ import typer
 from ...errors import InputError
 from ...files.csv_text import csv_text
 from ..delivery import deliver
-from ..groups import OUTPUT
 from ..messages import quiet
-from ..options.common import UNITS, JsonOption, emit, emit_document, folder_option, made_of, one_of, option
+from ..options.common import UNITS, JsonOption, emit, emit_document, folder_option, made_of, one_of
 from ..options.touches import TOUCHING, TouchOptions
 from .files import ResultFile
 
@@ -30,25 +29,8 @@ def verify_command(
         Path | None,
         typer.Argument(metavar="TOUCHES.csv", help="Points seen and touched, one row each. Columns: see the page."),
     ] = None,
-    show: Annotated[
-        str,
-        option(
-            "--show",
-            metavar="LENGTH",
-            panel=OUTPUT,
-            common=True,
-            help="Bias that should show, e.g. 0.5mm. The answer says how many touches it takes.",
-        ),
-    ] = "0.5mm",
-    candidates: Annotated[
-        Path | None,
-        option(
-            "--candidates",
-            metavar="FILE.csv",
-            panel=OUTPUT,
-            help="Points that could be touched next, x,y,z in the camera frame (m). Default: the region seen so far.",
-        ),
-    ] = None,
+    show: str = "0.5mm",
+    candidates: Path | None = None,
     poses: Annotated[
         tuple[Path, Path] | None,
         typer.Option(
@@ -72,6 +54,11 @@ def verify_command(
       uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm --show 1mm
 
     Exit status 4 if the touches contradict the result.
+
+    Options (Output):
+      * --show LENGTH: Bias that should show, e.g. 0.5mm. The answer says how many touches it takes.
+      --candidates FILE.csv: Points that could be touched next, x,y,z in the camera frame (m). Default: the region seen
+        so far.
     """
     from ...calibration.result import Calibration
     from ...io import json_text

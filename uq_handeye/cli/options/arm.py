@@ -62,78 +62,28 @@ JointUnits = Annotated[
 
 @dataclass(frozen=True)
 class ChainOptions:
-    """Options of the joint values and the kinematic chain."""
+    """Options of the joint values and the kinematic chain.
 
-    joints: Annotated[
-        Path | None,
-        option(
-            "--joints",
-            metavar="FILE.csv",
-            panel=JOINTS,
-            common=True,
-            help="Joint values in place of ROBOT, with --urdf. One column per joint, named as in the URDF, and one row "
-            "per pose. The robot poses follow from the joints; a single file argument is CAMERA.",
-        ),
-    ] = None
-    robot_model: Annotated[
-        str | None,
-        option(
-            "--robot-model",
-            of=ROBOT_MODELS,
-            metavar="NAME",
-            panel=JOINTS,
-            common=True,
-            help=f"Arm by its name, e.g. ur5e, in place of --urdf. Its nominal kinematics are used, with "
-            f"or without --joints. Names: {', '.join(ROBOT_MODELS)}.",
-        ),
-    ] = None
-    urdf: Annotated[
-        Path | None,
-        option(
-            "--urdf",
-            metavar="FILE.urdf",
-            panel=JOINTS,
-            common=True,
-            help="Robot model (URDF), of --joints or of ROBOT. Without --joints the joint values follow from the poses "
-            "in ROBOT by inverse kinematics.",
-        ),
-    ] = None
-    base: Annotated[
-        str | None,
-        option(
-            "--base",
-            metavar="LINK",
-            panel=JOINTS,
-            help="Base link of the robot poses. Default: the root of the URDF.",
-        ),
-    ] = None
-    tip: Annotated[
-        str | None,
-        option(
-            "--tip",
-            metavar="LINK",
-            panel=JOINTS,
-            help="Flange or tool link of the robot poses, e.g. tool0. Default: the only leaf of the URDF.",
-        ),
-    ] = None
-    dh: Annotated[
-        Path | None,
-        option(
-            "--dh",
-            metavar="FILE",
-            panel=JOINTS,
-            help="Denavit-Hartenberg parameters (CSV or TOML), in place of --urdf, with or without --joints.",
-        ),
-    ] = None
-    ur_calibration: Annotated[
-        Path | None,
-        option(
-            "--ur-calibration",
-            metavar="FILE.yaml",
-            panel=JOINTS,
-            help="Kinematic calibration of a Universal Robots arm, in place of --urdf or applied to it.",
-        ),
-    ] = None
+    Options (Robot joints):
+      * --joints FILE.csv: Joint values in place of ROBOT, with --urdf. One column per joint, named as in the URDF, and
+        one row per pose. The robot poses follow from the joints; a single file argument is CAMERA.
+      * --robot-model NAME <ROBOT_MODELS>: Arm by its name, e.g. ur5e, in place of --urdf. Its nominal kinematics are
+        used, with or without --joints. Names: {ROBOT_MODELS}.
+      * --urdf FILE.urdf: Robot model (URDF), of --joints or of ROBOT. Without --joints the joint values follow from the
+        poses in ROBOT by inverse kinematics.
+      --base LINK: Base link of the robot poses. Default: the root of the URDF.
+      --tip LINK: Flange or tool link of the robot poses, e.g. tool0. Default: the only leaf of the URDF.
+      --dh FILE: Denavit-Hartenberg parameters (CSV or TOML), in place of --urdf, with or without --joints.
+      --ur-calibration FILE.yaml: Kinematic calibration of a Universal Robots arm, in place of --urdf or applied to it.
+    """
+
+    joints: Path | None = None
+    robot_model: str | None = None
+    urdf: Path | None = None
+    base: str | None = None
+    tip: str | None = None
+    dh: Path | None = None
+    ur_calibration: Path | None = None
     joint_units: JointUnits = None
 
     @property
@@ -180,98 +130,36 @@ class ChainOptions:
 
 @dataclass(frozen=True)
 class ErrorOptions:
-    """Options of the kinematic errors."""
+    """Options of the kinematic errors.
 
-    robot_file: Annotated[
-        Path | None,
-        option(
-            "--robot",
-            metavar="FILE",
-            panel=JOINTS,
-            help="Poses reported by the controller, compared with those from --joints. With calibrate --bag: the "
-            "robot's frames, e.g. base:tool0, or its topic.",
-        ),
-    ] = None
-    how: Annotated[
-        str | None,
-        option(
-            "--kinematics",
-            of=HOW,
-            metavar="NAME",
-            panel=JOINTS,
-            help="Treatment of the kinematic errors: estimate, declared or exact. estimate: their standard deviations "
-            "are known within a factor; declared: as given; exact: no errors. Default: estimate.",
-        ),
-    ] = None
-    joint_noise: Annotated[
-        str | None,
-        option(
-            "--joint-noise",
-            metavar="SD",
-            panel=JOINTS,
-            help="Standard deviation of a joint value in one pose, e.g. 0.01deg. Default: estimated.",
-        ),
-    ] = None
-    joint_offset_sd: Annotated[
-        str | None,
-        option(
-            "--joint-offset-sd",
-            metavar="SD",
-            panel=JOINTS,
-            help="Standard deviation of the joint offsets, e.g. 0.1deg. Default: by --robot-class.",
-        ),
-    ] = None
-    tilt_sd: Annotated[
-        str | None,
-        option(
-            "--tilt-sd",
-            metavar="SD",
-            panel=JOINTS,
-            help="Standard deviation of the tilts of the joint axes, e.g. 0.03deg. Default: by --robot-class.",
-        ),
-    ] = None
-    length_sd: Annotated[
-        str | None,
-        option(
-            "--length-sd",
-            metavar="SD",
-            panel=JOINTS,
-            help="Standard deviation of the link lengths, e.g. 0.2mm. Default: by --robot-class.",
-        ),
-    ] = None
-    transmission_sd: Annotated[
-        str | None,
-        option(
-            "--transmission-sd",
-            metavar="SD",
-            panel=JOINTS,
-            help="Standard deviation of the periodic transmission error (one or two periods per revolution), e.g. "
-            "0.02deg. Default: by --robot-class.",
-        ),
-    ] = None
-    sag_sd: Annotated[
-        str | None,
-        option(
-            "--sag-sd",
-            metavar="SD",
-            panel=JOINTS,
-            help="Standard deviation of the deflection of a joint under its largest gravity load, e.g. 0.06deg. "
-            "Default: by --robot-class.",
-        ),
-    ] = None
+    Options (Robot joints):
+      robot_file = --robot FILE: Poses reported by the controller, compared with those from --joints. With calibrate
+        --bag: the robot's frames, e.g. base:tool0, or its topic.
+      how = --kinematics NAME <HOW>: Treatment of the kinematic errors: estimate, declared or exact. estimate: their
+        standard deviations are known within a factor; declared: as given; exact: no errors. Default: estimate.
+      --joint-noise SD: Standard deviation of a joint value in one pose, e.g. 0.01deg. Default: estimated.
+      --joint-offset-sd SD: Standard deviation of the joint offsets, e.g. 0.1deg. Default: by --robot-class.
+      --tilt-sd SD: Standard deviation of the tilts of the joint axes, e.g. 0.03deg. Default: by --robot-class.
+      --length-sd SD: Standard deviation of the link lengths, e.g. 0.2mm. Default: by --robot-class.
+      --transmission-sd SD: Standard deviation of the periodic transmission error (one or two periods per revolution),
+        e.g. 0.02deg. Default: by --robot-class.
+      --sag-sd SD: Standard deviation of the deflection of a joint under its largest gravity load, e.g. 0.06deg.
+        Default: by --robot-class.
+      --flange NAME <FLANGES>: Flange that X refers to: workspace (the frames in which the arm agrees best with its
+        model), controller (as computed from the joints) or physical (its deviation from that is part of the
+        uncertainty). Default: workspace.
+    """
+
+    robot_file: Path | None = None
+    how: str | None = None
+    joint_noise: str | None = None
+    joint_offset_sd: str | None = None
+    tilt_sd: str | None = None
+    length_sd: str | None = None
+    transmission_sd: str | None = None
+    sag_sd: str | None = None
     robot_class: RobotClass = None
-    flange: Annotated[
-        str | None,
-        option(
-            "--flange",
-            of=FLANGES,
-            metavar="NAME",
-            panel=JOINTS,
-            help="Flange that X refers to: workspace (the frames in which the arm agrees best with its model), "
-            "controller (as computed from the joints) or physical (its deviation from that is part of the "
-            "uncertainty). Default: workspace.",
-        ),
-    ] = None
+    flange: str | None = None
 
     @property
     def given(self) -> list[str]:

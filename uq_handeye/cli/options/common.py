@@ -18,6 +18,7 @@ import typer
 from ...errors import InputError
 from ..groups import ESTIMATION, OUTPUT, common_in
 from ..messages import Messages, styled, terminal_width
+from .declared import choices, parameters_of, without_options
 
 if TYPE_CHECKING:
     from ...presentation.document import Document
@@ -63,8 +64,8 @@ def made_of(**makers: Callable[..., Any]) -> Callable[[Callable[..., Any]], Call
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
         parts = {
-            name: list(inspect.signature(makers[name]).parameters.values()) if name in makers else [parameter]
-            for name, parameter in inspect.signature(command).parameters.items()
+            parameter.name: parameters_of(makers[parameter.name]) if parameter.name in makers else [parameter]
+            for parameter in parameters_of(command)
         }
 
         def run(**given: Any) -> Any:
@@ -85,7 +86,7 @@ def with_messages(command: Callable[..., Any]) -> Callable[..., Any]:
         Messages(**{name: given.pop(name) for name in parameters}).apply()
         return command(**given)
 
-    return with_parameters(run, command, [*inspect.signature(command).parameters.values(), *parameters.values()])
+    return with_parameters(run, command, [*parameters_of(command), *parameters.values()])
 
 
 def with_parameters(
@@ -94,19 +95,10 @@ def with_parameters(
     """Return ``run`` with the name and help of ``command``, and the parameters where Typer looks for them."""
     parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters]
     run = wraps(command)(run)
+    run.__doc__ = without_options(command.__doc__)
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in parameters}
     return run
-
-
-def choices(names: Sequence[str]) -> Callable[[str], list[str]]:
-    """Return the completion of one of ``names``, also as the last of a list with commas."""
-
-    def complete(incomplete: str) -> list[str]:
-        before, comma, last = incomplete.rpartition(",")
-        return [f"{before}{comma}{name}" for name in names if name.startswith(last)]
-
-    return complete
 
 
 def one_of(value: str, option: str, names: Sequence[str]) -> str:

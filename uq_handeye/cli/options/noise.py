@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from ..groups import NOISE, PRIOR
-from .common import made_of, option
+from .common import made_of
 from .shared import SharedOptions
 
 if TYPE_CHECKING:
@@ -20,40 +19,20 @@ EXACT = "exact"
 
 @dataclass(frozen=True)
 class NoiseOptions:
-    """Options of the noise of robot and camera poses."""
+    """Options of the noise of robot and camera poses.
 
-    robot_noise: Annotated[
-        str | None,
-        option(
-            "--robot-noise",
-            metavar="ROT,TRANS",
-            panel=NOISE,
-            common=True,
-            help="Robot noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.02deg,0.05mm, or exact. "
-            "Default: estimated.",
-        ),
-    ] = None
-    camera_noise: Annotated[
-        str | None,
-        option(
-            "--camera-noise",
-            metavar="ROT,TRANS",
-            panel=NOISE,
-            common=True,
-            help="Camera noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.1deg,0.5mm, or exact. "
-            "Default: estimated.",
-        ),
-    ] = None
-    noise: Annotated[
-        Path | None,
-        option(
-            "--noise",
-            metavar="FILE.toml",
-            panel=NOISE,
-            help="Noise file with full 6x6 covariances, in place of --robot-noise and --camera-noise. Its table "
-            "[shared] holds shared errors.",
-        ),
-    ] = None
+    Options (Noise):
+      * --robot-noise ROT,TRANS: Robot noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.02deg,0.05mm,
+        or exact. Default: estimated.
+      * --camera-noise ROT,TRANS: Camera noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.1deg,0.5mm,
+        or exact. Default: estimated.
+      --noise FILE.toml: Noise file with full 6x6 covariances, in place of --robot-noise and --camera-noise. Its table
+        [shared] holds shared errors.
+    """
+
+    robot_noise: str | None = None
+    camera_noise: str | None = None
+    noise: Path | None = None
 
     def read(self) -> "Noise | NoisePrior | None":
         """Return the noise of the options, a prior if they name one side only, None if they name none."""
@@ -116,35 +95,18 @@ def exact_beside(known: "NoisePrior") -> "Noise":
 
 
 def prior_of(
-    robot_prior: Annotated[
-        str | None,
-        option(
-            "--robot-prior",
-            metavar="ROT,TRANS",
-            panel=NOISE,
-            help="Robot noise by its data sheet, as a prior of the estimate, e.g. '?,0.05mm' (? is unknown).",
-        ),
-    ] = None,
-    camera_prior: Annotated[
-        str | None,
-        option(
-            "--camera-prior",
-            metavar="ROT,TRANS",
-            panel=NOISE,
-            help="Camera noise by its data sheet, as a prior of the estimate, e.g. '0.1deg,?'.",
-        ),
-    ] = None,
-    prior_factor: Annotated[
-        float,
-        option(
-            "--prior-factor",
-            metavar="FACTOR",
-            panel=NOISE,
-            help="Uncertainty of --robot-prior and --camera-prior as a factor (1 sigma). 1: exact.",
-        ),
-    ] = 2.0,
+    robot_prior: str | None = None,
+    camera_prior: str | None = None,
+    prior_factor: float = 2.0,
 ) -> "NoisePrior | None":
-    """Return the prior of the data sheets, or None if none is given."""
+    """Return the prior of the data sheets, or None if none is given.
+
+    Options (Noise):
+      --robot-prior ROT,TRANS: Robot noise by its data sheet, as a prior of the estimate, e.g. '?,0.05mm' (? is
+        unknown).
+      --camera-prior ROT,TRANS: Camera noise by its data sheet, as a prior of the estimate, e.g. '0.1deg,?'.
+      --prior-factor FACTOR: Uncertainty of --robot-prior and --camera-prior as a factor (1 sigma). 1: exact.
+    """
     from ...noise.estimate import NoisePrior
 
     if robot_prior is None and camera_prior is None:
@@ -154,30 +116,17 @@ def prior_of(
 
 
 def pose_prior_of(
-    prior_x: Annotated[
-        Path | None,
-        option(
-            "--prior-x",
-            metavar="FILE",
-            panel=PRIOR,
-            help="Prior of X: YAML or JSON with pose and covariance, or the result.json of an earlier run.",
-        ),
-    ] = None,
-    prior_w: Annotated[
-        Path | None,
-        option("--prior-w", metavar="FILE", panel=PRIOR, help="Prior of the target pose W, likewise."),
-    ] = None,
-    known: Annotated[
-        list[str] | None,
-        option(
-            "--known",
-            metavar="TEXT",
-            panel=PRIOR,
-            help="Measured coordinate of camera or target, e.g. 'target z = 120mm +- 1mm'. Repeatable.",
-        ),
-    ] = None,
+    prior_x: Path | None = None,
+    prior_w: Path | None = None,
+    known: list[str] | None = None,
 ) -> "dict[str, Any]":
-    """Return the priors of X and W as arguments of `calibrate`."""
+    """Return the priors of X and W as arguments of `calibrate`.
+
+    Options (Prior knowledge):
+      --prior-x FILE: Prior of X: YAML or JSON with pose and covariance, or the result.json of an earlier run.
+      --prior-w FILE: Prior of the target pose W, likewise.
+      --known TEXT: Measured coordinate of camera or target, e.g. 'target z = 120mm +- 1mm'. Repeatable.
+    """
     from ...io import read_prior
     from ...noise.known_values import parse_known_values as known_values
 

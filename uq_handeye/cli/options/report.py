@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from ...errors import InputError
 from ...files.about import ABOUT, read_about
 from ..groups import OUTPUT
-from .common import flag, one_of, option
+from .common import one_of, option
 
 PAPERS = ("a4", "letter")
 
@@ -30,19 +30,15 @@ def report_options_of(
             help=f"Title block of the report, or a TOML file. Keys: {', '.join(ABOUT)}. Repeatable.",
         ),
     ] = None,
-    full_report: Annotated[
-        bool,
-        flag(
-            "--full-report",
-            panel=OUTPUT,
-            help="Open the folded sections of the report, also in the PDF. Default: two pages.",
-        ),
-    ] = False,
-    paper: Annotated[
-        str, option("--paper", of=PAPERS, panel=OUTPUT, metavar="NAME", help="Paper of a PDF report: a4 or letter.")
-    ] = "a4",
+    full_report: bool = False,
+    paper: str = "a4",
 ) -> ReportOptions:
-    """Read the options of the report."""
+    """Read the options of the report.
+
+    Options (Output):
+      --full-report: Open the folded sections of the report, also in the PDF. Default: two pages.
+      --paper NAME <PAPERS>: Paper of a PDF report: a4 or letter.
+    """
     for text in about or ():
         if not text.strip():
             raise InputError("Expected --about to name a TOML file or KEY=VALUE, got an empty text.")

@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from ...errors import InputError
-from ..groups import SHARED
 from .arm import ACCURACY_CLASSES, RobotClass
-from .common import one_of, option
+from .common import one_of
 
 if TYPE_CHECKING:
     from ...noise.models import Noise
@@ -21,78 +20,30 @@ DEFAULTS = ("defaults", "none")
 
 @dataclass(frozen=True)
 class SharedOptions:
-    """Options of the errors that all poses share."""
+    """Options of the errors that all poses share.
 
-    shared: Annotated[
-        str | None,
-        option(
-            "--shared",
-            of=DEFAULTS,
-            metavar="NAME",
-            panel=SHARED,
-            help="Shared errors that are not declared: defaults or none. defaults, for camera poses without corners "
-            "and estimated noise: focal length 0.1%, principal point 0.001, target scale 0.03% (within a factor of 4), "
-            "lens, view and robot accuracy. Default: defaults.",
-        ),
-    ] = None
-    focal_sd: Annotated[
-        str | None,
-        option(
-            "--focal-sd",
-            metavar="SD",
-            panel=SHARED,
-            help="Relative standard deviation of the focal length, e.g. 0.1%, or exact. Default: by --shared.",
-        ),
-    ] = None
-    principal_point_sd: Annotated[
-        str | None,
-        option(
-            "--principal-point-sd",
-            metavar="SD",
-            panel=SHARED,
-            help="Standard deviation of the principal point per axis, relative to the focal length, e.g. 0.001; in "
-            "pixels, e.g. 1px, if the focal length is known; or exact. Default: by --shared.",
-        ),
-    ] = None
-    target_scale_sd: Annotated[
-        str | None,
-        option(
-            "--target-scale-sd",
-            metavar="SD",
-            panel=SHARED,
-            help="Relative standard deviation of the target size, e.g. 0.02%, or exact. Default: by --shared.",
-        ),
-    ] = None
-    robot_scale_sd: Annotated[
-        str | None,
-        option(
-            "--robot-scale-sd",
-            metavar="SD",
-            panel=SHARED,
-            help="Relative standard deviation of the robot's length scale, e.g. 0.01%, or exact.",
-        ),
-    ] = None
-    robot_accuracy: Annotated[
-        str | None,
-        option(
-            "--robot-accuracy",
-            metavar="MM,DEG",
-            panel=SHARED,
-            common=True,
-            help="Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, RMS over the "
-            "workspace; or exact. Where it is not declared it is known within a factor of 3, or as --robot-class says. "
-            "Default: 0.6 mm.",
-        ),
-    ] = None
-    offset_sd: Annotated[
-        str | None,
-        option(
-            "--offset-sd",
-            metavar="SD",
-            panel=SHARED,
-            help="Standard deviation of the clock offset, e.g. 1ms, or exact. Default with --pair async: estimated.",
-        ),
-    ] = None
+    Options (Shared errors):
+      --shared NAME <DEFAULTS>: Shared errors that are not declared: defaults or none. defaults, for camera poses
+        without corners and estimated noise: focal length 0.1%, principal point 0.001, target scale 0.03% (within a
+        factor of 4), lens, view and robot accuracy. Default: defaults.
+      --focal-sd SD: Relative standard deviation of the focal length, e.g. 0.1%, or exact. Default: by --shared.
+      --principal-point-sd SD: Standard deviation of the principal point per axis, relative to the focal length, e.g.
+        0.001; in pixels, e.g. 1px, if the focal length is known; or exact. Default: by --shared.
+      --target-scale-sd SD: Relative standard deviation of the target size, e.g. 0.02%, or exact. Default: by --shared.
+      --robot-scale-sd SD: Relative standard deviation of the robot's length scale, e.g. 0.01%, or exact.
+      * --robot-accuracy MM,DEG: Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, RMS
+        over the workspace; or exact. Where it is not declared it is known within a factor of 3, or as --robot-class
+        says. Default: 0.6 mm.
+      --offset-sd SD: Standard deviation of the clock offset, e.g. 1ms, or exact. Default with --pair async: estimated.
+    """
+
+    shared: str | None = None
+    focal_sd: str | None = None
+    principal_point_sd: str | None = None
+    target_scale_sd: str | None = None
+    robot_scale_sd: str | None = None
+    robot_accuracy: str | None = None
+    offset_sd: str | None = None
 
     robot_class: RobotClass = None
 

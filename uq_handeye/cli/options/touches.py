@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from .common import UNITS, flag, one_of, option
+from .common import UNITS, one_of
 from .points import coordinates
 
 if TYPE_CHECKING:
@@ -19,87 +19,30 @@ TOUCHING = "Touches"
 
 @dataclass(frozen=True)
 class TouchOptions:
-    """Options of a file of touches."""
+    """Options of a file of touches.
 
-    tcp_sd: Annotated[
-        str | None,
-        option(
-            "--tcp-sd",
-            metavar="LENGTH",
-            panel=TOUCHING,
-            common=True,
-            help="Standard deviation of a touch per axis, e.g. 0.2mm. Default: the column touched_sd.",
-        ),
-    ] = None
-    point_sd: Annotated[
-        str | None,
-        option(
-            "--point-sd",
-            metavar="LENGTH",
-            panel=TOUCHING,
-            common=True,
-            help="Standard deviation of a seen point per axis, e.g. 0.3mm. Default: the columns seen_sd, else that of "
-            "a camera pose in the calibration.",
-        ),
-    ] = None
-    tool: Annotated[
-        str | None,
-        option(
-            "--tool",
-            metavar="X,Y,Z",
-            panel=TOUCHING,
-            common=True,
-            help="Tool tip in the flange frame, e.g. 0mm,0mm,150mm. For touches by robot poses. Default: its origin.",
-        ),
-    ] = None
-    tool_sd: Annotated[
-        str,
-        option(
-            "--tool-sd",
-            metavar="LENGTH",
-            panel=TOUCHING,
-            common=True,
-            help="Standard deviation of the tool's offset per axis, e.g. 0.3mm, exact or unknown.",
-        ),
-    ] = "exact"
-    units: Annotated[
-        str,
-        option(
-            "--units",
-            of=UNITS,
-            metavar="UNIT",
-            panel=TOUCHING,
-            common=True,
-            help=f"Length unit of columns that name none: {', '.join(UNITS)}.",
-        ),
-    ] = "m"
-    board_poses: Annotated[
-        Path | None,
-        option(
-            "--board-poses",
-            metavar="FILE.csv",
-            panel=TOUCHING,
-            help="Poses camera_T_target of the views of a board, for points given on the board.",
-        ),
-    ] = None
-    touch_robot_noise: Annotated[
-        str | None,
-        option(
-            "--touch-robot-noise",
-            metavar="ROT,TRANS",
-            panel=TOUCHING,
-            help="Robot noise of one pose, by touch and view, e.g. 0.02deg,0.05mm. Default: that of the calibration.",
-        ),
-    ] = None
-    other_sensor: Annotated[
-        bool,
-        flag(
-            "--other-sensor",
-            panel=TOUCHING,
-            help="Points from a depth sensor in the frame of the camera. The errors of its focal length and image "
-            "centre are then not theirs.",
-        ),
-    ] = False
+    Options (Touches):
+      * --tcp-sd LENGTH: Standard deviation of a touch per axis, e.g. 0.2mm. Default: the column touched_sd.
+      * --point-sd LENGTH: Standard deviation of a seen point per axis, e.g. 0.3mm. Default: the columns seen_sd, else
+        that of a camera pose in the calibration.
+      * --tool X,Y,Z: Tool tip in the flange frame, e.g. 0mm,0mm,150mm. For touches by robot poses. Default: its origin.
+      * --tool-sd LENGTH: Standard deviation of the tool's offset per axis, e.g. 0.3mm, exact or unknown.
+      * --units UNIT <UNITS>: Length unit of columns that name none: {UNITS}.
+      --board-poses FILE.csv: Poses camera_T_target of the views of a board, for points given on the board.
+      --touch-robot-noise ROT,TRANS: Robot noise of one pose, by touch and view, e.g. 0.02deg,0.05mm. Default: that of
+        the calibration.
+      --other-sensor: Points from a depth sensor in the frame of the camera. The errors of its focal length and image
+        centre are then not theirs.
+    """
+
+    tcp_sd: str | None = None
+    point_sd: str | None = None
+    tool: str | None = None
+    tool_sd: str = "exact"
+    units: str = "m"
+    board_poses: Path | None = None
+    touch_robot_noise: str | None = None
+    other_sensor: bool = False
 
     def read(self, path: Path, kinematics: "FittedKinematics | None") -> "Touches":
         """Return the touches of a file."""
@@ -135,45 +78,21 @@ class TouchOptions:
 
 @dataclass(frozen=True)
 class TouchesToUse:
-    """Options of touches that a calibration takes in."""
+    """Options of touches that a calibration takes in.
 
-    touches: Annotated[
-        Path | None,
-        option(
-            "--touches",
-            metavar="FILE.csv",
-            panel=TOUCHING,
-            help="Points seen and touched, as further measurements. Columns as in verify, units by their names.",
-        ),
-    ] = None
-    tcp_sd: Annotated[
-        str | None,
-        option(
-            "--tcp-sd", metavar="LENGTH", panel=TOUCHING, help="Standard deviation of a touch per axis, e.g. 0.2mm."
-        ),
-    ] = None
-    point_sd: Annotated[
-        str | None,
-        option(
-            "--point-sd",
-            metavar="LENGTH",
-            panel=TOUCHING,
-            help="Standard deviation of a seen point per axis. Default: that of a camera pose.",
-        ),
-    ] = None
-    tool: Annotated[
-        str | None,
-        option("--tool", metavar="X,Y,Z", panel=TOUCHING, help="Tool tip in the flange frame. Default: its origin."),
-    ] = None
-    tool_sd: Annotated[
-        str,
-        option(
-            "--tool-sd",
-            metavar="LENGTH",
-            panel=TOUCHING,
-            help="Standard deviation of the tool's offset per axis, exact or unknown.",
-        ),
-    ] = "exact"
+    Options (Touches):
+      --touches FILE.csv: Points seen and touched, as further measurements. Columns as in verify, units by their names.
+      --tcp-sd LENGTH: Standard deviation of a touch per axis, e.g. 0.2mm.
+      --point-sd LENGTH: Standard deviation of a seen point per axis. Default: that of a camera pose.
+      --tool X,Y,Z: Tool tip in the flange frame. Default: its origin.
+      --tool-sd LENGTH: Standard deviation of the tool's offset per axis, exact or unknown.
+    """
+
+    touches: Path | None = None
+    tcp_sd: str | None = None
+    point_sd: str | None = None
+    tool: str | None = None
+    tool_sd: str = "exact"
 
     def included_in(self, result: "Calibration") -> "tuple[Calibration, str]":
         """Return the calibration with the touches taken in, and what to say of them."""
