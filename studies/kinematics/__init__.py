@@ -161,7 +161,7 @@ def of_real(folder: Path, full: bool) -> Iterator[dict[str, object]]:
                     result = calibrated(of.poses(chosen), **options)
                     lines.append(
                         {"refused": 1.0}
-                        if result is None or result.joint_posterior is None
+                        if result is None or result.posterior is None
                         else {"refused": 0.0}
                         | predicted("held out", result, of.kinematics, of.q[others], of.camera[others])
                     )

@@ -78,7 +78,7 @@ def scored(of: Drawn, options: dict[str, Any], flanges: Mapping[str, Array] | No
     Without ``kinematics`` among the options the robot's poses are by the URDF, and count as they stand.
     """
     result = calibrated(of.poses, **options)
-    if result is None or result.covariance is None or result.joint_posterior is None:
+    if result is None or result.covariance is None or result.posterior is None:
         return {"refused": 1.0}
     line = {"refused": 0.0}
     for name, X in (flanges or {"X": of.rig.X_of_controller}).items():

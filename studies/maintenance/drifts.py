@@ -10,8 +10,6 @@ import pandas as pd
 import uq_handeye as uq
 from studies.maintenance.rigs import NOISES, SETUPS, Rig, rig
 from uq_handeye.evidence.new_poses import PoseEvidence, evidence_of_poses
-from uq_handeye.evidence.state import state_of
-from uq_handeye.maintenance.noise_uncertainty import reference_of_poses
 from uq_handeye.maintenance.series.alarm import CHARTS, Chart, charts_of
 from uq_handeye.maintenance.series.cusum import cusum, limit_for
 from uq_handeye.maintenance.series.innovations import Scores, scores_of
@@ -55,13 +53,12 @@ def series_tables(full: bool) -> dict[str, pd.DataFrame]:
 
 
 def _evidence(of: Rig, series: list[uq.PosePairs]) -> list[PoseEvidence]:
-    state = state_of(of.result)
-    return [evidence_of_poses(of.result, poses, state=state) for poses in series]
+    return [evidence_of_poses(of.result, poses) for poses in series]
 
 
 def _scores(of: Rig, evidence: list[PoseEvidence]) -> Scores:
     columns = {"X": [-e.linear.J[..., :6] for e in evidence], "target": [-e.linear.J[..., 6:] for e in evidence]}
-    return scores_of(evidence, columns, reference_of_poses(of.result, evidence[0]).noise_dof)
+    return scores_of(evidence, columns, evidence[0].test.reference.noise_dof)
 
 
 def _without_change(of: Rig, rng: np.random.Generator) -> dict[str, float]:
@@ -91,14 +88,14 @@ def _normal(p: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 def p_values(of: Rig, evidence: list[PoseEvidence]) -> np.ndarray[Any, Any]:
     """Return those of each check by itself."""
-    references = [reference_of_poses(of.result, e) for e in evidence[:SETS]]
+    references = [e.test.reference for e in evidence[:SETS]]
     return np.array([references[k % SETS].p_value(e.d2) for k, e in enumerate(evidence)])
 
 
 def _drift(of: Rig, step: float, rng: np.random.Generator) -> tuple[dict[str, float], tuple[Chart, ...]]:
     """X drifts along one direction by the same step from check to check."""
     first = evidence_of_poses(of.result, of.poses(0, rng))
-    reference = reference_of_poses(of.result, first)
+    reference = first.test.reference
     information = first.information(-first.linear.J[..., :6])
     axis = np.zeros(6)
     axis[3:] = rng.standard_normal(3)

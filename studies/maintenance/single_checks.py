@@ -14,7 +14,6 @@ from studies.maintenance.touches import touch_table, touches_of
 from uq_handeye.evidence.new_poses import evidence_of_poses
 from uq_handeye.geometry.se3 import Array
 from uq_handeye.maintenance.causes import columns_of_causes
-from uq_handeye.maintenance.noise_uncertainty import reference_of_poses
 from uq_handeye.runtime.progress import progress_bar
 
 LEVEL = 0.05
@@ -53,7 +52,7 @@ def single_checks(full: bool) -> dict[str, pd.DataFrame]:
 def checks_of(of: Rig, noise: str, k: int, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
     """Checks without a change, of each size, and of causes."""
     first = [evidence_of_poses(of.result, of.poses(which, rng)) for which in range(min(SETS, CHECKS[noise]))]
-    references = [reference_of_poses(of.result, evidence) for evidence in first]
+    references = [evidence.test.reference for evidence in first]
 
     def p_value(which: int, cause: str = "", size: Any = 0.0) -> float:
         """Return that of `check`, without its causes; the distribution is that at the same robot poses."""

@@ -23,8 +23,8 @@ from uq_handeye.likelihood.gauss_helmert import bound, efficient
 from uq_handeye.noise.square_roots import cholesky_of, whiten
 from uq_handeye.planning.candidates import predicted_camera, sample_candidates
 from uq_handeye.planning.plan import CRITERIA, plan
-from uq_handeye.planning.selection import covariance_of, greedy, value
 from uq_handeye.planning.weak_prior import so_far
+from uq_handeye.posterior.selection import covariance_of, greedy, value
 from uq_handeye.simulation.rig import RIGS, disturbed
 
 SEED = 2024

@@ -73,7 +73,7 @@ def test_a_file_holds_results_at_the_edge(tmp_path, errors, noise):
     result.to_json(tmp_path / "result.json")
     again = uq.Calibration.from_json(tmp_path / "result.json")
     assert [error.alone_sd for error in again.shared] == [error.alone_sd for error in result.shared]
-    np.testing.assert_array_equal(again.joint_posterior.covariance, result.joint_posterior.covariance)
+    np.testing.assert_array_equal(again.posterior.covariance, result.posterior.covariance)
 
 
 def test_noise_of_all_robot_poses_together_says_nothing_of_a_new_one(rng):

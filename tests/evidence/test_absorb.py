@@ -33,7 +33,7 @@ def test_poses_taken_in_are_the_fit_of_all(setup):
     mine, of_all, before = (one.shared[0] for one in (found, both, first))
     assert mine.estimate == pytest.approx(of_all.estimate, abs=0.02 * of_all.sd)
     assert mine.sd == pytest.approx(of_all.sd, rel=0.01) and before.sd > 1.1 * mine.sd
-    assert found.provenance.options["more"] == 8 and found.joint_posterior.estimate[0] == mine.estimate
+    assert found.provenance.options["more"] == 8 and found.posterior.estimate[0] == mine.estimate
 
 
 @pytest.mark.parametrize("tool_sd", [0.0, 3e-4, np.inf])

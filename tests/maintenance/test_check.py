@@ -9,8 +9,7 @@ import uq_handeye as uq
 from uq_handeye.evidence.new_poses import evidence_of_poses
 from uq_handeye.geometry.se3 import perturb
 from uq_handeye.maintenance.causes import columns_of_causes, compare_causes
-from uq_handeye.maintenance.noise_uncertainty import noise_derivatives, reference_of_poses
-from uq_handeye.maintenance.reference import PredictiveReference
+from uq_handeye.posterior.reference import PredictiveReference
 from uq_handeye.simulation.rig import RIGS
 from uq_handeye.verification.new_poses import verify_poses
 
@@ -41,7 +40,7 @@ def test_chi_square_where_noise_is_given(results):
     for _ in range(240):
         old = uq.simulate(12, noise=NOISE, seed=rng)
         fit = uq.efficient(old, NOISE)
-        posterior = replace(results["eye-in-hand"].joint_posterior, covariance=fit.covariance)
+        posterior = replace(results["eye-in-hand"].posterior, covariance=fit.covariance)
         stored = replace(results["eye-in-hand"], X=fit.X, W=fit.W, data=old, table=None, joint_posterior=posterior)
         new = uq.simulate(4, noise=NOISE, seed=rng)
         evidence = evidence_of_poses(stored, new)
@@ -59,52 +58,12 @@ def test_chi_square_where_noise_is_given(results):
     assert abs(np.mean(power)) < 0.045
 
 
-def test_reference_of_one_unknown_factor_is_f():
-    from scipy.special import fdtrc
-
-    for size, nu in ((6, 12.0), (60, 24.0), (120, 40.0)):
-        reference = PredictiveReference.estimated([np.eye(size)], np.array([[2.0 / nu]]))
-        for F in (0.8, 1.2, 1.8):
-            assert reference.p_value(size * F) == pytest.approx(fdtrc(size, nu, F), abs=2e-3)
-        assert reference.noise_dof == pytest.approx(nu, rel=0.1)
-        assert reference.p_value(reference.quantile(0.95)) == pytest.approx(0.05, abs=1e-6)
-
-
-def test_reference_of_two_variances():
-    """Sums of two F distributions of different degrees of freedom; chi-square in its place raises false alarms."""
-    rng = np.random.default_rng(1)
-    for k in (6, 60):
-        ends = np.eye(k)[:, : k // 2] @ np.eye(k)[: k // 2], np.eye(k)[:, k // 2 :] @ np.eye(k)[k // 2 :]
-        nus = (20.0, 60.0)
-        reference = PredictiveReference.estimated(ends, np.diag(2.0 / np.array(nus)))
-        d2 = sum(rng.chisquare(k // 2, 20000) / (rng.chisquare(nu, 20000) / nu) for nu in nus)
-        assert np.mean(d2 > reference.quantile(0.95)) == pytest.approx(0.05, abs=0.006)
-        assert np.mean(d2 > PredictiveReference.given(k).quantile(0.95)) > 0.07
-
-
-@pytest.mark.parametrize("shared", [[], None])
-def test_covariance_is_linear_in_the_variances(shared):
-    """The parts by the variances add up to Sigma where nothing is shared, and to less where something is."""
-    result = old_result(n=12, shared=shared, robust=False, correlation="none")
-    if shared is None:  # the robot's accuracy is carried, and no part of it
-        result = replace(result, shared=tuple(one for one in result.shared if one.accuracy is None))
-    evidence = evidence_of_poses(result, uq.simulate(3, noise=NOISE, seed=5))
-    parts = noise_derivatives(result, result.noise_estimate, evidence)
-    total = sum(v * part for v, part in zip(result.noise_estimate.variances, parts, strict=True))
-    values = np.linalg.eigvalsh(total)
-    if shared == []:
-        assert np.allclose(values, 1.0, atol=1e-3)
-    else:
-        assert values.max() < 1.0 + 1e-3
-        assert values.min() > 0.1
-
-
 @pytest.mark.parametrize("setup", SETUPS)
 def test_estimated_noise_raises_the_limit(setup):
     result = old_result(setup, n=10)
     few, many = (evidence_of_poses(result, uq.simulate(m, noise=NOISE, setup=setup, seed=4)) for m in (1, 20))
     for evidence in (few, many):
-        reference = reference_of_poses(result, evidence)
+        reference = evidence.test.reference
         assert not reference.noise_given
         assert 20 < reference.noise_dof < 200
         assert reference.quantile(0.95) > 1.03 * PredictiveReference.given(evidence.dof).quantile(0.95)

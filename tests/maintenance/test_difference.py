@@ -61,7 +61,7 @@ def test_of_a_part_it_is_the_innovation(options):
     poses = replace(uq.simulate(30, noise=NOISE, seed=1), truth=None)
     part = poses.rows(np.arange(18))
     old, new = (fitted(of, noise=NOISE, **options) for of in (part, poses))
-    innovation = (old.joint_posterior.covariance - new.joint_posterior.covariance)[:12, :12]
+    innovation = (old.posterior.covariance - new.posterior.covariance)[:12, :12]
     found = uq.difference(old, new)
     np.testing.assert_allclose(found.covariance, innovation, atol=0.03 * np.abs(innovation).max())
     bare = [replace(of, data=None, provenance=replace(of.provenance, request=None)) for of in (old, new)]
@@ -80,7 +80,7 @@ def test_an_error_of_one_camera_cancels():
     apart, one = (uq.difference(old, new, same=same) for same in ((), ("camera",)))
     assert np.linalg.eigvalsh(apart.covariance - one.covariance).max() > 0
     assert one.same == ("camera",) and "The same in both: camera" in " ".join(one.summary().split())
-    sums = old.joint_posterior.covariance + new.joint_posterior.covariance
+    sums = old.posterior.covariance + new.posterior.covariance
     np.testing.assert_allclose(apart.covariance, sums[:12, :12], atol=0.03 * np.abs(sums).max())
 
 
@@ -101,7 +101,7 @@ def test_pictures_of_both_count_once():
     old = fitted(poses_of(replace(kept, row=kept.picture), robot[:8]), noise=uq.PoseNoise(robot=ROBOT))
     new = fitted(poses_of(corners, robot), noise=uq.PoseNoise(robot=ROBOT))
     found = uq.difference(old, new)
-    innovation = (old.joint_posterior.covariance - new.joint_posterior.covariance)[:12, :12]
+    innovation = (old.posterior.covariance - new.posterior.covariance)[:12, :12]
     assert found.how == "linear maps" and found.common == 8
     values = np.linalg.eigvalsh(np.linalg.solve(found.scale, found.covariance - innovation))
     assert np.abs(values).max() < 0.1  # pixel noise is estimated from the pictures of each

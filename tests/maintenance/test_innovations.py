@@ -1,21 +1,22 @@
 """Scores of successive checks: independent and standard normal, though all share the calibration's error."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from uq_handeye.evidence.evidence import Evidence
-from uq_handeye.evidence.state import State
 from uq_handeye.maintenance.series.alarm import shifts_since
 from uq_handeye.maintenance.series.innovations import Innovations, scores_of
+from uq_handeye.posterior.rows import NewRows
 
 CHECKS, POSES, P = 4, 2, 8
 
 
 @pytest.fixture
 def design(rng):
-    """State, columns by u and own noise of each check, columns of a shift."""
-    state = State(rng.standard_normal((12, P)), np.zeros(0), ())
+    """Posterior, columns by u and own noise of each check, columns of a shift."""
+    state = SimpleNamespace(A=rng.standard_normal((12, P)), points=None)
     V = [1.5 * rng.standard_normal((POSES, 6, P)) for _ in range(CHECKS)]
     roots = [np.eye(6) + 0.2 * rng.standard_normal((POSES, 6, 6)) for _ in range(CHECKS)]
     C = [np.eye(6) + 0.3 * rng.standard_normal((POSES, 6, 6)) for _ in range(CHECKS)]
@@ -29,7 +30,7 @@ def series(design, rng, size=1.0, shift=None, since=0):
     for k in range(CHECKS):
         own = roots[k] @ (size * rng.standard_normal((POSES, 6, 1)))
         r = (V[k] @ u) + own[..., 0] + (0 if shift is None or k < since else C[k] @ shift)
-        found.append(Evidence(r, V[k], roots[k] @ roots[k].mT, state))
+        found.append(NewRows(r, V[k], roots[k] @ roots[k].mT, state))
     return found
 
 

@@ -40,8 +40,8 @@ from uq_handeye.noise.models import marginals
 from uq_handeye.planning import plan as planning
 from uq_handeye.planning.candidates import sample_candidates
 from uq_handeye.planning.plan import CRITERIA, plan
-from uq_handeye.planning.selection import after, covariance_of, exchanged, greedy, value
 from uq_handeye.planning.weak_prior import OPEN, PRIOR
+from uq_handeye.posterior.selection import after, covariance_of, exchanged, greedy, value
 from uq_handeye.shared_errors.shared_error import shared_columns, with_shared
 from uq_handeye.simulation.rig import RIGS
 

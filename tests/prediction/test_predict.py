@@ -127,7 +127,7 @@ def test_a_new_measurement_shares_the_intrinsics_of_the_calibration(rng):
         squared.append(squares(result.predict_camera(robot=poses.robot[12:]), new.poses).mean() / 6)
         with pytest.raises(InputError, match="corners"):
             replace(result, data=None).predict_camera(robot=poses.robot[12:])
-        alone = replace(result, data=None, joint_posterior=without_intrinsics(result.joint_posterior))
+        alone = replace(result, data=None, joint_posterior=without_intrinsics(result.posterior))
         stored.append(squares(alone.predict_camera(robot=poses.robot[12:]), new.poses).mean() / 6)
     assert abs(np.mean(squared) - 1) < 4 * np.std(squared) / np.sqrt(draws) + 0.05
     assert np.mean(stored) > 2

@@ -31,15 +31,18 @@ from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
 from ..likelihood.open_start import start_open
 from ..likelihood.robust import RobustFit, fit_robustly
-from ..likelihood.shared_estimates import JointFit, JointPosterior, of_moves
+from ..likelihood.shared_estimates import JointFit, of_moves
 from ..likelihood.starts import leaves_open
+from ..noise.joint_covariance import group_of
 from ..noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
 from ..one_model.estimation import ROUGH, FoundSizes, JointModel
+from ..one_model.points import OpenSizes, with_open_sizes
 from ..one_model.telling import tell
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
 from ..poses.timing import TimeOffset
+from ..posterior.posterior import Posterior
 from ..prediction.fitted_kinematics import FittedKinematics
 from ..prediction.local_joints import local_findings
 from ..propagation.published_fit import Published, fit_published
@@ -47,6 +50,10 @@ from ..runtime.read_only import read_only
 from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
+    FOCAL_LENGTH,
+    LENS,
+    PRINCIPAL_POINT,
+    VIEW,
     assumed_drift,
     shared_columns,
     with_shared,
@@ -66,6 +73,8 @@ SECOND_ORDER = 0.05
 # Share of rejected poses above which all poses are tried as a start as well; and minus the logarithm of the density
 # of a pose that may be anywhere, as rotations are and within a metre.
 MANY_REJECTED, ANYWHERE = 0.05, float(np.log(8 * np.pi**2))
+# Errors whose columns at other poses are told by those that they were bound to.
+OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 # The source of a budget for what the open sizes of all errors leave.
 SIZES_OPEN = "sizes of the errors"
 # What no model of an arm explains differs from pose to pose and has tails: beside its errors a pose is wrong from this
@@ -209,7 +218,7 @@ def _joint_noise(job: Job, found: Mapping[str, float] | None) -> dict[str, Array
     return {JOINT_NOISE: sd**2 * columns.J @ columns.J.mT} if sd > 0 else {}
 
 
-def _fitted(job: Job, posterior: JointPosterior | None, found: Mapping[str, float] | None) -> FittedKinematics | None:
+def _fitted(job: Job, posterior: Posterior | None, found: Mapping[str, float] | None) -> FittedKinematics | None:
     """Return the results of the fit about the arm."""
     if job.arm is None or posterior is None:
         return None
@@ -285,9 +294,15 @@ def _assembled(
     judged = goodness_of_fit(fit)
     if estimate is not None and not estimate.tested:
         judged = replace(judged, p_value=None)
-    posterior = None
+    posterior: Posterior | None = None
+    joint_posterior: Posterior | OpenSizes | None = None
     if fit.W is not None and fit.open is None:
         posterior = JointFit.with_intrinsics(fit, noise, job.shared).posterior(beside)
+        if poses is not None and not OF_POSES.isdisjoint(map(group_of, posterior.names)):
+            posterior = replace(posterior, bound=(poses.robot, poses.camera))
+        joint_posterior = posterior
+        if found is not None:
+            joint_posterior = with_open_sizes(posterior, fit.covariance, found)
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
         covariance=covariance,
@@ -304,7 +319,7 @@ def _assembled(
         shared=joint.estimates(),
         analysis=analysis,
         opened=fit.opened,
-        joint_posterior=posterior,
+        joint_posterior=joint_posterior,
         kinematics=_fitted(job, posterior, deviations),
     )
     said = said_open(fit.opened, result.setup) + against_prior(fit)

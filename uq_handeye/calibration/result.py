@@ -28,15 +28,17 @@ from ..likelihood.d2_distribution import Reference
 from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.open_directions import OpenDirections
 from ..likelihood.rig_bundle import Agreement
-from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
+from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import FoundComponent, NoiseEstimate
 from ..noise.models import Noise
 from ..noise.to_dict import noise_to_dict
+from ..one_model.points import OpenSizes
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
 from ..poses.to_dict import data_to_dict
+from ..posterior.posterior import Posterior
 from ..prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from ..prediction.fitted_kinematics import FittedKinematics
 from ..prediction.predict import CameraPrediction, predict_camera, predict_points
@@ -138,8 +140,8 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
         Title block of the report: cell, robot, camera, serial numbers, ... (`files.about.ABOUT`).
     kinematics : FittedKinematics or None
         The errors of the arm, where its joints and kinematics were given.
-    joint_posterior : JointPosterior or None
-        X, W and the errors that all poses share, together; None where a part of X is open.
+    joint_posterior : Posterior, OpenSizes or None
+        What `posterior` is made of.
     analysis : Analysis, StoredAnalysis or None
         Where `diagnostics`, `covariances`, `split_half`, `split_in_time` and `budget` come from.
     """
@@ -170,7 +172,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
     agreement: Agreement | None = None  # of method "bundle" with `efficient`
     opened: OpenDirections | None = None  # what of X and W the motions leave open
     kinematics: FittedKinematics | None = None  # the arm, where its joints were given
-    joint_posterior: JointPosterior | None = field(default=None, repr=False)  # of X, W and what all poses share
+    joint_posterior: Posterior | OpenSizes | None = field(default=None, repr=False)  # what `posterior` is made of
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
     about: dict[str, str] = field(default_factory=dict)  # title block of the report, by the names of `files.about`
     data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of
@@ -183,6 +185,15 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
     def components(self) -> tuple[FoundComponent, ...]:
         """All errors of the joint model, with their sizes and what they do to X; empty where the noise was given."""
         return () if self.noise_estimate is None else self.noise_estimate.of_model
+
+    @property
+    def posterior(self) -> Posterior | None:
+        """X, W and the errors that all poses share, together, over the sizes that are open; None where a part of X is.
+
+        `predict`, `check`, `verify`, `update`, `difference` and `plan` read it.
+        """
+        held = self.joint_posterior
+        return held.posterior if isinstance(held, OpenSizes) else held
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -487,7 +498,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
             **({} if self.agreement is None else {"agreement": self.agreement.to_dict()}),
             **({} if self.opened is None else {"open": self.opened.to_dict() | {"words": list(self.open_words)}}),
             **({} if self.kinematics is None else {"kinematics": self.kinematics.to_dict()}),
-            **({} if self.joint_posterior is None else {"joint_posterior": self.joint_posterior.to_dict()}),
+            **({} if self.posterior is None else {"posterior": self.posterior.to_dict()}),
             "residuals": self.residuals._asdict(),
             "headline": self.headline,
             "usable": self.usable,

@@ -29,7 +29,7 @@ from ..likelihood.gauss_helmert import ESTIMATORS
 from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.open_directions import OpenDirections
 from ..likelihood.rig_bundle import Agreement
-from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
+from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise
 from ..noise.to_dict import noise_from_dict
@@ -38,6 +38,7 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals
 from ..poses.timing import TimeOffset
 from ..poses.to_dict import data_from_dict
+from ..posterior.posterior import Posterior
 from ..prediction.fitted_kinematics import FittedKinematics
 from ..runtime.versions import versions
 from .analysis import Analysis, StoredAnalysis
@@ -210,6 +211,7 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
             raise ValueError(f"{name} is {data[name]!r:.40}")
     X = _pose(data, "X")
     origin = _read(data, "provenance", Provenance.from_dict)
+    posterior = data.get("posterior", data.get("joint_posterior"))  # by its earlier name
     poses = None
     if data.get("data") is not None:
         poses = data_from_dict(data["data"], data["setup"], () if origin is None else origin.sources)
@@ -232,9 +234,7 @@ def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
         "shared": tuple(map(SharedEstimate.from_dict, data.get("shared", ()))),
         "opened": None if data.get("open") is None else OpenDirections.from_dict(data["open"]),
         "kinematics": None if data.get("kinematics") is None else FittedKinematics.from_dict(data["kinematics"]),
-        "joint_posterior": None
-        if data.get("joint_posterior") is None
-        else JointPosterior.from_dict(data["joint_posterior"]),
+        "joint_posterior": None if posterior is None else Posterior.from_dict(posterior),
         "agreement": None if data.get("agreement") is None else Agreement.from_dict(data["agreement"]),
         "noise": _read(data, "noise", noise_from_dict),
         "residuals": Residuals(**data["residuals"]),

@@ -1,7 +1,7 @@
 r"""A calibration that has taken in further measurements: the update of its joint posterior by evidence.
 
 With the errors ``s = (xi_X, xi_W, e - estimate)`` and their mean and covariance given the measurements
-(`Evidence.absorbed`), X and W become ``perturb(X, -mean)``, e becomes ``estimate + mean``, and the joint posterior has
+(`Posterior.absorb`), X and W become ``perturb(X, -mean)``, e becomes ``estimate + mean``, and the joint posterior has
 the covariance of s. To first order this is the fit of all measurements together. What was found about the poses
 (residuals of the pose table, diagnostics, budget) stays that of the poses.
 """
@@ -19,11 +19,10 @@ from ..errors import InputError
 from ..files.source import Source
 from ..findings import Finding
 from ..geometry.se3 import perturb
-from ..likelihood.shared_estimates import JointPosterior
 from ..poses.to_dict import sha256_of
+from ..posterior.rows import NewRows
 from ..prediction.fitted_kinematics import FittedKinematics
-from .evidence import Evidence
-from .state import Calibrated, joint_posterior_of
+from .state import Calibrated, posterior_of
 from .touches import Touches, TouchEvidence, evidence_of_touches, with_tool
 
 # p-value below which touches contradict the poses.
@@ -58,14 +57,14 @@ class Absorbing(Sourced, Protocol):
 C = TypeVar("C", bound=Absorbing)
 
 
-def absorbed_into(result: C, evidence: Evidence, finding: Finding, options: Mapping[str, Any]) -> C:
+def absorbed_into(result: C, evidence: NewRows, finding: Finding, options: Mapping[str, Any]) -> C:
     """Return a calibration with the evidence taken in.
 
     Parameters
     ----------
     result : Calibration
         With the covariance of the noise model.
-    evidence : Evidence
+    evidence : NewRows
         Against this calibration.
     finding : Finding
         What was taken in, and how far it fitted.
@@ -77,15 +76,14 @@ def absorbed_into(result: C, evidence: Evidence, finding: Finding, options: Mapp
     InputError
         A calibration without joint covariance, or with a covariance of X from its residuals.
     """
-    before = joint_posterior_of(result)
+    before = posterior_of(result)
     if result.covariance_kind != "model":
         raise InputError(
             f"Expected a calibration with the covariance of its noise model, got covariance={result.covariance_kind!r}."
         )
     assert result.W is not None
-    told = evidence.absorbed()
-    posterior = JointPosterior(before.names, before.estimate + told.mean[12:], told.covariance)
-    sd = np.sqrt(np.maximum(np.diag(told.covariance)[12:], 0.0))
+    posterior, move = before.absorb(evidence)
+    sd = np.sqrt(np.maximum(np.diag(posterior.covariance)[12:], 0.0))
     place = {name: k for k, name in enumerate(before.names)}
     shared = tuple(
         replace(error, estimate=float(posterior.estimate[k]), sd=float(sd[k]))
@@ -100,10 +98,10 @@ def absorbed_into(result: C, evidence: Evidence, finding: Finding, options: Mapp
         )
     origin = result.provenance
     parts: dict[str, Any] = {
-        "X": perturb(result.X, -told.mean[:6]),
-        "W": perturb(result.W, -told.mean[6:12]),
-        "covariance": told.covariance[:6, :6],
-        "covariance_W": told.covariance[6:12, 6:12],
+        "X": perturb(result.X, -move[:6]),
+        "W": perturb(result.W, -move[6:12]),
+        "covariance": posterior.covariance[:6, :6],
+        "covariance_W": posterior.covariance[6:12, 6:12],
         "joint_posterior": posterior,
         "shared": shared,
         "kinematics": fitted,

@@ -21,13 +21,22 @@ from ..likelihood.constraint import Linearised, OnPoses, Unknowns
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
-from ..prediction.predict import camera_at, numbers_of_intrinsics, own_noise, robot_ahead, shared_effects
-from .evidence import Evidence
-from .state import Calibrated, State, joint_posterior_of, state_of
+from ..posterior.rows import NewRows
+from ..prediction.predict import (
+    NONE,
+    Fresh,
+    camera_at,
+    fresh_of_camera,
+    numbers_of_intrinsics,
+    robot_ahead,
+    shared_effects,
+)
+from ..shared_errors.accuracy import ROBOT_ACCURACY
+from .state import Calibrated, posterior_of
 
 
 @dataclass(frozen=True, eq=False)
-class PoseEvidence(Evidence):
+class PoseEvidence(NewRows):
     """New poses against a calibration, with the derivatives that the columns of causes are made of."""
 
     by_state: Array  # (m, 6, 12 + q) by the errors of the estimates
@@ -41,7 +50,8 @@ class PoseEvidence(Evidence):
         linear = Linearised(self.linear.r[index], J, (sides[0], sides[1]))
         some = super().rows(index)
         by_state, robot, camera = self.by_state[index], self.robot[index], self.camera[index]
-        return PoseEvidence(some.r, some.by_unit, some.own, self.state, by_state, linear, robot, camera)
+        parts = some.r, some.by_unit, some.own, self.posterior, by_state, linear, robot, camera
+        return PoseEvidence(*parts, own_at=some.own_at)
 
 
 def evidence_of_poses(
@@ -49,7 +59,6 @@ def evidence_of_poses(
     poses: PosePairs,
     noise: PoseNoise | None = None,
     joints: Any = None,
-    state: State | None = None,
 ) -> PoseEvidence:
     """Hold new poses against a calibration.
 
@@ -64,8 +73,6 @@ def evidence_of_poses(
         camera poses from corners that of their own fit.
     joints : (m, L) or None
         For a calibration with the kinematics of its arm; None: ``poses.joints``.
-    state : State or None
-        The errors of the calibration, where other measurements are held against it as well (`Evidence.joined`).
 
     Raises
     ------
@@ -75,7 +82,7 @@ def evidence_of_poses(
     SingularNoiseError
         New poses whose residuals have no noise of their own.
     """
-    posterior = joint_posterior_of(result)
+    posterior = posterior_of(result)
     assert result.W is not None
     if not isinstance(poses, PosePairs) or poses.robot.ndim != 3:
         raise InputError(f"Expected the new poses to be PosePairs of one data set, got {type(poses).__name__}.")
@@ -92,26 +99,38 @@ def evidence_of_poses(
     linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
     D_G, D_C = linear.sides
     by_state = np.concatenate([linear.J, D_G @ ahead.columns + D_C @ F_C], axis=-1)
-    state = state_of(result) if state is None else state
-    by_unit = by_state @ state.A
-    robot_noise, more_G = _noise_of(poses, noise, "robot", ahead.noise)
+    by_unit = by_state @ posterior.A
+    robot_noise, more_G = _noise_of(poses, noise, "robot", ahead.fresh)
     camera_noise, more_C = _noise_of(poses, noise, "camera", of_camera)
-    own = D_G @ (robot_noise + ahead.unseen) @ D_G.mT + D_C @ camera_noise @ D_C.mT
+    carried = [(one, D_G @ one.covariance @ D_G.mT) for one in robot_noise]
+    carried += [(one, D_C @ one.covariance @ D_C.mT) for one in camera_noise]
+    arm = next((one for one in posterior.noise if one.name == ROBOT_ACCURACY), None)
+    unseen = D_G @ ahead.unseen @ D_G.mT
+    own = sum((one.size**2 * S for one, S in carried), unseen)
+    own_at = np.zeros(0)
+    if posterior.points is not None:
+        d = len(posterior.points.weights)
+        size = np.ones(d) if arm is None else (arm.by_point / arm.size) ** 2
+        own_at = size[:, None, None, None] * unseen
+        for one, S in carried:
+            own_at += (one.by_point if len(one.by_point) else np.full(d, one.size))[:, None, None, None] ** 2 * S
     by_unit = np.concatenate([by_unit, D_G @ more_G, D_C @ more_C], axis=-1)
-    return PoseEvidence(linear.r, by_unit, own, state, by_state, linear, ahead.poses, camera)
+    robot, at = ahead.poses, (linear.r, by_unit, own, posterior)
+    return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at)
 
 
-def _effects_on_camera(result: Calibrated, poses: PosePairs, robot: Array) -> tuple[Array, Array | JointCovariance]:
+def _effects_on_camera(result: Calibrated, poses: PosePairs, robot: Array) -> tuple[Array, Any]:
     """(m, 6, q) what the errors of the posterior do to the new camera poses, and the noise of these.
 
     They are taken where the camera should be at the corrected robot poses, without the noise of what it measured.
     Pictures that were adjusted with a camera of their own have nothing of the intrinsics' errors of the calibration.
     """
-    posterior, seen = joint_posterior_of(result), poses.camera_calibration
-    F = shared_effects(result, "camera", robot, camera_at(result, robot))
+    posterior, seen = posterior_of(result), poses.camera_calibration
+    there = camera_at(result, robot)
+    F = shared_effects(result, "camera", robot, there)
     if seen is None:
         S = poses.camera_covariance
-        return F, own_noise(result, "camera") if S is None else S
+        return F, fresh_of_camera(result, there) if S is None else S
     data = result.counted
     before = data.camera_calibration if isinstance(data, PosePairs) else None
     if before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters):
@@ -120,17 +139,19 @@ def _effects_on_camera(result: Calibrated, poses: PosePairs, robot: Array) -> tu
     return F, seen.covariance
 
 
-def _noise_of(poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: Any) -> tuple[Array, Array]:
-    """Noise (m, 6, 6) of each new pose of a side, and what they share by themselves (m, 6, z)."""
+def _noise_of(poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: Any) -> tuple[tuple[Fresh, ...], Array]:
+    """Noises of each new pose of a side, and what they share by themselves (m, 6, z)."""
     S = otherwise if noise is None else getattr(noise, side)
     m = poses.n
+    if isinstance(S, tuple):
+        return S, np.zeros((m, 6, 0))
     if S is None:
-        return np.zeros((m, 6, 6)), np.zeros((m, 6, 0))
+        return (), np.zeros((m, 6, 0))
     require_count(S, m, side, "poses")
     if isinstance(S, JointCovariance):
-        return np.asarray(S.own), np.asarray(S.shared)
+        return (Fresh("given", np.asarray(S.own), 1.0, NONE),), np.asarray(S.shared)
     if is_joint(S):
         raise InputError(
             f"Expected the noise of new {side} poses as (6, 6), (m, 6, 6) or JointCovariance, got an array."
         )
-    return np.broadcast_to(S, (m, 6, 6)), np.zeros((m, 6, 0))
+    return (Fresh("given", np.broadcast_to(S, (m, 6, 6)), 1.0, NONE),), np.zeros((m, 6, 0))

@@ -1,7 +1,7 @@
 r"""Points that the camera saw and the robot touched, against a calibration.
 
 The camera sees a point at p (camera frame) and the tool touches it at b' (base). The difference of the touch and of
-what the calibration says of the point is to first order, with s the errors of the estimates (`state`),
+what the calibration says of the point is to first order, with s the errors of the estimates (`posterior`),
 
     r = b' - G X p = (B_touch - B_seen) s + D_touch xi_touch - D_seen xi_seen + R_touch dtau + n_touch - R_seen n_p
 
@@ -32,11 +32,22 @@ from ..geometry.se3 import Array
 from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import group_of
 from ..poses.pose_pairs import PosePairs
-from ..prediction.predict import RobotAhead, own_noise, rest_of_robot, robot_ahead, seen_at, shared_effects, tip_at
+from ..posterior.factors import factor_of
+from ..posterior.rows import NewRows
+from ..prediction.predict import (
+    NONE,
+    Fresh,
+    RobotAhead,
+    own_noise,
+    rest_of_robot,
+    robot_ahead,
+    seen_at,
+    shared_effects,
+    tip_at,
+)
 from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.shared_error import TARGET_SCALE
-from .evidence import Evidence
-from .state import Calibrated, State, joint_posterior_of, root, state_of
+from .state import Calibrated, posterior_of
 
 # Standard deviation (m) of a tool's offset of which nothing is known, where a number is needed.
 UNKNOWN_TOOL = 1.0
@@ -165,7 +176,7 @@ class Touches(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class TouchEvidence(Evidence):
+class TouchEvidence(NewRows):
     """Touches against a calibration: r is the touch minus the point as the calibration has it, base frame, m."""
 
     at: Array  # (m, 3) the points in the base, as the calibration has them
@@ -174,7 +185,7 @@ class TouchEvidence(Evidence):
     estimated: Array  # (m, 3, 3) part of `own` that the calibration estimated
 
 
-def evidence_of_touches(result: Calibrated, touches: Touches, state: State | None = None) -> TouchEvidence:
+def evidence_of_touches(result: Calibrated, touches: Touches) -> TouchEvidence:
     """Hold points that were seen and touched against a calibration.
 
     A tool of which nothing is known adds no columns here: its three numbers are `TouchEvidence.by_tool`.
@@ -184,12 +195,12 @@ def evidence_of_touches(result: Calibrated, touches: Touches, state: State | Non
     InputError
         A calibration without joint covariance; a camera on the gripper and no robot poses; no noise at all.
     """
-    joint_posterior_of(result)
+    posterior = posterior_of(result)
     m = touches.m
     seen_from = _robot_at_seeing(result, touches)
     reached = _robot_at_touch(result, touches)
     p, by_camera, noise, view_noise, views = _seen_points(result, touches, seen_from)
-    seen = seen_at(result, p, None if seen_from is None else replace(seen_from, noise=np.zeros((m, 6, 6))))
+    seen = seen_at(result, p, None if seen_from is None else replace(seen_from, fresh=()))
     into_base = np.broadcast_to(result.X[:3, :3], (m, 3, 3))
     if seen_from is not None:
         into_base = seen_from.poses[:, :3, :3] @ into_base
@@ -210,8 +221,7 @@ def evidence_of_touches(result: Calibrated, touches: Touches, state: State | Non
         eye = np.broadcast_to(np.eye(4), at_touch.shape)
         by_state[..., 12:] += lever @ shared_effects(result, "robot", at_touch, eye)
         touch_noise = touch_noise + lever @ rest_of_robot(result, at_touch) @ lever.mT
-    state = state_of(result) if state is None else state
-    by_unit = by_state @ state.A
+    by_unit = by_state @ posterior.A
     groups = []
     if seen_from is not None:
         lever = by_pose(seen.at - seen_from.poses[:, :3, 3])
@@ -232,7 +242,7 @@ def evidence_of_touches(result: Calibrated, touches: Touches, state: State | Non
     if touches.seen_covariance is not None:
         given = given + point_noise
     return TouchEvidence(
-        b - seen.at, np.concatenate([by_unit, fresh], axis=-1), own, state, seen.at, np.asarray(by_tool),
+        b - seen.at, np.concatenate([by_unit, fresh], axis=-1), own, posterior, seen.at, np.asarray(by_tool),
         fresh.shape[-1], own - given,
     )  # fmt: skip
 
@@ -265,7 +275,8 @@ def _robot_at_touch(result: Calibrated, touches: Touches) -> RobotAhead | None:
 def _with_noise(ahead: RobotAhead, touches: Touches) -> RobotAhead:
     if touches.robot_noise is None:
         return ahead
-    return replace(ahead, noise=np.broadcast_to(touches.robot_noise, ahead.noise.shape))
+    noise = np.broadcast_to(touches.robot_noise, ahead.noise.shape)
+    return replace(ahead, fresh=(Fresh("given", noise, 1.0, NONE),))
 
 
 def _poses_of_points(result: Calibrated, touches: Touches) -> Array:
@@ -286,7 +297,7 @@ def _seen_points(
     """Points in the camera, corrected by the estimates of shared errors: (m, 3); (m, 3, q) by these errors; noise
     (m, 3, 3) of each; noise by columns (m, 3, 6) of each view of a board; the number of the view of each.
     """
-    posterior = joint_posterior_of(result)
+    posterior = posterior_of(result)
     m, q = touches.m, len(posterior.names)
     p, views, view_noise = touches.seen, np.arange(m, dtype=np.intp), None
     noise = np.zeros((m, 3, 3)) if touches.seen_covariance is None else touches.seen_covariance
@@ -336,7 +347,7 @@ def _equal_rows(poses: Array) -> NDArray[np.intp]:
 
 
 def _roots(S: Array) -> Array:
-    return np.stack([root(one) for one in S.reshape(-1, *S.shape[-2:])]).reshape(S.shape)
+    return np.stack([factor_of(one) for one in S.reshape(-1, *S.shape[-2:])]).reshape(S.shape)
 
 
 def _points(values: Any, name: str, m: int | None = None) -> Array:

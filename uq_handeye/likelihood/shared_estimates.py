@@ -27,6 +27,7 @@ from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PoseNoise
 from ..noise.square_roots import pulled, whiten
+from ..posterior.posterior import Posterior
 from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.accuracy import RobotAccuracy
 from ..shared_errors.shared_error import OF_LENGTHS, SharedError
@@ -108,32 +109,6 @@ class SharedEstimate(ReadOnlyArrays):
         return result
 
 
-@dataclass(frozen=True, eq=False)
-class JointPosterior(ReadOnlyArrays):
-    """X, W and the q errors that all poses share, together: what a prediction is made of.
-
-    ``covariance`` is of ``(xi_X, xi_W, e - estimate)``: xi the errors (theta, tau) of the estimates of X and W (rad, m;
-    left rotation, additive translation), e the true errors in their units.
-    """
-
-    names: tuple[str, ...]  # (q)
-    estimate: Array  # (q,)
-    covariance: Array  # (p + q, p + q), p = 12
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and text."""
-        return {"names": list(self.names), "estimate": self.estimate.tolist(), "covariance": self.covariance.tolist()}
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> JointPosterior:
-        """The inverse of `to_dict`."""
-        q = len(data["names"])
-        covariance = array_of(data["covariance"], (12 + q, 12 + q), "joint_posterior.covariance")
-        return cls(
-            tuple(map(str, data["names"])), array_of(data["estimate"], (q,), "joint_posterior.estimate"), covariance
-        )
-
-
 class GroupTest(NamedTuple):
     """The numbers of one error, all together, against what was assumed of them."""
 
@@ -209,7 +184,7 @@ class JointFit(ReadOnlyArrays):
         noise = replace(noise, camera=replace(S, names=tuple(names)))
         return cls.of(fit, noise, (*errors, more))
 
-    def posterior(self, beside: Mapping[str, Array]) -> JointPosterior:
+    def posterior(self, beside: Mapping[str, Array]) -> Posterior:
         """Return the posterior of X, W and these errors; ``beside`` are moves (p,) or (p, r) by errors that the noise
         does not hold.
         """
@@ -218,7 +193,7 @@ class JointFit(ReadOnlyArrays):
         across = self.response * sd
         left = (np.eye(len(sd)) - 0.5 * (self.explained + self.explained.T)) * np.outer(sd, sd)
         joint = np.block([[C, across], [across.T, left]])
-        return JointPosterior(tuple(name for _, name, _ in self.parts), sd * self.z, joint)
+        return Posterior(tuple(name for _, name, _ in self.parts), sd * self.z, joint)
 
     def estimates(self) -> tuple[SharedEstimate, ...]:
         """Return the estimates in the order of the errors."""

@@ -26,13 +26,13 @@ from typing import Any
 
 import numpy as np
 
-from ..evidence.evidence import Evidence
 from ..evidence.new_poses import PoseEvidence
 from ..geometry.se3 import Array
 from ..poses.pose_pairs import PosePairs
+from ..posterior.reference import PredictiveReference
+from ..posterior.rows import NewRows
 from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.shared_error import SharedError
-from .reference import PredictiveReference
 
 CAMERA_MOVED, TARGET_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE = (
     "X",
@@ -133,7 +133,7 @@ def columns_of_causes(evidence: PoseEvidence, setup: str) -> dict[str, Array]:
     return found
 
 
-def compare_causes(evidence: Evidence, columns: Mapping[str, Array], reference: PredictiveReference) -> Causes:
+def compare_causes(evidence: NewRows, columns: Mapping[str, Array], reference: PredictiveReference) -> Causes:
     """Estimate each cause by itself, and compare them."""
     d2, N = evidence.d2, evidence.dof
     found: list[tuple[float, Cause]] = []
@@ -161,7 +161,7 @@ def compare_causes(evidence: Evidence, columns: Mapping[str, Array], reference: 
     ))  # fmt: skip
 
 
-def distances(evidence: Evidence) -> Array:
+def distances(evidence: NewRows) -> Array:
     """(m,) squared distance of each measurement from what all others predict of it."""
     m, k = evidence.r.shape
     white = evidence.whitened(np.eye(m * k).reshape(m, k, m * k))
@@ -171,7 +171,7 @@ def distances(evidence: Evidence) -> Array:
     return np.asarray(np.einsum("mi,mi->m", g, np.linalg.solve(P, g[..., None])[..., 0]))
 
 
-def _most_outlying(evidence: Evidence) -> tuple[int, Array]:
+def _most_outlying(evidence: NewRows) -> tuple[int, Array]:
     """The pose that the others contradict most, and its columns (m, k, k)."""
     m, k = evidence.r.shape
     row = int(distances(evidence).argmax())

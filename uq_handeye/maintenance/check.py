@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..evidence.new_poses import PoseEvidence, evidence_of_poses
+from ..evidence.state import Calibrated
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..noise.models import PoseNoise
@@ -31,7 +32,6 @@ from .causes import (
 )
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck
 from .misread import misread
-from .noise_uncertainty import Estimated, reference_of_poses
 from .power import Detectable, detectable_changes
 from .together.joined_poses import common_poses
 
@@ -45,7 +45,7 @@ OVERSTATED = 0.99
 
 
 def check(
-    result: Estimated,
+    result: Calibrated,
     poses: PosePairs,
     *,
     noise: PoseNoise | None = None,
@@ -97,7 +97,7 @@ def check(
     accepted = None if tolerance is None else Tolerance.read(tolerance)
     evidence = evidence_of_poses(result, poses, noise, joints)
     _require_new(result, poses)
-    reference = reference_of_poses(result, evidence)
+    reference = evidence.test.reference
     columns = columns_of_causes(evidence, poses.setup)
     detectable = detectable_changes(
         evidence.information(columns[CAMERA_MOVED]), evidence.information(columns[TARGET_MOVED]), reference, level
@@ -163,7 +163,7 @@ def check(
     )
 
 
-def _require_new(result: Estimated, poses: PosePairs) -> None:
+def _require_new(result: Calibrated, poses: PosePairs) -> None:
     """Raise `InputError` where a pose was used by the calibration: its errors are those of X, and show no change."""
     used = result.counted
     if isinstance(used, PosePairs) and (twice := common_poses(used, poses)):

@@ -13,11 +13,11 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from ..evidence.evidence import Evidence
 from ..findings import Finding
 from ..formatting.units import LENGTH_UNITS
 from ..geometry.se3 import Array, inverse, logarithm
 from ..poses.pose_pairs import PosePairs
+from ..posterior.rows import NewRows
 
 # Findings that say that the files are misread.
 MISREAD = ("maintenance.misread", "maintenance.pairing")
@@ -35,7 +35,7 @@ Judge = Callable[..., float]  # poses, and which rows they are of those that wer
 
 
 def misread(
-    X: Array, W: Array, poses: PosePairs, evidence: Evidence, d2_of: Judge, lens: bool = False
+    X: Array, W: Array, poses: PosePairs, evidence: NewRows, d2_of: Judge, lens: bool = False
 ) -> Finding | None:
     """Return how else the files may be meant, where that explains a gross contradiction; ``d2_of`` judges poses.
 
@@ -117,7 +117,7 @@ def _rough(X: Array, W: Array, robot: Array, camera: Array, setup: str) -> float
     return float(np.median(turn + shift / np.maximum(size, 1e-9)))
 
 
-def _pairing(X: Array, W: Array, poses: PosePairs, evidence: Evidence) -> Array | None:
+def _pairing(X: Array, W: Array, poses: PosePairs, evidence: NewRows) -> Array | None:
     """The order of the camera rows that fits the robot rows best, if it is another."""
     m = poses.n
     if not 2 <= m <= MOST_PAIRED:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.se3 import Array
-from .reference import PredictiveReference
+from ..posterior.reference import PredictiveReference
 
 # The probability of finding it.
 POWER = 0.95

@@ -34,10 +34,10 @@ from ..kinematics.joint import PRISMATIC
 from ..noise.models import PoseNoise
 from ..noise.square_roots import cholesky_of, whiten
 from ..poses.pose_pairs import PosePairs
+from ..posterior.selection import covariance_of, select, weight_of_X
 from ..prediction.predict import CameraAhead, camera_ahead, own_noise
 from .candidates import draw_camera_poses, require_choice, require_number, robot_of
 from .result import Plan
-from .selection import covariance_of, select, weight_of_X
 
 PREDICTION = "prediction"
 # Postures of the task where none are given.
@@ -79,7 +79,7 @@ def plan_by_joints(
 ) -> Plan:
     """See `plan`."""
     data, chain, result = known.data, known.chain, known.result
-    assert result.joint_posterior is not None and result.W is not None and result.setup is not None
+    assert result.posterior is not None and result.W is not None and result.setup is not None
     e = None if result.kinematics is None else result.kinematics.e
     q = (
         sample_joints(data, chain, known.joints, result.X, result.W, sample, e=e, seed=seed)
@@ -87,7 +87,7 @@ def plan_by_joints(
         else _inside(chain, candidates, "candidates")
     )
     require_choice(len(q), k, repeat)
-    P = result.joint_posterior.covariance
+    P = result.posterior.covariance
     some = np.flatnonzero(np.diag(P) > 0)
     information = covariance_of(P[np.ix_(some, some)])
     ahead = _ahead(result, chain, q)
@@ -181,7 +181,7 @@ def so_far_by_joints(data: PosePairs, chain: Kinematics, options: dict[str, Any]
         result = calibrate(data, kinematics=chain, **options)
     except (DegenerateMotionError, NotConvergedError) as error:
         raise InputError(f"The poses so far do not determine X and the errors of the arm. {advice}") from error
-    if result.joint_posterior is None or result.W is None:
+    if result.posterior is None or result.W is None:
         raise InputError(f"The poses so far leave a part of X open, or fit exactly. {advice}")
     if result.kinematics is not None:
         joints = result.kinematics.joints

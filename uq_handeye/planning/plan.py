@@ -52,6 +52,7 @@ from ..noise.models import PoseNoise, is_joint, marginals
 from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES, warn_left_out
+from ..posterior.selection import select, weight_of_X
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     OF_ANY_POSES,
@@ -65,7 +66,6 @@ from ..shared_errors.shared_error import (
 from .by_joints import PREDICTION, Wanted, plan_by_joints, so_far_by_joints
 from .candidates import predicted_camera, require_choice, sample_candidates
 from .result import FORMS, Plan
-from .selection import select, weight_of_X
 from .weak_prior import so_far
 
 CRITERIA = ("trace", "logdet", "point")

@@ -43,7 +43,7 @@ def residuals_against(result: Fitted, poses: PosePairs) -> Residual:
     constraint = OnPoses(poses.robot, poses.camera, poses.setup == "eye-to-hand")
     linear = constraint.linearise(Unknowns(result.X, result.W), poses.robot, poses.camera)
     length = np.linalg.norm(linear.r.reshape(-1, 2, 3), axis=-1)
-    if result.joint_posterior is not None and result.opened is None:
+    if result.posterior is not None and result.opened is None:
         joints = None if result.kinematics is None else poses.joints
         ahead = predict_camera(result, joints, poses.robot)
         turn = logarithm(poses.camera[:, :3, :3] @ ahead.poses[:, :3, :3].mT)

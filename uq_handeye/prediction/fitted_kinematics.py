@@ -17,7 +17,7 @@ from ..kinematics.errors import GROUPS
 from ..kinematics.inverse import postures_at
 from ..kinematics.joint_limits import require_within_limits
 from ..kinematics.kinematic_errors import JOINT_NOISE, poses_with_errors
-from ..likelihood.shared_estimates import JointPosterior
+from ..posterior.posterior import Posterior
 from ..runtime.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ class FittedKinematics(ReadOnlyArrays):
         flange: str,
         sd: dict[str, float],
         beside_controller: tuple[float, float],
-        posterior: JointPosterior,
+        posterior: Posterior,
     ) -> FittedKinematics:
         """Build the kinematics from the joint posterior, by the names of the errors."""
         m = len(chain.errors)

@@ -26,7 +26,7 @@ LOOKED_AT = 100
 
 def local_findings(result: Predicting) -> list[Finding]:
     """One finding for local poses with joints: what they span, what they tell, how well predictions are known."""
-    fitted, posterior = result.kinematics, result.joint_posterior
+    fitted, posterior = result.kinematics, result.posterior
     if fitted is None or posterior is None or fitted.how == EXACT or not len(fitted.kept):
         return []
     chain, q = fitted.chain, fitted.joints
@@ -53,6 +53,6 @@ def range_shares(chain: Kinematics, q: Array) -> Array:
 
 def _spread(result: Predicting, q: Array) -> float:
     """RMS error (m) expected of where the camera sees the target at joints (t, L)."""
-    assert result.joint_posterior is not None
+    assert result.posterior is not None
     A = camera_ahead(result, q).columns[:, 3:]
-    return float(np.sqrt(np.mean(np.einsum("tij,jk,tik->t", A, result.joint_posterior.covariance, A))))
+    return float(np.sqrt(np.mean(np.einsum("tij,jk,tik->t", A, result.posterior.covariance, A))))

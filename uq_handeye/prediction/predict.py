@@ -29,20 +29,25 @@ from ..errors import InputError
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.se3 import Array, inverse, perturb
 from ..kinematics.errors import GROUPS
-from ..kinematics.kinematic_errors import EXACT, effects_of_errors, frame_name
+from ..kinematics.kinematic_errors import EXACT, JOINT_NOISE, effects_of_errors, frame_name
 from ..kinematics.workspace_gauge import frame_columns
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..likelihood.open_directions import OpenDirections
-from ..likelihood.shared_estimates import JointPosterior, SharedEstimate
+from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PoseNoise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
+from ..posterior.posterior import Posterior
 from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.shared_error import SharedError, bound_again, error_by_part
+from ..shared_errors.view import view_block
 from .fitted_kinematics import FittedKinematics
+
+# Of sizes that are known there are no points.
+NONE = np.zeros(0)
 
 
 class Predicting(Protocol):
@@ -59,7 +64,7 @@ class Predicting(Protocol):
     @property
     def kinematics(self) -> FittedKinematics | None: ...
     @property
-    def joint_posterior(self) -> JointPosterior | None: ...
+    def posterior(self) -> Posterior | None: ...
     @property
     def data(self) -> PosePairs | Motions | None: ...
     @property
@@ -94,14 +99,33 @@ class CameraPrediction(ReadOnlyArrays):
         }
 
 
+class Fresh(NamedTuple):
+    """One noise at poses to come: covariance (..., 6, 6) of size 1 there, its size, and that at each point (d,)."""
+
+    name: str
+    covariance: Array
+    size: float
+    by_point: Array
+
+
+def total_of(fresh: tuple[Fresh, ...], shape: tuple[int, ...]) -> Array:
+    """(..., 6, 6) of noises together."""
+    return sum((one.size**2 * one.covariance for one in fresh), np.zeros((*shape, 6, 6)))
+
+
 @dataclass(frozen=True, eq=False)
 class RobotAhead:
     """Robot poses of predictions, with what the shared errors and new noise do to them."""
 
     poses: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
     columns: Array  # (..., 6, q) error of the pose by (e - estimate) of each shared error
-    noise: Array  # (..., 6, 6) of joints and pose, drawn anew
+    fresh: tuple[Fresh, ...]  # of joints and pose, drawn anew
     unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
+
+    @property
+    def noise(self) -> Array:
+        """(..., 6, 6) of all that is drawn anew."""
+        return total_of(self.fresh, self.poses.shape[:-2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +173,8 @@ def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> C
     by_all = np.concatenate(
         [-np.linalg.solve(D_C, linear.J), by_robot @ ahead.columns.reshape(F_C.shape) - F_C], axis=-1
     )
-    noise = by_robot @ ahead.noise.reshape(-1, 6, 6) @ by_robot.mT + own_noise(result, "camera")
+    noise = by_robot @ ahead.noise.reshape(-1, 6, 6) @ by_robot.mT
+    noise = noise + total_of(fresh_of_camera(result, flat), flat.shape[:1])
     unseen = (by_robot @ ahead.unseen.reshape(-1, 6, 6) @ by_robot.mT).reshape(*shape, 6, 6)
     seen = perturb(flat, (F_C @ posterior.estimate[:, None])[..., 0])
     return CameraAhead(
@@ -273,7 +298,7 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
         q = fitted.checked(joints)
         G = fitted.poses(q, given)
         J = fitted.chain.jacobian(q, fitted.e)
-        noise = own_noise(result, "robot") + fitted.joint_noise**2 * J @ J.mT
+        of_joints: Array | None = J @ J.mT
         of_arm = [(k, place[part.name]) for k, part in enumerate(fitted.chain.errors) if part.name in place]
         columns = np.zeros((*G.shape[:-2], 6, len(place)))
         if of_arm:
@@ -285,14 +310,45 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
                 columns[..., there] = -frame_columns(fitted.chain, q, group)
     else:
         assert given is not None
-        G = given
-        noise = np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6))
+        G, of_joints = given, None
         columns = np.zeros((*G.shape[:-2], 6, len(place)))
     flat = G.reshape(-1, 4, 4)
     more = shared_effects(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
     G = perturb(flat, -(more @ posterior.estimate[:, None])[..., 0]).reshape(G.shape)
     unseen = rest_of_robot(result, flat).reshape(*G.shape[:-2], 6, 6)
-    return RobotAhead(G, columns + more.reshape(columns.shape), noise, unseen)
+    return RobotAhead(G, columns + more.reshape(columns.shape), _fresh_of_robot(result, G, of_joints), unseen)
+
+
+def _fresh_of_robot(result: Predicting, G: Array, of_joints: Array | None) -> tuple[Fresh, ...]:
+    posterior, fitted, found = _posterior(result), result.kinematics, []
+    if not posterior.noise:
+        found.append(Fresh("given", np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6)), 1.0, NONE))
+        if of_joints is not None and fitted is not None:
+            found.append(Fresh(JOINT_NOISE, of_joints, fitted.joint_noise, NONE))
+        return tuple(found)
+    for one in posterior.noise:
+        if one.side != "robot" or one.name == ROBOT_ACCURACY or (one.name == JOINT_NOISE and of_joints is None):
+            continue
+        S = of_joints if one.name == JOINT_NOISE else np.broadcast_to(one.covariance, (*G.shape[:-2], 6, 6))
+        assert S is not None
+        found.append(Fresh(one.name, S, one.size, one.by_point))
+    return tuple(found)
+
+
+def fresh_of_camera(result: Predicting, camera: Array) -> tuple[Fresh, ...]:
+    """Noises of camera poses (m, 4, 4) to come."""
+    posterior, shape = _posterior(result), (len(camera), 6, 6)
+    if not posterior.noise:
+        return (Fresh("given", np.broadcast_to(own_noise(result, "camera"), shape), 1.0, NONE),)
+    found = []
+    for one in posterior.noise:
+        if one.side == "camera":
+            S = np.broadcast_to(one.covariance, shape)
+            if one.distance > 0:
+                B = view_block(camera, one.distance)
+                S = B @ B.mT
+            found.append(Fresh(one.name, S, one.size, one.by_point))
+    return tuple(found)
 
 
 def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
@@ -300,7 +356,7 @@ def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: 
     posterior = _posterior(result)
     found = np.zeros((len(robot), 6, len(posterior.names)))
     poses = PosePairs(robot, camera, result.setup or "eye-in-hand")
-    calibrated = poses if (data := _calibrated(result)) is None else data
+    calibrated = poses if (data := bound_to(result)) is None else data
     columns: dict[str, Array] = {}
     for k, name in enumerate(posterior.names):
         if (of := error_by_part(name)) is not None and of[0].side == side:
@@ -312,7 +368,8 @@ def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: 
         if error.side == side:
             index = [posterior.names.index(part) for part in error.parts]
             found[..., index] = error.at(poses)
-    index, seen = numbers_of_intrinsics(posterior), calibrated.camera_calibration
+    before = _calibrated(result)
+    index, seen = numbers_of_intrinsics(posterior), None if before is None else before.camera_calibration
     if side == "camera" and index and seen is not None and isinstance(result.noise, PoseNoise):
         S = result.noise.camera
         assert isinstance(S, JointCovariance)
@@ -327,9 +384,17 @@ def _calibrated(result: Predicting) -> PosePairs | None:
     return data.poses if isinstance(data, Motions) else data
 
 
+def bound_to(result: Predicting) -> PosePairs | None:
+    """Return the poses that errors of poses were bound to."""
+    posterior = _posterior(result)
+    if posterior.bound is not None:
+        return PosePairs(*posterior.bound, result.setup or "eye-in-hand")
+    return _calibrated(result)
+
+
 def errors_of_poses(result: Predicting) -> list[SharedError]:
     """Return the errors whose numbers belong to the poses of the calibration, bound to them."""
-    poses, posterior = _calibrated(result), _posterior(result)
+    poses, posterior = bound_to(result), _posterior(result)
     if poses is None:
         return []
     groups = dict.fromkeys(map(group_of, posterior.names))
@@ -351,7 +416,7 @@ def rest_of_robot(result: Predicting, robot: Array) -> Array:
     return np.zeros((len(robot), 6, 6))
 
 
-def numbers_of_intrinsics(posterior: JointPosterior) -> list[int]:
+def numbers_of_intrinsics(posterior: Posterior) -> list[int]:
     return [k for k, name in enumerate(posterior.names) if group_of(name) == INTRINSICS]
 
 
@@ -375,18 +440,18 @@ def own_noise(result: Predicting, side: Literal["robot", "camera"]) -> Array:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
-def _posterior(result: Predicting) -> JointPosterior:
+def _posterior(result: Predicting) -> Posterior:
     if result.opened is not None:
         raise InputError(
             "Predictions need all of X and W, and the motions leave a part of them open (`opened`). Close it by a "
             "prior (prior_X, prior_W), or calibrate with rotations about another axis."
         )
-    if result.joint_posterior is None or result.W is None:
+    if result.posterior is None or result.W is None:
         raise InputError(
             "Predictions need X and W together: expected a calibration of poses by efficient or ml whose motions leave "
             "nothing open."
         )
-    return result.joint_posterior
+    return result.posterior
 
 
 def _symmetric(S: Array) -> Array:

@@ -66,7 +66,7 @@ def over_workspace(result: Predicting, distance: float, postures: int = POSTURES
     together and says nothing of a new one, or where the tool reaches next to no point.
     """
     fitted = result.kinematics
-    if fitted is None or result.joint_posterior is None or result.W is None:
+    if fitted is None or result.posterior is None or result.W is None:
         return None
     of_robot = result.noise.robot if isinstance(result.noise, PoseNoise) else None
     if of_robot is not None and is_joint(of_robot) and not isinstance(of_robot, JointCovariance):

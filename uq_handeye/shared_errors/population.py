@@ -69,8 +69,10 @@ LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
 FEWEST = 3
 # Between arms: frames of base and flange are so many times as uncertain as by the sample of the workspace, and of
 # its errors
-# at poses that are not those of the data this share is unknown again. Found by leaving the family of each arm out.
+# far from the poses of the data this share is unknown again (`unseen`). Found by leaving the family of each arm out.
 UNLIKE, UNSEEN = 5.0, 0.5
+# A pose is near another one if their tips are within this share of the reach, and their orientations within this angle.
+NEAR_TIP, NEAR_TURN = 0.3, 0.7
 # Further vectors of the range from which the columns are taken.
 MORE = 12
 
@@ -138,6 +140,7 @@ class BoundPopulation(ReadOnlyArrays):
     basis: Array  # (M, m) z in units of all errors of these arms
     here: Array  # (n, 6, m) K at the poses
     left: Array  # (n, 6, 6) covariance that z leaves of them
+    robot: Array  # (n, 4, 4) the poses
 
     @classmethod
     def of(
@@ -157,16 +160,30 @@ class BoundPopulation(ReadOnlyArrays):
         U, energy = truncated(rows, rank)
         basis = rows.T @ U / np.sqrt(np.maximum(energy, 1e-300))
         K = cls._unscaled(U * np.sqrt(energy))
-        return cls(arms, reach, kept, basis, K, _left(cls._unscaled(rows), K, 1.0))
+        return cls(arms, reach, kept, basis, K, _left(cls._unscaled(rows), K, 1.0), robot)
 
     def columns(self, robot: Array) -> Array:
         """K (n, 6, m) at poses ``robot`` (n, 4, 4)."""
         return self._unscaled(self._rows_at(robot) @ self.basis)
 
     def unseen(self, robot: Array) -> Array:
-        """(n, 6, 6) covariance that z leaves of other poses (n, 4, 4), a share of whose variance is unknown again."""
+        """(n, 6, 6) covariance that z leaves of other poses (n, 4, 4), a share of whose variance is unknown again.
+
+        The share is ``UNSEEN^2 (1 - rho^2)^2``, rho the correlation ``exp(-d^2 / 2)`` with the nearest pose of the
+        data: 0 at these. What is wrong with the geometries is smooth, and known where it was seen.
+        """
         rows = self._rows_at(robot)
-        return _left(self._unscaled(rows), self._unscaled(rows @ self.basis), 1.0 + UNSEEN**2)
+        share = 1.0 + UNSEEN**2 * (1.0 - np.exp(-self._apart(robot))) ** 2
+        return _left(self._unscaled(rows), self._unscaled(rows @ self.basis), share[:, None, None])
+
+    def _apart(self, robot: Array) -> Array:
+        """(n,) squared distance d^2 of poses from the nearest of the data, in units of `NEAR_TIP` and `NEAR_TURN`."""
+        found = np.empty(len(robot))
+        for k, pose in enumerate(np.asarray(robot, dtype=float)):
+            tips = np.sum((self.robot[:, :3, 3] - pose[:3, 3]) ** 2, axis=-1) / (NEAR_TIP * self.reach) ** 2
+            cosine = 0.5 * (np.einsum("nij,ij->n", self.robot[:, :3, :3], pose[:3, :3]) - 1.0)
+            found[k] = (tips + (np.arccos(np.clip(cosine, -1.0, 1.0)) / NEAR_TURN) ** 2).min(initial=np.inf)
+        return found
 
     def _rows_at(self, robot: Array) -> Array:
         return _rows(_of_each_arm(self.arms, self.reach, np.asarray(robot, dtype=float))[0][self.kept])
@@ -178,7 +195,7 @@ class BoundPopulation(ReadOnlyArrays):
         return K
 
 
-def _left(whole: Array, K: Array, share: float) -> Array:
+def _left(whole: Array, K: Array, share: float | Array) -> Array:
     """(n, 6, 6) ``share whole whole^T - K K^T``, without negative eigenvalues."""
     found = share * whole @ whole.mT - K @ K.mT
     values, vectors = np.linalg.eigh(0.5 * (found + found.mT))

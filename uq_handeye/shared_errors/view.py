@@ -62,9 +62,12 @@ def _coordinates(camera: Array) -> Array:
     return np.concatenate([t / np.maximum(np.linalg.norm(t, axis=-1, keepdims=True), 1e-12), camera[:, :3, 2]], axis=-1)
 
 
-def view_block(camera: Array) -> Array:
-    """(n, 6, 6) square roots of the covariance of poses (n, 4, 4) for one rad of noise of the directions to points."""
-    information = _fitted(camera)[2]
+def view_block(camera: Array, distance: float | None = None) -> Array:
+    """(n, 6, 6) square roots of the covariance of poses (n, 4, 4) for one rad of noise of the directions to points.
+
+    ``distance`` (m) that gives the target its width; None: the median one of these poses.
+    """
+    information = _fitted(camera, distance)[2]
     return np.asarray(np.linalg.cholesky(np.linalg.inv(information)))
 
 

@@ -67,7 +67,7 @@ def bias_of(evidence: TouchEvidence, tool_known: bool = True) -> Bias:
     """Estimate the bias and split ``d^2``."""
     m = len(evidence.r)
     k = 0 if tool_known else 3
-    n_e = evidence.state.A.shape[1]
+    n_e = evidence.posterior.A.shape[1]
     bias = np.broadcast_to(np.eye(3), (m, 3, 3))
     together = np.concatenate([bias, evidence.by_tool[..., :k], evidence.by_unit[..., :n_e]], axis=-1)
     white = evidence.whitened(together)

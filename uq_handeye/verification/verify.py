@@ -174,7 +174,7 @@ def point_table(evidence: TouchEvidence, touches: Touches, noise_dof: float | No
     """Return the touches one by one, each by itself."""
     S = evidence.own + evidence.by_unit @ evidence.by_unit.mT
     d2 = np.einsum("mi,mij,mj->m", evidence.r, np.linalg.inv(S), evidence.r)
-    part = evidence.by_unit[..., : evidence.state.A.shape[1]]
+    part = evidence.by_unit[..., : evidence.posterior.A.shape[1]]
     shares = np.trace(np.linalg.solve(S, part @ part.mT), axis1=-2, axis2=-1) / 3.0
     p = np.array([tail(float(x), 3, noise_dof, float(c)) for x, c in zip(d2, shares, strict=True)])
     if not touches.tool_known:

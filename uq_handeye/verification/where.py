@@ -46,7 +46,7 @@ def next_touches(
     pairs = list(product(views.tolist(), points))
     rows = np.array([view for view, _ in pairs])
     more = replace(touches.rows(rows), seen=np.array([p for _, p in pairs]))
-    at = evidence_of_touches(result, _touching(more, evidence, rows), evidence.state).at
+    at = evidence_of_touches(result, _touching(more, evidence, rows)).at
     more = _touching(replace(more, touched=None if more.touched is None else at), evidence, rows, at)
     new = evidence_of_touches(result, more)
     every = evidence_of_touches(result, _both(touches, more))

@@ -18,10 +18,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...errors import InputError
-from ...evidence.evidence import Evidence
 from ...evidence.new_poses import evidence_of_poses
-from ...evidence.state import Calibrated, state_of
+from ...evidence.state import Calibrated
 from ...geometry.se3 import Array
+from ...posterior.rows import NewRows
 from ...presentation.document import document_of, to_text
 from ...runtime.read_only import ReadOnlyArrays
 from .cusum import cusum, limit_for, vector_cusum
@@ -139,8 +139,7 @@ def series_alarm(result: Logged, series: CheckSeries, every: float = EVERY) -> S
     each = float(every)
     if not checks:
         return SeriesAlarm(times, each, ())
-    state = state_of(result)
-    evidence = [evidence_of_poses(result, c.poses, c.noise, state=state) for c in checks]
+    evidence = [evidence_of_poses(result, c.poses, c.noise) for c in checks]
     columns = {X: [-of.linear.J[..., :6] for of in evidence], TARGET: [-of.linear.J[..., 6:] for of in evidence]}
     charts = charts_of(scores_of(evidence, columns, checks[0].noise_dof), each)
     first = min((c for c in charts if c.alarm is not None), key=lambda c: c.alarm or 0, default=None)
@@ -165,7 +164,7 @@ def charts_of(scores: Scores, every: float = EVERY) -> tuple[Chart, ...]:
     return (*vectors, Chart(RESIDUALS, cusum(scores.total), limit_for(each)))
 
 
-def shifts_since(evidence: Sequence[Evidence], columns: Sequence[Array], starts: Sequence[int]) -> list[Shift]:
+def shifts_since(evidence: Sequence[NewRows], columns: Sequence[Array], starts: Sequence[int]) -> list[Shift]:
     """Estimate a shift that is the same in all checks from j on, and none before, for each j of ``starts``."""
     filter_ = Innovations(evidence)
     moved = [

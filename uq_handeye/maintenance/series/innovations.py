@@ -1,6 +1,6 @@
 r"""Successive checks against one calibration: what each says that the earlier ones did not.
 
-All checks share the errors u of the calibration (`evidence.state`), so their d^2 are correlated. With V_k the columns
+All checks share the errors u of the calibration (`posterior`), so their d^2 are correlated. With V_k the columns
 of check k by u, R_k the covariance of its own noise and C_k the columns of a cause,
 
     r_k = V_k u + eta_k,      u ~ N(0, I),      v_k = r_k - V_k E(u | earlier),
@@ -28,9 +28,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import chdtrc, chdtri, fdtrc, ndtri
 
-from ...evidence.evidence import Evidence
 from ...geometry.se3 import Array
 from ...noise.triangular import checked_cholesky
+from ...posterior.rows import NewRows
 from ...runtime.read_only import ReadOnlyArrays
 
 # Smaller p-values are not told from each other.
@@ -55,12 +55,12 @@ class Innovations:
 
     Parameters
     ----------
-    checks : sequence of Evidence
-        In the order of time, against one `State`.
+    checks : sequence of NewRows
+        In the order of time, against one `Posterior`.
     """
 
-    def __init__(self, checks: Sequence[Evidence]) -> None:
-        p = checks[0].state.A.shape[1]
+    def __init__(self, checks: Sequence[NewRows]) -> None:
+        p = checks[0].posterior.A.shape[1]
         P = np.eye(p)
         self._steps: list[tuple[Array, Array, Array]] = []
         for of in checks:
@@ -92,13 +92,13 @@ class Innovations:
 
 
 def scores_of(
-    checks: Sequence[Evidence], columns: Mapping[str, Sequence[Array]], noise_dof: float = float("inf")
+    checks: Sequence[NewRows], columns: Mapping[str, Sequence[Array]], noise_dof: float = float("inf")
 ) -> Scores:
     """Return the scores of checks.
 
     Parameters
     ----------
-    checks : n of Evidence
+    checks : n of NewRows
     columns : mapping
         By cause, for each check (m, k, p).
     noise_dof : float

@@ -243,8 +243,8 @@ def _covariance_of(result: Calibration, numbers: int) -> Array:
     assert result.covariance is not None
     if numbers == 6:
         return result.covariance
-    if result.joint_posterior is not None and result.covariance_kind == "model":
-        return np.asarray(result.joint_posterior.covariance[:12, :12])
+    if result.posterior is not None and result.covariance_kind == "model":
+        return np.asarray(result.posterior.covariance[:12, :12])
     S = np.zeros((12, 12))
     S[:6, :6], S[6:, 6:] = result.covariance, result.covariance_W
     return S

@@ -138,7 +138,7 @@ def require_unchanged(result: Calibration, poses: PosePairs, noise: PoseNoise | 
     """Raise `InputError` where the new poses say that something has changed (`check`), if they can be held against the
     result at all.
     """
-    if result.joint_posterior is None or result.opened is not None or result.noise is None:
+    if result.posterior is None or result.opened is not None or result.noise is None:
         return
     found = check(result, poses, noise=noise)
     for finding in found.findings:
