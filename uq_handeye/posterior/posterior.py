@@ -79,36 +79,41 @@ class SizePoints(ReadOnlyArrays):
     weights: Array  # (d,), of sum 1
     means: Array  # (d, N) L^-1 m_d
     covariances: Array  # (d, N, N) L^-1 C_d L^-T
+    stored: tuple[Array, Array, Array] | None = None  # as the file that it comes from has them: mean, along, shares
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and text; the covariances as their mean and what differs along a few matrices."""
-        rows, columns = np.tril_indices(self.covariances.shape[-1])
-        flat = self.covariances[:, rows, columns]
-        mean = flat.mean(axis=0)
-        U, sizes, V = np.linalg.svd(flat - mean, full_matrices=False)
-        count = next((k for k in range(len(sizes)) if np.abs((U[:, k:] * sizes[k:]) @ V[k:]).max() < STORED),
-                     len(sizes))  # fmt: skip
+        mean, along, shares = self._compact() if self.stored is None else self.stored
         return {
             "names": list(self.names),
             "theta": self.theta.tolist(),
             "weights": self.weights.tolist(),
             "means": _rounded(self.means),
             "covariance": _rounded(mean),
-            "along": _rounded(V[:count] * sizes[:count, None]),
-            "shares": _rounded(U[:, :count]),
+            "along": _rounded(along),
+            "shares": _rounded(shares),
         }
+
+    def _compact(self) -> tuple[Array, Array, Array]:
+        """Lower triangles of the covariances: their mean (t,), and (r, t) along which they differ by shares (d, r)."""
+        rows, columns = np.tril_indices(self.covariances.shape[-1])
+        flat = self.covariances[:, rows, columns]
+        mean = flat.mean(axis=0)
+        U, sizes, V = np.linalg.svd(flat - mean, full_matrices=False)
+        count = next(
+            (k for k in range(len(sizes)) if np.abs((U[:, k:] * sizes[k:]) @ V[k:]).max() < STORED), len(sizes)
+        )
+        return mean, V[:count] * sizes[:count, None], U[:, :count]
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], N: int) -> SizePoints:
         """The inverse of `to_dict`, of N errors."""
         d, k, r = len(data["weights"]), len(data["names"]), len(data["along"])
         rows, columns = np.tril_indices(N)
-        flat = array_of(data["covariance"], (len(rows),), "posterior.covariance") + (
-            array_of(data["shares"], (d, r), "posterior.shares")
-            @ array_of(data["along"], (r, len(rows)), "posterior.along")
-            if r
-            else np.zeros((d, 1))
-        )
+        mean = array_of(data["covariance"], (len(rows),), "posterior.covariance")
+        along = array_of(data["along"], (r, len(rows)), "posterior.along") if r else np.zeros((0, len(rows)))
+        shares = array_of(data["shares"], (d, r), "posterior.shares") if r else np.zeros((d, 0))
+        flat = mean + shares @ along
         covariances = np.zeros((d, N, N))
         covariances[:, rows, columns] = covariances[:, columns, rows] = flat
         weights = array_of(data["weights"], (d,), "posterior.weights")
@@ -116,7 +121,7 @@ class SizePoints(ReadOnlyArrays):
             raise ValueError("the weights of the posterior are no probabilities")
         theta, means = (array_of(data[name], shape, f"posterior.{name}")
                         for name, shape in (("theta", (d, k)), ("means", (d, N))))  # fmt: skip
-        return cls(tuple(map(str, data["names"])), theta, weights, means, covariances)
+        return cls(tuple(map(str, data["names"])), theta, weights, means, covariances, (mean, along, shares))
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +277,7 @@ def _refined(before: Posterior, points: SizePoints, rows: NewRows) -> tuple[Arra
     L = factor_of(P)
     inverse = solve_triangular(L, np.eye(len(L)), lower=True)
     each = inverse @ covariances @ inverse.T
-    found = replace(points, weights=weights, means=means @ inverse.T, covariances=0.5 * (each + each.mT))
+    found = replace(points, weights=weights, means=means @ inverse.T, covariances=0.5 * (each + each.mT), stored=None)
     return move, P, found
 
 
