@@ -8,6 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
 
 from ..diagnostics.pose_table import pose_table
 from ..empirical_covariance.resampled import resampled
@@ -35,6 +37,7 @@ from ..likelihood.shared_estimates import JointFit, of_moves
 from ..likelihood.starts import leaves_open
 from ..noise.joint_covariance import group_of
 from ..noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
+from ..noise.square_roots import own_blocks
 from ..one_model.estimation import ROUGH, FoundSizes, JointModel
 from ..one_model.points import OpenSizes, with_open_sizes
 from ..one_model.telling import tell
@@ -70,9 +73,9 @@ from .result_file import FourDPA
 EXACT = 1e-10
 # Errors of the arm are derived anew where their second order moves its poses by more than this, in deviations of X.
 SECOND_ORDER = 0.05
-# Share of rejected poses above which all poses are tried as a start as well; and minus the logarithm of the density
-# of a pose that may be anywhere, as rotations are and within a metre.
-MANY_REJECTED, ANYWHERE = 0.05, float(np.log(8 * np.pi**2))
+# Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
+# an outlier is spread.
+MANY_REJECTED, ORDERS = 0.05, 7.0
 # Errors whose columns at other poses are told by those that they were bound to.
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 # The source of a budget for what the open sizes of all errors leave.
@@ -157,13 +160,35 @@ def _weighed(
 
 
 def _cost(weighed: tuple[RobustFit, FoundSizes | None]) -> float:
-    """Return minus the logarithm of the probability of the rows; those rejected lie anywhere (`ANYWHERE`)."""
+    """Return minus the logarithm of the probability of the rows, those left out as outliers (`_as_outliers`)."""
     robust, found = weighed
     if found is None or found.exact.any():
         return float("inf")
     kept = len(found.kept)
-    each = found.mode.state.value / len(found.used) if len(found.used) < kept else found.mode.state.value / kept
-    return kept * (each + 3.0 * float(np.log(2.0 * np.pi))) + (len(robust.weights) - kept) * ANYWHERE
+    inside = kept * (found.mode.state.value / len(found.used) + 3.0 * float(np.log(2.0 * np.pi)))
+    return inside + _as_outliers(robust.fit, np.setdiff1d(np.arange(len(robust.weights)), found.kept))
+
+
+def _as_outliers(fit: Fit, rows: NDArray[np.intp]) -> float:
+    """Minus the logarithm of the density of rows that are outliers, predicted by the others.
+
+    An outlier is off by a vector of any size, all orders of magnitude alike (L = `ORDERS` of them): its density in
+    three dimensions is ``1 / (4 pi L |v|^3)``, in units of the noise, for v the rotation residual and for v the
+    translation residual given that of rotation. Any number k of the n rows may be outliers, all numbers alike and all
+    choices of a number alike. Uniform in space it would not be: a detection 20 mm off would then cost
+    as much as one a metre off, and six of twenty would rather be noise.
+    """
+    if not len(rows):
+        return 0.0
+    J = fit.linear.J[rows]
+    C = own_blocks(fit.S)[rows] + J @ fit.covariance @ J.mT
+    L = np.linalg.cholesky(C)
+    off = np.linalg.solve(L, fit.residual[rows][..., None])[..., 0]
+    away = np.linalg.norm(off.reshape(-1, 2, 3), axis=-1)
+    n, k = len(fit.residual), len(rows)
+    choices = gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)
+    density = np.log(4.0 * np.pi * ORDERS) + 3.0 * np.log(np.maximum(away, np.sqrt(3.0)))
+    return float(np.log(np.einsum("nii->ni", L)).sum() + density.sum() + choices)
 
 
 def joint_model_of(job: Job, constraint: Constraint) -> JointModel:

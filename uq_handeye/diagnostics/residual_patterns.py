@@ -97,6 +97,8 @@ def residual_tests(
         white, J = fit.white
     n = len(white)
     rows = np.arange(n) if fit.weights is None else np.flatnonzero(fit.weights > 0.5)
+    distinct = np.unique(np.round(white[rows], 9), axis=0, return_index=True)[1]
+    rows = rows[np.sort(distinct)]  # copies of a row repeat its residual
     if poses is not None and poses.timestamps is not None:
         rows = rows[np.argsort(poses.timestamps[rows], kind="stable")]
 
@@ -156,6 +158,11 @@ def _orthonormal(J: Array) -> Array:
     return np.asarray(J @ (_unit(gram(J))[1][..., :, None] * root)[..., None, :, :])
 
 
+def _freedom(U: Array) -> Array:
+    """Numbers (...) that are left beside the columns U (..., n, 6, p), those of them that differ."""
+    return np.asarray(6.0 * U.shape[-3] - np.round(np.sum(U**2, axis=(-3, -2, -1))))
+
+
 def _unit(information: Array) -> tuple[Array, Array]:
     """The information scaled to a unit diagonal, and the scale of each unknown."""
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
@@ -201,7 +208,7 @@ def autocorrelation_of(r: Array, U: Array) -> tuple[Array, Array, Array]:
 
     The test looks for positive correlation, at lag 1 and over some lags with falling weights; p is twice the smaller.
     """
-    n, freedom = r.shape[-2], r.shape[-2] * 6 - U.shape[-1]
+    n, freedom = r.shape[-2], _freedom(U)
     both = np.concatenate([U, r[..., None]], axis=-1)
     lags = min(LAGS, n // 4)
     weights = 1.0 - np.arange(1, lags + 1) / (lags + 1)
@@ -219,7 +226,7 @@ def autocorrelation_of(r: Array, U: Array) -> tuple[Array, Array, Array]:
     return correlation, errors, np.minimum(p, 1.0)
 
 
-def _excess(both: Array, pulled: Array, trace_AA: float, freedom: int) -> tuple[Array, Array]:
+def _excess(both: Array, pulled: Array, trace_AA: float, freedom: Array) -> tuple[Array, Array]:
     """``r^T A r / r^T r`` less its mean, and its standard deviation, from (U, r) and A (U, r), A without a diagonal."""
     shape = (*both.shape[:-3], -1, both.shape[-1])
     inner = both.reshape(shape).mT @ pulled.reshape(shape)
@@ -284,7 +291,7 @@ def regression_of(r: Array, U: Array, Z: Array) -> tuple[Array, Array, Array] | 
     square = np.sum(r**2, axis=(-2, -1))
     explained = np.sum(np.where(free, by_column**2 / np.where(free, values, 1.0), 0.0), axis=-1) / square
     columns = free.sum(axis=-1)
-    freedom = 6 * r.shape[-2] - U.shape[-1]
+    freedom = _freedom(U)
     left = freedom - columns
     if (left < 6).any() or (columns == 0).any():
         return None

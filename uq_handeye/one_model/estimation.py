@@ -45,8 +45,8 @@ PIXELS = "pixel noise"
 BY_VIEW = "camera by view"
 # Residuals below this, in rad and relative to the longest translation, are rounding: no noise to estimate.
 ROUNDING = 1e-11
-# Linearised again until X and W move by less, in standard deviations; and how often at most.
-STILL, MOST_ROUNDS = 2e-2, 6
+# Linearised again until X and W move by less, in standard deviations; how often at most, and what will do then.
+STILL, MOST_ROUNDS, CLOSE = 2e-2, 6, 0.1
 # What a further step of the sizes may promise before the model is linearised again, and before weights are final.
 ROUGH = 1e-2
 # Poses above which the sizes are found from so many of them, spread over the rows.
@@ -244,11 +244,12 @@ class JointModel:
             if exact.any():
                 return FoundSizes(self, model, reduced, find_mode(model), at, kept, kept[used], exact)
             self._require_freedom(constraint, reduced.J.shape[-1])
-            mode = find_mode(model, theta, gain if done else max(gain, ROUGH))
+            mode = find_mode(model, theta, min(gain, GAIN) if done > 2 else gain if done else max(gain, ROUGH))
             theta = mode.theta
             found = model.of_poses(theta)
             step, C = found.mean, found.covariance
-            if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < STILL**2:
+            enough = CLOSE if done == MOST_ROUNDS - 1 else STILL
+            if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2:
                 return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
             at = at.moved(reduced.unreduced(step))
         turn, shift = np.sqrt((model.r**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
