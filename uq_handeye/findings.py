@@ -107,6 +107,7 @@ _ROWS = {
     "diagnostics.needed_rows": ("rows",),
     "kinematics.rows_apart": ("rows", "farthest"),
     "input_checks.flipped_poses": ("rows",),
+    "input_checks.far": ("rows",),
     "input_checks.shifted_run": ("first", "last", "near"),
     "input_checks.shifted_rows": ("robot_left_out", "camera_left_out"),
 }

@@ -193,7 +193,7 @@ def test_no_damage_passes_that_shows_up_later(options, bad):
         warnings.simplefilter("ignore", uq.InputWarning)
         data = json.loads(uq.calibrate(uq.simulate(8, noise=NOISE, seed=1), **options).to_json())
     refused = 0
-    for_programs = ("headline", "usable", "accuracy", "checks")  # written, not read
+    for_programs = ("headline", "usable", "answered", "accuracy", "checks")  # written, not read
     paths = [path for path in leaves(data) if path[0] not in for_programs]
     for path in paths:
         try:

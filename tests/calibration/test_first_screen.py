@@ -81,7 +81,7 @@ def test_it_fits_a_terminal(result):
     ):
         lines = to_text(document, COLUMNS).splitlines()
         assert len(lines) <= LINES and max(map(len, lines)) <= COLUMNS, "\n".join(lines)
-    said = str(verdict) if result.usable else "NOT SHOWN: X is not usable."
+    said = str(verdict) if not result.reasons else "NOT SHOWN: X is not usable."
     assert said in " ".join(" ".join(lines).split())
     assert result.summary() == to_text(first_screen(result), COLUMNS)
 
@@ -102,7 +102,7 @@ def test_it_has_every_part_once(result):
     assert (" +- " in flat or re.search(r"\d\(\d+\)", flat) is not None) == (result.covariance is not None)
     sentences = [part for part in re.split(r"(?<=[.:;])\s|\n\n", flat) if len(part) > 25]
     assert len(sentences) == len(set(sentences))
-    if not result.usable:
+    if result.reasons:
         assert lines[1].startswith("NOT USABLE: ") and "1 sigma, worst" not in flat
     elif result.accuracy is not None:
         assert "Not included: " in flat

@@ -92,6 +92,7 @@ def test_damaged_parts_are_refused(estimated):
         ("analysis", data["analysis"] | {"budget": {"sources": ["a"]}}),
     ]
     changes += [("usable", value) for value in (False, [], "yes", 1, None)]
+    changes += [("answered", value) for value in ("in part", "no", True, None)]
     changes += [
         ("convention", "x"),
         ("convention", None),

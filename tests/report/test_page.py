@@ -186,7 +186,9 @@ def test_points_ahead_agree_with_the_headline(result, page):
 )
 def test_green_only_where_every_check_ran_and_none_warned(statuses, usable, word, colour, of_verdict):
     checks = tuple(SimpleNamespace(status=status) for status in statuses)
-    of = SimpleNamespace(checks=checks, usable=usable, accuracy=SimpleNamespace(lower_limit=False), cautions=())
+    of = SimpleNamespace(
+        checks=checks, reasons=() if usable else ("why",), accuracy=SimpleNamespace(lower_limit=False), cautions=()
+    )
     assert colour_of(of) == colour
     if word is not None:
         assert colour_of(of, SimpleNamespace(word=word)) == of_verdict

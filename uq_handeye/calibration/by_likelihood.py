@@ -56,6 +56,7 @@ from ..shared_errors.shared_error import (
     FOCAL_LENGTH,
     LENS,
     PRINCIPAL_POINT,
+    TARGET_SCALE,
     VIEW,
     assumed_drift,
     shared_columns,
@@ -360,7 +361,8 @@ def _assembled(
         known, own = (rest_noise, None) if estimate is None else (None, rest_noise)
         if own is not None and not (is_of_each(own.robot) or is_of_each(own.camera)):
             own = None
-        findings += check_fit(rest, fit.X, known, fit.covariance_X, own)
+        size = next((1.0 / (1.0 + of.estimate) for of in result.shared if of.name == TARGET_SCALE), 1.0)
+        findings += check_fit(rest, fit.X, known, fit.covariance_X, own, size)
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint)

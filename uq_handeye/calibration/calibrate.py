@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
 from ..files.validate import plain
 from ..findings import Finding, renumbered, warn
+from ..input_checks.repeated_rows import counted_once
 from ..kinematics.chain import Kinematics
 from ..kinematics.kinematic_errors import KinematicErrors
 from ..likelihood.gauss_helmert import ESTIMATORS
@@ -179,15 +180,16 @@ def calibrate(
         "correlation": correlation, "joints": joints, "kinematics": kinematics, "kinematic_errors": kinematic_errors,
         "sizes": sizes, "components": components,
     }  # fmt: skip
-    if exclude is None and only is None:
-        return _calibrate(data, None, **options)
     if not isinstance(data, PosePairs) or data.robot.ndim != 3:
-        raise InputError("Expected PosePairs of one data set beside `exclude` or `only`: they count its poses.")
-    selection = select_poses(data.n, exclude, only)
+        if exclude is not None or only is not None:
+            raise InputError("Expected PosePairs of one data set beside `exclude` or `only`: they count its poses.")
+        return _calibrate(data, None, **options)
+    asked = select_poses(data.n, exclude, only)
+    selection, said = counted_once(data, asked)
     if selection is None:
         return _calibrate(data, None, **options)
-    result = _calibrate(data.rows(selection.kept), selection, **_of_kept(data, selection, options))
-    return _with_excluded(result, data, selection)
+    result = _calibrate(data.rows(selection.kept), selection, said, **_of_kept(data, selection, options))
+    return _with_excluded(result, data, selection, () if asked is None else tuple(asked.excluded.tolist()))
 
 
 def _of_kept(data: PosePairs, selection: Selection, options: dict[str, Any]) -> dict[str, Any]:
@@ -224,8 +226,11 @@ def _of_kept(data: PosePairs, selection: Selection, options: dict[str, Any]) -> 
     return found
 
 
-def _with_excluded(result: Calibration, data: PosePairs, selection: Selection) -> Calibration:
-    """Return the result of the poses that count with the excluded ones in its data and in its table."""
+def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, asked: tuple[int, ...]) -> Calibration:
+    """Return the result of the poses that count with the excluded ones in its data and in its table.
+
+    ``asked``: those that were excluded by request; the others repeat a pose.
+    """
     excluded = tuple(selection.excluded.tolist())
     table, analysis, whole = result.table, result.analysis, result.data
     if isinstance(whole, PosePairs):
@@ -235,23 +240,26 @@ def _with_excluded(result: Calibration, data: PosePairs, selection: Selection) -
         if timing is not None and whole.timing is not None:
             timing = replace(timing, std=whole.timing.std)  # may have been given
         whole = replace(data, robot=robot, timing=timing)
-    values: dict[str, Any] = {"excluded": list(excluded), "fit": None, "limit": None}
+    values: dict[str, Any] = {"excluded": list(asked), "fit": None, "limit": None}
     if table is not None and table.item == "pose" and result.W is not None:
         found = residuals_against(result, data.rows(selection.excluded))
         table = table.among(data.n, excluded, *found)
         fits = found.distance2 <= table.limit
-        values |= {"fit": [k for k, fit in zip(excluded, fits, strict=True) if fit], "limit": table.limit}
+        fit = [k for k, fits_too in zip(excluded, fits, strict=True) if fits_too and k in asked]
+        values |= {"fit": fit, "limit": table.limit}
     if isinstance(analysis, Analysis):
         analysis = replace(analysis, numbers=tuple(selection.kept.tolist()))
-    finding = Finding("calibration.excluded", "note", values | {"n": data.n})
+    said = [Finding("calibration.excluded", "note", values | {"n": data.n})] if asked else []
     return replace(
-        result, data=whole, table=table, analysis=analysis, excluded=excluded, findings=(*result.findings, finding)
+        result, data=whole, table=table, analysis=analysis, excluded=excluded, findings=(*result.findings, *said)
     )
 
 
 def _calibrate(
     data: PosePairs | Motions,
     selection: Selection | None,
+    said: Sequence[Finding] = (),
+    *,
     noise: Noise | CameraNoise | None,
     method: str | None,
     pairs: str | ArrayLike,
@@ -271,13 +279,15 @@ def _calibrate(
     sizes: Mapping[str, SizeLike] | None,
     components: Sequence[Component],
 ) -> Calibration:
-    """See `calibrate`; ``selection``: the numbers that the poses have in the data set they are taken from."""
+    """See `calibrate`; ``selection``: the numbers that the poses have in the data set they are taken from; ``said``:
+    findings about that data set.
+    """
     listed = None if shared is None else listed_errors(shared)
     asked = (noise, method, pairs, scale, kind, covariance, robust, prior, seed, listed, correlation)
     of_arm = (joints, kinematics, kinematic_errors)
     of_sizes = checked_sizes(sizes), tuple(components)
     job = with_sizes(request(data, *asked, prior_X, prior_W, *of_arm), *of_sizes)
-    findings = look_at(job) + ([] if job.arm is None else job.arm.against.findings)
+    findings = [*said, *look_at(job), *([] if job.arm is None else job.arm.against.findings)]
     try:
         try:
             result, more = _run(job)

@@ -51,7 +51,7 @@ _CONSEQUENCES = {
         "shifted_run",
         "wrong_scale",
     )
-}
+} | {"diagnostics.flagged"}
 # Noise of the corners of finished poses, pixels, that input checks allow for where it is to be estimated.
 MOST_PIXELS = 1.0
 # A first-order covariance of a rotation means nothing beyond this standard deviation.

@@ -366,7 +366,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
             known = f"{digits(move, 2)} mm, {digits(turn, 2)} deg (1 sigma, worst axis)"
             if self.opened is not None:
                 known += f", {len(self.open_directions)} open"
-        if not self.usable:
+        if self.reasons:
             known = f"NOT USABLE, {self.reasons[0]}"
         return f"Calibration({self.frame} by {self.method}, {data}: {known})"
 
@@ -502,6 +502,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
             "residuals": self.residuals._asdict(),
             "headline": self.headline,
             "usable": self.usable,
+            "answered": self.answered,
             "accuracy": None if self.accuracy is None else self.accuracy.to_dict(),
             "checks": [check.to_dict() for check in self.checks],
             **({} if self.data is None else {"data": data_to_dict(self.data)}),

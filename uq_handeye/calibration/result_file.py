@@ -72,6 +72,8 @@ class Stored(Protocol):
     def provenance(self) -> Provenance | None: ...
     @property
     def usable(self) -> Any: ...
+    @property
+    def answered(self) -> Any: ...
     def _derived(self) -> dict[str, Any]: ...
 
 
@@ -80,7 +82,6 @@ C = TypeVar("C", bound=Stored)
 
 FORMAT = "uq-handeye calibration 4"
 UNITS = {"rotation": "rad", "translation": "m"}
-IN_PART = "in part"  # of `usable`: some directions are open
 
 # Parts that are taken as they are, covariances (6, 6), and what some parts may be.
 _PLAIN = ("iterations", "covariance_kind", "method", "scale", "kind", "setup", "n_poses", "n_pairs")
@@ -158,15 +159,18 @@ def _require_stated(data: dict[str, Any]) -> None:
     for name, expected in (("convention", CONVENTION), ("units", UNITS)):
         if data[name] != expected:
             raise ValueError(f"{name} is {data[name]!r:.60}, expected {expected!r:.60}")
-    if type(data.get("usable", True)) is not bool and data["usable"] != IN_PART:
+    if type(data.get("usable", True)) is not bool:
         raise ValueError(f"usable is {data['usable']!r:.40}, expected true or false")
 
 
 def _require_usable_as_stated(data: dict[str, Any], result: Stored) -> None:
     """Raise where this version would have written another answer; the rules of others may differ."""
     origin = result.provenance
-    if origin is not None and origin.versions == versions() and data.get("usable", result.usable) != result.usable:
-        raise ValueError(f"usable is {data['usable']!r}, but its findings say {result.usable!r}")
+    if origin is None or origin.versions != versions():
+        return
+    for name, found in (("usable", result.usable), ("answered", result.answered)):
+        if data.get(name, found) != found:
+            raise ValueError(f"{name} is {data[name]!r}, but its findings say {found!r}")
 
 
 def _require_whole(result: Stored) -> None:

@@ -51,8 +51,10 @@ def _(estimate: float, sd: float, square: float | None, probability: float = 1.0
         found = concise(1e3 * square * true, 1e3 * square * deviation, "mm")
         return f"The squares measure {found}, not {digits(1e3 * square, 4)}{sure}. Measure them, and give their size."
     way = "smaller" if true < 1 else "larger"
-    found = concise(100 * abs(true - 1), 100 * deviation, "%")
-    return f"The target is {found} {way} than assumed{sure}. Measure it, and give its size."
+    size = abs(true - 1)
+    found = concise(100 * size, 100 * deviation, "%")
+    printed = " A printer that scales to fit the page does that; a wrong focal length looks like it." * (size > 0.015)
+    return f"The target is {found} {way} than assumed{sure}.{printed} Measure it, and give its size."
 
 
 def _directions(directions: Sequence[Mapping[str, Any]]) -> str:

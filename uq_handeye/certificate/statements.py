@@ -55,7 +55,7 @@ def conditions_of(result: Calibration) -> list[tuple[str, str]]:
     if result.table is not None:
         rejected = len(result.table.rejected)
         used = f"{len(result.table.counted) - rejected} of {len(result.table)} {result.table.item}s used"
-        for what, which in (("rejected", result.table.rejected), ("excluded by request", result.table.excluded)):
+        for what, which in (("rejected", result.table.rejected), ("excluded", result.table.excluded)):
             used += f"; {what}: {_listed(which)} (numbered from 0)" if which else ""
         rows.append(("Used", used))
     if isinstance(data := result.counted, PosePairs):

@@ -2,7 +2,7 @@
 
 Exit status: 0 success; 1 an internal error, or a run that lost its workers; 2 bad usage or bad input, with one line on
 stderr; 3 a result that is not usable; 4 data that contradict a result; 5 a tolerance that is not shown to be met;
-130 Ctrl-C, with one line on stderr.
+6 X is known in part; 130 Ctrl-C, with one line on stderr.
 """
 
 import _thread

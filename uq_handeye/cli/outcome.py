@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ..statement.tolerance import Tolerance, Verdict
 
 # Exit statuses.
-NOT_USABLE, NOT_PASSED = 3, 5
+NOT_USABLE, NOT_PASSED, IN_PART = 3, 5, 6
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,11 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
         raise error
     headline = f"{HEADLINE}: {reasons[0]}."
     if as_json:
-        emit(json_text({"headline": headline, "usable": False, "reasons": list(reasons), "error": str(error)}))
+        emit(
+            json_text(
+                {"headline": headline, "usable": False, "answered": "no", "reasons": list(reasons), "error": str(error)}
+            )
+        )
     elif not quiet():
         failures = [finding for finding in error.findings if finding.severity == "failure"]
         shown += map(str, failures)
@@ -135,6 +139,8 @@ def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
 
 def status_of(result: "Calibration", verdict: "Verdict | None") -> int:
     """Return the exit status of a calibration."""
-    if not result.usable:
+    if result.answered == "no":
         return NOT_USABLE
-    return NOT_PASSED if verdict is not None and not verdict.passed else 0
+    if verdict is not None and not verdict.passed:
+        return NOT_PASSED
+    return 0 if result.usable else IN_PART

@@ -90,7 +90,8 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
     lengths = shared_lengths(first, second, data, poses, on_poses)
     tests = residual_tests(fit, poses if on_poses else None, second, correlation_estimated)
     frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
-    distance = float(np.sqrt(np.mean(np.sum(second[:, :3, 3] ** 2, axis=-1))))
+    counts = second if fit.weights is None else second[fit.weights > 0.5]  # one in another unit weighs nothing
+    distance = float(np.sqrt(np.mean(np.sum(counts[:, :3, 3] ** 2, axis=-1))))
     return Diagnostics(
         n=n,
         item="pose" if on_poses else "motion",

@@ -9,6 +9,8 @@ constancy; G inverted for eye-to-hand): a rotation and a translation per pose, s
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..errors import DegenerateMotionError
@@ -21,7 +23,7 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import median, pose_residuals, rotation_angles
 from ..procrustes.degeneracy import DEGENERATE, infinite_directions
 from .misread_files import EXACT, OTHER_SETUP, inverted_on_request, other_readings, scaled_reading
-from .repeated_rows import repeated_rows, runs_of
+from .repeated_rows import rows_again, said_again
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
 # unless the noise explains it.
@@ -31,6 +33,8 @@ ANGLE_DISAGREEMENT = np.radians(2.5)
 LARGE_TRANSLATION = 0.1
 # Translation residual, as a share of the robot's travel, from which on a wrong scale of one file would show.
 SCALE_SHOWS = 0.01
+# Sizes of the target, as multiples of the one given, that an estimate of the size makes good.
+ESTIMATED_SIZES = (0.8, 1.25)
 # Below this spread of the rotation axes, rotation about and translation along them are hardly determined.
 AXIS_SPREAD = np.radians(5.0)
 SMALL_ANGLE = np.radians(5.0)
@@ -41,6 +45,10 @@ SIGNAL_TO_NOISE = 4.0
 POOR = 0.03
 # Farther from its base than any arm reaches, in metres.
 FAR = 20.0
+# Rigs whose longest translation (m) is below these are unusually small, and none at all.
+TINY, NO_RIG = 0.02, 2e-3
+# Single rows that are so far and are named.
+MOST_ROWS = 5
 # Numbers above this are millimetres: in centimetres they would be farther than most arms reach.
 IN_MILLIMETRES = 250.0
 # What sits farther from the gripper than this, and than the fixed part from the base, is unusual (m).
@@ -51,8 +59,6 @@ UNLIKELY_BRACKET = 0.7
 IMPOSSIBLE_BRACKET = 1.0
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
 OUTLIER = 6.0
-# Runs of repeated rows that are named.
-MOST_RUNS = 4
 
 
 # ------------------------------------------------------------------------------------ what the columns look like
@@ -65,17 +71,18 @@ def check_poses(poses: PosePairs) -> list[Finding]:
     def note(what: str, **values: object) -> None:
         found.append(Finding(f"input_checks.{what}", "caution", values))
 
-    groups = repeated_rows(poses)
-    again = sorted((row, group[0]) for group in groups for row in group[1:])
-    if again:
-        note("repeated_rows", file="pose", count=len(again), n=poses.n, runs=runs_of(again)[:MOST_RUNS])
+    if again := rows_again(poses):
+        found.append(said_again(again, poses.n))
     new = np.setdiff1d(np.arange(1, poses.n), [row for row, _ in again])
     for name, T in (("robot", poses.robot), ("camera", poses.camera)):
         t = T[:, :3, 3]
         far = float(np.abs(t).max())
         if far > FAR:
             from_corners = name == "camera" and poses.camera_calibration is not None
-            note("far", file=name, reach=far, unit="mm" if far > IN_MILLIMETRES else "cm", from_corners=from_corners)
+            rows = np.flatnonzero(np.abs(t).max(axis=1) > FAR)
+            few = {"rows": rows[:MOST_ROWS].tolist()} if 2 * len(rows) <= len(t) else {}
+            unit = "mm" if far > IN_MILLIMETRES else "cm"
+            note("far", file=name, reach=far, unit=unit, from_corners=from_corners, **few)
         span = np.ptp(t, axis=0)
         for axis in range(3):
             if len(t) > 1 and span[axis] <= 1e-9 * max(far, 1e-3):
@@ -85,6 +92,9 @@ def check_poses(poses: PosePairs) -> list[Finding]:
                 note("identical_columns", file=name, columns=["xyz"[a], "xyz"[b]], n=len(t))
         if same := int((T[new] == T[new - 1]).all(axis=(1, 2)).sum()):
             note("repeated_rows", file=name, count=same, n=len(T))
+    reach = max(float(np.abs(T[:, :3, 3]).max(initial=0.0)) for T in (poses.robot, poses.camera))
+    if 0.0 < reach < TINY and poses.truth is None:
+        found.append(Finding("input_checks.tiny", "failure" if reach < NO_RIG else "caution", {"reach": reach}))
     if np.array_equal(poses.robot, poses.camera):
         found.append(Finding("input_checks.same_file", "failure"))
     return found
@@ -194,13 +204,25 @@ def _rotation_variance(motions: Motions, noise: Noise) -> float:
 
 
 def check_fit(
-    poses: PosePairs, X: Array, noise: PoseNoise | None, covariance: Array | None, own: PoseNoise | None = None
+    poses: PosePairs,
+    X: Array,
+    noise: PoseNoise | None,
+    covariance: Array | None,
+    own: PoseNoise | None = None,
+    size: float = 1.0,
 ) -> list[Finding]:
     """Residuals of the poses against their noise and each other; if they are large, which other reading would fit.
+
+    ``size``: of the target, estimated, as a multiple of the one given. Within `ESTIMATED_SIZES` the camera poses are
+    taken with it, as X is: the size is then a finding of its own. What is farther off is misread.
 
     ``own`` is noise that was estimated in units of a covariance of each pose: it explains the residuals as a whole, and
     says how they differ.
     """
+    if size != 1.0 and ESTIMATED_SIZES[0] < size < ESTIMATED_SIZES[1]:
+        camera = poses.camera.copy()
+        camera[:, :3, 3] *= size
+        poses = replace(poses, camera=camera, camera_calibration=None)
     G, C = poses.effective_robot, poses.camera
     angle, distance = pose_residuals(G, C, X)
     travel = float(np.sqrt(np.mean(np.sum((G[:, :3, 3] - G[:, :3, 3].mean(axis=0)) ** 2, axis=1))))

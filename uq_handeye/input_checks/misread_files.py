@@ -123,6 +123,8 @@ def scaled_reading(G: Array, C: Array, shift: float, sources: Iterable[Source] =
         return None
     file, unit = _unit_of(scale, G, C)
     found = {"kind": "scale", "factor": scale, "file": file, "unit": unit}
+    if unit is None and not _between_units(scale):
+        found["target"] = True
     return found | ({"bag": True} if any(source.format == "rosbag" for source in sources) else {})
 
 
@@ -141,6 +143,12 @@ def _unit_of(scale: float, G: Array, C: Array) -> tuple[str | None, str | None]:
             if abs(scale / factor - 1.0) < 0.03:
                 return (other, "m") if other in small else (file, unit)
     return None, None
+
+
+def _between_units(scale: float) -> bool:
+    """Return whether a factor is that between two units of length, none of which need be metres."""
+    ratios = np.divide.outer(list(LENGTH_UNITS.values()), list(LENGTH_UNITS.values()))
+    return bool((np.abs(scale / ratios[ratios != 1.0] - 1.0) < 0.03).any())
 
 
 def _scaled_camera(G: Array, C: Array) -> float | None:

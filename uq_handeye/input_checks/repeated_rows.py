@@ -7,10 +7,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from ..findings import Finding
 from ..poses.pose_pairs import PosePairs
+from ..poses.selection import FEWEST, Selection
 
 # Largest difference (rad, m) of numbers that are the same but for rounding; no camera measures so well.
 SAME = 1e-6
+# Runs of repeated rows that are named.
+MOST_RUNS = 4
 
 
 def repeated_rows(poses: PosePairs) -> tuple[tuple[int, ...], ...]:
@@ -37,6 +41,31 @@ def repeated_rows(poses: PosePairs) -> tuple[tuple[int, ...], ...]:
     order = np.argsort(label, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
     return tuple(sorted(tuple(group.tolist()) for group in groups if len(group) > 1))
+
+
+def rows_again(poses: PosePairs) -> list[tuple[int, int]]:
+    """Return each row that repeats an earlier one, with the first that it repeats, ascending."""
+    return sorted((row, group[0]) for group in repeated_rows(poses) for row in group[1:])
+
+
+def said_again(again: list[tuple[int, int]], n: int) -> Finding:
+    """Return the finding about rows of n poses that repeat earlier ones."""
+    values = {"file": "pose", "count": len(again), "n": n, "runs": runs_of(again)[:MOST_RUNS]}
+    return Finding("input_checks.repeated_rows", "caution", values)
+
+
+def counted_once(poses: PosePairs, asked: Selection | None) -> tuple[Selection | None, list[Finding]]:
+    """Return which poses count where those that repeat an earlier one count once with it, and what is said of that.
+
+    ``asked``: those that were selected before. Nothing is left out where fewer than `FEWEST` poses would remain.
+    """
+    kept = np.arange(poses.n) if asked is None else asked.kept
+    again = rows_again(poses if asked is None else poses.rows(kept))
+    if not again or len(kept) - len(again) < FEWEST:
+        return asked, []
+    again = [(int(kept[row]), int(kept[first])) for row, first in again]
+    left = np.setdiff1d(kept, [row for row, _ in again])
+    return Selection(left, np.setdiff1d(np.arange(poses.n), left)), [said_again(again, poses.n)]
 
 
 def runs_of(again: list[tuple[int, int]]) -> list[list[int]]:

@@ -19,13 +19,24 @@ _DEG, _MM = 180.0 / math.pi, 1e3
 
 
 @sentence("input_checks.far")
-def _(file: str, reach: float, unit: str, from_corners: bool) -> str:
+def _(file: str, reach: float, unit: str, from_corners: bool, rows: Sequence[int] = ()) -> str:
+    if rows:
+        which = f"Row{'' if len(rows) == 1 else 's'} {', '.join(map(str, rows))} of the {file} poses"
+        return f"{which} reach {reach:.4g} m, unlike the others: in {unit}? Correct or exclude (--exclude)."
     looks = "millimetres" if unit == "mm" else "centimetres, or inches (in)"
     small = "" if unit == "mm" else "; or mm, if the rig is smaller than a hand"
     give = f"Give {_option(file, 'units', unit, 'm')}{small}"
     if from_corners:  # it is the board that gives their size
         give = f"Calibrate the camera again with the board in its unit (--units {unit}, or --square with one)"
     return f"The {file} translations reach {reach:.4g} m: they look like {looks}. {give}."
+
+
+@sentence("input_checks.tiny")
+def _(reach: float) -> str:
+    return (
+        f"No translation of robot or camera exceeds {1e3 * reach:.3g} mm: both files seem to be in a larger unit than "
+        "they were read in. Give that unit as `units` (--units), or write metres."
+    )
 
 
 @sentence("input_checks.constant_column")
@@ -51,7 +62,7 @@ def _(file: str, count: int, n: int, runs: Sequence[Sequence[int]] = ()) -> str:
         which = "1 of {n} poses is an earlier one" if count == 1 else "{count} of {n} poses are earlier ones"
         return (
             f"{which.format(count=count, n=n)} again, of robot and camera ({'; '.join(named)}{more}): no information "
-            "is added. Leave out what repeats (--exclude)."
+            "is added. X counts each pose once."
         )
     return f"{count} of {n} {file} poses repeat the row before exactly: they add no information."
 
@@ -215,6 +226,7 @@ def _reading(
     likely: str | None = None,
     given: bool = False,
     bag: bool = False,
+    target: bool = False,
 ) -> str:
     """One of `misread_files.other_readings`, and how to ask for it."""
     if kind == "scale" and bag:
@@ -224,6 +236,12 @@ def _reading(
                 f"the {file} poses are in {unit}. Write them with uq-handeye bag -o DIR and give --{file}-units {unit}"
             )
         return f"the camera translations are multiplied by {factor:.4g}: {cause}"
+    if kind == "scale" and target:
+        fitted = " (a printer that scaled to fit the page?)" if 0.8 < factor < 1.25 else ""
+        return (
+            f"the camera translations are multiplied by {factor:.4g}: no unit is such a factor; the size of the target "
+            f"is wrong{fitted}, or the focal length is that of other pictures"
+        )
     if kind == "scale":
         cause = (
             f"the {file} file is in {unit}, {_option(file, 'units', unit, 'm')}"

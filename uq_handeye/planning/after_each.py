@@ -86,7 +86,7 @@ def words_after(result: Calibration, verdict: Verdict | None, ahead: NextPose | 
     if result.opened is not None:
         first = f"{n} poses: not determined yet: {'; '.join(result.open_words)}."
         return [first, _turn(ahead)]
-    if not result.usable or result.accuracy is None:
+    if result.reasons or result.accuracy is None:
         why = result.reasons[0] if result.reasons else "the covariance of X is not determined"
         return [f"{n} poses: X is not usable yet: {why}."]
     accuracy = result.accuracy

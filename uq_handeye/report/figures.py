@@ -189,7 +189,7 @@ def _residuals(result: Calibration) -> Picture | None:
         "curve, step or trend is not noise: it points to drift, kinematics or intrinsics."
     )
     if table.excluded:
-        caption += f" Open circles are {table.item}s that were excluded by request: the fit does not use them."
+        caption += f" Open circles are {table.item}s that were excluded: the fit does not use them."
     return Picture(residual_figure(table), alt, caption)
 
 

@@ -55,7 +55,7 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
     number: list[Block] = [Answer(result.headline, colour_of(result))]
     if verdict is not None:
         number.append(Badge(verdict.word, verdict.sentence, colour_of(result, verdict)))
-    if result.usable:
+    if not result.reasons:
         number += [Paragraph(text) for text in _contents_of(result.accuracy)]
     elif also := list({re.sub(r"[\d.]+", "", text): text for text in reversed(result.reasons[1:])}.values()):
         number.append(Paragraph(f"Also: {'; '.join(reversed(also))}."))  # those that differ by more than numbers
@@ -127,7 +127,7 @@ def _point_blocks(result: Calibration) -> list[Block]:
     accuracy = result.accuracy
     if accuracy is None:
         return [Paragraph("Not known: the noise of the poses was not given and could not be estimated.", empty=True)]
-    if not result.usable:
+    if result.reasons:
         return [Paragraph("Not stated, because X is not usable.", empty=True)]
     if result.opened is not None:
         return [Paragraph(f"Not determined: {'; '.join(result.open_words)}.", empty=True)]

@@ -26,6 +26,7 @@ from .phrases import (
     effect,
     phrase,
     rejects,
+    times_of_noise,
 )
 from .stated import Stated, distance_of
 
@@ -38,6 +39,8 @@ STATUSES: tuple[Status, ...] = get_args(Status)
 _LOST_ROTATION, _LOST_TRANSLATION = np.radians(20.0), 0.5
 # Where more poses are rejected than this share of fewer than so many, the others are no proof of X.
 _FEW_WRONG, _MANY = 0.35, 20
+# Probability below which a test that rejects nothing is a caution: one of ten tests is as rare in 5 % of data sets.
+DOUBTFUL = 0.005
 _PARTS = (slice(0, 3), slice(3, 6))  # rotation, translation
 
 
@@ -126,6 +129,7 @@ def _of_input(finding: Finding) -> int:
     """Return the rank among failures: a wrong file explains the others."""
     decisive = (
         "same_file",
+        "tiny",
         "another_arm",
         "another_rotation",
         "alphabetical_rows",
@@ -145,7 +149,7 @@ def _without_findings(name: str, result: Stated) -> Check:
     if name == OUTLIERS:
         if result.table is None:
             return Check(name, "not run", _without_residuals(result))
-        excluded = f"; {len(result.excluded)} excluded by request" if result.excluded else ""
+        excluded = f"; {len(result.excluded)} excluded" if result.excluded else ""
         return Check(name, "ok", f"none of {len(result.table.counted)} {result.table.item}s{excluded}")
     if name == NOISE:
         return _of_noise(result)
@@ -172,6 +176,8 @@ def _without_findings(name: str, result: Stated) -> Check:
 def _of_noise(result: Stated) -> Check:
     fit, estimate = result.fit, result.noise_estimate
     if fit is not None and fit.p_value is not None:
+        if fit.p_value < DOUBTFUL:
+            return Check(NOISE, "caution", f"{times_of_noise(fit.sigma0)} ({probability(fit.p_value, 2)})")
         return Check(NOISE, "ok", f"the residuals agree with it ({probability(fit.p_value, 2)})")
     if result.covariance is None:
         return Check(NOISE, "not run", "no noise, given or estimated")
@@ -212,6 +218,9 @@ def _of_halves(result: Stated) -> Check:
     if not run:
         return Check(HALVES, "not run", _why(halves[0].finding), (halves[0].finding,))
     least = min(float(np.min(half.p_value)) for half in run if half.p_value is not None)
+    if least < DOUBTFUL:
+        words = f"X of two halves differs more than is usual ({probability(least, 2)})"
+        return Check(HALVES, "caution", words, tuple(h.finding for h in run))
     return Check(HALVES, "ok", f"X of two halves agrees ({probability(least, 2)})", tuple(h.finding for h in run))
 
 

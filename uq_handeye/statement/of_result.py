@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Literal
 
 from ..findings import Finding
 from .accuracy import Accuracy, accuracy_of
@@ -31,9 +32,18 @@ class Statement:
         return cautions_of(self)
 
     @property
+    def answered(self: Stated) -> Literal["whole", "in part", "no"]:
+        """``whole``: X explains the poses and is determined by them. ``in part``: directions of it are open
+        (`open_directions`), and the others are known. ``no``: X is of no use (`reasons`).
+        """
+        if reasons_of(self):
+            return "no"
+        return "whole" if self.opened is None or not self.opened.of_X.size else "in part"
+
+    @property
     def usable(self: Stated) -> bool:
-        """True if X explains the poses and is determined by them; `reasons` says why not."""
-        return not reasons_of(self)
+        """True if X explains the poses and is determined by them; `reasons` or `open_directions` say why not."""
+        return self.answered == "whole"
 
     @property
     def reasons(self: Stated) -> tuple[str, ...]:

@@ -48,6 +48,8 @@ def _reading(v: Mapping[str, Any]) -> str:
             return f"the {file} {'poses seem' if v.get('bag') else 'file seems'} to be in {v['unit']}"
         if v.get("bag"):
             return f"the tag seems to be {digits(float(v['factor']), 2)} times as large as given"
+        if v.get("target"):
+            return f"the target seems to be {digits(float(v['factor']), 3)} times as large as given"
         return "robot and camera seem to be in different units"
     if kind == "inverse robot" and v.get("likely") == "setup":
         return f"the setup seems to be {v['setup']}, or the camera file inverse"
@@ -66,6 +68,18 @@ def _reading(v: Mapping[str, Any]) -> str:
     if kind == "transposed":
         return f"{who} to have transposed rotations"
     return f"{who} to have the quaternion's scalar {'first' if v['order'] == 'wxyz' else 'last'}"
+
+
+def _far(v: Mapping[str, Any]) -> str:
+    if rows := v.get("rows"):
+        return f"{v['file']} row{'' if len(rows) == 1 else 's'} {', '.join(map(str, rows))} in {v['unit']}?"
+    return f"{v['file']} translations look like {v['unit']}"
+
+
+def _repeated(v: Mapping[str, Any]) -> str:
+    count, again = v["count"], bool(v.get("runs"))
+    rows = f"{count} {v.get('file', '')} row{'' if count == 1 else 's'}"
+    return f"{rows} given again, counted once" if again else f"{rows} like the row before"
 
 
 def _readings(v: Mapping[str, Any]) -> str:
@@ -90,7 +104,8 @@ def _flagged_effect(v: Mapping[str, Any]) -> float:
     return 1.1 if v["flag"] != "outlier" else math.sqrt(v["worst"][0]["distance2"] / 6.0)
 
 
-def _times(ratio: float) -> str:
+def times_of_noise(ratio: float) -> str:
+    """Return how residuals compare with the noise given."""
     return f"residuals {digits(max(ratio, 1 / ratio), 2)} times {'larger' if ratio > 1 else 'smaller'} than this noise"
 
 
@@ -189,14 +204,19 @@ _PHRASES: dict[str, Phrase] = {
     "input_checks.shifted_run": Phrase(
         INPUT, lambda v: f"robot rows {v['first']} to {v['last']} are paired wrongly", _constant(1.5)
     ),
-    "input_checks.far": Phrase(INPUT, lambda v: f"{v['file']} translations look like {v['unit']}", _constant(50)),
+    "input_checks.tiny": Phrase(
+        INPUT,
+        lambda v: f"both files seem to be in a larger unit ({digits(1e3 * v['reach'], 2)} mm at most)",
+        _constant(50),
+    ),
+    "input_checks.far": Phrase(INPUT, _far, _constant(50)),
     "input_checks.constant_column": Phrase(
         INPUT, lambda v: f"column {v['column']} of the {v['file']} poses is constant"
     ),
     "input_checks.identical_columns": Phrase(
         INPUT, lambda v: f"columns {' and '.join(v['columns'])} of the {v['file']} poses are equal", _constant(20)
     ),
-    "input_checks.repeated_rows": Phrase(INPUT, lambda v: f"{v['count']} repeated {v.get('file', '')} rows"),
+    "input_checks.repeated_rows": Phrase(INPUT, _repeated),
     "input_checks.long_bracket": Phrase(
         INPUT,
         lambda v: f"the {v['what']} would sit {digits(v['length'], 2)} m from the gripper: wrong files?",
@@ -218,11 +238,13 @@ _PHRASES: dict[str, Phrase] = {
     "calibration.robust_skipped": Phrase(OUTLIERS, _text("rejection skipped: X not determined without"), _constant(3)),
     "calibration.few_for_outliers": Phrase(OUTLIERS, _text("too few poses to be sure of outliers"), _constant(1.3)),
     # noise level
-    "input_checks.noise_too_small": Phrase(NOISE, lambda v: _times(_ratio(v)), _ratio, rejects=True),
-    "input_checks.noise_too_large": Phrase(NOISE, lambda v: _times(_ratio(v)), _constant(1.05)),
-    "diagnostics.noise_too_small": Phrase(NOISE, lambda v: _times(v["scale"]), lambda v: float(v["scale"]), True),
+    "input_checks.noise_too_small": Phrase(NOISE, lambda v: times_of_noise(_ratio(v)), _ratio, rejects=True),
+    "input_checks.noise_too_large": Phrase(NOISE, lambda v: times_of_noise(_ratio(v)), _constant(1.05)),
+    "diagnostics.noise_too_small": Phrase(
+        NOISE, lambda v: times_of_noise(v["scale"]), lambda v: float(v["scale"]), True
+    ),
     "calibration.data_sheet_contradicted": Phrase(
-        NOISE, lambda v: _times(_of_two(v)), lambda v: max(_of_two(v), 1.05), rejects=True
+        NOISE, lambda v: times_of_noise(_of_two(v)), lambda v: max(_of_two(v), 1.05), rejects=True
     ),
     "calibration.unweighted": Phrase(NOISE, _text("a part of the data is exact: X by 4dpa, unweighted"), _constant(2)),
     "calibration.noise_not_estimated": Phrase(NOISE, _text("noise not estimated, accuracy unknown"), _constant(10)),

@@ -136,7 +136,7 @@ def _cut(text: str, width: int) -> str:
 
 def status_of(result: Calibration) -> str:
     """Return the status of the headline: "failed" where X is not usable, "caution" where a check is not ok, or "ok"."""
-    if not result.usable:
+    if result.reasons:
         return "failed"
     if result.accuracy is None or result.accuracy.lower_limit or result.cautions:
         return "caution"
@@ -147,7 +147,7 @@ def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool
     """Return the headline, the verdict on a tolerance, and with ``why`` the sentence of what makes X not usable."""
     blocks: list[Block] = [Answer(result.headline, status_of(result))]
     if verdict is not None:
-        text = str(verdict) if result.usable else f"{verdict.word}: X is not usable."
+        text = str(verdict) if not result.reasons else f"{verdict.word}: X is not usable."
         blocks.append(Answer(text, STATUS_OF[verdict.word]))
     if why:
         blocks += [Paragraph(str(one)) for one in result.cautions[:1] if one.severity == "failure"]
@@ -157,7 +157,7 @@ def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool
 def accuracy_blocks(result: Calibration, most: int = MOST_PARTS, expanded: bool = True) -> list[Block]:
     """Return the parts of the accuracy, at most so many, and what is not included; nothing where X is not usable."""
     accuracy = result.accuracy
-    if accuracy is None or not result.usable:
+    if accuracy is None or result.reasons:
         return []
     blocks: list[Block] = []
     if accuracy.parts and most:

@@ -34,6 +34,7 @@ _DECLARE = {
 _CAMERA = {"eye-in-hand": "if the camera is on the gripper", "eye-to-hand": "if the camera is fixed"}
 # What to do about a finding, by its code.
 _STEPS = {
+    "input_checks.tiny": "give the unit that the lengths are in (--units), or write them in metres",
     "input_checks.same_file": "give the file of the camera poses as the second one",
     "input_checks.shifted_rows": "leave out the rows named above, or pair by timestamps: --pair time",
     "input_checks.shifted_run": "pair the rows again, or by timestamps: --pair time",
@@ -44,6 +45,7 @@ _STEPS = {
     "input_checks.small_rotations": "add poses that rotate by 30 deg and more, about different axes",
     "input_checks.outliers": _REPORT,
     "input_checks.noise_too_small": _NOISE,
+    "input_checks.noise_too_large": _NOISE,
     "kinematics.another_arm": "give the URDF of this robot, or leave --joints and --urdf out",
     "diagnostics.noise_too_small": _NOISE,
     "diagnostics.flagged": "look at the flagged poses in the report: --report report.html",
@@ -98,6 +100,8 @@ def _about(code: str, values: Mapping[str, Any]) -> str | None:
             return f"{_CAMERA[setup]}, run again with --setup {setup} and without --camera-frame"
         frame = "without --robot-frame" if values.get("inverted") else "--robot-frame gripper_T_base"
         return f"{_CAMERA[setup]}, run again with --setup {setup} and {frame}"
+    if code == "input_checks.far" and values.get("rows"):
+        return f"correct these rows, or leave them out: --exclude {','.join(map(str, values['rows']))}"
     if code == "input_checks.far":
         return f"run again with --{values.get('file', 'camera')}-units {values.get('unit', 'mm')}"
     if code in ("calibration.shared_contradicted", "calibration.group_contradicted"):
@@ -127,6 +131,8 @@ def _try(reading: Mapping[str, Any], second: Mapping[str, Any] | None = None) ->
             return "measure the black square of the tag, and correct --tag or the size that its detector has"
         if reading.get("bag"):
             return f"write the poses with uq-handeye bag -o DIR and give --{side}units {reading['unit']}"
+        if reading.get("target"):
+            return "measure the target and give its true size; else check the focal length"
         if reading.get("unit") is None or file is None:
             return "check the units of both files (--robot-units, --camera-units) and the size of the target"
         option = f"with --{side}units {reading['unit']}"

@@ -7,10 +7,10 @@ import typer
 
 from ...errors import InputError
 from ...runtime.progress import working
-from ..messages import fail, progress_wanted, timed
+from ..messages import LOG, fail, progress_wanted, timed
 from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, require_writable
 from ..options.report import ReportOptions, report_options_of
-from ..outcome import NOT_USABLE, Wanted, emit_answer, emit_result, wanted_of
+from ..outcome import NOT_USABLE, Wanted, emit_answer, emit_result, status_of, wanted_of
 from .calibrate import REPORTS, NoCompare
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
@@ -57,11 +57,16 @@ def export_command(
         return 0
     name = None if format is None else one_of(format, "--format", EXPORT_NAMES)
     stored = Calibration.from_json(result)
-    if not stored.usable:
+    if stored.reasons:
         fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
         return NOT_USABLE
     emit(f"Wrote {stored.export(file, name)}\n")
-    return 0
+    if not stored.usable:
+        LOG.warning(
+            "X is known in part. Not determined: %s. What was written holds one of all X that fit.",
+            "; ".join(stored.open_words),
+        )
+    return status_of(stored, None)
 
 
 @made_of(wishes=report_options_of, wanted=wanted_of)

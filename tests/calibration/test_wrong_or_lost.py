@@ -1,0 +1,125 @@
+"""Input that is wrong in ways that a result can hide: what counts, what is said, and what a program reads."""
+
+import json
+
+import numpy as np
+import pytest
+from calibration_cases import NOISE, quietly
+from cli_cases import run
+
+import uq_handeye as uq
+from uq_handeye.cli.outcome import IN_PART
+
+POSES = uq.simulate(20, noise=NOISE, seed=3)
+
+
+def scaled(poses, factor, rows=slice(None), side="camera"):
+    T = {"robot": poses.robot.copy(), "camera": poses.camera.copy()}
+    T[side][rows, :3, 3] *= factor
+    return uq.PosePairs(T["robot"], T["camera"])
+
+
+def codes(result):
+    return {finding.code for finding in result.findings}
+
+
+@pytest.mark.parametrize("rows", [[*range(20), 1], [*range(20), *range(20)], [0, 1, 2, 1, *range(3, 20)]])
+@pytest.mark.parametrize("noise", [None, NOISE])
+def test_what_is_given_again_counts_once(rows, noise):
+    """X, its covariance and the noise are those of the poses without the repeats, wherever these stand."""
+    alone = quietly(uq.PosePairs(POSES.robot, POSES.camera), noise=noise)
+    found = quietly(uq.PosePairs(POSES.robot[rows], POSES.camera[rows]), noise=noise)
+    np.testing.assert_allclose(found.X, alone.X, atol=1e-7)
+    np.testing.assert_allclose(found.std, alone.std, rtol=1e-3)
+    assert found.n_poses == 20 and len(found.excluded) == len(rows) - 20 and found.data.n == len(rows)
+    assert "input_checks.repeated_rows" in codes(found) and "calibration.excluded" not in codes(found)
+
+
+def test_what_is_excluded_and_what_is_given_again():
+    rows = [*range(20), 4, 5]
+    found = quietly(uq.PosePairs(POSES.robot[rows], POSES.camera[rows]), noise=NOISE, exclude=[0, 4])
+    assert found.excluded == (0, 4, 21)  # 20 is the only one left of its kind
+    said = next(one for one in found.findings if one.code == "calibration.excluded")
+    assert said.values["excluded"] == [0, 4] and "rows 21 " not in str(said)
+
+
+@pytest.mark.parametrize("side", ["robot", "camera"])
+def test_one_pose_in_another_unit_is_named_and_reaches_no_number(side):
+    alone = quietly(uq.PosePairs(POSES.robot, POSES.camera))
+    found = quietly(scaled(POSES, 1000.0, [7], side))
+    assert found.table.rejected == [7] and found.usable
+    assert found.accuracy.distance == pytest.approx(alone.accuracy.distance, rel=0.05)
+    assert found.accuracy.point == pytest.approx(alone.accuracy.point, rel=0.3)
+    far = next(one for one in found.findings if one.code == "input_checks.far")
+    assert far.values["rows"] == [7] and f"Row 7 of the {side} poses" in str(far)
+    assert "--exclude 7" in found.summary() and "-units" not in found.summary()
+
+
+@pytest.mark.parametrize("factor", [0.94, 0.98, 1.02, 1.06])
+def test_a_target_of_another_size_is_measured_alike_larger_or_smaller(factor):
+    """No unit and no refusal: the size is found, and X is as good as with the right one."""
+    found, right = quietly(scaled(POSES, factor)), quietly(uq.PosePairs(POSES.robot, POSES.camera))
+    assert found.usable and "calibration.target_size" in codes(found)
+    assert not codes(found) & {"input_checks.wrong_scale", "input_checks.poses_unexplained"}
+    size = next(one for one in found.findings if one.code == "calibration.target_size")
+    assert 1 + size.values["estimate"] == pytest.approx(factor, abs=0.004)
+    assert "printer" in str(size)
+    assert np.linalg.norm(found.X[:3, 3] - right.X[:3, 3]) < 2 * right.accuracy.translation
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1000.0, "in mm"), (0.001, "in m"), (1 / 0.0254, "in in"), (10.0, "different units"), (2.0, "times as large")],
+)
+def test_factors_are_named_by_what_they_are(factor, words):
+    try:
+        said = quietly(scaled(POSES, factor)).headline
+    except uq.NotConvergedError as error:
+        said = " ".join(map(str, error.findings))
+        words = {"different units": "one file is in another unit"}.get(words, words)
+    assert words in said
+
+
+def test_rigs_without_size_are_named():
+    found = quietly(scaled(scaled(POSES, 1e-6), 1e-6, side="robot"))
+    assert found.headline.startswith("NOT USABLE: both files seem to be in a larger unit")
+
+
+@pytest.mark.parametrize("factor", [0.05, 20.0])
+def test_a_noise_that_residuals_contradict_is_never_ok(factor):
+    noise = uq.PoseNoise(factor**2 * NOISE.robot, factor**2 * NOISE.camera)
+    found = quietly(uq.PosePairs(POSES.robot, POSES.camera), noise=noise)
+    level = next(check for check in found.checks if check.name == "noise level")
+    assert found.fit.p_value < 1e-6 and level.status != "ok" and "times" in level.text
+
+
+@pytest.fixture(scope="module")
+def parallel(tmp_path_factory):
+    """Files of poses that rotate about one axis."""
+    rng = np.random.default_rng(1)
+    folder = tmp_path_factory.mktemp("parallel")
+    G = np.tile(np.eye(4), (15, 1, 1))
+    angle = rng.uniform(-1.5, 1.5, 15)
+    G[:, 0, 0], G[:, 1, 1], G[:, 0, 1], G[:, 1, 0] = np.cos(angle), np.cos(angle), -np.sin(angle), np.sin(angle)
+    G[:, :3, 3] = rng.uniform(-0.3, 0.3, (15, 3)) + np.array([0.5, 0, 0.5])
+    X, W = uq.simulate(3, seed=1).truth[:2]
+    C = np.linalg.inv(G @ X) @ W
+    C[:, :3, 3] += rng.normal(0, 3e-4, (15, 3))
+    for name, T in (("robot", G), ("camera", C)):
+        np.savetxt(folder / f"{name}.txt", T.reshape(15, 16))
+    return folder
+
+
+def test_what_is_answered_in_part_is_not_usable_and_has_a_status(parallel, tmp_path):
+    """Programs read `usable` or the exit status; X along the axis is one of all that fit."""
+    done = run("calibrate", parallel / "robot.txt", parallel / "camera.txt", "--json", "-o", tmp_path / "out")
+    found = json.loads(done.stdout)
+    assert done.returncode == IN_PART == 6
+    assert found["usable"] is False and found["answered"] == "in part" and found["open"]
+    result = uq.Calibration.from_json(tmp_path / "out" / "result.json")
+    assert not result.usable and result.answered == "in part" and result.reasons == ()
+    assert "Not determined: " in result.headline and np.linalg.norm(result.X[:3, 3]) < 1.0
+    written = run("export", tmp_path / "out" / "result.json", tmp_path / "x.urdf")
+    assert written.returncode == IN_PART and "Not determined: " in written.stderr and (tmp_path / "x.urdf").exists()
+    asked = run("report", tmp_path / "out" / "result.json", "--tolerance", "1mm")
+    assert asked.returncode == 5
