@@ -175,7 +175,7 @@ def solve_information(
         basis = np.linalg.qr(exact, mode="complete")[0]
         opened, closed = basis[:, : count[k]], basis[:, count[k] :] / rig[k][:, None]
         projector[k] = opened @ opened.T
-        covariance[k] = closed @ np.linalg.solve(closed.T @ information[k] @ closed, closed.T)
+        covariance[k] = _of_closed(closed, information[k])
         if len(open_basis(projector[k][:6, :6], rig[k][:6])) == 6:
             raise DegenerateMotionError(
                 "The data determine nothing of X: the poses (motions) are the same within their noise, or rotate so "
@@ -217,6 +217,23 @@ def own_covariances(noise: Noise) -> tuple[Array | None, Array | None]:
         None if S is None else S.own if isinstance(S, JointCovariance) else marginals(S) for S in covariances_of(noise)
     )
     return first, second
+
+
+def _of_closed(closed: Array, information: Array) -> Array:
+    """Return ``Q (Q^T H Q)^-1 Q^T``, solved in units in which the diagonal is 1.
+
+    Raises `DegenerateMotionError` where rounding leaves no inverse: residuals of one kind are exact, others are not.
+    """
+    H = closed.T @ information @ closed
+    scaled = closed * _unit_factors(np.diagonal(H))
+    try:
+        return np.asarray(scaled @ np.linalg.solve(scaled.T @ information @ scaled, scaled.T))
+    except np.linalg.LinAlgError as error:
+        raise DegenerateMotionError(
+            "The data leave directions of X open, and the residuals along the others differ too much in size to solve "
+            "for them (exact rotations?). Give the noise, or add poses that rotate about another axis.",
+            np.eye(6),
+        ) from error
 
 
 def _without_noise(U: Array, rig: Array, information: Array, tilts: Tilts) -> Array:
