@@ -191,9 +191,19 @@ def findings(tables: Tables) -> str:
         f"{' '.join(verdicts)}\n\n"
         f"Bundle adjustment of everything ({len(bundles)} sets) gives X within {bundles.max():.3f} standard deviations "
         f"of that with the joint covariance ({bundles.median():.3f} in the median), and variances within "
-        f"{100 * table['bundle_variance'].max():.1f} %.\n\n"
-        f"The test of the camera's covariance, which is true here, has p below 5 % in {100 * (p < 0.05).mean():.1f} % "
-        f"of {len(p)} sets and below 0.1 % in {100 * (p < 0.001).mean():.1f} %."
+        f"{100 * table['bundle_variance'].max():.1f} %."
+        f"{_of_the_test(p)}"
+    )
+
+
+def _of_the_test(p: Any) -> str:
+    """Return how often the test of the camera's covariance rejects; nothing where no estimate carries such a test."""
+    if not len(p):
+        return ""
+    below = [100 * float((p < level).mean()) for level in (0.05, 0.001)]
+    return (
+        f"\n\nThe test of the camera's covariance, which is true here, has p below 5 % in {below[0]:.1f} % "
+        f"of {len(p)} sets and below 0.1 % in {below[1]:.1f} %."
     )
 
 

@@ -89,7 +89,7 @@ def dense(model, theta):
 @pytest.mark.parametrize("with_prior", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 def test_value_and_posterior_are_those_of_the_dense_covariance(kind, with_prior, rng):
-    """With x flat f is the restricted likelihood: log determinants and the quadratic form."""
+    """The restricted likelihood, where x is flat: log determinants and the quadratic form."""
     model = model_of(kind, rng, with_prior)
     for theta in model.medians + 0.5 * rng.normal(size=(3, len(model.free))):
         f, x, C, *_ = dense(model, theta)
@@ -339,7 +339,7 @@ def sampled(drawn):
 
 @pytest.mark.parametrize("k", range(5))
 def test_ranks_of_the_sizes_are_uniform(sampled, drawn, k):
-    """By f itself; those that half of the prior's spread would give are rejected."""
+    """Ranks by f itself; those that half of the prior's spread would give are rejected."""
     found, effective = sampled
     assert np.median(effective) > 50
     assert stats.kstest(found[:, k], "uniform").pvalue > 1 - CONFIDENCE

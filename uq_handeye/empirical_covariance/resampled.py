@@ -157,6 +157,9 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
     J = times(influence.J, half)
     known = np.zeros((p, p)) if influence.known is None else half.mT @ influence.known @ half
     pull = np.zeros(p) if influence.known is None else -(J.mT @ influence.residual[..., None]).sum(axis=-3)[..., 0]
+    # Only where the data say more than half, no prior keeps a draw from being singular: its inverse is large there.
+    share, directions = np.linalg.eigh(known)
+    free = directions[..., share < 0.5]
     upper = np.triu_indices(p)
     features = np.concatenate(
         [(J.mT @ J)[..., upper[0], upper[1]], (J.mT @ influence.residual[..., None])[..., 0]], axis=-1
@@ -170,9 +173,12 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
         information[..., upper[0], upper[1]] = information[..., upper[1], upper[0]] = sums[..., :-p]
         # far below what counts as singular, and enough for a singular matrix to have an inverse
         information += known + 1e-6 * NEAR_SINGULAR * np.eye(p)
-        inverse = np.linalg.inv(information)
-        ok = np.linalg.norm(inverse, axis=(-2, -1)) < 1.0 / NEAR_SINGULAR
-        moves = np.where(ok[..., None], -(inverse @ (sums[..., -p:] + pull)[..., None])[..., 0], 0.0)
+        right = np.concatenate(
+            [-(sums[..., -p:] + pull)[..., None], np.broadcast_to(free, (*sums.shape[:-1], *free.shape))], axis=-1
+        )
+        solved = np.linalg.solve(information, right)
+        ok = np.linalg.norm(solved[..., 1:], axis=(-2, -1)) < 1.0 / NEAR_SINGULAR
+        moves = np.where(ok[..., None], solved[..., 0], 0.0)
         total += moves.sum(axis=-2)
         square += moves.mT @ moves
         used += ok.sum(axis=-1)

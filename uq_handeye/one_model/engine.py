@@ -25,7 +25,7 @@ with ``e = y + A (x, z)``. Its gradient comes from the same factors: with ``T = 
 derivatives stand their average over data and expectation (average information, Gilmour, Thompson and Cullis 1995):
 ``W^T (1 - A H^-1 A^T) W / 2`` with the columns ``2 A_c z_c`` and ``2 T_w e``. Everything is O(n (p + m)^2).
 
-Rows that share an error drawn anew, such as that of one robot pose in all views of its time, are one block: i counts
+Rows that share an error drawn again, such as that of one robot pose in all views of its time, are one block: i counts
 groups of rows, of 6 each where a group is one pose. Groups of other sizes stand beside them (`Rows`).
 Reference: Rue, Martino and Chopin (2009); the mode with flat priors is restricted maximum likelihood.
 """
@@ -96,7 +96,7 @@ class LatentModel:
     r: Array  # (n, d)
     components: tuple[Component, ...]
     shared: Array  # (n, d, m) D K of all shared components, side by side
-    blocks: dict[int, Array]  # (n, d, d) D B B^T D^T of the components that have a part drawn anew, by their number
+    blocks: dict[int, Array]  # (n, d, d) D B B^T D^T of the components that have a part drawn again, by their number
     known: Array | None = None  # (n, d, d) covariance that has no size
     prior: Array | None = None  # (p + 1, p + 1) what is known of x: added to [J, r]^T V^-1 [J, r]
     others: tuple[Rows, ...] = ()  # groups of other sizes d
