@@ -258,25 +258,7 @@ def test_a_code_of_tomorrow_leaves_a_file_readable():
     assert again.to_dict()["findings"] == [new] and "calibration.of_tomorrow: share = 0.5" in again.warnings[0]
 
 
-def test_a_file_of_format_3_is_read():
-    """Written by the version before findings: ten poses, two of them wrong, the noise estimated."""
-    file = Path(__file__).parent / "calibration" / "files" / "format_3.json"
-    old = json.loads(file.read_text(encoding="utf-8"))
-    result = uq.Calibration.from_json(file)
-    assert result.warnings == tuple(old["warnings"]) and result.shared == ()
-    assert "Errors that all poses share are not included." in " ".join(result.summary(verbose=True).split())
-    assert result.noise_estimate.statement == tuple(old["noise_estimate"]["statement"])
-    assert f"{result.split_half.d2:.1f}" in old["analysis"]["split_half"]["sentence"]
-    assert result.split_half.sentence.startswith("The two halves of the data (interleaved, 4 and 4) agree")
-    assert result.table.rejected == [4, 6]
-    new = json.loads(result.to_json())
-    assert new["format"] == "uq-handeye calibration 4"
-    assert uq.Calibration.from_dict(new).summary() == result.summary()
-    assert new["X"] == old["X"]
-    assert {name: new["analysis"]["budget"][name] for name in old["analysis"]["budget"]} == old["analysis"]["budget"]
-
-
-@pytest.mark.parametrize("number", [1, 2, 5])
+@pytest.mark.parametrize("number", [1, 2, 3, 5])
 def test_other_formats_are_refused_by_name(number, tmp_path):
     file = tmp_path / "result.json"
     file.write_text(json.dumps({"format": f"uq-handeye calibration {number}"}), encoding="utf-8")

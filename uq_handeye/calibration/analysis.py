@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from ..diagnostics.source_types import with_types
 from ..diagnostics.split_half import SplitHalf, split_fit
 from ..empirical_covariance.resampled import KINDS, resampled
 from ..errors import DegenerateMotionError, InputError
-from ..files.validate import array_of, unequal
+from ..files.records import Record, parts_of
+from ..files.validate import unequal
 from ..geometry.checks import checked_covariance
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
@@ -29,13 +30,15 @@ from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PoseNoise
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
-from ..runtime.read_only import ReadOnlyArrays, read_only
+from ..runtime.read_only import read_only
 from ..shared_errors.drift import DRIFT
 
 
 @dataclass(frozen=True, eq=False)
-class Analysis:
+class Analysis(Record):
     """Analysis of one data set: see the module."""
+
+    _in_file: ClassVar[str] = "diagnostics covariances reasons split_half split_in_time budget=budget.in_file"
 
     data: PosePairs | Motions = field(repr=False)
     noise: Noise = field(repr=False)
@@ -104,10 +107,6 @@ class Analysis:
         found = with_types(found, self.noise, self.estimate, corners)
         return found if self.estimate is None else found.merged(*_not_told_apart(self.estimate))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-        return _to_dict(self)
-
 
 def _not_told_apart(estimate: NoiseEstimate) -> list[list[str]]:
     """Groups of noise components that only a sum is known of."""
@@ -123,8 +122,10 @@ def _names(noise: Noise) -> set[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class StoredAnalysis(ReadOnlyArrays):
+class StoredAnalysis(Record):
     """An `Analysis` read from a file: the same names, no data behind them; its budget is not divided by pose."""
+
+    _in_file: ClassVar[str] = Analysis._in_file
 
     diagnostics: Diagnostics
     covariances: dict[str, Array | None]
@@ -134,7 +135,7 @@ class StoredAnalysis(ReadOnlyArrays):
     budget: Budget
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any], X: Array) -> StoredAnalysis:
+    def of(cls, data: Any, X: Array) -> StoredAnalysis:
         """Return the analysis that `Analysis.to_dict` wrote, for the X that it belongs to."""
         covariances = {
             name: None if S is None else checked_covariance(S, name, joint=False)
@@ -142,49 +143,7 @@ class StoredAnalysis(ReadOnlyArrays):
         }
         if unknown := {name for name, S in covariances.items() if S is None} - set(data["reasons"]):
             raise InputError(f"Expected the covariance {unknown.pop()!r}, or the reason why there is none.")
-        sources = tuple(data["budget"]["sources"])
-        size = len(data["budget"]["covariances"][0])
-        parts = array_of(data["budget"]["covariances"], (len(sources), size, size), "analysis.budget.covariances")
-        R = array_of(data["budget"]["relative"], (len(sources), len(sources)), "analysis.budget.relative")
-        if (np.diag(R) < 0).any() or not np.allclose(R, R.T):
-            raise InputError("Expected relative covariances of the variances of the budget, symmetric and >= 0.")
-        if (np.diagonal(parts.sum(axis=0)) < 0).any():
-            raise InputError("Expected the variances of the budget to add up to 0 or more.")
-        budget = Budget(sources, parts, np.zeros((0, size, size)), X, tuple(data["budget"]["types"]), R)
-        if size not in (6, 12):
-            raise InputError(f"Expected the budget of X, or of X and W, got one of {size} numbers.")
-        if (where := unequal(_budget_to_dict(budget), data["budget"], "analysis.budget")) is not None:
+        budget = Budget.of(data["budget"], X)
+        if (where := unequal(budget.in_file, data["budget"], "analysis.budget")) is not None:
             raise InputError(f"{where} does not fit the rest")
-        return cls(
-            Diagnostics.from_dict(data["diagnostics"]),
-            covariances,
-            dict(data["reasons"]),
-            SplitHalf.from_dict(data["split_half"]),
-            SplitHalf.from_dict(data["split_in_time"]),
-            budget,
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the same dictionary as `Analysis.to_dict`."""
-        return _to_dict(self)
-
-
-def _to_dict(of: Analysis | StoredAnalysis) -> dict[str, Any]:
-    return {
-        "diagnostics": of.diagnostics.to_dict(),
-        "covariances": {name: None if S is None else S.tolist() for name, S in of.covariances.items()},
-        "reasons": of.reasons,
-        "split_half": of.split_half.to_dict(),
-        "split_in_time": of.split_in_time.to_dict(),
-        "budget": _budget_to_dict(of.budget),
-    }
-
-
-_IN_FILE = (
-    "sources", "types", "relative", "dof", "components", "covariances", "group_shares", "combined", "expanded_95"
-)  # fmt: skip
-
-
-def _budget_to_dict(of: Budget) -> dict[str, Any]:
-    parts = of.to_dict()
-    return {name: parts[name] for name in _IN_FILE}
+        return cls(**parts_of(cls, data, "analysis", covariances=covariances, budget=budget))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from ..files.records import Record
 from ..files.source import Source
 from ..geometry.se3 import Array
 from ..kinematics.chain import Kinematics
@@ -22,7 +23,7 @@ from ..shared_errors.shared_error import SharedError
 
 
 @dataclass(frozen=True)
-class Provenance:
+class Provenance(Record):
     """Input, options and versions of a calibration.
 
     ``data_sha256`` is the SHA-256 of the poses (or motions) as they were used, float64, little-endian, robot first: the
@@ -31,24 +32,14 @@ class Provenance:
     of more poses (`requested`); None in files of older versions.
     """
 
+    _if_any: ClassVar[str] = "request"
+
     data_sha256: str
     options: dict[str, Any]
     versions: dict[str, str]
     sources: tuple[Source, ...] = field(default=())
     command: str | None = None
     request: dict[str, Any] | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and text."""
-        sources = [asdict(source) | {"notes": list(source.notes)} for source in self.sources]
-        found = asdict(self) | {"sources": sources}
-        return {name: value for name, value in found.items() if name != "request" or value is not None}
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Provenance:
-        """The inverse of `to_dict`."""
-        sources = tuple(Source(**(source | {"notes": tuple(source["notes"])})) for source in data["sources"])
-        return cls(**(data | {"sources": sources}))
 
 
 def provenance(data: PosePairs | Motions, options: dict[str, Any], request: dict[str, Any]) -> Provenance:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from ..diagnostics.split_half import SplitHalf
 from ..diagnostics.task_space import PointUncertainty
 from ..errors import InputError
 from ..files.atomic import json_text
+from ..files.records import Record
 from ..findings import Finding, texts
 from ..formatting.numbers import concise, digits
 from ..geometry import conventions
@@ -31,7 +32,6 @@ from ..likelihood.rig_bundle import Agreement
 from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import FoundComponent, NoiseEstimate
 from ..noise.models import Noise
-from ..noise.to_dict import noise_to_dict
 from ..one_model.points import OpenSizes
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
@@ -45,14 +45,13 @@ from ..prediction.predict import CameraPrediction, predict_camera, predict_point
 from ..prediction.workspace import WorkspacePrediction, over_workspace
 from ..presentation.document import COLUMNS, document_of, to_text
 from ..presentation.notebook import html_of
-from ..runtime.read_only import ReadOnlyArrays
 from ..statement.of_result import Statement
 from ..statement.stated import distance_of
 from .analysis import Analysis, StoredAnalysis
 from .estimated_poses import EstimatedPoses
 from .provenance import Provenance
 from .report.plotted import Plotted
-from .result_file import FORMAT, UNITS, FourDPA, finite, from_dict, parsed, plain
+from .result_file import DERIVED, FORMAT, UNITS, FourDPA, from_dict, parsed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +61,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
+class Calibration(EstimatedPoses, Statement, Plotted, Record):
     """X of AX = XB and what is known about it.
 
     Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,
@@ -462,68 +461,25 @@ class Calibration(EstimatedPoses, Statement, Plotted, ReadOnlyArrays):
             index=pd.Index(POSE_NUMBERS, name=self.frame),
         )
 
+    _if_any: ClassVar[str] = "about agreement open kinematics posterior data excluded"
+    _in_file: ClassVar[str] = (
+        f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise W covariance_W iterations "
+        "covariance_kind reference noise_estimate bound 4dpa=fourdpa fit poses=table analysis provenance about "
+        "time_offset shared agreement open=opened kinematics posterior residuals headline usable answered accuracy "
+        "checks "
+        "data=_data_in_file excluded findings warnings"
+    )
+
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
-        return {
-            "format": FORMAT,
-            "convention": conventions.CONVENTION,
-            "units": UNITS,
-            "method": self.method,
-            "scale": self.scale,
-            "kind": self.kind,
-            "setup": self.setup,
-            "X": self.X.tolist(),
-            "covariance": plain(self.covariance),
-            **self._derived(),
-            "n_poses": self.n_poses,
-            "n_pairs": self.n_pairs,
-            "noise": noise_to_dict(self.noise),
-            "W": plain(self.W),
-            "covariance_W": plain(self.covariance_W),
-            "iterations": self.iterations,
-            "covariance_kind": self.covariance_kind,
-            "reference": self.reference.to_dict(),
-            "noise_estimate": None if self.noise_estimate is None else self.noise_estimate.to_dict(),
-            "bound": plain(self.bound),
-            "4dpa": None
-            if self.fourdpa is None
-            else {"X": self.fourdpa.X.tolist(), "covariance": plain(self.fourdpa.covariance)},
-            "fit": None if self.fit is None else asdict(self.fit),
-            "poses": None if self.table is None else self.table.to_dict(),
-            "analysis": None if self.analysis is None else self.analysis.to_dict(),
-            "provenance": None if self.provenance is None else self.provenance.to_dict(),
-            **({"about": self.about} if self.about else {}),
-            "time_offset": None if self.time_offset is None else self.time_offset.to_dict(),
-            "shared": [error.to_dict() for error in self.shared],
-            **({} if self.agreement is None else {"agreement": self.agreement.to_dict()}),
-            **({} if self.opened is None else {"open": self.opened.to_dict() | {"words": list(self.open_words)}}),
-            **({} if self.kinematics is None else {"kinematics": self.kinematics.to_dict()}),
-            **({} if self.posterior is None else {"posterior": self.posterior.to_dict()}),
-            "residuals": self.residuals._asdict(),
-            "headline": self.headline,
-            "usable": self.usable,
-            "answered": self.answered,
-            "accuracy": None if self.accuracy is None else self.accuracy.to_dict(),
-            "checks": [check.to_dict() for check in self.checks],
-            **({} if self.data is None else {"data": data_to_dict(self.data)}),
-            **({"excluded": list(self.excluded)} if self.excluded else {}),
-            "findings": [finding.to_dict() for finding in self.findings],
-            "warnings": list(self.warnings),
-        }
+        found = {"format": FORMAT, "convention": conventions.CONVENTION, "units": UNITS, **super().to_dict()}
+        if self.opened is not None:
+            found["open"]["words"] = list(self.open_words)
+        return found
 
-    def _derived(self) -> dict[str, Any]:
-        """Return the parts that follow from other parts of the file."""
-        return {
-            "frame": self.frame,
-            "std": finite(self.std),
-            "correlation": plain(self.correlation),
-            "quaternion_xyzw": self.quaternion.tolist(),
-            "inverse": self.inverse.tolist(),
-            "covariance_inverse": plain(self.covariance_inverse),
-            "frame_W": self.frame_W,
-            "std_W": finite(self.std_W),
-            "efficiency": plain(self.efficiency),
-        }
+    @property
+    def _data_in_file(self) -> dict[str, Any] | None:
+        return None if self.data is None else data_to_dict(self.data)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Calibration:

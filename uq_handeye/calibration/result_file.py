@@ -7,84 +7,40 @@ Reading checks types, shapes, that all is finite, and that numbers which others 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..diagnostics.pose_table import PoseTable
 from ..errors import InputError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..files.about import as_about
 from ..files.open import StrPath, as_path, opened
-from ..files.validate import misfit, not_finite, unequal
-from ..findings import Finding
+from ..files.records import attributes, parts_of
+from ..files.validate import not_finite, unequal
 from ..geometry.checks import as_transforms, checked_covariance
 from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from ..likelihood.constraint import require_noise_fits
-from ..likelihood.d2_distribution import Reference
 from ..likelihood.gauss_helmert import ESTIMATORS
-from ..likelihood.goodness_of_fit import GoodnessOfFit
-from ..likelihood.open_directions import OpenDirections
-from ..likelihood.rig_bundle import Agreement
-from ..likelihood.shared_estimates import SharedEstimate
-from ..noise.estimate import NoiseEstimate
-from ..noise.models import Noise
 from ..noise.to_dict import noise_from_dict
 from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
-from ..poses.residuals import Residuals
-from ..poses.timing import TimeOffset
 from ..poses.to_dict import data_from_dict
 from ..posterior.posterior import Posterior
-from ..prediction.fitted_kinematics import FittedKinematics
 from ..runtime.versions import versions
-from .analysis import Analysis, StoredAnalysis
-from .format_3 import FORMAT_3, converted
-from .provenance import Provenance
+from .analysis import StoredAnalysis
 from .request import BUNDLE, COVARIANCES
 
-
-class Stored(Protocol):
-    """Interface of a calibration that was read, as far as it is checked; `Calibration` lies above its file."""
-
-    @property
-    def fit(self) -> GoodnessOfFit | None: ...
-    @property
-    def table(self) -> PoseTable | None: ...
-    @property
-    def analysis(self) -> Analysis | StoredAnalysis | None: ...
-    @property
-    def n_poses(self) -> int | None: ...
-    @property
-    def n_pairs(self) -> int: ...
-    @property
-    def noise(self) -> Noise | None: ...
-    @property
-    def data(self) -> PosePairs | Motions | None: ...
-    @property
-    def counted(self) -> PosePairs | Motions | None: ...
-    @property
-    def excluded(self) -> tuple[int, ...]: ...
-    @property
-    def provenance(self) -> Provenance | None: ...
-    @property
-    def usable(self) -> Any: ...
-    @property
-    def answered(self) -> Any: ...
-    def _derived(self) -> dict[str, Any]: ...
-
-
-T = TypeVar("T")
-C = TypeVar("C", bound=Stored)
+C = TypeVar("C")
 
 FORMAT = "uq-handeye calibration 4"
 UNITS = {"rotation": "rad", "translation": "m"}
 
-# Parts that are taken as they are, covariances (6, 6), and what some parts may be.
-_PLAIN = ("iterations", "covariance_kind", "method", "scale", "kind", "setup", "n_poses", "n_pairs")
+# Parts that follow from other parts of the file.
+DERIVED = "frame std correlation quaternion_xyzw=quaternion inverse covariance_inverse frame_W std_W efficiency"
+# Parts that are named otherwise in the file, covariances (6, 6), and what some parts may be.
+_KEYS = {"fourdpa": "4dpa", "table": "poses", "opened": "open"}
 _COVARIANCES = ("covariance", "covariance_W", "bound")
 _KNOWN = {
     "method": (*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS),
@@ -97,8 +53,8 @@ _KNOWN = {
 class FourDPA(NamedTuple):
     """4DPA result for the same data."""
 
-    X: Array  # (4, 4)
-    covariance: Array | None  # (6, 6), to first order, at the same noise
+    X: Annotated[Array, 4, 4]
+    covariance: Annotated[Array, 6, 6] | None  # to first order, at the same noise
 
 
 MAX_BYTES = 500_000_000
@@ -121,31 +77,24 @@ def _refuse(constant: str) -> None:
 def from_dict(kind: type[C], data: dict[str, Any]) -> C:
     """The inverse of `to_dict`; raises `InputError` on anything else.
 
-    Parts that are missing, of another type, not finite, or that do not belong to each other. Files of format 3 are
-    read; older ones are refused.
+    Parts that are missing, of another type, not finite, or that do not belong to each other. Files of
+    older formats are refused.
     """
-    if not isinstance(data, dict) or data.get("format") not in (FORMAT, FORMAT_3):
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
         found = data.get("format") if isinstance(data, dict) else data
         raise InputError(
-            f"Expected a calibration written by to_json() (format {FORMAT!r} or {FORMAT_3!r}), got {found!r:.60}. "
+            f"Expected a calibration written by to_json() (format {FORMAT!r}), got {found!r:.60}. "
             "Calibrate again to have one of an older format in this one."
         )
     try:
         if (where := not_finite(data, "calibration")) is not None:
             raise ValueError(f"{where} is not finite")
         _require_stated(data)
-        if data["format"] == FORMAT_3:
-            data = converted(data)
-        parts = _parts_of(data)
-        poses = parts.pop("data")  # they look after themselves
-        result = kind(**parts)
-        if (where := misfit(result, kind, "calibration")) is not None:
-            raise TypeError(f"{where} is of the wrong type")
-        result = kind(**(parts | {"data": poses}))
+        result: C = kind(**_parts_of(data, kind))
         _require_whole(result)
         _require_usable_as_stated(data, result)
         with np.errstate(divide="raise", over="raise", invalid="raise"):
-            if (where := unequal(result._derived(), data, "calibration")) is not None:
+            if (where := unequal(attributes(result, DERIVED), data, "calibration")) is not None:
                 raise ValueError(f"{where} does not fit the rest")
     except KeyError as error:
         raise InputError(f"The calibration is damaged: {error} is missing.") from error
@@ -163,7 +112,7 @@ def _require_stated(data: dict[str, Any]) -> None:
         raise ValueError(f"usable is {data['usable']!r:.40}, expected true or false")
 
 
-def _require_usable_as_stated(data: dict[str, Any], result: Stored) -> None:
+def _require_usable_as_stated(data: dict[str, Any], result: Any) -> None:
     """Raise where this version would have written another answer; the rules of others may differ."""
     origin = result.provenance
     if origin is None or origin.versions != versions():
@@ -173,7 +122,7 @@ def _require_usable_as_stated(data: dict[str, Any], result: Stored) -> None:
             raise ValueError(f"{name} is {data[name]!r}, but its findings say {found!r}")
 
 
-def _require_whole(result: Stored) -> None:
+def _require_whole(result: Any) -> None:
     """Raise where the parts are not of one data set and one fit."""
     if (fit := result.fit) is not None and not (fit.dof > 0 and np.isclose(fit.sigma0**2, fit.chi2 / fit.dof)):
         raise ValueError(f"sigma0 {fit.sigma0!r} is not that of {fit.chi2!r} with {fit.dof!r} degrees of freedom")
@@ -197,7 +146,7 @@ def _require_whole(result: Stored) -> None:
         raise ValueError(f"{count} {result.table.item}s, and parts that are of {sorted(sizes)}")
 
 
-def _require_one_data_set(data: PosePairs | Motions, result: Stored) -> None:
+def _require_one_data_set(data: PosePairs | Motions, result: Any) -> None:
     """Raise where the poses (or motions) are not as many as the result and its noise are of."""
     poses = data if isinstance(data, PosePairs) else data.poses
     if isinstance(data, Motions) and result.n_pairs != data.N:
@@ -208,46 +157,30 @@ def _require_one_data_set(data: PosePairs | Motions, result: Stored) -> None:
     require_noise_fits(result.noise, motions)
 
 
-def _parts_of(data: dict[str, Any]) -> dict[str, Any]:
+def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
     """The arguments of `Calibration`; raises whatever comes (KeyError for parts that are missing)."""
     for name, known in _KNOWN.items():
         if data[name] not in known:
             raise ValueError(f"{name} is {data[name]!r:.40}")
-    X = _pose(data, "X")
-    origin = _read(data, "provenance", Provenance.from_dict)
     posterior = data.get("posterior", data.get("joint_posterior"))  # by its earlier name
-    poses = None
+    X, noise, analysis = _pose(data, "X"), data["noise"], data["analysis"]
+    found = parts_of(
+        kind,
+        data | {name: data.get(key) for name, key in _KEYS.items()},
+        "calibration",
+        X=X,
+        W=None if data["W"] is None else _pose(data, "W"),
+        **{name: None if data[name] is None else _covariance(data[name], name) for name in _COVARIANCES},
+        noise=None if noise is None else noise_from_dict(noise),
+        analysis=None if analysis is None else StoredAnalysis.of(analysis, X),
+        about=as_about(data.get("about", {})),
+        joint_posterior=None if posterior is None else Posterior.from_dict(posterior),
+        data=None,
+    )
     if data.get("data") is not None:
-        poses = data_from_dict(data["data"], data["setup"], () if origin is None else origin.sources)
-    return {
-        **{name: data[name] for name in _PLAIN},
-        **{name: _covariance(data, name) for name in _COVARIANCES},
-        "X": X,
-        "W": None if data["W"] is None else _pose(data, "W"),
-        "reference": Reference(**data["reference"]),
-        "noise_estimate": _read(data, "noise_estimate", NoiseEstimate.from_dict),
-        "fourdpa": _read(data, "4dpa", lambda part: FourDPA(_pose(part, "X"), _covariance(part, "covariance"))),
-        "fit": _read(data, "fit", lambda part: GoodnessOfFit(**part)),
-        "table": _read(data, "poses", PoseTable.from_dict),
-        "analysis": _read(data, "analysis", lambda part: StoredAnalysis.from_dict(part, X)),
-        "provenance": origin,
-        "about": as_about(data.get("about", {})),
-        "data": poses,
-        "excluded": tuple(data.get("excluded", ())),
-        "time_offset": _read(data, "time_offset", TimeOffset.from_dict),
-        "shared": tuple(map(SharedEstimate.from_dict, data.get("shared", ()))),
-        "opened": None if data.get("open") is None else OpenDirections.from_dict(data["open"]),
-        "kinematics": None if data.get("kinematics") is None else FittedKinematics.from_dict(data["kinematics"]),
-        "joint_posterior": None if posterior is None else Posterior.from_dict(posterior),
-        "agreement": None if data.get("agreement") is None else Agreement.from_dict(data["agreement"]),
-        "noise": _read(data, "noise", noise_from_dict),
-        "residuals": Residuals(**data["residuals"]),
-        "findings": tuple(map(Finding.from_dict, data["findings"])),
-    }
-
-
-def _read(data: dict[str, Any], name: str, reader: Callable[[Any], T]) -> T | None:
-    return None if data[name] is None else reader(data[name])
+        origin = found["provenance"]
+        found["data"] = data_from_dict(data["data"], data["setup"], () if origin is None else origin.sources)
+    return found
 
 
 def _pose(data: dict[str, Any], name: str) -> Array:
@@ -257,20 +190,8 @@ def _pose(data: dict[str, Any], name: str) -> Array:
     return pose
 
 
-def _covariance(data: dict[str, Any], name: str) -> Array | None:
-    if data[name] is None:
-        return None
-    S = checked_covariance(data[name], name, joint=False)
+def _covariance(value: Any, name: str) -> Array:
+    S = checked_covariance(value, name, joint=False)
     if S.shape != (6, 6):
         raise ValueError(f"{name} has the shape {S.shape}")
     return S
-
-
-def finite(array: Array | None) -> Any:
-    """Lists with None for what is infinite; None for what is not there."""
-    return None if array is None else [float(x) if np.isfinite(x) else None for x in array]
-
-
-def plain(array: Array | None) -> Any:
-    """Lists, or None for what is not there."""
-    return None if array is None else array.tolist()

@@ -10,9 +10,9 @@ from .._version import __version__
 from ..errors import InputError
 from ..files.atomic import json_text, write_atomically
 from ..files.csv_text import frame_text
+from ..files.records import attributes
 from ..geometry.conventions import CONVENTION
 from ..noise.models import Noise
-from ..noise.to_dict import noise_to_dict
 from ..presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ..presentation.notebook import to_html
 from ..statement.checks import Check
@@ -124,20 +124,12 @@ class Comparison:
             "version": __version__,
             "convention": CONVENTION,
             "units": {"rotation": "rad", "translation": "m", "time": "s"},
-            "reference": self.reference,
-            "asked_reference": self.asked_reference,
-            "frame": self.frame,
-            "setup": self.setup,
-            "n_poses": self.n_poses,
-            "n_pairs": self.n_pairs,
-            "n_pairs_available": self.n_pairs_available,
-            "noise": noise_to_dict(self.noise),
-            "noise_estimated": self.noise_estimated,
+            **attributes(
+                self,
+                "reference asked_reference frame setup n_poses n_pairs n_pairs_available noise noise_estimated",
+            ),
             "agrees_up_to_d2": CHI2_95,
-            "verdict": self.verdict,
-            "warnings": list(self.warnings),
-            "checks": [check.to_dict() for check in self.checks],
-            "methods": [row.to_dict() for row in self.rows],
+            **attributes(self, "verdict warnings checks methods=rows"),
         }
 
     def to_json(self, path: str | Path | None = None) -> str:

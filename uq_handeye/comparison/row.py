@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..files.records import Record
 from ..geometry.pose_numbers import pose_numbers
 from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array
 from ..poses.residuals import Residuals
-from ..runtime.read_only import ReadOnlyArrays
 
 # 95 % quantile of chi-square with 6 degrees of freedom.
 CHI2_95 = 12.591587243743977
@@ -28,8 +28,13 @@ _TURN, _MOVE = slice(0, 3), slice(3, 6)
 
 
 @dataclass(frozen=True, eq=False)
-class Row(ReadOnlyArrays):
+class Row(Record):
     """Result of one method on the data. Angles in rad, lengths in m."""
+
+    _in_file: ClassVar[str] = (
+        "method year structure form status X covariance std difference=xi difference_rotation difference_translation "
+        "d2 agrees residuals seconds converged iterations failure warnings"
+    )
 
     method: str
     year: int | None  # None: of this toolkit
@@ -93,32 +98,6 @@ class Row(ReadOnlyArrays):
         """Distance between the translation and that of the reference."""
         return None if self.xi is None else float(np.linalg.norm(self.xi[3:]))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text; None for what is not there."""
-        return {
-            "method": self.method,
-            "year": self.year,
-            "structure": self.structure,
-            "form": self.form,
-            "status": self.status,
-            "X": _plain(self.X),
-            "covariance": _plain(self.covariance),
-            "std": _plain(self.std),
-            "difference": _plain(self.xi),
-            "difference_rotation": _finite(self.difference_rotation),
-            "difference_translation": _finite(self.difference_translation),
-            "d2": _finite(self.d2),
-            "agrees": self.agrees,
-            "residuals": None
-            if self.residuals is None
-            else {k: _finite(v) for k, v in self.residuals._asdict().items()},
-            "seconds": _finite(self.seconds),
-            "converged": self.converged,
-            "iterations": self.iterations,
-            "failure": self.failure,
-            "warnings": list(self.warnings),
-        }
-
 
 def against(row: Row, base: Row | None) -> Row:
     """The row with its difference from the reference, and whether it agrees; one of rounding counts as none."""
@@ -153,14 +132,6 @@ def squared_distance(xi: Array, covariance: Array) -> float:
     if (np.abs(parts[flat]) > np.sqrt(FLAT)).any():
         return math.inf
     return float(np.sum(parts[~flat] ** 2 / values[~flat]))
-
-
-def _plain(array: Array | None) -> Any:
-    return None if array is None else array.tolist()
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is None or math.isfinite(value) else None
 
 
 def flat(row: Row, base: Row | None) -> dict[str, Any]:

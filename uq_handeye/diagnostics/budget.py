@@ -15,14 +15,14 @@ which is Welch and Satterthwaite's formula (JCGM 100, G.2b) where the estimates 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from ..errors import InputError
-from ..files.validate import plain
+from ..files.records import Record, attributes, parts_of
 from ..geometry.se3 import Array
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit
@@ -31,7 +31,6 @@ from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import Noise, PairNoise, is_joint, require_count
 from ..noise.square_roots import pulled, whiten
-from ..runtime.read_only import ReadOnlyArrays
 from .task_space import _points, by_pose
 
 # Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
@@ -53,18 +52,21 @@ class Expanded(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Budget(ReadOnlyArrays):
+class Budget(Record):
     """The covariance of an estimate as a sum over noise sources, and over the poses that the noise is on.
 
     p components: 6 of X, then 6 of W where there is one; or 3 of a task point.
     """
 
+    _stored: ClassVar[str] = "sources types relative dof components covariances group_shares combined expanded_95"
+    _in_file: ClassVar[str] = f"{_stored} shares pose_shares"
+
     sources: tuple[str, ...]
-    covariances: Array  # (sources, p, p), in rad and m
+    covariances: Annotated[Array, "sources", "p", "p"]  # (sources, p, p), in rad and m
     by_pose: Array  # (n, p, p); of a joint noise each pose gets half of what it shares with another
     X: Array  # (4, 4)
     types: tuple[str, ...] = ()  # "A" or "B" of each source, "A, B" of some together; empty: all "B"
-    relative: Array | None = None  # (sources, sources) R of the module; None: 0
+    relative: Annotated[Array, "sources", "sources"] | None = None  # (sources, sources) R of the module; None: 0
 
     def __post_init__(self) -> None:
         count = len(self.sources)
@@ -228,21 +230,28 @@ class Budget(ReadOnlyArrays):
             lines.append("  ".join([f"{source:<{width}}", f"{self.types[k]:<4}", *parts]))
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-        return {
-            "sources": list(self.sources),
-            "types": list(self.types),
-            "relative": self._relative.tolist(),
-            "dof": plain(self.dof),
-            "combined": self.combined,
-            "expanded_95": {name: plain(found._asdict()) for name, found in self.expanded().items()},
-            "components": list(self.components),
-            "covariances": self.covariances.tolist(),
-            "shares": self.shares.tolist(),
-            "pose_shares": self.pose_shares.tolist(),
-            "group_shares": {name: part.tolist() for name, part in self.group_shares.items()},
-        }
+    @property
+    def in_file(self) -> dict[str, Any]:
+        """Parts that a result file holds: all but those by pose."""
+        return attributes(self, self._stored)
+
+    @property
+    def expanded_95(self) -> dict[str, Expanded]:
+        """Expanded uncertainties for 95 %, by group of components."""
+        return self.expanded()
+
+    @classmethod
+    def of(cls, data: Any, X: Array) -> Budget:
+        """Return the budget that `to_dict` wrote, for the X that it belongs to; it is not divided by pose."""
+        found = cls(**parts_of(cls, data, "analysis.budget", by_pose=np.zeros((0, 0, 0)), X=X))
+        R, size = found._relative, found.covariances.shape[-1]
+        if (np.diag(R) < 0).any() or not np.allclose(R, R.T):
+            raise InputError("Expected relative covariances of the variances of the budget, symmetric and >= 0.")
+        if (np.diagonal(found.covariances.sum(axis=0)) < 0).any():
+            raise InputError("Expected the variances of the budget to add up to 0 or more.")
+        if size not in (6, 12):
+            raise InputError(f"Expected the budget of X, or of X and W, got one of {size} numbers.")
+        return replace(found, by_pose=np.zeros((0, size, size)))
 
 
 def budget(

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from ..errors import InputError
-from ..files.validate import array_of
+from ..files.records import Record
 from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.robust import FULL, RobustFit, largest_by_chance, pose_distances
 from ..presentation.document import document_of, to_text
 from ..presentation.notebook import html_of
-from ..runtime.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,7 +27,7 @@ MOST_NAMED = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseTable(ReadOnlyArrays):
+class PoseTable(Record):
     """Arrays (n,), in the order of the data.
 
     The residual is that of ``G X C = W`` (of ``A X = X B`` for motions) after the fit. ``distance2`` is the squared
@@ -39,11 +38,11 @@ class PoseTable(ReadOnlyArrays):
     """
 
     item: str  # "pose" or "motion"
-    rotation: Array  # length of the rotation residual, rad
-    translation: Array  # length of the translation residual, m
-    distance2: Array
-    leverage: Array  # share in the information about all unknowns; the sum is 1
-    weight: Array  # in [0, 1]; 0: rejected or excluded
+    rotation: Annotated[Array, "n"]  # length of the rotation residual, rad
+    translation: Annotated[Array, "n"]  # length of the translation residual, m
+    distance2: Annotated[Array, "n"]
+    leverage: Annotated[Array, "n"]  # share in the information about all unknowns; the sum is 1
+    weight: Annotated[Array, "n"]  # in [0, 1]; 0: rejected or excluded
     flag: tuple[str, ...]
     limit: float = FULL  # of distance2, beyond which one is flagged
     scale: float = 1.0  # so many times the noise given was taken to judge by; 1 unless most residuals are that large
@@ -165,24 +164,10 @@ class PoseTable(ReadOnlyArrays):
             }
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-        plain = {
-            name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(self).items()
-        }
-        return plain | {"flag": list(self.flag)}
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> PoseTable:
-        """The inverse of `to_dict`."""
-        flag = tuple(data["flag"])
-        if not set(flag) <= set(FLAGS):
-            raise InputError(f"Expected the flags of poses to be {', '.join(FLAGS)}, got {set(flag)!r:.60}.")
-        columns = {name: array_of(data[name], (len(flag),), f"poses.{name}") for name in _COLUMNS}
-        return cls(item=data["item"], flag=flag, limit=data["limit"], scale=data["scale"], **columns)
-
-
-_COLUMNS = ("rotation", "translation", "distance2", "leverage", "weight")
+    def _possible(self) -> PoseTable:
+        if not set(self.flag) <= set(FLAGS) or len(self.flag) != len(self.weight):
+            raise InputError(f"Expected the flags of poses to be {', '.join(FLAGS)}, got {set(self.flag)!r:.60}.")
+        return self
 
 
 def pose_table(fit: Fit, robust: RobustFit | None) -> PoseTable:

@@ -19,11 +19,13 @@ has a ``reason``, and no numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import betainc, chdtrc, ndtr
 
+from ..files.records import Record
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import SINGULAR, Fit
@@ -31,7 +33,6 @@ from ..likelihood.own_residuals import own_residuals
 from ..noise.joint_covariance import JointCovariance
 from ..noise.square_roots import gram, joint_residuals, whiten
 from ..poses.pose_pairs import PosePairs
-from ..runtime.read_only import ReadOnlyArrays
 
 # False-alarm rates of the tests.
 RARE = 1e-3
@@ -44,14 +45,14 @@ LAGS, CORRECTIONS = 5, 4
 
 
 @dataclass(frozen=True, eq=False)
-class Autocorrelation(ReadOnlyArrays):
+class Autocorrelation(Record):
     """Autocorrelation of whitened residuals in the order of the rows (of the timestamps), pooled over the six
     components.
     """
 
     reason: Finding | None  # why there is no test
-    correlation: Array  # (lags,) of lag 1, 2, ..., less its expectation for independent rows
-    standard_error: Array  # (lags,) for independent rows
+    correlation: Annotated[Array, "lags"]  # (lags,) of lag 1, 2, ..., less its expectation for independent rows
+    standard_error: Annotated[Array, "lags"]  # (lags,) for independent rows
     p_value: float | None
     factor: float | None  # 1 + 2 sum of correlations, initial positive sequence
     effective_number: float | None  # n / factor
@@ -59,11 +60,11 @@ class Autocorrelation(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Normality(ReadOnlyArrays):
+class Normality(Record):
     """Skewness and kurtosis of whitened residuals."""
 
     reason: Finding | None
-    skewness: Array  # (6,)
+    skewness: Annotated[Array, "six"]  # (6,)
     excess_kurtosis: float | None  # mean of the six components
     p_skewness: float | None
     p_kurtosis: float | None

@@ -5,17 +5,16 @@ All numbers are those of `diagnose`, which has the model. ``findings`` judge the
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from ..errors import InputError
-from ..files.validate import plain, section
+from ..files.records import INFINITE, Record
 from ..findings import Finding, renumbered, texts
 from ..geometry.se3 import Array
-from ..runtime.read_only import ReadOnlyArrays
 from .residual_patterns import RARE, RARE_PATTERN, Autocorrelation, Normality, Regression
 from .scale_errors import PROBED, ScaleError
 
@@ -27,19 +26,19 @@ STRONG = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum(ReadOnlyArrays):
+class Spectrum(Record):
     """Principal axes of the covariance of X, least certain first; ``axes`` hold one unit vector per row."""
 
     frame: str
-    sd_rotation_deg: Array  # (3,)
-    axes_rotation: Array  # (3, 3)
-    sd_translation_mm: Array  # (3,)
-    axes_translation: Array  # (3, 3)
+    sd_rotation_deg: Annotated[Array, 3]  # (3,)
+    axes_rotation: Annotated[Array, 3, 3]  # (3, 3)
+    sd_translation_mm: Annotated[Array, 3]  # (3,)
+    axes_translation: Annotated[Array, 3, 3]  # (3, 3)
     length_m: float  # rotations are multiplied by it in the joint spectrum
     length_of: str  # "target", "motions" or "nothing": a key of LENGTHS in `sentences`
-    sd_joint_mm: Array  # (6,)
-    axes_joint: Array  # (6, 6) of (length theta, tau)
-    condition: float  # largest by smallest of sd_joint_mm
+    sd_joint_mm: Annotated[Array, 6]  # (6,)
+    axes_joint: Annotated[Array, 6, 6]  # (6, 6) of (length theta, tau)
+    condition: Annotated[float, INFINITE]  # largest by smallest of sd_joint_mm
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -64,17 +63,17 @@ class Spectrum(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Influence(ReadOnlyArrays):
+class Influence(Record):
     """Influence of each pose (or motion): its share of the information about X, and the change of X when it is left
     out.
     """
 
-    share: Array  # (n,), sums to 1
+    share: Annotated[Array, "n"]  # (n,), sums to 1
     effective_number: float  # 1 / sum share^2
-    shift: Array  # (n, 6) of X, rad and m; infinite where X is not determined without the row
-    shift_sd: Array  # (n,) sqrt(shift^T C_XX^-1 shift): in standard deviations of X
-    cook: Array  # (n,) shift^T C_XX^-1 shift / 6
-    p_value: Array  # (n,) of the row's residual given all others, chi-square(6) if the noise is right
+    shift: Annotated[Array, "n", 6, INFINITE]  # of X, rad and m; infinite where X is open without the row
+    shift_sd: Annotated[Array, "n", INFINITE]  # (n,) sqrt(shift^T C_XX^-1 shift): in standard deviations of X
+    cook: Annotated[Array, "n", INFINITE]  # (n,) shift^T C_XX^-1 shift / 6
+    p_value: Annotated[Array, "n"]  # (n,) of the row's residual given all others, chi-square(6) if the noise is right
 
     def findings(self, n: int, item: str) -> tuple[Finding, ...]:
         """Report how the information is spread over n rows, those that are needed, and those that move X most."""
@@ -104,16 +103,18 @@ class Influence(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Diversity(ReadOnlyArrays):
+class Diversity(Record):
     """Eigenvalues and axes (rows) of ``sum u u^T`` scaled to trace 1, ``u = sin(angle/2) axis`` of robot motions."""
 
-    share: Array  # (3,) largest first
-    axes: Array  # (3, 3)
+    share: Annotated[Array, 3]  # (3,) largest first
+    axes: Annotated[Array, 3, 3]  # (3, 3)
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnostics:
+class Diagnostics(Record):
     """All of `diagnose`, and in ``findings`` what it comes to; ``sentences()`` says it in words."""
+
+    _if_any: ClassVar[str] = "numbers"
 
     n: int
     item: str  # "pose" or "motion"
@@ -168,42 +169,20 @@ class Diagnostics:
         """Return the sentences that a user should act upon."""
         return list(texts(self.findings))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text; None stands for an infinite number."""
-        found = dict(plain(asdict(self)))
-        return found if self.numbers is not None else {name: part for name, part in found.items() if name != "numbers"}
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Diagnostics:
-        """The inverse of `to_dict`."""
-        n = data["n"]
-        lags = len(data["autocorrelation"]["correlation"])
-        sizes: dict[str, tuple[type[Any], dict[str, tuple[int, ...]]]] = {
-            "spectrum": (Spectrum, _SPECTRUM),
-            "influence": (Influence, {"share": (n,), "shift": (n, 6), "shift_sd": (n,), "cook": (n,), "p_value": (n,)}),
-            "diversity": (Diversity, {"share": (3,), "axes": (3, 3)}),
-            "autocorrelation": (Autocorrelation, {"correlation": (lags,), "standard_error": (lags,)}),
-            "normality": (Normality, {"skewness": (0 if data["normality"]["reason"] else 6,)}),
-            "regression": (Regression, {}),
-        }
-        parts = {name: section(kind, data[name], shapes, name, _INFINITE) for name, (kind, shapes) in sizes.items()}
-        values = data | parts
-        if (numbers := data.get("numbers")) is not None:
-            values["numbers"] = tuple(numbers)
-            if len(numbers) != n or any(type(k) is not int or k < 0 for k in numbers):
-                raise InputError(f"Expected {n} row numbers among the diagnostics, got {numbers!r:.60}.")
-        values["probes"] = tuple(section(ScaleError, probe, {"shift": (6,)}) for probe in data["probes"])
-        if tuple(probe.name for probe in values["probes"]) != PROBED:
+    def _possible(self) -> Diagnostics:
+        numbers = self.numbers
+        if numbers is not None and (len(numbers) != self.n or min(numbers, default=0) < 0):
+            raise InputError(f"Expected {self.n} row numbers among the diagnostics, got {numbers!r:.60}.")
+        if tuple(probe.name for probe in self.probes) != PROBED:
             raise InputError(f"Expected the errors of {', '.join(PROBED)} among the diagnostics.")
-        if not all(probe.sd >= 0 and probe.shift_sd >= 0 for probe in values["probes"]):
+        if not all(probe.sd >= 0 and probe.shift_sd >= 0 for probe in self.probes):
             raise InputError("Expected standard deviations of 0 or more among the diagnostics.")
         for name in ("autocorrelation", "normality", "regression"):
-            numbers = [value for key, value in vars(values[name]).items() if key != "reason"]
-            if values[name].reason is None and any(value is None for value in numbers):
+            test = getattr(self, name)
+            empty = any(value is None or np.size(value) == 0 for key, value in vars(test).items() if key != "reason")
+            if test.reason is None and empty:
                 raise InputError(f"Expected the {name} of the residuals among the diagnostics, or why it is not known.")
-        if lags == 0 and values["autocorrelation"].reason is None:
-            raise InputError("Expected autocorrelations among the diagnostics, or the reason why there are none.")
-        return cls(**values)
+        return self
 
     @property
     def frame(self) -> str:
@@ -246,17 +225,6 @@ class Diagnostics:
         names = ("name", "estimate", "sd")
         errors = [{name: getattr(probe, name) for name in names} for probe in self.asked_for]
         return [_caution("undeclared", errors=errors)] if errors else []
-
-
-_INFINITE = ("shift", "shift_sd", "cook", "condition")
-_SPECTRUM = {
-    "sd_rotation_deg": (3,),
-    "axes_rotation": (3, 3),
-    "sd_translation_mm": (3,),
-    "axes_translation": (3, 3),
-    "sd_joint_mm": (6,),
-    "axes_joint": (6, 6),
-}
 
 
 def _note(what: str, /, **values: Any) -> Finding:

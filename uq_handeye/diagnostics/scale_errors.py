@@ -11,9 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from ..files.records import Record
 from ..findings import Finding
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
@@ -21,7 +23,6 @@ from ..likelihood.shared_estimates import SIGNAL
 from ..noise.square_roots import Factor, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
-from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
 from .residual_patterns import RARE, Autocorrelation
 
@@ -34,12 +35,12 @@ PROBED = (FOCAL_LENGTH, TARGET_SCALE, ROBOT_SCALE)
 
 
 @dataclass(frozen=True, eq=False)
-class ScaleError(ReadOnlyArrays):
+class ScaleError(Record):
     """A relative error that all rows share: what 0.1 % of it does to X, and what the residuals say about it."""
 
     name: str
     reason: Finding | None  # why its effect is not known
-    shift: Array  # (6,) of X for 0.1 %, rad and m
+    shift: Annotated[Array, 6]  # (6,) of X for 0.1 %, rad and m
     shift_sd: float  # sqrt(shift^T C_XX^-1 shift): in standard deviations of X
     visible: bool  # whether residuals can show it at all
     estimate: float  # relative error of the lengths as given

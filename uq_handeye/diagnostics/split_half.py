@@ -20,14 +20,14 @@ halves share, such as the error of the intrinsics, it does not see.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
 
 from ..errors import DegenerateMotionError, InputError
-from ..files.validate import array_of
+from ..files.records import NUMBER, Record
 from ..findings import Finding
 from ..geometry.se3 import Array, logarithm
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit, inverse_information
@@ -35,33 +35,36 @@ from ..noise.models import Noise
 from ..noise.square_roots import Covariance, cholesky_of, gram, joint_residuals, pulled, select_rows, whiten
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
-from ..runtime.read_only import ReadOnlyArrays
 from .sentences import CONTRADICTION
 
 SPLITS = ("interleaved", "contiguous", "random", "angles")
 LEVEL = 0.95
 FEWEST = 3
-# The numbers of one test.
-_SHAPES = {"X1": (4, 4), "X2": (4, 4), "difference": (6,), "covariance": (6, 6), "d2": (), "p_value": ()}
 
 
 @dataclass(frozen=True, eq=False)
-class SplitHalf(ReadOnlyArrays):
+class SplitHalf(Record):
     """The two estimates and the test, or the `reason` why there is none (numbers are then None).
 
-    Leading axes of the data are independent problems and appear in every array.
+    Leading axes of the data are independent problems and appear in every array; files hold one.
     """
 
+    _in_file: ClassVar[str] = "split halves reason dof X1 X2 difference covariance d2 p_value passed"
+
     split: str
-    halves: tuple[NDArray[np.intp], NDArray[np.intp]]  # numbers of the poses (or motions) in each
+    halves: tuple[
+        Annotated[NDArray[np.intp], "a"], Annotated[NDArray[np.intp], "b"]
+    ]  # numbers of the poses (or motions) in each
     reason: Finding | None  # why there is no test
-    X1: Array | None = None  # (..., 4, 4)
-    X2: Array | None = None
-    difference: Array | None = None  # (..., 6): X1 from X2, left rotation in rad, additive translation in m
-    covariance: Array | None = None  # (..., 6, 6) of the difference
-    d2: Array | None = None  # (...)
+    X1: Annotated[Array, 4, 4] | None = None  # (..., 4, 4)
+    X2: Annotated[Array, 4, 4] | None = None
+    difference: Annotated[Array, 6] | None = (
+        None  # (..., 6): X1 from X2, left rotation in rad, additive translation in m
+    )
+    covariance: Annotated[Array, 6, 6] | None = None  # (..., 6, 6) of the difference
+    d2: Annotated[Array, NUMBER] | None = None  # (...)
     dof: float | None = None  # degrees of freedom of the estimated noise; None: known noise
-    p_value: Array | None = None  # (...)
+    p_value: Annotated[Array, NUMBER] | None = None  # (...)
 
     @property
     def passed(self) -> NDArray[np.bool_] | None:
@@ -99,34 +102,11 @@ class SplitHalf(ReadOnlyArrays):
         """The result in words."""
         return str(self.finding)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-
-        def plain(value: Array | None) -> Any:
-            return None if value is None else np.asarray(value).tolist()
-
-        return {
-            "split": self.split,
-            "halves": [half.tolist() for half in self.halves],
-            "reason": None if self.reason is None else self.reason.to_dict(),
-            "dof": self.dof,
-            **{name: plain(getattr(self, name)) for name in (*_SHAPES, "passed")},
-        }
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> SplitHalf:
-        """The inverse of `to_dict`, of one problem."""
-        reason = None if data["reason"] is None else Finding.from_dict(data["reason"])
-        if reason is None:
-            numbers = {name: array_of(data[name], shape, f"split_half.{name}") for name, shape in _SHAPES.items()}
-        elif all(data[name] is None for name in _SHAPES):
-            numbers = {}
-        else:
-            raise InputError("The split-half test is damaged: it has numbers, and a reason why it has none.")
-        first, second = (np.asarray(half, dtype=np.intp) for half in data["halves"])
-        if first.ndim != 1 or second.ndim != 1:
-            raise InputError("Expected the halves of the split-half test to be lists of row numbers.")
-        return cls(data["split"], (first, second), reason, dof=data["dof"], **numbers)
+    def _possible(self) -> SplitHalf:
+        numbers = (self.X1, self.X2, self.difference, self.covariance, self.d2, self.p_value)
+        if any((number is None) != (self.reason is not None) for number in numbers):
+            raise InputError("Expected the split-half test to have numbers, or a reason why it has none.")
+        return self
 
 
 def split_half(

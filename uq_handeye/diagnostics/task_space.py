@@ -19,12 +19,13 @@ compensates). For `Fit`, ``D = -C J^T S^-1 D_side`` (`constraint`, `likelihood`)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.special import chdtri
 
 from ..errors import InputError
+from ..files.records import Record
 from ..formatting.numbers import digits
 from ..geometry.checks import as_numbers, as_transforms, checked_covariance
 from ..geometry.frames import SETUPS
@@ -32,15 +33,17 @@ from ..geometry.se3 import Array, inverse, inverse_jacobian, skew
 from ..likelihood.open_directions import NEGLIGIBLE
 from ..presentation.document import document_of, to_text
 from ..presentation.notebook import html_of
-from ..runtime.read_only import ReadOnlyArrays
 
 # Squared Mahalanobis distance that holds 95 % of a Gaussian in three dimensions.
 _WITHIN_95 = float(chdtri(3, 0.05))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointUncertainty(ReadOnlyArrays):
+class PointUncertainty(Record):
     """Points and their covariances in one frame, in metres."""
+
+    _in_file: ClassVar[str] = "frame points covariance std radius_95 open_directions"
+    _if_any: ClassVar[str] = "open_directions"
 
     points: Array  # (..., 3)
     covariance: Array  # (..., 3, 3), infinite on the diagonal of coordinates that move along what is open
@@ -92,24 +95,6 @@ class PointUncertainty(ReadOnlyArrays):
         index = np.arange(3)
         S[..., index, index] = np.where(moved, np.inf, S[..., index, index])
         return PointUncertainty(self.points, S, self.frame, moves)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-        return {
-            "frame": self.frame,
-            "points": self.points.tolist(),
-            "covariance": _finite(self.covariance),
-            "std": _finite(self.std),
-            "radius_95": _finite(self.radius_95),
-            **({} if self.open_directions is None else {"open_directions": self.open_directions.tolist()}),
-        }
-
-
-def _finite(values: Array) -> Any:
-    """Lists with None for what is infinite."""
-    found = values.astype(object)
-    found[~np.isfinite(values)] = None
-    return found.tolist()
 
 
 def points_covariance(X: Any, covariance: Any, points: Any) -> Array:

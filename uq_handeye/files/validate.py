@@ -6,17 +6,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import fields, is_dataclass
-from functools import cache
-from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..findings import Finding
 
 T = TypeVar("T")
 
@@ -24,47 +19,6 @@ T = TypeVar("T")
 # their row: files come from other machines.
 ROUNDING = 1e-5
 _LARGEST = int(np.finfo(float).max)
-
-
-def misfit(value: Any, hint: Any, path: str) -> str | None:
-    """The first part of ``value`` that is not of the type ``hint``, as a path; None if all are.
-
-    Follows dataclasses, named tuples, unions, tuples, dictionaries and arrays of numbers.
-    """
-    origin, args = get_origin(hint), get_args(hint)
-    if hint is Any:
-        return None
-    if origin in (Union, UnionType):
-        found = [misfit(value, arg, path) for arg in args]
-        return None if None in found else max((text for text in found if text), key=len)
-    if origin is Literal:
-        return None if value in args else path
-    if hint is Finding:
-        return None if isinstance(value, Finding) else path  # it looks after itself
-    if origin is np.ndarray:
-        return None if isinstance(value, np.ndarray) and value.dtype.kind in "fi" else path
-    if origin is tuple and isinstance(value, tuple):
-        kinds = args[:1] * len(value) if args[1:] == (Ellipsis,) else args
-        return path if len(kinds) != len(value) else _first(zip(range(len(value)), value, kinds, strict=True), path)
-    if origin is dict and isinstance(value, dict):
-        return _first(((name, item, args[1]) for name, item in value.items()), path)
-    if hint is float or hint is int:
-        number = isinstance(value, int | np.integer) or (hint is float and isinstance(value, float))
-        return None if number and not isinstance(value, bool) else path
-    if origin is not None or not isinstance(value, hint):
-        return path
-    names = [field.name for field in fields(hint)] if is_dataclass(hint) else getattr(hint, "_fields", ())
-    hints = _hints(hint) if names else {}
-    return _first(((name, getattr(value, name), hints[name]) for name in names), path)
-
-
-@cache
-def _hints(kind: type[Any]) -> dict[str, Any]:
-    return get_type_hints(kind)
-
-
-def _first(parts: Any, path: str) -> str | None:
-    return next((found for name, part, kind in parts if (found := misfit(part, kind, f"{path}.{name}"))), None)
 
 
 def unequal(again: Any, data: Any, path: str) -> str | None:
@@ -117,29 +71,6 @@ def _infinite(data: Any) -> Any:
     if isinstance(data, list):
         return [_infinite(part) for part in data]
     return np.inf if data is None else data
-
-
-def section(
-    kind: type[T],
-    data: Mapping[str, Any],
-    shapes: Mapping[str, tuple[int, ...]],
-    path: str = "",
-    infinite: Collection[str] = (),
-) -> T:
-    """A dataclass from what `plain` made of it: arrays of the ``shapes``, findings, and other fields as they are.
-
-    In fields named in ``infinite`` None stands for infinity. Types of other fields are for `misfit`.
-    """
-    path = path or kind.__name__
-    values: dict[str, Any] = {}
-    for part in fields(kind):  # type: ignore[arg-type]
-        name, value = part.name, data[part.name]
-        if name in shapes:
-            value = array_of(value, shapes[name], f"{path}.{name}", name in infinite)
-        elif isinstance(value, dict):
-            value = Finding.from_dict(value)
-        values[name] = float("inf") if value is None and name in infinite else value
-    return kind(**values)
 
 
 def plain(value: Any) -> Any:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 from scipy.special import chdtrc, chdtri, fdtrc, fdtri
 
 from ..errors import InputError
+from ..files.records import Record
 
 
 @dataclass(frozen=True)
-class Reference:
+class Reference(Record):
     """Distribution of d^2 with 6 components; fewer where directions of X stay open, along which an error has no d^2.
 
     - ``chi-square``: the covariance is that of known noise.
@@ -20,6 +21,9 @@ class Reference:
       ``d^2 dof / (6 (dof - 2)) ~ F(6, dof)``, dof above 2.
     - ``Hotelling``: it comes from the residuals of few poses, ``d^2 (dof - 5) / (6 dof) ~ F(6, dof - 5)`` (`sandwich`).
     """
+
+    _in_file: ClassVar[str] = "kind dof components=some_open"
+    _if_any: ClassVar[str] = "components"
 
     kind: str = "chi-square"
     dof: float | None = None
@@ -37,9 +41,10 @@ class Reference:
         if self.components not in range(1, 7):
             raise InputError(f"Expected 1 to 6 components of X that are determined, got {self.components!r}.")
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers; the number of components where some are open."""
-        return {"kind": self.kind, "dof": self.dof} | ({} if self.components == 6 else {"components": self.components})
+    @property
+    def some_open(self) -> int | None:
+        """Number of components where some are open."""
+        return None if self.components == 6 else self.components
 
     @property
     def _stretch(self) -> float:

@@ -30,18 +30,18 @@ other directions, and so that of every function of them that the open directions
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from ..errors import DegenerateMotionError
+from ..errors import DegenerateMotionError, InputError
+from ..files.records import Record
 from ..geometry.se3 import Array, skew
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, marginals
 from ..noise.square_roots import Covariance, own_blocks, weighed_blocks
-from ..runtime.read_only import ReadOnlyArrays
 from .constraint import Constraint, Linearised, OnPoses, covariances_of
 
 # How far the information must be above that of noise alone. Along degenerate motions of n poses their ratio is about
@@ -60,7 +60,7 @@ TOLD = 4.5
 
 
 @dataclass(frozen=True, eq=False)
-class OpenDirections(ReadOnlyArrays):
+class OpenDirections(Record):
     """Directions of (X, W) that data and prior leave open.
 
     ``basis`` (k, 12): errors (theta_X, tau_X, theta_W, tau_W) in rad and m along which X and W move without a trace in
@@ -68,7 +68,7 @@ class OpenDirections(ReadOnlyArrays):
     without poses 0 for W. ``lever``: metres.
     """
 
-    basis: Array
+    basis: Annotated[Array, "k", 12]
     lever: float
 
     @property
@@ -94,21 +94,11 @@ class OpenDirections(ReadOnlyArrays):
         alone = np.linalg.solve(U[:, pivots].T, U).reshape(U.shape) if len(U) else U
         return np.asarray(alone / rig)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return {"basis": self.basis.tolist(), "lever": self.lever}
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> OpenDirections:
-        """The inverse of `to_dict`; raises `ValueError` for what is none."""
-        basis = np.asarray(data["basis"], dtype=float)
-        lever = float(data["lever"])
-        if basis.ndim != 2 or basis.shape[1:] != (12,) or not lever > 0:
-            raise ValueError("open directions are rows of 12 numbers, with a lever above 0")
-        U = basis * rig_units(np.asarray(lever), 12)
-        if not np.allclose(U @ U.T, np.eye(len(U)), atol=1e-6):
-            raise ValueError("open directions are not orthonormal in units of the rig")
-        return cls(basis, lever)
+    def _possible(self) -> OpenDirections:
+        U = self.basis * rig_units(np.asarray(self.lever), 12)
+        if not self.lever > 0 or not np.allclose(U @ U.T, np.eye(len(U)), atol=1e-6):
+            raise InputError("Expected open directions that are orthonormal in units of the rig, with their lever.")
+        return self
 
 
 _E = skew(np.eye(3))  # (3, 3, 3): [e_a]x

@@ -25,8 +25,8 @@ pose is then unknown, that is, it starts where the camera saw the board from and
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +35,11 @@ from ..camera.adjustment.bundle import Sight, prior_rows
 from ..camera.adjustment.variable_projection import minimised
 from ..camera.result import CameraCalibration
 from ..errors import InputError, NotConvergedError
+from ..files.records import Record
 from ..geometry.se3 import Array, inverse, left_jacobian, logarithm, perturb
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import factor, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
-from ..runtime.read_only import ReadOnlyArrays
 from .constraint import OnPoses, Unknowns
 from .gauss_helmert import inverse_information
 
@@ -73,15 +73,15 @@ class RigBundle(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement(ReadOnlyArrays):
+class Agreement(Record):
     """The bundle adjustment against `efficient` with the joint covariance of the camera poses: the same to first order.
 
     Differences are X of the bundle from X of `efficient`, ``xi = (theta, tau)``, in standard deviations of `efficient`.
     """
 
     distance: float  # sqrt(xi^T Sigma^-1 xi)
-    by_component: Array  # (6,) xi_k / sigma_k
-    eigenvalues: Array  # (6,) of the covariance of the bundle, in units of that of `efficient`, ascending
+    by_component: Annotated[Array, 6]  # (6,) xi_k / sigma_k
+    eigenvalues: Annotated[Array, 6]  # (6,) of the covariance of the bundle, in units of that of `efficient`, ascending
 
     @classmethod
     def of(cls, X: Array, covariance: Array, X0: Array, covariance0: Array) -> Agreement:
@@ -103,18 +103,6 @@ class Agreement(ReadOnlyArrays):
             f"{self.distance:.2g} standard deviations (at most {np.abs(self.by_component).max():.2g} in one "
             f"component), variances are {low:.3f} to {high:.3f} times as large."
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers; see `from_dict`."""
-        return {name: np.asarray(value).tolist() for name, value in asdict(self).items()}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Agreement:
-        """Read what `to_dict` wrote, also in an older file, which also holds times."""
-        arrays = {name: np.asarray(values[name], dtype=float) for name in ("by_component", "eigenvalues")}
-        if any(array.shape != (6,) for array in arrays.values()):
-            raise InputError("Expected 6 numbers for each part of the agreement of two estimates.")
-        return cls(values["distance"], **arrays)
 
 
 @dataclass(frozen=True, eq=False)

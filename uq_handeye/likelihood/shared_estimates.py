@@ -14,13 +14,14 @@ score test of one more unknown.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, erfc
 
-from ..files.validate import array_of
+from ..errors import InputError
+from ..files.records import Record
 from ..formatting.units import small_unit
 from ..geometry.se3 import Array
 from ..noise.camera_noise import INTRINSICS
@@ -45,11 +46,13 @@ HEARD = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class SharedEstimate(ReadOnlyArrays):
+class SharedEstimate(Record):
     """One number that all poses share: what was assumed of it, what the data say, what it does to X.
 
     ``estimate`` is the error of the value that was used (``used / true - 1`` for lengths, else ``used - true``).
     """
+
+    _if_any: ClassVar[str] = "accuracy"
 
     name: str
     error: str  # the name of the `SharedError` that it is a part of
@@ -60,7 +63,9 @@ class SharedEstimate(ReadOnlyArrays):
     sd: float  # after the fit
     alone: float | None  # what the residuals say without the prior; None: nothing
     alone_sd: float | None
-    effect: Array  # (6,) of X (rad, m) for an error of one prior standard deviation, once the fit has done its best
+    effect: Annotated[
+        Array, 6
+    ]  # (6,) of X (rad, m) for an error of one prior standard deviation, once the fit has done its best
     share: float  # of the variance of X, in the direction where it matters most
     default: bool = False  # assumed, not declared
     focal_length_px: float | None = None  # of a principal point, where it is known
@@ -87,26 +92,12 @@ class SharedEstimate(ReadOnlyArrays):
         spread = float(np.hypot(self.alone_sd, self.prior_sd))
         return float(erfc(abs(self.alone) / spread / np.sqrt(2.0)))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and text."""
-        accuracy = {} if self.accuracy is None else {"accuracy": list(self.accuracy)}
-        return {k: v for k, v in asdict(self).items() if k != "accuracy"} | {"effect": self.effect.tolist()} | accuracy
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> SharedEstimate:
-        """The inverse of `to_dict`."""
-        accuracy = data.get("accuracy")
-        if accuracy is not None:
-            accuracy = RobotAccuracy(*array_of(accuracy, (3,), "shared.accuracy").tolist())
-        effect = array_of(data["effect"], (6,), "shared.effect")
-        data = {name: value for name, value in data.items() if name != "wide"}  # of an earlier version
-        result = cls(**data | {"effect": effect, "accuracy": accuracy})
-        known = (result.alone is None) == (result.alone_sd is None) and (result.alone_sd is None or result.alone_sd > 0)
-        focal = result.focal_length_px is None or result.focal_length_px > 0
-        sizes = result.prior_sd > 0 and result.sd >= 0 and 0 <= result.share <= 1
-        if not (known and focal and sizes):
-            raise ValueError(f"the shared error {result.name!r} has numbers that cannot be")
-        return result
+    def _possible(self) -> SharedEstimate:
+        known = (self.alone is None) == (self.alone_sd is None) and (self.alone_sd is None or self.alone_sd > 0)
+        focal = self.focal_length_px is None or self.focal_length_px > 0
+        if not (known and focal and self.prior_sd > 0 and self.sd >= 0 and 0 <= self.share <= 1):
+            raise InputError(f"Expected numbers of the shared error {self.name!r} that can be.")
+        return self
 
 
 class GroupTest(NamedTuple):

@@ -6,17 +6,16 @@ camera poses from corners `one_model`.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from ..errors import InputError
-from ..files.validate import array_of
+from ..files.records import Record, parts_of, read
 from ..findings import Finding
 from ..formatting.units import parse_angle, parse_length
 from ..geometry.se3 import Array
-from ..runtime.read_only import ReadOnlyArrays
 from .joint_covariance import JointCovariance
 from .models import Noise, PairNoise, PoseNoise
 
@@ -160,7 +159,7 @@ class FoundComponent:
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseEstimate(ReadOnlyArrays):
+class NoiseEstimate(Record):
     """The noise that a data set shows; see `estimate_noise`.
 
     ``variances`` and ``covariance`` (of their estimates) are of side 1 rotation, side 2 rotation (rad^2) and of the
@@ -169,11 +168,16 @@ class NoiseEstimate(ReadOnlyArrays):
     picture share (pixels^2, `CAMERA_EXCESS`).
     """
 
+    _in_file: ClassVar[str] = (
+        "noise=sides components findings statement variances covariance dof camera_factor shape names of_model"
+    )
+    _if_any: ClassVar[str] = "camera_factor shape names of_model"
+
     noise: PoseNoise | PairNoise | None  # None: exact data
     components: tuple[Component, ...]
     findings: tuple[Finding, ...]  # what the data can and cannot tell
-    variances: Array  # (3,), beside a camera covariance (1,) to (3,)
-    covariance: Array  # (m, m)
+    variances: Annotated[Array, "m"]  # (3,), beside a camera covariance (1,) to (3,)
+    covariance: Annotated[Array, "m", "m"]  # (m, m)
     dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
     camera_factor: CameraFactor | None = None  # beside a camera covariance that is known, where the data can tell
     shape: float | None = None  # degrees of freedom of the t that X follows, its sizes integrated over; None: Gaussian
@@ -230,51 +234,23 @@ class NoiseEstimate(ReadOnlyArrays):
                 return component
         raise KeyError(name)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; see `from_dict`."""
-        noise = None
-        if self.noise is not None:
-            sides = _sides_of(self.noise)
-            given = {name: getattr(self.noise, name) for name in sides}
-            noise = {name: _side_to_dict(S) for name, S in given.items() if S is not None}
-        return {
-            "noise": noise,
-            "components": [asdict(component) for component in self.components],
-            "findings": [finding.to_dict() for finding in self.findings],
-            "statement": list(self.statement),
-            "variances": self.variances.tolist(),
-            "covariance": self.covariance.tolist(),
-            "dof": self.dof,
-            **({} if self.camera_factor is None else {"camera_factor": asdict(self.camera_factor)}),
-            **({} if self.shape is None else {"shape": self.shape}),
-            **({"names": list(self.names)} if self.names else {}),
-            **({"of_model": [asdict(part) for part in self.of_model]} if self.of_model else {}),
-        }
+    @property
+    def sides(self) -> dict[str, Any] | None:
+        """Noise of each side that has one, as plain values."""
+        if self.noise is None:
+            return None
+        given = {name: getattr(self.noise, name) for name in _sides_of(self.noise)}
+        return {name: _side_to_dict(S) for name, S in given.items() if S is not None}
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> NoiseEstimate:
-        """Read what `to_dict` wrote."""
-        try:
-            given = values["noise"]
-            noise: Noise | None = None
-            if given is not None:
-                kind = PairNoise if "A" in given else PoseNoise
-                noise = kind(**{name: _side_from_dict(side) for name, side in given.items()})
-            factor, shape, size = values.get("camera_factor"), values.get("shape"), len(values["variances"])
-            return cls(
-                noise,
-                tuple(Component(**component) for component in values["components"]),
-                tuple(map(Finding.from_dict, values["findings"])),
-                array_of(values["variances"], (size,), "noise_estimate.variances"),
-                array_of(values["covariance"] or np.zeros((0, 0)), (size, size), "noise_estimate.covariance"),
-                float(values["dof"]),
-                None if factor is None else CameraFactor(**factor),
-                None if shape is None else float(shape),
-                tuple(map(str, values.get("names", ()))),
-                tuple(FoundComponent(**part) for part in values.get("of_model", ())),
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"Expected the values of a noise estimate as `to_dict` writes them: {error}.") from error
+    def from_dict(cls, data: Any) -> NoiseEstimate:
+        """Read what `to_dict` wrote; raises `InputError` on anything else."""
+        sides = read(dict[str, Any] | None, data.get("noise"), "noise_estimate.noise")
+        noise: Noise | None = None
+        if sides is not None:
+            kind = PairNoise if "A" in sides else PoseNoise
+            noise = kind(**{name: _side_from_dict(side) for name, side in sides.items()})
+        return cls(**parts_of(cls, data, "noise_estimate", noise=noise))
 
 
 def _side_to_dict(S: Array | JointCovariance) -> Any:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..files.records import Record
 from ..formatting.numbers import digits
 from ..formatting.units import parse_deviations
 from ..geometry.checks import checked_covariance
@@ -42,11 +43,14 @@ def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PairNoise:
+class PairNoise(Record):
     """Independent noise on each motion: covariances of ``A`` and ``B``, 6x6 or (N, 6, 6); None is exact.
 
     ``prior``: what is known of X beforehand, which is a measurement beside the motions (`PosePrior`).
     """
+
+    _in_file: ClassVar[str] = "type=__class__.__name__ A B prior"
+    _if_any: ClassVar[str] = "prior"
 
     A: Array | None = None
     B: Array | None = None
@@ -90,7 +94,7 @@ class PairNoise:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseNoise:
+class PoseNoise(Record):
     """Noise on the absolute poses ``robot = base_T_gripper`` and ``camera = camera_T_target``.
 
     Either is 6x6 (the same for every pose), (n, 6, 6) (per pose), or (6n, 6n): the joint covariance of all
@@ -100,6 +104,9 @@ class PoseNoise:
 
     ``prior``: what is known of X and W beforehand, which is a measurement beside the poses (`PosePrior`).
     """
+
+    _in_file: ClassVar[str] = "type=__class__.__name__ robot camera prior"
+    _if_any: ClassVar[str] = "prior"
 
     robot: Any = None  # array or JointCovariance
     camera: Any = None  # also CameraNoise, of unknown pixel noise

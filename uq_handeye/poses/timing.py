@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..files.records import Record
 from ..findings import Finding, warn
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array
@@ -17,7 +18,7 @@ SIDES = ("robot", "camera")
 
 
 @dataclass(frozen=True, eq=False)
-class Timing:
+class Timing(Record):
     """The offset between the clocks that n pose pairs were made with, and what an error of it does to them.
 
     Model: ``robot_time = camera_time + offset``; an error d of the offset moves pose i of the interpolated side by
@@ -27,7 +28,7 @@ class Timing:
 
     offset: float
     std: float
-    rate: Array  # (n, 6), rad/s and m/s
+    rate: Annotated[Array, "n", 6]  # (n, 6), rad/s and m/s
     side: str  # the interpolated one, "robot" or "camera"
 
     def __post_init__(self) -> None:
@@ -57,7 +58,7 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class TimeOffset:
+class TimeOffset(Record):
     """The share of the time offset in the covariance of X: a rank-one term ``std^2 g g^T``.
 
     ``sensitivity`` is g, by how much X moves (theta, tau) per second of offset; ``share`` of the variance of X in the
@@ -70,18 +71,10 @@ class TimeOffset:
     sensitivity: tuple[float, ...]  # (6,) rad/s, m/s
     share: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return asdict(self) | {"sensitivity": list(self.sensitivity)}
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> TimeOffset:
-        """The inverse of `to_dict`."""
-        values = data | {"sensitivity": tuple(float(value) for value in data["sensitivity"])}
-        result = cls(**values)
-        if len(result.sensitivity) != 6 or result.side not in SIDES or not 0 <= result.share <= 1:
-            raise ValueError("the time offset is not one")
-        return result
+    def _possible(self) -> TimeOffset:
+        if len(self.sensitivity) != 6 or self.side not in SIDES or not 0 <= self.share <= 1:
+            raise InputError(f"Expected a time offset of one side, with 6 sensitivities, got {self!r:.80}.")
+        return self
 
 
 def warn_left_out(function: str, data: Any) -> None:

@@ -3,13 +3,13 @@ r"""Arm as a calibration found it: the errors of its kinematics, and poses corre
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files.validate import array_of
+from ..files.records import Record, parts_of
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, logarithm, perturb
 from ..kinematics.chain import Kinematics
@@ -18,7 +18,6 @@ from ..kinematics.inverse import postures_at
 from ..kinematics.joint_limits import require_within_limits
 from ..kinematics.kinematic_errors import JOINT_NOISE, poses_with_errors
 from ..posterior.posterior import Posterior
-from ..runtime.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,20 +40,22 @@ class ErrorEstimate(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FittedKinematics(ReadOnlyArrays):
+class FittedKinematics(Record):
     """An arm with the estimates of its kinematic errors, ``true = FK(q; e)``.
 
     ``covariance`` is that of e; numbers that were left out (of the base, of the flange, of groups that are exact) are 0
     in both. Units: rad and m.
     """
 
+    _in_file: ClassVar[str] = "chain names e covariance sd how flange joints beside_controller"
+
     chain: Kinematics
-    e: Array  # (m,) of all errors of the chain
-    covariance: Array  # (m, m)
+    e: Annotated[Array, "m"]  # (m,) of all errors of the chain
+    covariance: Annotated[Array, "m", "m"]  # (m, m)
     sd: dict[str, float]  # deviations of the groups and of the joint noise, by name
     how: str  # "estimate", "declared" or "exact"
     flange: str  # "workspace", "controller" or "physical"
-    joints: Array  # (n, L) at which it was calibrated
+    joints: Annotated[Array, "n", "joints"]  # (n, L) at which it was calibrated
     beside_controller: tuple[float, float]  # RMS of the controller's poses less those of the joints, rad and m
 
     @property
@@ -167,34 +168,16 @@ class FittedKinematics(ReadOnlyArrays):
             covariance[np.ix_(here, here)] = posterior.covariance[np.ix_(12 + there, 12 + there)]
         return cls(chain, e, covariance, sd, how, flange, joints, beside_controller)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-        return {
-            "chain": self.chain.to_dict(),
-            "names": [error.name for error in self.chain.errors],
-            "e": self.e.tolist(),
-            "covariance": self.covariance.tolist(),
-            "sd": self.sd,
-            "how": self.how,
-            "flange": self.flange,
-            "joints": self.joints.tolist(),
-            "beside_controller": list(self.beside_controller),
-        }
+    @property
+    def names(self) -> list[str]:
+        """Names of the errors of the chain."""
+        return [error.name for error in self.chain.errors]
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> FittedKinematics:
-        """The inverse of `to_dict`; raises `InputError`, `KeyError`, `TypeError` or `ValueError` on anything else."""
-        chain = Kinematics.from_dict(data["chain"])
-        m, L = len(chain.errors), chain.n_joints
-        if list(data["names"]) != [error.name for error in chain.errors]:
-            raise ValueError("the names of the kinematic errors are not those of the chain")
-        return cls(
-            chain,
-            array_of(data["e"], (m,), "kinematics.e"),
-            array_of(data["covariance"], (m, m), "kinematics.covariance"),
-            {str(name): float(value) for name, value in data["sd"].items()},
-            str(data["how"]),
-            str(data["flange"]),
-            array_of(data["joints"], (len(data["joints"]), L), "kinematics.joints"),
-            (float(data["beside_controller"][0]), float(data["beside_controller"][1])),
-        )
+    def from_dict(cls, data: Any) -> FittedKinematics:
+        """Read what `to_dict` wrote; raises `InputError` on anything else."""
+        found = cls(**parts_of(cls, data, "kinematics"))
+        m, L = len(found.chain.errors), found.chain.n_joints
+        if data.get("names") != found.names or len(found.e) != m or found.joints.shape[1:] != (L,):
+            raise InputError(f"Expected kinematics with the {m} errors and {L} joints of their chain.")
+        return found

@@ -24,6 +24,10 @@ class RobotAccuracy(NamedTuple):
     rotation: float  # rad
     reach: float  # m
 
+    def to_dict(self) -> list[float]:
+        """Return the numbers as a list, as files hold them."""
+        return list(self)
+
     def times(self, size: float) -> RobotAccuracy:
         """Another accuracy of the same reach."""
         return self._replace(translation=size * self.translation, rotation=size * self.rotation)

@@ -9,13 +9,12 @@ coverage factor for 95 % is Student's t with the effective degrees of freedom in
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from ..diagnostics.budget import EACH, SHARED, Budget, Expanded
-from ..files.validate import plain
+from ..files.records import Record
 from ..formatting.numbers import digits
 from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array
@@ -38,7 +37,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Accuracy:
+class Accuracy(Record):
     """Standard uncertainties (1 sigma) of X in the worst direction, in m and rad; ``_95``: expanded, for 95 %.
 
     ``point`` is that of a point straight ahead of the camera, ``distance`` (m) away: the distance of the target where
@@ -57,19 +56,6 @@ class Accuracy:
     included: tuple[str, ...]
     not_included: tuple[str, ...]
     lower_limit: bool  # the errors that are not included are known to matter
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers and text, in m and rad; None for an infinite number."""
-        return dict(
-            plain(
-                vars(self)
-                | {
-                    "parts": [vars(part) for part in self.parts],
-                    "included": list(self.included),
-                    "not_included": list(self.not_included),
-                }
-            )
-        )
 
 
 def accuracy_of(result: Stated) -> Accuracy | None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
+from ..files.records import Record
 from ..findings import Finding
 from ..formatting.numbers import digits, probability
 from ..noise.estimate import NoiseEstimate
@@ -45,17 +46,15 @@ _PARTS = (slice(0, 3), slice(3, 6))  # rotation, translation
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Record):
     """One check: its name, its status, a short phrase, and the findings behind it."""
+
+    _in_file: ClassVar[str] = "name status text"
 
     name: str
     status: Status
     text: str
     findings: tuple[Finding, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain text, for JSON."""
-        return {"name": self.name, "status": self.status, "text": self.text}
 
 
 def cautions_of(result: Stated) -> tuple[Finding, ...]:

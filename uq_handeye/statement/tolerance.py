@@ -17,11 +17,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from ..errors import InputError
+from ..files.records import Record
 from ..formatting.numbers import digits
 from ..formatting.units import ANGLE_UNITS, parse_angle, parse_length
 from ..geometry.se3 import Array
@@ -100,8 +101,13 @@ class Tolerance:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Record):
     """PASS, FAIL or NOT SHOWN, the probability that X lies within the tolerance, and why it is not shown."""
+
+    _in_file: ClassVar[str] = (
+        "verdict=word probability translation=tolerance.translation rotation=tolerance.rotation at=tolerance.at "
+        "reasons sentence=shown"
+    )
 
     word: Word
     probability: float | None  # None: not known
@@ -116,6 +122,8 @@ class Verdict:
     def __str__(self) -> str:
         return f"{self.word}: {self.sentence}"
 
+    shown = property(__str__)
+
     @property
     def sentence(self) -> str:
         """Meaning of the word, with the probability."""
@@ -128,18 +136,6 @@ class Verdict:
             return f"{'; '.join(self.reasons)}{reached}."
         needs = f" ({percent(MET)} are needed)" if self.word != PASS else ""
         return f"{of} within {tolerance}{known}{needs}."
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers and text, in m and rad."""
-        return {
-            "verdict": self.word,
-            "probability": self.probability,
-            "translation": self.tolerance.translation,
-            "rotation": self.tolerance.rotation,
-            "at": self.tolerance.at,
-            "reasons": list(self.reasons),
-            "sentence": str(self),
-        }
 
 
 def verdict_of(result: Stated, tolerance: Any, at: Any = None) -> Verdict:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..files.atomic import json_text
+from ..files.records import attributes
 from ..findings import Finding, texts
 from ..geometry.se3 import Array
 from ..noise.models import PoseNoise
@@ -92,7 +93,7 @@ class Synchronised:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the poses as plain numbers, lists and text."""
-        peaks, times = self.correlation, self.poses.timestamps
+        times = self.poses.timestamps
         return {
             "format": "uq-handeye synchronisation 1",
             "convention": "robot_time = camera_time + offset",
@@ -101,26 +102,15 @@ class Synchronised:
             "n_poses": self.poses.n,
             "first": None if times is None else float(times.min()),
             "last": None if times is None else float(times.max()),
-            "offset": self.offset,
-            "offset_std": self.offset_std,
-            "origin": self.origin,
-            "model_std": self.model_std,
-            "growth": self.growth,
-            "interpolated": self.side,
-            "interpolation": self.interpolation,
-            "interpolation_error": list(self.interpolation_error),
-            "max_gap": self.max_gap,
+            **attributes(
+                self,
+                "offset offset_std origin model_std growth interpolated=side interpolation interpolation_error max_gap",
+            ),
             "median_intervals": {"robot": self.intervals[0], "camera": self.intervals[1]},
-            "correlation": None if peaks is None else {"peaks": list(peaks.peaks), "heights": list(peaks.heights)},
-            "alternatives": list(self.alternatives),
-            "stops": self.stops,
-            "stops_found": self.stops_found,
-            "left_out": [
-                {"side": part.side, "times": list(part.times), "reason": part.reason} for part in self.left_out
-            ],
-            "findings": [finding.to_dict() for finding in self.findings],
-            "notes": list(self.notes),
-            "warnings": list(self.warnings),
+            "correlation": None if self.correlation is None else attributes(self.correlation, "peaks heights"),
+            **attributes(self, "alternatives stops stops_found"),
+            "left_out": [attributes(part, "side times reason") for part in self.left_out],
+            **attributes(self, "findings notes warnings"),
         }
 
     def to_json(self, path: str | Path | None = None) -> str:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from ..._version import __version__
 from ...errors import InputError
 from ...files.atomic import json_text
+from ...files.records import attributes
 from ...findings import Finding
 from ...geometry.conventions import CONVENTION
 from ...noise.models import Noise
-from ...noise.to_dict import noise_to_dict
 from ...presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...presentation.notebook import to_html
 from ..monte_carlo.run import MonteCarlo
@@ -111,23 +111,11 @@ class CrossCheck:
             "version": __version__,
             "convention": CONVENTION,
             "units": {"rotation": "rad", "translation": "m", "time": "s"},
-            "frame": self.frame,
-            "setup": self.setup,
-            "origin": self.origin,
-            "noise": noise_to_dict(self.noise),
-            "noise_estimated": self.noise_estimated,
-            "noise_of_data": None if self.noise_of_data is None else self.noise_of_data.to_dict(),
-            "n": self.n,
-            "pairs": self.pairs,
-            "trials": self.trials,
-            "seed": self.seed,
-            "seconds": self.seconds,
-            "complete": self.complete,
-            "reason": self.reason,
-            "ended": None if self.ended is None else self.ended.to_dict(),
-            "broken": list(self.broken),
-            "rows": [row.to_dict() for row in self.rows],
-            "relations": [relation.to_dict() for relation in self.relations],
+            **attributes(
+                self,
+                "frame setup origin noise noise_estimated noise_of_data n pairs trials seed seconds complete reason "
+                "ended broken rows relations",
+            ),
         }
 
     def to_json(self, path: str | Path | None = None) -> str:

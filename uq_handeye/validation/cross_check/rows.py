@@ -18,6 +18,7 @@ from scipy.special import gammainccinv, gammaincinv
 
 from ...errors import InputError, NotConvergedError
 from ...estimators.nguyen import nguyen
+from ...files.records import attributes
 from ...findings import Finding
 from ...geometry.se3 import Array
 from ...likelihood.gauss_helmert import ESTIMATORS, Fit
@@ -107,25 +108,11 @@ class Row(ReadOnlyArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values in rad, m and s."""
-        covariance, std, interval = self.covariance, self.std, self.nees_interval
-        return {
-            "key": self.key,
-            "label": self.label,
-            "kind": self.kind,
-            "method": self.method,
-            "covariance": None if covariance is None else covariance.tolist(),
-            "std": None if std is None else std.tolist(),
-            "trace_rotation": self.trace_rotation,
-            "trace_translation": self.trace_translation,
-            "log_determinant": self.log_determinant,
-            "nees": self.nees,
-            "nees_interval": None if interval is None else list(interval),
-            "consistent": self.consistent,
-            "trials": self.trials,
-            "failures": self.failures,
-            "seconds": self.seconds,
-            "note": self.note,
-        }
+        return attributes(
+            self,
+            "key label kind method covariance std trace_rotation trace_translation log_determinant nees nees_interval "
+            "consistent trials failures seconds note",
+        )
 
 
 def formulas(data: PosePairs | Motions, problem: Experiment) -> list[Row]:

@@ -11,11 +11,11 @@ import numpy as np
 from ..._version import __version__
 from ...errors import InputError
 from ...files.atomic import json_text, write_atomically
+from ...files.records import attributes, written
 from ...findings import Finding
 from ...geometry.conventions import CONVENTION
 from ...geometry.se3 import Array
 from ...noise.models import Noise
-from ...noise.to_dict import noise_to_dict
 from ...presentation.document import COLUMNS, WIDTH, Document, to_text
 from ...presentation.notebook import to_html
 from ...runtime.read_only import ReadOnlyArrays
@@ -209,49 +209,23 @@ class MonteCarlo(ReadOnlyArrays):
             "version": __version__,
             "convention": CONVENTION,
             "units": {"rotation": "rad", "translation": "m", "time": "s"},
-            "method": self.method,
-            "frame": self.frame,
-            "setup": self.setup,
-            "origin": self.origin,
-            "noise": noise_to_dict(self.noise),
-            "noise_estimated": self.noise_estimated,
-            "n": self.experiment.count,
-            "seed": self.seed,
-            "chunk": self.chunk,
-            "asked": self.asked,
-            "trials": self.trials,
-            "failures": self.failures,
-            "kept": self.kept,
-            "complete": self.complete,
-            "reason": self.reason,
-            "ended": self.ended.to_dict(),
-            "seconds": self.seconds,
-            "resumed": self.resumed,
-            "notes": list(self.notes),
-            "tested": self.tested,
-            "confidence": c.confidence,
-            "consistent": self.consistent,
-            "verdict": self.verdict,
-            "noise_of_data": None if self.noise_of_data is None else self.noise_of_data.to_dict(),
-            "rejected": list(c.rejected),
-            "p_values": c.p_values,
-            "predicted": _plain(self.predicted),
-            "covariance": _plain(self.covariance),
-            "std": _plain(self.std),
-            "bias": _plain(self.bias),
-            "bias_error": _plain(self.bias_error),
-            "bias_p_value": c.bias_p_value,
+            **attributes(
+                self,
+                "method frame setup origin noise noise_estimated n=experiment.count seed chunk asked trials failures "
+                "kept complete reason ended seconds resumed notes tested",
+            ),
+            **attributes(c, "confidence"),
+            **attributes(self, "consistent verdict noise_of_data"),
+            **attributes(c, "rejected p_values"),
+            **attributes(self, "predicted covariance std bias bias_error"),
+            **attributes(c, "bias_p_value"),
             "parts": list(PARTS),
-            "mean_nees": _plain(c.mean_nees),
-            "nees_interval": _plain(c.nees_interval),
+            **attributes(c, "mean_nees nees_interval"),
             "levels": list(LEVELS),
-            "coverage": _plain(c.coverage),
-            "coverage_interval": _plain(c.coverage_interval),
-            "eigenvalues": _plain(c.eigenvalues),
-            "eigenvalue_interval": _plain(c.eigenvalue_interval),
-            "likelihood_ratio": c.likelihood_ratio,
-            "kurtosis": c.kurtosis,
-            "stability": None if self.stability is None else _stability_dict(self.stability),
+            **attributes(c, "coverage coverage_interval eigenvalues eigenvalue_interval likelihood_ratio kurtosis"),
+            "stability": None
+            if self.stability is None
+            else {**written(self.stability), "reason": self.stability.reason},
         }
 
     def to_json(self, path: str | Path | None = None) -> str:
@@ -274,13 +248,3 @@ class MonteCarlo(ReadOnlyArrays):
             columns |= {"ratio_low": c.std_ratio_interval[:, 0], "ratio_high": c.std_ratio_interval[:, 1]}
         columns |= {"bias": c.bias, "bias_error": c.bias_error}
         return pd.DataFrame(columns)
-
-
-def _stability_dict(stability: Summary) -> dict[str, Any]:
-    plain = {name: _plain(value) for name, value in stability._asdict().items()}
-    missing = plain.pop("missing")
-    return plain | {"reason": stability.reason, "missing": None if missing is None else missing.to_dict()}
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else list(value) if isinstance(value, tuple) else value

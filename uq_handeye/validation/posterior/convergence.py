@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import MissingExtraError
+from ...files.records import attributes
 from ...findings import Finding
 from ...geometry.se3 import Array
 from ...runtime.read_only import ReadOnlyArrays
@@ -75,19 +76,11 @@ class PosteriorDiagnostics(ReadOnlyArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; None for what is not known."""
-        arrays = {
-            name: [_known(x) for x in getattr(self, name)]
-            for name in ("autocorrelation_time", "r_hat", "ess_bulk", "ess_tail")
-        }
-        numbers = {name: getattr(self, name) for name in ("acceptance", "walkers", "steps", "burn_in", "asked")}
-        return {
-            "names": list(self.names),
-            **arrays,
-            **numbers,
-            "converged": self.converged,
-            "faults": list(self.faults),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
+        return attributes(
+            self,
+            "names autocorrelation_time r_hat ess_bulk ess_tail acceptance walkers steps burn_in asked converged "
+            "faults findings",
+        )
 
 
 def _known(value: float) -> float | None:

@@ -12,11 +12,11 @@ import numpy as np
 
 from ...errors import InputError, NotConvergedError
 from ...files.atomic import json_text, write_atomically
+from ...files.records import attributes
 from ...geometry.checks import is_number
 from ...geometry.conventions import CONVENTION
 from ...geometry.se3 import Array
 from ...noise.models import Noise
-from ...noise.to_dict import noise_to_dict
 from ...presentation.document import document_of, to_text
 from ...presentation.notebook import to_html
 from ...runtime.read_only import ReadOnlyArrays
@@ -189,17 +189,9 @@ class Posterior(ReadOnlyArrays):
             "format": "uq-handeye posterior 1",
             "converged": self.converged,
             "convention": CONVENTION,
-            "frame": self.frame,
-            "X": self.X.tolist(),
-            "bound": self.bound.tolist(),
-            "noise": noise_to_dict(self.noise),
-            "noise_estimated": self.noise_estimated,
+            **attributes(self, "frame X bound noise noise_estimated"),
             "scale_prior": None if self.scales is None else {"robot": self.scales.robot, "camera": self.scales.camera},
-            "student_t": self.student_t,
-            "maxima": self.maxima,
-            "seed": self.seed,
-            "diagnostics": self.diagnostics.to_dict(),
-            "seconds": self.seconds,
+            **attributes(self, "student_t maxima seed diagnostics seconds"),
         }
         if self.converged:
             result |= {

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from ..._version import __version__
 from ...errors import InputError
 from ...files.atomic import json_text
+from ...files.records import attributes
 from ...geometry.conventions import CONVENTION
 from ...noise.models import Noise
-from ...noise.to_dict import noise_to_dict
 from ...presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...presentation.notebook import to_html
 from ..monte_carlo.consistency import PARTS
@@ -78,18 +78,9 @@ class Sweep:
             "version": __version__,
             "convention": CONVENTION,
             "units": {"rotation": "rad", "translation": "m"},
-            "frame": self.frame,
-            "around": self.around,
-            "count": self.count,
-            "item": self.item,
-            "noise": noise_to_dict(self.noise),
-            "noise_estimated": self.noise_estimated,
-            "factors": list(self.factors),
-            "trials": self.trials,
-            "seed": self.seed,
-            "tolerance": self.tolerance,
+            **attributes(self, "frame around count item noise noise_estimated factors trials seed tolerance"),
             "confidence": CONFIDENCE,
-            "noise_of_data": None if self.noise_of_data is None else self.noise_of_data.to_dict(),
+            **attributes(self, "noise_of_data"),
             "methods": [
                 {
                     "method": found.method,

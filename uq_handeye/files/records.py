@@ -1,0 +1,183 @@
+"""Records: results as the plain values of a file, and back, by the types of their fields.
+
+A `Record` is a frozen dataclass. ``to_dict`` writes its fields as numbers, lists and text, None for what is infinite.
+``from_dict`` reads each by its type, so that a damaged file is refused where it is read and not where a part is used.
+Types of arrays hold their shape: numbers, or letters for sizes that all arrays of the record share:
+
+    n: int
+    share: Annotated[Array, "n"]  # as many as `n` says
+    shift: Annotated[Array, "n", 6, INFINITE]  # None in the file stands for an infinite number
+
+A part with a ``from_dict`` of its own, such as `Finding`, looks after itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from operator import attrgetter
+from types import NoneType, UnionType
+from typing import Annotated, Any, ClassVar, Literal, Self, Union, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from ..errors import InputError
+from ..runtime.read_only import ReadOnlyArrays
+from .validate import array_of
+
+INFINITE, NUMBER = "infinite", "number"  # NUMBER: an array without axes
+_PLAIN = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
+
+
+class Record(ReadOnlyArrays):
+    """Base of frozen dataclasses that files hold."""
+
+    # Attributes in the file, in their order, as "key" or "key=attribute"; empty: the fields.
+    _in_file: ClassVar[str] = ""
+    # Of these, those that are left out where they are None, empty or false.
+    _if_any: ClassVar[str] = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers, lists and text, in rad and m; None stands for an infinite number."""
+        names = self._in_file or " ".join(field.name for field in fields(cast(Any, self)))
+        found, rare = attributes(self, names), self._if_any.split()
+        return {key: value for key, value in found.items() if key not in rare or value}
+
+    @classmethod
+    def from_dict(cls, data: Any) -> Self:
+        """Read what `to_dict` wrote; raises `InputError` on anything else."""
+        return cls(**parts_of(cls, data, cls.__name__))._possible()
+
+    def _possible(self) -> Self:
+        """Return itself; raise `InputError` for numbers that cannot be. Of what was read."""
+        return self
+
+
+def attributes(value: Any, names: str) -> dict[str, Any]:
+    """Return attributes by name as plain values: "key", or "key=attribute" (also "key=part.attribute")."""
+    parts = (name.partition("=") for name in names.split())
+    return {key: written(attrgetter(attribute or key)(value)) for key, _, attribute in parts}
+
+
+def written(value: Any) -> Any:
+    """Return plain values: dictionaries of records and named tuples, lists of arrays; None for what is not finite."""
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        whole = value.dtype.kind != "f" or bool(np.isfinite(value).all())
+        return value.tolist() if whole else written(value.tolist())
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    elif is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: written(part) for name, part in value.items()}
+    return [written(part) for part in value]
+
+
+def parts_of(
+    kind: Any, data: Any, path: str, sizes: Mapping[str, int] | None = None, /, **given: Any
+) -> dict[str, Any]:
+    """Return the fields of a record, read by their types; ``given`` have been read.
+
+    A `Record` may hold more names, of what it writes beside its fields or of another version; others may not.
+
+    ``sizes``: those of arrays by letter, of the record that this one is a part of.
+    """
+    names = [field.name for field in fields(kind)] if is_dataclass(kind) else kind._fields
+    if isinstance(data, list) and not is_dataclass(kind):
+        data = dict(zip(names, data, strict=False))
+    if not isinstance(data, Mapping):
+        raise InputError(f"Expected {path} with {', '.join(names)}, got {data!r:.40}.")
+    if not issubclass(kind, Record) and (more := [name for name in data if name not in names]):
+        raise InputError(f"Expected {path} with {', '.join(names)}, got also {more[0]!r:.40}.")
+    known, hints, found = dict(sizes or {}), _hints(kind), dict(given)
+    for name in (name for name in names if name not in given):
+        if name in data:
+            found[name] = read(hints[name], data[name], f"{path}.{name}", known)
+            if hints[name] is int:
+                known.setdefault(name, found[name])
+        elif name not in _defaults(kind):
+            raise InputError(f"Expected {path} to have {name!r}, which is missing.")
+    return found
+
+
+def read(hint: Any, data: Any, path: str, sizes: dict[str, int] | None = None) -> Any:
+    """Return a value of a type from plain values; raises `InputError` that names the part by its path."""
+    kind, args = get_origin(hint) or hint, get_args(hint)
+    sizes = {} if sizes is None else sizes
+    if kind is Annotated:
+        if get_origin(args[0]) is np.ndarray:
+            return _array(data, hint.__metadata__, path, sizes, args[0])
+        return math.inf if data is None else read(args[0], data, path, sizes)
+    if kind in (Union, UnionType):
+        if data is None and NoneType in args:
+            return None
+        return read(next(arg for arg in args if arg is not NoneType), data, path, sizes)
+    if kind in _PLAIN:
+        good = isinstance(data, kind) or (kind is float and isinstance(data, int))
+        if not good or (isinstance(data, bool) and kind is not bool):
+            raise InputError(f"Expected {path} to be {_PLAIN[kind]}, got {data!r:.40}.")
+        return data
+    if kind is Literal:
+        if data not in args:
+            raise InputError(f"Expected {path} to be one of {', '.join(map(str, args))}, got {data!r:.40}.")
+        return data
+    if kind in (tuple, dict):
+        return _many(kind, args, data, path, sizes)
+    if kind is Any:
+        return data
+    if hasattr(kind, "from_dict") and getattr(kind.from_dict, "__func__", None) is not Record.from_dict.__func__:  # type: ignore[attr-defined]
+        return kind.from_dict(data)
+    found = kind(**parts_of(kind, data, path, sizes))
+    return found._possible() if isinstance(found, Record) else found
+
+
+def _many(kind: type[Any], args: tuple[Any, ...], data: Any, path: str, sizes: dict[str, int]) -> Any:
+    """Return a tuple from a list, or a dictionary of names."""
+    if kind is dict:
+        if not isinstance(data, Mapping):
+            raise InputError(f"Expected {path} to be a dictionary, got {data!r:.40}.")
+        return {name: read(args[1], value, f"{path}.{name}", sizes) for name, value in data.items()}
+    if not isinstance(data, list):
+        raise InputError(f"Expected {path} to be a list, got {data!r:.40}.")
+    kinds = args[:1] * len(data) if args[1:] == (Ellipsis,) else args
+    if len(kinds) != len(data):
+        raise InputError(f"Expected {path} to have {len(kinds)} parts, got {len(data)}.")
+    return tuple(read(of, part, f"{path}[{k}]", sizes) for k, (of, part) in enumerate(zip(kinds, data, strict=True)))
+
+
+def _array(data: Any, shape: tuple[Any, ...], path: str, sizes: dict[str, int], hint: Any) -> Any:
+    """Return an array of that shape; letters get their size where they have none yet."""
+    at, wanted = data, []
+    for size in shape:
+        if size not in (INFINITE, NUMBER):
+            count = len(at) if isinstance(at, list) else 0
+            wanted.append(sizes.setdefault(size, count) if isinstance(size, str) else size)
+            at = at[0] if isinstance(at, list) and at else []
+    if 0 in wanted and data == []:  # lists do not say how many columns no row has
+        return np.zeros(wanted)
+    found = array_of(data, tuple(wanted), path, INFINITE in shape)
+    if get_args(hint)[1] != np.dtype[np.intp]:
+        return found
+    if (found != np.floor(found)).any():
+        raise InputError(f"Expected {path} to be whole numbers.")
+    return found.astype(np.intp)
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
+
+
+@cache
+def _defaults(kind: Any) -> frozenset[str]:
+    if not is_dataclass(kind):
+        return frozenset(kind._field_defaults)
+    return frozenset(f.name for f in fields(kind) if f.default is not MISSING or f.default_factory is not MISSING)
