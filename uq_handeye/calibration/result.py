@@ -466,8 +466,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, Record):
         f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise W covariance_W iterations "
         "covariance_kind reference noise_estimate bound 4dpa=fourdpa fit poses=table analysis provenance about "
         "time_offset shared agreement open=opened kinematics posterior residuals headline usable answered accuracy "
-        "checks "
-        "data=_data_in_file excluded findings warnings"
+        "checks data=_data_in_file excluded findings warnings"
     )
 
     def to_dict(self) -> dict[str, Any]:
