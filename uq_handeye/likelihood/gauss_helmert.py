@@ -363,8 +363,8 @@ def fit(
         residual = rho + (linear.J @ step[..., None, :, None])[..., 0]
         unknowns = unknowns.moved(step)
         if done == steps <= CLOSED_FORM_STEPS or (halt_open and done == 1 and opened is not None):
-            reached = np.ones(step.shape[:-1], dtype=bool)
-            return Fit(unknowns, covariance, linear, S, residual, done, reached, weights, opened, lever, noise.prior)
+            converged = np.ones(step.shape[:-1], dtype=bool)
+            break
         moved = (step[..., None, :] @ information @ step[..., None])[..., 0, 0]
         rounding = np.diagonal(information, axis1=-2, axis2=-1) @ _last_places(constraint, unknowns) ** 2
         converged = np.asarray((moved < np.maximum(STEP**2, rounding)) & (done > 1))
@@ -375,7 +375,9 @@ def fit(
             T if v is None else perturb(T, -v)
             for T, v in zip((constraint.first, constraint.second), errors, strict=True)
         )
-    return Fit(unknowns, covariance, linear, S, residual, done, converged, weights, opened, lever, noise.prior)
+    found = Fit(unknowns, covariance, linear, S, residual, done, converged, weights, opened, lever, noise.prior)
+    found.__dict__["weighted_factor"] = factor  # of the last step, so that the property does not compute it again
+    return found
 
 
 def _with_prior(information: Array, gradient: Array, noise: Noise, at: Unknowns) -> tuple[Array, Array]:

@@ -170,43 +170,57 @@ class JointCovariance(ReadOnlyArrays):
     @cached_property
     def factor(self) -> JointFactor:
         """L with ``Sigma = L L^T``; raises `SingularNoiseError` where a block of ``own`` is singular."""
-        own = checked_cholesky(self.own)
-        V = substitute(own, self.shared)
-        V = V.reshape(*V.shape[:-3], 6 * self.n, V.shape[-1])
-        squares, Y = np.linalg.eigh(V.mT @ V)
-        return JointFactor(own, V @ Y, np.sqrt(1.0 + np.maximum(squares, 0.0)))
+        return JointFactor.of(self.own, self.shared)
 
 
 @dataclass(frozen=True, eq=False)
 class JointFactor:
-    """``L^-1 = (I - U diag(1 / (h (1 + h))) U^T) B^-1`` of a `JointCovariance`; L is square, not triangular."""
+    """``L^-1 = (I - V K V^T) B^-1`` of a `JointCovariance`; L is square, not triangular.
 
-    B: Array  # (..., n, 6, 6)
-    U: Array  # (..., 6n, q), U^T U = diag(h^2 - 1)
-    h: Array  # (..., q)
+    V is the shared part over B and C the Cholesky factor of ``I + V^T V``. With ``K = (C (I + C)^T)^-1`` and
+    ``M = I - V K V^T``, ``M^T M = I - V (C C^T)^-1 V^T = (I + V V^T)^-1``.
+    """
 
-    def _reflected(self, values: Array) -> Array:
-        """``(I - U diag(1 / (h (1 + h))) U^T)`` times (..., n, 6, p)."""
+    B: Array  # (..., n, k, k)
+    V: Array  # (..., kn, q)
+    C: Array  # (..., q, q)
+    K: Array  # (..., q, q)
+
+    @classmethod
+    def of(cls, own: Array, shared: Array) -> JointFactor:
+        """L with ``L L^T`` the covariance by blocks (..., n, k, k) and columns (..., n, k, q).
+
+        Raises `SingularNoiseError` where a block is singular.
+        """
+        B = checked_cholesky(own)
+        V = substitute(B, shared)
+        V = V.reshape(*V.shape[:-3], V.shape[-3] * V.shape[-2], V.shape[-1])
+        one = np.eye(V.shape[-1])
+        C = np.linalg.cholesky(one + V.mT @ V)
+        return cls(B, V, C, np.linalg.inv(C @ (one + C).mT))
+
+    def _reflected(self, values: Array, K: Array) -> Array:
+        """``(I - V K V^T)`` times (..., n, k, p)."""
         flat = values.reshape(*values.shape[:-3], values.shape[-3] * values.shape[-2], values.shape[-1])
-        flat = flat - self.U @ ((1.0 / (self.h * (1.0 + self.h)))[..., None] * (self.U.mT @ flat))
+        flat = flat - self.V @ (K @ (self.V.mT @ flat))
         return np.asarray(flat.reshape(*flat.shape[:-2], *values.shape[-3:]))
 
     def whiten(self, values: Array) -> Array:
-        """``L^-1 values`` (..., n, 6, p)."""
-        return self._reflected(np.asarray(substitute(self.B, values)))
+        """``L^-1 values`` (..., n, k, p)."""
+        return self._reflected(np.asarray(substitute(self.B, values)), self.K)
 
     def pull(self, white: Array) -> Array:
-        """``L^-T white`` (..., n, 6, p)."""
-        return substitute_transposed(self.B, self._reflected(white))
+        """``L^-T white`` (..., n, k, p)."""
+        return substitute_transposed(self.B, self._reflected(white, self.K.mT))
 
     def log_determinant(self) -> Array:
-        """(...) ``log|Sigma|``: of the blocks, and of what is shared ``log h^2``."""
+        """(...) ``log|Sigma|``: of the blocks, and of what is shared ``log|C C^T|``."""
         own = 2.0 * np.log(np.diagonal(self.B, axis1=-2, axis2=-1)).sum(axis=(-2, -1))
-        return np.asarray(own + 2.0 * np.log(self.h).sum(axis=-1))
+        return np.asarray(own + 2.0 * np.log(np.diagonal(self.C, axis1=-2, axis2=-1)).sum(axis=-1))
 
     def inverse_blocks(self) -> Array:
-        """(..., n, 6, 6) diagonal blocks of ``Sigma^-1 = B^-T (I - U diag(1 / h^2) U^T) B^-1``."""
-        U = self.U.reshape(*self.U.shape[:-2], self.U.shape[-2] // 6, 6, self.U.shape[-1])
+        """(..., n, 6, 6) diagonal blocks of ``Sigma^-1 = B^-T (I - V (C C^T)^-1 V^T) B^-1``."""
+        V = self.V @ np.linalg.inv(self.C).mT
         half = np.linalg.inv(self.B)
-        own, left = half.mT @ half, half.mT @ U
-        return np.asarray(own - (left / (self.h * self.h)[..., None, None, :]) @ left.mT)
+        left = half.mT @ V.reshape(*V.shape[:-2], V.shape[-2] // 6, 6, V.shape[-1])
+        return np.asarray(half.mT @ half - left @ left.mT)

@@ -39,7 +39,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrmm
+from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from ..geometry.se3 import Array
 from ..likelihood.constraint import Linearised
@@ -184,7 +185,8 @@ class LatentModel:
             L = checked_cholesky(rows.covariance(s))
             half = np.linalg.inv(L)  # (n, d, d)
             A = np.empty((*rows.r.shape, p + self.shared.shape[-1] + 1))
-            A[..., :p], A[..., p:-1], A[..., -1] = rows.J, rows.shared * s[self._owner], rows.r
+            A[..., :p], A[..., -1] = rows.J, rows.r
+            np.multiply(rows.shared, s[self._owner], out=A[..., p:-1])
             white.append((half @ A).reshape(rows.r.size, -1))
             halves.append(np.asarray(half))
             logs += float(np.log(np.einsum("nii->ni", L)).sum())
@@ -199,9 +201,11 @@ class LatentModel:
         unit = 1.0 / np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
         scaled = H * unit[:, None] * unit
         np.einsum("ii->i", scaled)[:] += RIDGE
-        C = np.linalg.cholesky(scaled)
-        half_way = solve_triangular(C, unit * pull, lower=True, check_finite=False)
-        u = -unit * solve_triangular(C, half_way, lower=True, trans="T", check_finite=False)
+        C, failed = dpotrf(scaled, lower=1)
+        if failed:
+            raise np.linalg.LinAlgError("The information of the poses and the errors is not positive definite.")
+        half_way = dtrtrs(C, unit * pull, lower=1)[0]
+        u = -unit * dtrtrs(C, half_way, lower=1, trans=1)[0]
         logs += np.log(np.diag(C) / unit).sum()
         off = theta - self.medians
         pulled = self._prior_of_sizes @ off
@@ -216,10 +220,10 @@ class LatentModel:
         """f with its derivatives."""
         at = self._solved(theta)
         p, k = self.p, len(self.components)
-        whole = solve_triangular(at.C, np.diag(at.unit), lower=True, check_finite=False)  # H^-1 = whole^T whole
+        whole = at.whole()
         inverse_diagonal = np.einsum("ij,ij->j", whole, whole)
         columns = at.A[:, :-1]
-        Q = columns @ whole.T
+        Q = np.asarray(dtrmm(1.0, whole, columns.T, lower=1)).T  # A whole^T
         e = at.A[:, -1] + columns @ at.u
         z, owner = at.u[p:], self._owner
         determined = np.bincount(owner, 1.0 - inverse_diagonal[p:], minlength=k)
@@ -254,7 +258,7 @@ class LatentModel:
         """The posterior of the unknown poses alone, for given sizes."""
         at = self._solved(theta)
         p = self.p
-        half = solve_triangular(at.C, np.diag(at.unit)[:, :p], lower=True, check_finite=False)
+        half = dtrtrs(at.C, np.diag(at.unit)[:, :p], lower=1)[0]
         return Conditional(theta, at.value, at.u[:p], half.T @ half)
 
     def shares(self, theta: Array) -> Array:
@@ -264,7 +268,7 @@ class LatentModel:
         the gain ``-H^-1 A^T L^-1``.
         """
         at, p, q = self._solved(theta), self.p, min(6, self.p)
-        half = solve_triangular(at.C, np.diag(at.unit), lower=True, check_finite=False)
+        half = at.whole()
         of_x = half[:, :q].T @ half  # (q, p + m) of H^-1
         gain = of_x @ at.A[:, :-1].T
         root = np.linalg.inv(np.linalg.cholesky(of_x[:, :q] + RIDGE * np.diag(np.diag(of_x[:, :q]))))
@@ -280,10 +284,23 @@ class LatentModel:
             found[k] = np.linalg.eigvalsh(variance)[-1]
         return np.clip(found, 0.0, 1.0)
 
+    def turns(self, theta: Array) -> dict[str, tuple[Array, Array]]:
+        """Rotations (m, m) of the shared columns of each side to principal axes, and their energies (m,), ascending.
+
+        Energies are those of the whitened rows at these sizes: noise has 1 of each number.
+        """
+        at, found = self._solved(theta), {}
+        for side in SIDES:
+            of = np.array([part.side == side for part in self.components], dtype=bool)
+            A = at.A[:, self.p + np.flatnonzero(of[self._owner])]
+            energy, turn = np.linalg.eigh(A.T @ A)
+            found[side] = turn, energy
+        return found
+
     def conditional(self, theta: Array) -> Conditional:
         """The joint posterior of the poses and of the errors in their units, for given sizes."""
         at = self._solved(theta)
-        inverse = solve_triangular(at.C, np.diag(at.unit), lower=True, check_finite=False)
+        inverse = at.whole()
         scale = np.concatenate([np.ones(self.p), at.s[self._owner]])
         inverse = inverse * scale
         return Conditional(theta, at.value, at.u * scale, inverse.T @ inverse)
@@ -299,3 +316,7 @@ class _Solved:
     u: Array  # (p + m,) x and z
     value: float
     pulled: Array  # (k,) derivatives of the prior of the sizes
+
+    def whole(self) -> Array:
+        """R (p + m, p + m) with ``H^-1 = R^T R``, lower triangular."""
+        return np.asarray(dtrtri(self.C, lower=1)[0] * self.unit)

@@ -51,6 +51,8 @@ STILL, MOST_ROUNDS, CLOSE = 2e-2, 6, 0.1
 ROUGH = 1e-2
 # Poses above which the sizes are found from so many of them, spread over the rows.
 ENOUGH = 300
+# Energy in the whitened rows (1: as one number of noise) below which shared errors do not count as shared for weights.
+FAINT = 1e-2
 # A size that leaves more of the spread of its prior is not told by the data.
 TOLD = 0.6
 REACH = float(ndtri(0.975))
@@ -318,8 +320,14 @@ class FoundSizes:
 
     @property
     def noise(self) -> Noise | None:
-        """Noise of all poses by the most probable sizes; None: the data are exact."""
-        return None if self.exact.any() else self._noise_by(self.sizes_at(self.mode.theta))
+        """Noise of all poses by the most probable sizes, to weigh them by; None: the data are exact.
+
+        What poses share but the data hardly show (`FAINT`) is noise of each pose here.
+        """
+        if self.exact.any():
+            return None
+        turns = self.model.turns(self.mode.theta)
+        return self._noise_by(self.sizes_at(self.mode.theta), turns)
 
     @cached_property
     def integrated_noise(self) -> Noise:
@@ -331,7 +339,8 @@ class FoundSizes:
         """Sizes by name, integrated over."""
         return self.sizes_at(self.mixture.mean_theta)
 
-    def _noise_by(self, sizes: dict[str, float]) -> Noise:
+    def _noise_by(self, sizes: dict[str, float], turns: Mapping[str, tuple[Array, Array]] | None = None) -> Noise:
+        """Noise by sizes; ``turns`` (r, energies) of the columns of a side: those that are faint go to each pose."""
         source = self.source
         sides: dict[str, Any] = {}
         for side in ("robot", "camera"):
@@ -352,7 +361,12 @@ class FoundSizes:
             if columns:
                 n = source.constraint.n
                 each = np.zeros((n, 6, 6)) if own is None else np.broadcast_to(own, (n, 6, 6))
-                own = JointCovariance(each, np.concatenate(columns, axis=-1), _as_named(names))
+                shared = np.concatenate(columns, axis=-1)
+                if turns is not None:
+                    turn, energy = turns[side]
+                    faint = shared @ turn[:, energy < FAINT]
+                    shared, each, names = shared @ turn[:, energy >= FAINT], each + faint @ faint.mT, []
+                own = JointCovariance(each, shared, tuple(names))
             sides[side] = own
         if source.constraint.item == "pose":
             return PoseNoise(**sides)
@@ -401,10 +415,6 @@ class FoundSizes:
 
 def _named(S: JointCovariance, otherwise: str) -> tuple[str, ...]:
     return tuple(name or otherwise for name in S.names)
-
-
-def _as_named(names: Sequence[str]) -> tuple[str, ...]:
-    return tuple(names)
 
 
 def _root(S: Array) -> Array:

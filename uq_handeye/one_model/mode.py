@@ -19,7 +19,7 @@ from .engine import LatentModel, State
 # Deviations of the prior between which a size is looked for; largest change of a logarithm in one step.
 REACH, LONGEST = 5.0, 1.5
 # The mode is found when a step promises less; steps and halvings at most.
-GAIN, MOST, HALVINGS = 1e-6, 60, 12
+GAIN, MOST, HALVINGS = 1e-5, 60, 12
 
 
 @dataclass(frozen=True, eq=False)

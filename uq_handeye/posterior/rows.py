@@ -104,10 +104,7 @@ class NewRows(ReadOnlyArrays):
     @cached_property
     def factor(self) -> JointFactor:
         """L with ``Sigma = L L^T``; raises `SingularNoiseError` where a measurement has no noise of its own."""
-        B = checked_cholesky(self.own)
-        V = substitute(B, self.by_unit).reshape(self.dof, -1)
-        squares, Y = np.linalg.eigh(V.T @ V)
-        return JointFactor(B, V @ Y, np.sqrt(1.0 + np.maximum(squares, 0.0)))
+        return JointFactor.of(self.own, self.by_unit)
 
     def whitened(self, columns: Array) -> Array:
         """``L^-1 C`` (mk, c) of columns (m, k, c)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 
@@ -11,6 +12,12 @@ def one_thread() -> Any:
     Products of matrices of a hundred rows are just large enough for several, which on a busy machine wait for each
     other far longer than one takes.
     """
+    return _libraries().limit(limits=1)
+
+
+@cache
+def _libraries() -> Any:
+    """The libraries that the process has loaded; to look for them takes milliseconds."""
     from threadpoolctl import ThreadpoolController
 
-    return ThreadpoolController().limit(limits=1)
+    return ThreadpoolController()
