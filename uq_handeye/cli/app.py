@@ -28,6 +28,7 @@ from .commands.codegen import codegen_command
 from .commands.compare import compare_command
 from .commands.cross_check import cross_check_command
 from .commands.files import export_command, report_command
+from .commands.live import live_command
 from .commands.plan import plan_command
 from .commands.points import points_command
 from .commands.posterior import posterior_command
@@ -81,6 +82,7 @@ app.callback(invoke_without_command=True)(_start)
 _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
     "Calibrate": {
         "calibrate": calibrate_command,
+        "live": live_command,
         "demo": demo_command,
         "camera": camera_command,
         "points": points_command,

@@ -247,6 +247,10 @@ class Pictures:
     lens: LensOptions
     known: KnownCamera | None = field(default=None, kw_only=True)  # for a single tag
 
+    def read_board(self) -> "Board":
+        """Return the board to look for."""
+        return self.board.read()
+
     def calibrate(self, corners: "Corners") -> "CameraCalibration":
         """Return the camera that saw these corners."""
         return self.lens.calibrate(corners, None, self.board.shape(), self.known)

@@ -136,6 +136,18 @@ class StreamFiles:
         return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
     @property
+    def reading(self) -> dict[str, Any]:
+        """Arguments of `read_poses` that say how the files are read."""
+        return {
+            "setup": self.setup,
+            "units": self.both_units,
+            "format": self.formats,
+            "rotation": self.rotations,
+            "robot_frame": self.robot_frame,
+            "camera_frame": self.camera_frame,
+        }
+
+    @property
     def both_units(self) -> tuple[str | None, str | None]:
         """Length units of the robot file and the camera file; None: as the format says, else m."""
         return self.robot_units or self.units, self.camera_units or self.units

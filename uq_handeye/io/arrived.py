@@ -84,12 +84,12 @@ def read_arrived(
     return PosePairs(G[:n], C[:n], chosen, times_of, sources=tuple(sources))
 
 
-def count_arrived(robot: Sequence[Path], format: str | None = None) -> int:
-    """Return how many robot poses have arrived."""
+def count_arrived(files: Sequence[Path], format: str | None = None, role: str = "robot") -> int:
+    """Return how many poses of one side have arrived."""
     counts = []
-    for path in robot:
+    for path in files:
         contents, _ = read_contents(path, format)
-        counts.append(len(contents.robot or contents.only or ()))
+        counts.append(len(getattr(contents, role) or contents.only or ()))
     return sum(counts)
 
 

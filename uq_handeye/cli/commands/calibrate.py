@@ -37,7 +37,7 @@ from ..pictures import KINDS as BOARDS
 from ..pose_files import PoseFiles
 from ..starting_point import problem_for
 from ..views import pictures_of
-from ..watching import Session, arrivals_of
+from ..watching import Watch, question_of, watched
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
@@ -229,8 +229,8 @@ def calibrate_command(
             raise InputError("--watch takes no joints and no robot model. Calibrate with them afterwards.")
         if touched.touches is not None:
             raise InputError("--watch takes no --touches. Calibrate with the touches afterwards.")
-        session = Session(arrivals_of(watch, files, pictures, output), given, options, wanted, output, as_json)
-        found = session.run()
+        question = question_of(given, pictures, options, wanted.tolerance)
+        found = Watch(watched(watch, files, pictures, output), question, output, as_json).run()
         if found is None:
             return fail("No X: the poses that arrived do not determine it.")
         found = replace(found, about=wishes.about)
