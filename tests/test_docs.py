@@ -57,7 +57,7 @@ def test_the_guide_from_pictures_names_the_files_that_it_writes(tmp_path):
 
 def test_every_guide_is_run():
     # plan: tests/cli/test_plan.py, few_axes: tests/cli/test_known.py, exclude and watch: their files there
-    elsewhere = {"index", "exclude", "few_axes", "good_and_bad", "plan", "real_cell", "synchronise", "watch"}
+    elsewhere = {"index", "exclude", "few_axes", "good_and_bad", "live", "plan", "real_cell", "synchronise", "watch"}
     guides = {page.stem for page in (DOCS / "how-to").glob("*.md")}
     assert guides == elsewhere | {Path(page).stem for page in SHOWN if "/how-to/" in page}
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ...errors import InputError
-from ..groups import OPTIONS
-from ..options.common import emit, flag, made_of, option
+from ..options.common import emit, made_of
 from ..options.noise import Given, given_of, prior_of
 from ..outcome import Wanted, wanted_of
 from ..stream_files import StreamFiles
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
     from ...noise.estimate import NoisePrior
     from ..pictures import Pictures
     from ..views import Views
-
-PAGE = "Page"
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,6 @@ class SessionFiles(StreamFiles):
         ),
     ] = None
     camera: Path | None = field(default=None, init=False)
-    offset: str | None = field(default=None, init=False)
 
     @property
     def folder(self) -> Path:
@@ -51,22 +47,18 @@ class SessionFiles(StreamFiles):
 
 @dataclass(frozen=True)
 class PageOptions:
-    """Options of the address of the page."""
+    """Options of the address of the page.
 
-    host: Annotated[
-        str,
-        option(
-            "--host",
-            metavar="ADDRESS",
-            panel=PAGE,
-            help="Address to listen on. Default: 127.0.0.1, this machine alone. Another one, e.g. 0.0.0.0, asks "
-            "for the token in the address printed.",
-        ),
-    ] = "127.0.0.1"
-    port: Annotated[
-        int, option("--port", metavar="N", panel=PAGE, help="Port, or the next one that is free. Default: 8011.")
-    ] = 8011
-    no_browser: Annotated[bool, flag("--no-browser", panel=PAGE, help="Print the address without opening it.")] = False
+    Options (Page):
+      --host ADDRESS: Address to listen on. Default: 127.0.0.1, this machine alone. Another one, e.g. 0.0.0.0, asks for
+        the token in the address printed.
+      --port N: Port, or the next one that is free. Default: 8011.
+      --no-browser: Print the address without opening it.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 8011
+    no_browser: bool = False
 
 
 @made_of(
@@ -84,15 +76,7 @@ def live_command(
     prior: "NoisePrior | None",
     wanted: "Wanted",
     page: "PageOptions",
-    stdin: Annotated[
-        bool,
-        flag(
-            "--stdin",
-            panel=OPTIONS,
-            common=True,
-            help='Also poses from standard input, one JSON line each: {"robot": POSE, "camera": POSE}.',
-        ),
-    ] = False,
+    stdin: bool = False,
 ) -> int:
     r"""Calibrate in the browser while poses arrive: the answer after each, and where the next pose should be.
 
@@ -106,11 +90,16 @@ def live_command(
 
     Poses are on disk before the page shows them. Start the command again with
     the same folder to go on. Ctrl-C ends the page, not the session.
+
+    Options (Page):
+      * --stdin: Poses from standard input in place of files. One JSON line each: {"robot": POSE, "camera": POSE}.
     """
     from ...live_session.page import Page
     from ...live_session.session import Session
     from ...live_session.sources.lines import Lines
 
+    if files.offset is not None:
+        raise InputError("--offset is for unsynchronised streams. Pose k of the robot belongs to pose k of the camera.")
     if given.one_side is not None:
         if prior is not None:
             raise InputError("The noise and a prior of it are both given. Give one of them.")
