@@ -212,3 +212,20 @@ def test_an_assumed_accuracy_that_hides_changes_is_said():
     assert found.status == "unchanged" and [one.code for one in found.findings] == ["maintenance.overstated"]
     declared = uq.calibrate(uq.PosePairs(old.robot, old.camera), shared=[])
     assert uq.check(declared, uq.PosePairs(new.robot, new.camera)).findings == ()
+
+
+def test_what_is_not_the_same_is_drawn_anew(results):
+    """Another target, 1 % larger: a change where it should be the same, none where it is another one."""
+    scale = uq.SharedError.target_scale(0.01)
+    result = uq.calibrate(uq.simulate(20, noise=NOISE, seed=1), noise=NOISE, shared=[scale])
+    poses = moved("eye-in-hand", m=10)
+    camera = poses.camera.copy()
+    camera[:, :3, 3] *= 1.015
+    other = uq.PosePairs(poses.robot, camera, "eye-in-hand")
+    assert uq.check(result, other).changed
+    assert not uq.check(result, other, same=("robot", "camera")).changed
+    whole, part = (uq.check(result, poses, same=same) for same in (("robot", "camera", "target"), "robot"))
+    assert whole.p_value == uq.check(result, poses).p_value
+    assert part.detectable.X_translation >= whole.detectable.X_translation
+    with pytest.raises(uq.InputError, match="robot, camera, target, got 'arm'"):
+        uq.check(result, poses, same=["arm"])

@@ -10,6 +10,7 @@ eta the noise of the new poses. If X was moved by delta after the calibration, `
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ from ..likelihood.constraint import Linearised, OnPoses, Unknowns
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
+from ..posterior.owners import CAMERA, THINGS, checked_things
 from ..posterior.rows import NewRows
 from ..prediction.predict import (
     NONE,
@@ -59,6 +61,7 @@ def evidence_of_poses(
     poses: PosePairs,
     noise: PoseNoise | None = None,
     joints: Any = None,
+    same: Iterable[str] | str = THINGS,
 ) -> PoseEvidence:
     """Hold new poses against a calibration.
 
@@ -73,6 +76,9 @@ def evidence_of_poses(
         camera poses from corners that of their own fit.
     joints : (m, L) or None
         For a calibration with the kinematics of its arm; None: ``poses.joints``.
+
+    same : names out of "robot", "camera" and "target"
+        Which of them are those of the calibration. The errors of others are drawn anew, as large as was assumed.
 
     Raises
     ------
@@ -99,6 +105,16 @@ def evidence_of_poses(
     linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
     D_G, D_C = linear.sides
     by_state = np.concatenate([linear.J, D_G @ ahead.columns + D_C @ F_C], axis=-1)
+    r, anew = linear.r, np.zeros((poses.n, 6, 0))
+    kept = checked_things(same)
+    if CAMERA in kept:
+        _require_same_camera(result, poses, same)
+    if len(kept) < len(THINGS):
+        other = 12 + posterior.owned_by([thing for thing in THINGS if thing not in kept])
+        r = r + by_state[..., other] @ posterior.estimate[other - 12]  # of other things nothing was found
+        sd = {error.name: error.prior_sd for error in result.shared}
+        anew = by_state[..., other] * np.array([sd.get(posterior.names[k - 12], 1.0) for k in other])
+        by_state[..., other] = 0.0
     by_unit = by_state @ posterior.A
     robot_noise, more_G = _noise_of(poses, noise, "robot", ahead.fresh)
     camera_noise, more_C = _noise_of(poses, noise, "camera", of_camera)
@@ -114,9 +130,22 @@ def evidence_of_poses(
         own_at = size[:, None, None, None] * unseen
         for one, S in carried:
             own_at += (one.by_point if len(one.by_point) else np.full(d, one.size))[:, None, None, None] ** 2 * S
-    by_unit = np.concatenate([by_unit, D_G @ more_G, D_C @ more_C], axis=-1)
-    robot, at = ahead.poses, (linear.r, by_unit, own, posterior)
+    by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C], axis=-1)
+    robot, at = ahead.poses, (r, by_unit, own, posterior)
     return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at)
+
+
+def _require_same_camera(result: Calibrated, poses: PosePairs, same: Iterable[str] | str) -> None:
+    """Raise `InputError` where the camera is named as the same, and was calibrated with other intrinsics."""
+    before = result.counted.camera_calibration if isinstance(result.counted, PosePairs) else None
+    now = poses.camera_calibration
+    if same is THINGS or before is None or now is None:
+        return
+    if not np.array_equal(before.bundle.parameters, now.bundle.parameters):
+        raise InputError(
+            "Expected another camera than that of the calibration, or its intrinsics: `same` (--same) names the camera "
+            "as the same, and the new pictures were adjusted with intrinsics of their own."
+        )
 
 
 def _effects_on_camera(result: Calibrated, poses: PosePairs, robot: Array) -> tuple[Array, Any]:

@@ -7,6 +7,7 @@ changed, what it is, as far as the poses separate the causes (`causes`), and by 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from ..findings import Finding
 from ..geometry.se3 import Array
 from ..noise.models import PoseNoise
 from ..poses.pose_pairs import PosePairs
+from ..posterior.owners import THINGS
 from ..statement.tolerance import Tolerance
 from .causes import (
     CAMERA_MOVED,
@@ -52,6 +54,7 @@ def check(
     joints: ArrayLike | None = None,
     tolerance: Any = None,
     level: float = LEVEL,
+    same: Iterable[str] | str = THINGS,
 ) -> ChangeCheck:
     """Check whether a calibration still holds, by new poses of the same rig.
 
@@ -71,6 +74,9 @@ def check(
         distance of the target, and 0.01 rad.
     level : float
         Probability of a false alarm.
+    same : names out of "robot", "camera" and "target"
+        Which of them are those of the calibration, so that their errors are the same. Default: all. The errors of
+        others are drawn anew; X and W are those of the calibration all the same.
 
     Returns
     -------
@@ -95,7 +101,7 @@ def check(
     if not 0 < level < 0.5:
         raise InputError(f"Expected `level` to lie between 0 and 0.5, got {level!r}.")
     accepted = None if tolerance is None else Tolerance.read(tolerance)
-    evidence = evidence_of_poses(result, poses, noise, joints)
+    evidence = evidence_of_poses(result, poses, noise, joints, same)
     _require_new(result, poses)
     reference = evidence.test.reference
     columns = columns_of_causes(evidence, poses.setup)
@@ -113,7 +119,7 @@ def check(
             of, q = (noise, joints) if rows is None else (
                 None if noise is None else noise.rows(rows), None if joints is None else np.asarray(joints)[rows]
             )  # fmt: skip
-            return evidence_of_poses(result, again, of, q).d2
+            return evidence_of_poses(result, again, of, q, same).d2
 
         other = misread(
             result.X,

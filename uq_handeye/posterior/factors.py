@@ -18,5 +18,5 @@ def factor_of(P: Array) -> Array:
         return np.asarray(scale[:, None] * np.linalg.cholesky(scaled + RIDGE * np.eye(len(P))))
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(scaled)
-        R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, RIDGE))).T, mode="r")
+        R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, RIDGE))).T)[1]
         return np.asarray(scale[:, None] * (R.T * np.where(np.diag(R) < 0, -1.0, 1.0)))

@@ -71,8 +71,9 @@ FEWEST = 3
 # its errors
 # far from the poses of the data this share is unknown again (`unseen`). Found by leaving the family of each arm out.
 UNLIKE, UNSEEN = 5.0, 0.5
-# A pose is near another one if their tips are within this share of the reach, and their orientations within this angle.
-NEAR_TIP, NEAR_TURN = 0.3, 0.7
+# A pose is near another one if their tips are within this share of the reach, and their orientations within this angle
+# (rad); how steeply the share rises beyond.
+NEAR_TIP, NEAR_TURN, STEEP = 0.2, 0.5, 4
 # Further vectors of the range from which the columns are taken.
 MORE = 12
 
@@ -169,11 +170,11 @@ class BoundPopulation(ReadOnlyArrays):
     def unseen(self, robot: Array) -> Array:
         """(n, 6, 6) covariance that z leaves of other poses (n, 4, 4), a share of whose variance is unknown again.
 
-        The share is ``UNSEEN^2 (1 - rho^2)^2``, rho the correlation ``exp(-d^2 / 2)`` with the nearest pose of the
+        The share is ``UNSEEN^2 (1 - rho^2)^STEEP``, rho the correlation ``exp(-d^2 / 2)`` with the nearest pose of the
         data: 0 at these. What is wrong with the geometries is smooth, and known where it was seen.
         """
         rows = self._rows_at(robot)
-        share = 1.0 + UNSEEN**2 * (1.0 - np.exp(-self._apart(robot))) ** 2
+        share = 1.0 + UNSEEN**2 * (1.0 - np.exp(-self._apart(robot))) ** STEEP
         return _left(self._unscaled(rows), self._unscaled(rows @ self.basis), share[:, None, None])
 
     def _apart(self, robot: Array) -> Array:

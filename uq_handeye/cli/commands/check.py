@@ -27,6 +27,7 @@ def check_command(
     tolerance: str | None = None,
     level: float = 0.05,
     log: Path | None = None,
+    same: str | None = None,
     every: float | None = None,
     as_json: JsonOption = False,
     output: Annotated[
@@ -56,6 +57,8 @@ def check_command(
       * --tolerance MM,DEG: Change of X that matters, e.g. 1mm,0.1deg. Poses that would miss it cannot tell. Default: 1
         % of the target distance, and 0.57 deg.
       * --level P: Probability of a false alarm.
+      --same NAMES: What is the same as at the calibration, out of robot,camera,target: its errors are the same too.
+        Default: all.
 
     Options (Series of checks):
       * --log FILE.csv: Log of the checks of this calibration: add this one, and test the whole series for a slow drift.
@@ -66,6 +69,7 @@ def check_command(
     from ...maintenance.check import check
     from ...maintenance.check_text import check_document
     from ...maintenance.series.cusum import limit_for
+    from ...posterior.owners import THINGS
 
     if every is not None:
         if log is None:
@@ -74,7 +78,8 @@ def check_command(
     stored = Calibration.from_json(result)
     poses = files.read(stored, str(result))
     with timed("checking"):
-        found = check(stored, poses, tolerance=tolerance, level=level)
+        names = THINGS if same is None else [name.strip() for name in same.split(",") if name.strip()]
+        found = check(stored, poses, tolerance=tolerance, level=level, same=names)
         series = None if log is None else logged(log, stored, poses, found, every)
     text = found.to_json() if series is None else json_text({**found.to_dict(), "series": series.alarm.to_dict()})
     if as_json:
