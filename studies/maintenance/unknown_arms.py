@@ -54,9 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sets", type=int, default=20)
     sets = parser.parse_args(arguments).sets
-    print(
-        "| arm mm | sets | mean p | p < 0.05 | KS p | detectable mm: median, max | 2 mm found | named X |"
-    )
+    print("| arm mm | sets | mean p | p < 0.05 | KS p | detectable mm: median, max | 2 mm found | named X |")
     print("|---|---|---|---|---|---|---|---|")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
