@@ -81,6 +81,10 @@ if _typing.TYPE_CHECKING:
     from .procrustes.registration import register
     from .procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
     from .propagation.propagate import propagate
+    from .rig.calibrate import calibrate_rig
+    from .rig.description import ArmPoses, Rig, View
+    from .rig.result import EstimatedPose, RigCalibration
+    from .rig.simulation import simulate_rig
     from .rosbag.streams import read_bag
     from .shared_errors.camera_noise import camera_noise
     from .shared_errors.shared_error import SharedError
@@ -106,6 +110,7 @@ __all__ = [
     "METHODS",
     "ROBOT_WORLD_METHODS",
     "Agreement",
+    "ArmPoses",
     "Board",
     "BoardShape",
     "Calibration",
@@ -122,6 +127,7 @@ __all__ = [
     "DegenerateMotionError",
     "Difference",
     "ErrorParameter",
+    "EstimatedPose",
     "InputError",
     "InputWarning",
     "Joint",
@@ -144,6 +150,8 @@ __all__ = [
     "PosePairs",
     "PosePrior",
     "Posterior",
+    "Rig",
+    "RigCalibration",
     "ScalePrior",
     "SeriesAlarm",
     "SharedError",
@@ -156,9 +164,11 @@ __all__ = [
     "Target",
     "Touches",
     "Verification",
+    "View",
     "bound",
     "calibrate",
     "calibrate_camera",
+    "calibrate_rig",
     "camera_noise",
     "check",
     "compare",
@@ -210,6 +220,7 @@ __all__ = [
     "series_alarm",
     "sigma_points",
     "simulate",
+    "simulate_rig",
     "so4_covariance",
     "so4_from_se3",
     "solve",
@@ -322,6 +333,10 @@ _LATER = {
     "points.measured": ("PointSet", "Target"),
     "points.result": ("PointPoses",),
     "poses.board_symmetry": ("resolve_board_rotation",),
+    "rig.calibrate": ("calibrate_rig",),
+    "rig.description": ("ArmPoses", "Rig", "View"),
+    "rig.result": ("EstimatedPose", "RigCalibration"),
+    "rig.simulation": ("simulate_rig",),
     "rosbag.streams": ("read_bag",),
     "shared_errors.camera_noise": ("camera_noise",),
     "poses.motions": (

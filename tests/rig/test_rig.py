@@ -1,0 +1,191 @@
+"""Rigs: derivatives, the one camera of `calibrate`, consistency of the joint covariance, what is open, bad input."""
+
+import os
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+import uq_handeye as uq
+from uq_handeye.geometry.se3 import logarithm, perturb
+from uq_handeye.rig.fit import fit
+from uq_handeye.rig.graph import Graph
+from uq_handeye.rig.noise import RigNoise, given_noise
+from uq_handeye.rig.simulation import simulate_rig, with_noise
+from uq_handeye.rig.start import start_of
+
+SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
+SIZE = ("0.5mrad", "0.3mm")
+ONE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+
+
+def noise_of(rig):
+    return dict.fromkeys((*rig.arms, *rig.cameras), SIZE)
+
+
+def error(T, true):
+    return np.concatenate([logarithm(T[:3, :3] @ true[:3, :3].T), T[:3, 3] - true[:3, 3]])
+
+
+def test_derivatives_are_those_of_differences():
+    """All kinds of edges: cameras and targets on both arms and in the world."""
+    cameras, targets = {"c1": "a", "c2": "b", "c3": "world"}, {"t1": "b", "t2": "world", "t3": "a"}
+    rig, truth = simulate_rig(cameras, targets, arms=("a", "b"), n_poses=5, seed=2)
+    graph = Graph.of(rig)
+    at = np.array([truth[name] for name in graph.names])
+    sides = graph.linearise(at)
+    np.testing.assert_allclose(sides.r, 0, atol=1e-12)
+    J, step = graph.by_unknowns(sides), 1e-6
+
+    def slope(of, count, a):
+        move = np.zeros((count, 6))
+        move[:, a] = step
+        return (of(move) - of(-move)) / (2 * step)
+
+    for u in range(graph.m):
+
+        def moved(xi, u=u):
+            T = at.copy()
+            T[u] = perturb(T[u], xi[u])
+            return graph.linearise(T).r
+
+        for a in range(6):
+            np.testing.assert_allclose(J[..., 6 * u + a], slope(moved, graph.m, a), atol=1e-7)
+    for a in range(6):
+        by_C = slope(lambda xi: graph.linearise(at, C=perturb(graph.C, xi)).r, graph.E, a)
+        np.testing.assert_allclose(sides.camera[..., a], by_C, atol=1e-7)
+        by_all = slope(lambda xi: graph.linearise(at, robot=perturb(graph.robot, xi)).r, graph.P, a)
+        np.testing.assert_allclose((sides.robot[0] + sides.robot[1])[..., a], by_all, atol=1e-7)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("method", ["efficient", "ml"])
+def test_one_camera_is_calibrate(setup, method):
+    poses = uq.simulate(n_poses=25, seed=3, noise=ONE, setup=setup)
+    on, to = ("arm", "world") if setup == "eye-in-hand" else ("world", "arm")
+    rig = uq.Rig({"arm": poses.robot}, {"left": on}, {"board": to}, [uq.View("left", "board", poses.camera)])
+    found, single = uq.calibrate_rig(rig, ONE, method=method), uq.calibrate(poses, noise=ONE, method=method)
+    np.testing.assert_allclose(found.cameras["left"].X, single.X, atol=1e-10)
+    np.testing.assert_allclose(found.targets["board"].W, single.W, atol=1e-10)
+    np.testing.assert_allclose(found.cameras["left"].covariance, single.covariance, rtol=1e-10, atol=1e-18)
+    assert found.chi_square == pytest.approx(single.fit.chi2, rel=1e-10)
+
+
+def independent(rig, noise):
+    """Return the fit that takes each view as if it had a robot pose of its own."""
+    graph = Graph.of(rig)
+    of = given_noise(rig, graph, noise)
+    side = graph.side[0]
+    split = Graph(
+        graph.names, graph.C, graph.robot[side], graph.X, graph.W, graph.base,
+        (np.arange(graph.E), np.full(graph.E, graph.E)), graph.view, graph.row, graph.arm[side], graph.pose[side],
+    )  # fmt: skip
+    return fit(split, RigNoise.of_own(of.robot[side], of.camera), start_of(graph)[0])
+
+
+def test_joint_covariance_is_consistent_and_that_without_correlations_is_not():
+    exact, truth = simulate_rig({"c1": "arm", "c2": "arm"}, {"t1": "world", "t2": "world"}, n_poses=20, seed=5)
+    noise, trials = noise_of(exact), 150
+    joint, apart, relative = 0.0, 0.0, 0.0
+    for k in range(trials):
+        rig = with_noise(exact, noise, [SEED, k])
+        found = uq.calibrate_rig(rig, noise, robust=False)
+        xi = np.concatenate([error(T, truth[name]) for T, name in zip(found.poses, found.names, strict=True)])
+        joint += xi @ np.linalg.solve(found.covariance, xi)
+        pair = found.relative("c1", "c2")
+        e = error(pair.pose, np.linalg.inv(truth["c1"]) @ truth["c2"])
+        relative += e @ np.linalg.solve(pair.covariance, e)
+        other = independent(rig, noise)
+        xi = np.concatenate([error(T, truth[name]) for T, name in zip(other.at, other.graph.names, strict=True)])
+        apart += xi @ np.linalg.solve(other.covariance, xi)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], 24 * trials)
+    assert low < joint < high
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], 6 * trials)
+    assert low < relative < high
+    assert apart > chi2.ppf(1 - 1e-6, 24 * trials)
+
+
+def test_two_arms_find_their_bases():
+    exact, truth = simulate_rig({"c1": "a"}, {"t1": "b"}, arms=("a", "b"), n_poses=30, seed=4)
+    found = uq.calibrate_rig(with_noise(exact, noise_of(exact), 1), noise_of(exact))
+    for k, (name, T) in enumerate(zip(found.names, found.poses, strict=True)):
+        e, some = error(T, truth[name]), slice(6 * k, 6 * k + 6)
+        assert e @ np.linalg.solve(found.covariance[some, some], e) < chi2.ppf(1 - 1e-5, 6)
+    assert found.arms["a"].covariance.max() == 0
+
+
+def test_fixed_camera_through_a_board_that_a_camera_on_the_hand_sees():
+    exact, truth = simulate_rig({"hand": "arm", "front": "world"}, {"board": "world"}, n_poses=30, seed=4)
+    found = uq.calibrate_rig(with_noise(exact, noise_of(exact), 1), noise_of(exact))
+    e = error(found.cameras["front"].X, truth["front"])
+    assert len(found.open) == 0
+    assert e @ np.linalg.solve(found.cameras["front"].covariance, e) < chi2.ppf(1 - 1e-5, 6)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "targets", "pairs", "count", "of_pair"),
+    [
+        ({"c1": "arm", "c2": "arm"}, {"t1": "world"}, None, 1, 0),
+        ({"c1": "world", "c2": "world"}, {"t1": "arm", "t2": "arm"}, [("c1", "t1"), ("c2", "t2")], 2, 1),
+    ],
+)
+def test_open_directions_about_one_axis(cameras, targets, pairs, count, of_pair):
+    exact, _ = simulate_rig(cameras, targets, n_poses=40, axes=[[0.0, 0.0, 1.0]], pairs=pairs, seed=3)
+    found = uq.calibrate_rig(with_noise(exact, noise_of(exact), 2), noise_of(exact), robust=False)
+    assert len(found.open) == count
+    assert len(found.relative("c1", "c2").open) == of_pair
+
+
+def test_a_wrong_view_and_a_wrong_robot_pose_are_separated():
+    exact, truth = simulate_rig({"c1": "arm", "c2": "arm"}, {"t1": "world", "t2": "world"}, n_poses=30, seed=5)
+    noise = noise_of(exact)
+    rig = with_noise(exact, noise, 7)
+    poses, views = np.array(rig.arms["arm"].poses), list(rig.views)
+    poses[4, :3, 3] += 0.05
+    seen = np.array(views[1].poses)
+    seen[9, :3, 3] += 0.05
+    views[1] = uq.View(views[1].camera, views[1].target, seen, views[1].at)
+    found = uq.calibrate_rig(uq.Rig({"arm": poses}, rig.cameras, rig.targets, views), noise)
+    assert found.rejected == (("c1", "t2", 9),)
+    assert found.rejected_poses == (("arm", 4),)
+    xi = np.concatenate([error(T, truth[name]) for T, name in zip(found.poses, found.names, strict=True)])
+    assert xi @ np.linalg.solve(found.covariance, xi) < chi2.ppf(1 - 1e-5, 24)
+
+
+POSES = np.tile(np.eye(4), (4, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("cameras", "targets", "view", "message"),
+    [
+        (["c"], ["t"], ("x", "t", None), "names the camera 'x', which the rig does not have"),
+        (["c"], ["t"], ("c", "x", None), "names the target 'x', which the rig does not have"),
+        (["c"], ["t"], ("c", "t", [0, 1, 2, 9]), "names robot pose 9, which the files of the arm 'arm' do not have"),
+        (["c"], ["c"], ("c", "c", None), "got 'c' twice"),
+        (["c", "d"], ["t"], ("c", "t", None), "The camera 'd' has no view"),
+    ],
+)
+def test_bad_input_is_named(cameras, targets, view, message):
+    c, t, at = view
+    with pytest.raises(uq.InputError, match=message):  # noqa: PT012
+        rig = uq.Rig(
+            {"arm": POSES}, dict.fromkeys(cameras, "arm"), dict.fromkeys(targets, "world"), [uq.View(c, t, POSES, at)]
+        )
+        uq.calibrate_rig(rig, ONE)
+
+
+def test_a_target_on_two_things_a_part_that_floats_and_files_that_disagree_are_named():
+    with pytest.raises(uq.InputError, match="is on two things"):
+        uq.Rig({"arm": POSES}, {"c": "arm"}, {"t": ["arm", "world"]}, [uq.View("c", "t", POSES)])
+    with pytest.raises(uq.InputError, match="Nothing ties c and t to the rest"):
+        uq.calibrate_rig(uq.Rig({"arm": POSES}, {"c": "world"}, {"t": "world"}, [uq.View("c", "t", POSES)]), ONE)
+    other = POSES.copy()
+    other[2, 0, 3] = 0.01
+    with pytest.raises(uq.InputError, match="one and two disagree on robot pose 2"):
+        uq.ArmPoses(POSES, source="one").joined(uq.ArmPoses(other, source="two"))
+
+
+def test_relative_pose_of_things_on_different_carriers_is_refused():
+    rig, _ = simulate_rig({"hand": "arm", "front": "world"}, {"board": "world"}, n_poses=10, seed=4)
+    with pytest.raises(uq.InputError, match="not constant"):
+        uq.calibrate_rig(rig, noise_of(rig)).relative("hand", "front")

@@ -1,0 +1,1 @@
+"""Rigs: several cameras, targets and arms in one estimate, with their joint covariance (T18)."""

@@ -1,0 +1,95 @@
+"""Estimate of a rig: what is tied, start, noise, weights, fit, result."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.se3 import Array
+from .connected import require_tied
+from .description import Rig
+from .fit import Prior, RigFit, fit
+from .graph import Graph
+from .noise import RigNoise, given_noise
+from .result import RigCalibration
+from .start import start_of
+from .weights import Distances, distances, fit_robustly
+
+METHODS = ("efficient", "ml")
+
+
+def calibrate_rig(
+    rig: Rig, noise: Any = None, *, method: str = "efficient", robust: bool = True, seed: int = 0
+) -> RigCalibration:
+    """Estimate all poses of a rig with their joint covariance.
+
+    Parameters
+    ----------
+    rig : Rig
+    noise : mapping, PoseNoise or None
+        By the names of arms and cameras: (rotation, translation) standard deviations such as ``("0.5mrad", "0.3mm")``,
+        covariances (6, 6), of arms also (n, 6, 6), or "exact". None: estimated from the views.
+    method : "efficient" or "ml"
+    robust : bool
+        Whether views and robot poses that contradict the others are down-weighted.
+    seed : int
+        Of the random starts with several arms.
+
+    Raises
+    ------
+    InputError
+        Parts that nothing ties together, noise that is missing, views that do not agree.
+    DegenerateMotionError
+        The robot poses determine nothing.
+    """
+    if not isinstance(rig, Rig):
+        raise InputError(f"Expected `rig` to be a Rig, got {type(rig).__name__}.")
+    if method not in METHODS:
+        raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {method!r}.")
+    require_tied(rig)
+    graph = Graph.of(rig)
+    prior = prior_of(rig, graph)
+    start, kept = start_of(graph, seed)
+    of_all = given_noise(rig, graph, noise)
+    if robust:
+        found, far = fit_robustly(graph, of_all, start, method, prior, kept)
+    else:
+        found = fit(graph, of_all, start, method, prior=prior)
+        far = distances(found)
+    return assembled(rig, found, far, method)
+
+
+def prior_of(rig: Rig, graph: Graph) -> Prior:
+    """Known poses by the number of the unknown."""
+    return {graph.names.index(name): known for name, known in (rig.known or {}).items()}
+
+
+def assembled(rig: Rig, found: RigFit, far: Distances, method: str, **more: Any) -> RigCalibration:
+    """Return the result of a fit."""
+    graph = found.graph
+    arms = list(rig.arms)
+    names = tuple((arms[a], rig.arms[arms[a]].names[k]) for a, k in zip(graph.arm, graph.pose, strict=True))
+    return RigCalibration(
+        rig, graph.names, found.at, found.covariance, found.open, found.lever, found.chi_square, float(found.dof),
+        method, found.edge_weights, far.edges, found.pose_weights, names, stated_noise(rig, graph, found.noise), **more,
+    )  # fmt: skip
+
+
+def stated_noise(rig: Rig, graph: Graph, noise: RigNoise) -> dict[str, tuple[float, float]]:
+    """Standard deviations per axis (rad, m) by arm and camera, root mean square over the poses."""
+    found = {}
+    of_view = np.array([list(rig.cameras).index(view.camera) for view in rig.views])
+    for k, name in enumerate(rig.arms):
+        found[name] = _sizes(noise.robot[graph.arm == k])
+    for k, name in enumerate(rig.cameras):
+        found[name] = _sizes(noise.camera[of_view[graph.view] == k])
+    return found
+
+
+def _sizes(S: Array) -> tuple[float, float]:
+    if not len(S):
+        return 0.0, 0.0
+    mean = np.sqrt(np.diagonal(S, axis1=-2, axis2=-1).mean(axis=0).reshape(2, 3).mean(axis=1))
+    return float(mean[0]), float(mean[1])

@@ -1,0 +1,349 @@
+r"""All poses of a graph by maximum likelihood, with their joint covariance (T18).
+
+Gauss-Helmert as with one camera (`likelihood.gauss_helmert`), with the rows of a group stacked:
+
+    S_k = D_R Sigma_R D_R^T + blkdiag_e(D_C Sigma_C D_C^T),      A = [J, D K],      H = sum_k A^T S^-1 A + P_0
+    (x, z) = -H^-1 A^T S^-1 rho,      v = Sigma D^T S^-1 (rho + A (x, z)) + K z,      rho = r + D v
+
+x errors of the unknown poses, z those that poses share (prior N(0, 1)); ``P_0`` the prior of both. ``H^-1`` is the
+joint covariance. Two steps as `efficient` takes them, more while the last one moved something by a tenth of its
+standard deviation; `ml` goes on until it converges.
+
+A robust weight w divides the covariance of a camera pose's own noise, or of a robot pose's, never a row of S. In a
+group of one edge both are the same, and one weight divides both.
+
+Directions that the data leave open are those whose information is what noise of the measured poses makes of J alone
+(`likelihood.open_directions`): ``u^T I_0 u < SIGNAL u^T N u + |theta|^2 / UNDETERMINED^2``, N summed over the columns
+of the square roots of the covariances of all poses, I_0 and N weighted by the mean variances of an edge's rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from ..errors import DegenerateMotionError, NotConvergedError
+from ..geometry.se3 import Array, left_jacobian, logarithm, perturb
+from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, ROUNDING, STEP
+from ..likelihood.open_directions import SIGNAL, UNDETERMINED
+from ..noise.models import factor
+from ..noise.triangular import checked_cholesky
+from .graph import Batch, Graph, Sides
+from .noise import RigNoise
+
+# `efficient` goes on while a step moves a pose by more of its standard deviations, to this many steps.
+ENOUGH, MOST_EFFICIENT = 0.1, 8
+# Smallest eigenvalue of the information, scaled to a unit diagonal, from which on nothing is open.
+CLEAR = 1e-2
+# Information that is rounding beside what the components have by themselves.
+NOTHING = 1e-11
+
+# It replaces a robust weight of 0: less would lose the digits of the other rows of a group.
+LEAST = 1e-6
+
+Prior = dict[int, tuple[Array, Array]]  # mean (4, 4) and information (6, 6) by number of the unknown
+
+
+@dataclass(frozen=True, eq=False)
+class White:
+    """Rows of one batch: what they are made of, and whitened."""
+
+    batch: Batch
+    L: Array  # (b, d, d) with S = L L^T, weights in it
+    D_R: Array  # (b, d, 6q)
+    D_C: Array  # (b, e, 6, 6)
+    A: Array  # (b, d, p + m)
+    residual: Array  # (b, d) after the fit
+    white: Array  # (b, d, p + m + 1): L^-1 of A and of rho
+
+    @property
+    def pull(self) -> Array:
+        """``S^-1 residual`` (b, d)."""
+        return np.asarray(np.linalg.solve(self.L.mT, np.linalg.solve(self.L, self.residual[..., None])))[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
+class RigFit:
+    """Estimate of all poses with everything that tests and weights are made of."""
+
+    graph: Graph
+    noise: RigNoise
+    at: Array  # (m, 4, 4)
+    whole: Array  # (p + m, p + m) joint covariance of poses and shared errors, 0 along open directions
+    z: Array  # (m,) shared errors
+    open: Array  # (k, p) basis of open directions, orthonormal in units of the rig
+    lever: float
+    sides: Sides  # where the last step was taken
+    rows: tuple[White, ...]
+    edge_weights: Array  # (E,)
+    pose_weights: Array  # (P,)
+    iterations: int
+    converged: bool
+    prior_square: float = 0.0
+    prior_rank: int = 0
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of the unknown poses."""
+        return self.whole[: self.graph.p, : self.graph.p]
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Square of the residuals over their covariance, with the priors."""
+        squares = sum(float((part.pull * part.residual).sum()) for part in self.rows)
+        return squares + float(self.z @ self.z) + self.prior_square
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of `chi_square`: rows that count less determined unknowns."""
+        counted = int((self.edge_weights > 0).sum())
+        return 6 * counted - (self.graph.p - len(self.open)) + self.prior_rank
+
+
+def fit(
+    graph: Graph,
+    noise: RigNoise,
+    start: Array,
+    method: str = "efficient",
+    edge_weights: Array | None = None,
+    pose_weights: Array | None = None,
+    prior: Prior | None = None,
+) -> RigFit:
+    """Estimate all poses from ``start`` (m, 4, 4).
+
+    Raises `NotConvergedError` where `ml` does not converge, `DegenerateMotionError` where nothing is determined.
+    """
+    most = MOST_STEPS if method == "ml" else MOST_EFFICIENT
+    w_e = np.ones(graph.E) if edge_weights is None else edge_weights
+    w_k = np.ones(graph.P) if pose_weights is None else pose_weights
+    at, robot, C = start, graph.robot, graph.C
+    v: tuple[Array, Array] | None = None
+    lever = lever_of(graph, start)
+    for done in range(1, most + 1):
+        sides = graph.linearise(at, robot, C)
+        if v is not None and method == "ml":
+            sides = _by_own_errors(sides, graph, v)
+        rows = [_whitened(graph, batch, sides, noise, w_e, w_k, v) for batch in graph.batches]
+        H, pull = _normal_equations(graph, noise, rows)
+        known = _prior_at(graph, at, prior)
+        H[: graph.p, : graph.p] += known.information
+        pull[: graph.p] += known.gradient
+        whole, open_ = _inverse(graph, noise, sides, at, H, known.information, lever)
+        step = -whole @ pull
+        x, z = step[: graph.p], step[graph.p :]
+        rows = [_after(part, step) for part in rows]
+        moved = float(x @ _information_of(H, graph.p) @ x)
+        at = perturb(at, x.reshape(-1, 6))
+        each = np.sqrt(np.maximum(np.diag(whole)[: graph.p], 1e-300))
+        still = float((np.abs(x) / each)[np.diag(whole)[: graph.p] > 0].max(initial=0.0))
+        v = _errors(graph, noise, rows, z, w_e, w_k)
+        robot, C = perturb(graph.robot, -v[0]), perturb(graph.C, -v[1])
+        if method == "ml":
+            longest = max(float(np.abs(T[:, :3, 3]).max(initial=0.0)) for T in (graph.robot, graph.C, at))
+            last = ROUNDING * np.tile(np.repeat([1.0, longest], 3), graph.m)
+            converged = moved < max(STEP**2, float(np.diag(H)[: graph.p] @ last**2)) and done > 1
+        else:
+            converged = done >= CLOSED_FORM_STEPS and still < ENOUGH
+        if converged:
+            break
+    known = _prior_at(graph, at, prior)
+    found = RigFit(
+        graph, noise, at, whole, z, open_, lever, sides, tuple(rows), w_e, w_k, done, converged, known.square,
+        known.rank,
+    )  # fmt: skip
+    if not converged and method == "ml":
+        raise NotConvergedError(
+            f"Method 'ml' did not converge within {done} iterations: the residuals are too large for the noise given, "
+            "or the motions hardly determine the poses. Look at the residuals, and at the noise.",
+            found,
+        )
+    return found
+
+
+def lever_of(graph: Graph, at: Array) -> float:
+    """The length that makes an angle a length: root mean square distance of the targets from the cameras (m)."""
+    return float(np.sqrt((graph.C[:, :3, 3] ** 2).sum(axis=-1).mean())) or 1.0
+
+
+def rig_units(graph: Graph, lever: float) -> Array:
+    """(p,) units that make errors lengths."""
+    return np.tile(np.repeat([lever, 1.0], 3), graph.m)
+
+
+def own_covariances(graph: Graph, batch: Batch, noise: RigNoise, w_e: Array, w_k: Array) -> tuple[Array, Array]:
+    """(b, q, 6, 6) of robot poses and (b, e, 6, 6) of camera poses, divided by their weights."""
+    e = batch.edges.shape[1]
+    of_edge = 1.0 / np.maximum(w_e[batch.edges], LEAST)
+    of_pose = 1.0 / np.maximum(w_k[batch.robots], LEAST)
+    if e == 1:
+        of_pose = of_pose * of_edge
+    return noise.robot[batch.robots] * of_pose[..., None, None], noise.camera[batch.edges] * of_edge[..., None, None]
+
+
+def _whitened(
+    graph: Graph, batch: Batch, sides: Sides, noise: RigNoise, w_e: Array, w_k: Array, v: tuple[Array, Array] | None
+) -> White:
+    (b, e), q, m = batch.edges.shape, batch.robots.shape[1], noise.count
+    D_R, D_C = graph.by_robots(batch, sides), sides.camera[batch.edges]
+    S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
+    S = np.zeros((b, 6 * e, 6 * e))
+    for k in range(q):
+        D = D_R[..., 6 * k : 6 * k + 6]
+        S += D @ S_R[:, k] @ D.mT
+    own = D_C @ S_C @ D_C.mT
+    for k in range(e):
+        place = slice(6 * k, 6 * k + 6)
+        S[:, place, place] += own[:, k]
+    L = checked_cholesky(S)
+    A = np.empty((b, 6 * e, graph.p + m + 1))
+    A[..., : graph.p] = graph.by_unknowns(sides, batch.edges).reshape(b, 6 * e, graph.p)
+    rho = sides.r[batch.edges]
+    if m:
+        K = (D_C @ noise.K_camera[batch.edges]).reshape(b, 6 * e, m)
+        A[..., graph.p : -1] = K + D_R @ noise.K_robot[batch.robots].reshape(b, 6 * q, m)
+    if v is not None:
+        rho = rho + (D_C @ v[1][batch.edges][..., None])[..., 0]
+    A[..., -1] = rho.reshape(b, 6 * e)
+    if v is not None:
+        A[..., -1] += (D_R @ v[0][batch.robots].reshape(b, 6 * q, 1))[..., 0]
+    return White(batch, L, D_R, D_C, A[..., :-1], A[..., -1], np.linalg.solve(L, A))
+
+
+def _after(part: White, step: Array) -> White:
+    return replace(part, residual=part.residual + part.A @ step)
+
+
+def _normal_equations(graph: Graph, noise: RigNoise, rows: list[White]) -> tuple[Array, Array]:
+    size = graph.p + noise.count
+    gram = np.zeros((size + 1, size + 1))
+    for part in rows:
+        flat = part.white.reshape(-1, size + 1)
+        gram += flat.T @ flat
+    H, pull = gram[:-1, :-1], gram[:-1, -1]
+    np.einsum("ii->i", H)[graph.p :] += 1.0
+    return H, pull
+
+
+class Known(NamedTuple):
+    """Normal equations of the poses that are known beforehand."""
+
+    information: Array  # (p, p)
+    gradient: Array  # (p,)
+    square: float
+    rank: int
+
+
+def _prior_at(graph: Graph, at: Array, prior: Prior | None) -> Known:
+    information, gradient, square, rank = np.zeros((graph.p, graph.p)), np.zeros(graph.p), 0.0, 0
+    for u, (mean, known) in (prior or {}).items():
+        xi = np.concatenate([logarithm(at[u, :3, :3] @ mean[:3, :3].T), at[u, :3, 3] - mean[:3, 3]])
+        K = np.eye(6)
+        K[:3, :3] = np.linalg.inv(left_jacobian(xi[:3]))
+        place = slice(6 * u, 6 * u + 6)
+        information[place, place] = K.T @ known @ K
+        gradient[place] = K.T @ known @ xi
+        square += float(xi @ known @ xi)
+        rank += int(np.linalg.matrix_rank(known, hermitian=True))
+    return Known(information, gradient, square, rank)
+
+
+def _information_of(H: Array, p: int) -> Array:
+    """(p, p) of the poses, with the shared errors eliminated."""
+    if len(H) == p:
+        return H
+    return np.asarray(H[:p, :p] - H[:p, p:] @ np.linalg.solve(H[p:, p:], H[p:, :p]))
+
+
+def _inverse(
+    graph: Graph, noise: RigNoise, sides: Sides, at: Array, H: Array, known: Array, lever: float
+) -> tuple[Array, Array]:
+    """Return the joint covariance, 0 along the open directions, and a basis of these."""
+    p = graph.p
+    diagonal = np.maximum(np.diag(H), 1e-300 + 1e-24 * float(np.diag(H).max()))
+    unit = 1.0 / np.sqrt(diagonal)
+    smallest = float(np.linalg.eigvalsh(_information_of(H, p) * np.outer(unit[:p], unit[:p]))[0])
+    if smallest > CLEAR or (U := _open(graph, noise, sides, at, known, lever)) is None:
+        factored = cho_factor(H * np.outer(unit, unit))
+        return np.asarray(cho_solve(factored, np.diag(unit)) * unit[:, None]), np.zeros((0, p))
+    rig = rig_units(graph, lever)
+    if len(U) == p:
+        raise DegenerateMotionError("The data determine nothing: the robot did not move.", np.eye(6))
+    closed = np.linalg.qr((U * rig).T, mode="complete")[0][:, len(U) :] / rig[:, None]
+    Q = np.zeros((len(H), closed.shape[1] + len(H) - p))
+    Q[:p, : closed.shape[1]], Q[p:, closed.shape[1] :] = closed, np.eye(len(H) - p)
+    inner = Q.T @ H @ Q
+    scale = 1.0 / np.sqrt(np.diag(inner))
+    half = Q * scale
+    return np.asarray(half @ np.linalg.solve(inner * np.outer(scale, scale), half.T)), U
+
+
+def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, lever: float) -> Array | None:
+    """(k, p) basis of the directions that noise of the measured poses alone would make known, or None.
+
+    ``known`` (p, p): information of the prior.
+    """
+    J = graph.by_unknowns(sides)
+    S = np.zeros((graph.E, 6, 6))
+    for D, side in zip(sides.robot, graph.side, strict=True):
+        has = side < graph.P
+        S[has] += D[has] @ noise.robot[side[has]] @ D[has].mT
+    S += sides.camera @ noise.camera @ sides.camera.mT
+    variances = np.einsum("nii->ni", S).reshape(-1, 2, 3).mean(axis=-1)
+    weights = np.repeat(1.0 / np.maximum(variances, 1e-18), 3, axis=-1)[..., None]
+    I_0 = np.einsum("nap,nap,naq->pq", J, np.broadcast_to(weights, J.shape), J, optimize=True)
+    N = np.zeros_like(I_0)
+    roots = factor(noise.robot), factor(noise.camera)
+    for s, poses in enumerate((graph.robot, graph.C)):
+        for a in range(6):
+            # errors of both signs, whose mean change is exact to second order
+            change = [
+                graph.by_unknowns(
+                    graph.linearise(at, *((perturb(poses, sign * roots[s][..., a]), None) if s == 0 else
+                                          (None, perturb(poses, sign * roots[s][..., a]))))
+                )
+                for sign in (1.0, -1.0)
+            ]  # fmt: skip
+            dJ = 0.5 * (change[0] - change[1])
+            N += np.einsum("nap,naq->pq", weights * dJ, dJ, optimize=True)
+    weak = N + np.diag(NOTHING * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
+    turns = np.arange(graph.p) % 6 < 3
+    weak[turns, turns] += 1.0 / (SIGNAL * UNDETERMINED**2)
+    rough = I_0 + known
+    unit = 1.0 / np.sqrt(np.diag(rough + weak))
+    scale = np.outer(unit, unit)
+    root = np.linalg.cholesky((rough + weak) * scale)
+    share, vectors = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, weak * scale).T))
+    found = share > 1.0 / (1.0 + SIGNAL)
+    if not found.any():
+        return None
+    rig = rig_units(graph, lever)
+    directions = unit[:, None] * np.linalg.solve(root.T, vectors[:, found])
+    return np.asarray(np.linalg.qr(rig[:, None] * directions)[0].T / rig)
+
+
+def _errors(graph: Graph, noise: RigNoise, rows: list[White], z: Array, w_e: Array, w_k: Array) -> tuple[Array, Array]:
+    """Errors v of robot poses (P, 6) and camera poses (E, 6), shared ones in them."""
+    v_R, v_C = noise.K_robot @ z, noise.K_camera @ z
+    for part in rows:
+        batch, g = part.batch, part.pull
+        S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
+        (b, e), q = batch.edges.shape, batch.robots.shape[1]
+        by_pose = (part.D_R.mT @ g[..., None]).reshape(b, q, 6, 1)
+        v_R[batch.robots] += (S_R @ by_pose)[..., 0]
+        v_C[batch.edges] += (S_C @ (part.D_C.mT @ g.reshape(b, e, 6, 1)))[..., 0]
+    return v_R, v_C
+
+
+def _by_own_errors(sides: Sides, graph: Graph, v: tuple[Array, Array]) -> Sides:
+    """Derivatives by the errors v themselves, as `gauss_helmert` has them."""
+    turn = np.concatenate([left_jacobian(-v[0][:, :3]), np.eye(3)[None]])
+
+    def turned(D: Array, J: Array) -> Array:
+        return np.concatenate([D[..., :3] @ J, D[..., 3:]], axis=-1)
+
+    robot = tuple(turned(D, turn[side]) for D, side in zip(sides.robot, graph.side, strict=True))
+    return sides._replace(robot=robot, camera=turned(sides.camera, left_jacobian(-v[1][:, :3])))

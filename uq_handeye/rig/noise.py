@@ -1,0 +1,98 @@
+"""Noise of a rig: a covariance for each arm and each camera, and errors that poses share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..formatting.units import parse_deviations
+from ..geometry.checks import checked_covariance
+from ..geometry.se3 import Array
+from ..noise.models import PoseNoise
+from ..runtime.read_only import ReadOnlyArrays
+from .description import Rig
+from .graph import Graph
+
+EXACT = "exact"
+
+
+@dataclass(frozen=True, eq=False)
+class RigNoise(ReadOnlyArrays):
+    """Covariances of the measured poses of a `Graph`; see its indices.
+
+    ``K_robot`` and ``K_camera``: effects of m errors that poses share, each with the standard deviation 1.
+    """
+
+    robot: Array  # (P, 6, 6)
+    camera: Array  # (E, 6, 6)
+    K_robot: Array  # (P, 6, m)
+    K_camera: Array  # (E, 6, m)
+    names: tuple[str, ...] = ()  # of the m
+
+    @classmethod
+    def of_own(cls, robot: Array, camera: Array) -> RigNoise:
+        """Build noise that no two poses share."""
+        return cls(robot, camera, np.zeros((len(robot), 6, 0)), np.zeros((len(camera), 6, 0)))
+
+    @property
+    def count(self) -> int:
+        """Number of shared errors m."""
+        return int(self.K_camera.shape[-1])
+
+
+def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
+    """Return the noise that was given, for the poses of a graph; raises `InputError` where one is missing.
+
+    ``noise``: mapping of the names of arms and cameras to (rotation, translation) standard deviations, covariances
+    (6, 6), of arms also (n, 6, 6), or "exact"; or a `PoseNoise` for all arms and all cameras.
+    """
+    if isinstance(noise, PoseNoise):
+        sides = (noise.robot, noise.camera)
+        noise = {name: EXACT if S is None else S for S, names in zip(sides, (rig.arms, rig.cameras), strict=True)
+                 for name in names}  # fmt: skip
+    if not isinstance(noise, Mapping):
+        raise InputError(
+            f"Expected `noise` to be a mapping of names of arms and cameras, or PoseNoise, got {type(noise).__name__}."
+        )
+    if unknown := [name for name in noise if name not in rig.arms and name not in rig.cameras]:
+        raise InputError(f"Expected `noise` of arms and cameras of the rig, got {unknown[0]!r}.")
+    own = {view.camera for view in rig.views if view.covariance is None}
+    robot, camera = np.zeros((graph.P, 6, 6)), np.zeros((graph.E, 6, 6))
+    for k, (name, arm) in enumerate(rig.arms.items()):
+        S = _covariance(noise, name, len(arm.poses))
+        of = graph.arm == k
+        robot[of] = S if S.ndim == 2 else S[graph.pose[of]]
+    for name in rig.cameras:
+        if name in own:
+            S = _covariance(noise, name, None)
+            camera[np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.camera == name])] = S
+    for k, view in enumerate(rig.views):
+        if view.covariance is not None:
+            of = graph.view == k
+            camera[of] = view.covariance if view.covariance.ndim == 2 else view.covariance[graph.row[of]]
+    return RigNoise.of_own(robot, camera)
+
+
+def _covariance(noise: Mapping[str, Any], name: str, count: int | None) -> Array:
+    """(6, 6), or (count, 6, 6)."""
+    if name not in noise:
+        raise InputError(
+            f'Expected `noise` of {name!r}, such as ("0.5mrad", "0.3mm") or "exact"; or no noise, to estimate all.'
+        )
+    value = noise[name]
+    if isinstance(value, str):
+        if value != EXACT:
+            raise InputError(f'Expected the noise of {name!r} to be ("0.5mrad", "0.3mm") or "exact", got {value!r}.')
+        return np.zeros((6, 6))
+    if isinstance(value, tuple | list) and len(value) == 2:
+        rotation, translation = parse_deviations((value[0], value[1]), name)
+        return np.diag([rotation**2] * 3 + [translation**2] * 3)
+    S = checked_covariance(value, name, joint=False)
+    if S.ndim == 3 and (count is None or len(S) != count):
+        expected = "(6, 6); give those of each view as View(covariance=...)" if count is None else f"({count}, 6, 6)"
+        raise InputError(f"Expected the noise of {name!r} to be {expected}, got {S.shape}.")
+    return S

@@ -1,0 +1,210 @@
+r"""Result of a rig: every pose by its name, their joint covariance, relative poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtrc
+
+from ..errors import InputError
+from ..findings import Finding, texts
+from ..geometry.se3 import Array
+from ..likelihood.d2_distribution import Reference
+from ..runtime.read_only import ReadOnlyArrays
+from .description import WORLD, Rig
+from .relative import closed, open_of, relative_pose
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatedPose(ReadOnlyArrays):
+    """A pose with its covariance: of ``xi = (theta, tau)``, left rotation, additive translation, rad and m.
+
+    ``open`` (k, 6): directions that the views leave open; the covariance is 0 along them.
+    """
+
+    name: str
+    frame: str  # such as gripper_T_camera
+    pose: Array  # (4, 4)
+    covariance: Array  # (6, 6)
+    open: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    count: int = 0  # views
+
+    @property
+    def X(self) -> Array:
+        """The pose of a camera (4, 4): on its arm or in the world."""
+        return self.pose
+
+    @property
+    def W(self) -> Array:
+        """The pose of a target (4, 4)."""
+        return self.pose
+
+    @property
+    def base(self) -> Array:
+        """The base of an arm (4, 4) in the base of the first."""
+        return self.pose
+
+    @property
+    def std(self) -> Array:
+        """(6,) standard deviations, infinite where a direction is open."""
+        found = np.sqrt(np.diag(self.covariance))
+        moved = (np.abs(self.open) > 1e-9).any(axis=0) if len(self.open) else np.zeros(6, dtype=bool)
+        return np.where(moved, np.inf, found)
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """Root mean square length of the error: of the rotation (rad) and of the translation (m)."""
+        variances = self.std**2
+        return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return {
+            "frame": self.frame, "pose": self.pose.tolist(), "covariance": self.covariance.tolist(),
+            **({"open": self.open.tolist()} if len(self.open) else {}), "views": self.count,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class RigCalibration(ReadOnlyArrays):
+    """All poses of a rig with their joint covariance.
+
+    Attributes
+    ----------
+    rig : Rig
+    names : tuple of str
+        The unknown poses in the order of ``poses`` and of the blocks of ``covariance``: cameras, targets, bases.
+    poses : (m, 4, 4)
+    covariance : (6m, 6m)
+        Joint, of the errors ``(theta, tau)`` of each; see `block`.
+    open : (k, 6m)
+        Directions that the views leave open, rad and m; the covariance is 0 along them.
+    lever : float
+        The length that makes an angle a length (m).
+    chi_square, dof : float
+        Of the residuals against the noise.
+    weights : (E,)
+        Robust weights of the views, in their order; ``pose_weights`` those of the robot poses.
+    """
+
+    rig: Rig
+    names: tuple[str, ...]
+    poses: Array
+    covariance: Array
+    open: Array
+    lever: float
+    chi_square: float
+    dof: float
+    method: str
+    weights: Array
+    distances: Array
+    pose_weights: Array
+    pose_names: tuple[tuple[str, Any], ...]
+    noise: Mapping[str, tuple[float, float]]  # standard deviations per axis (rad, m) by arm and camera
+    components: tuple[Mapping[str, Any], ...] = ()  # sizes of all errors, where they were estimated
+    reference: Reference = field(default_factory=Reference)
+    findings: tuple[Finding, ...] = ()
+    provenance: Mapping[str, Any] | None = None
+
+    # ------------------------------------------------------------------------------------------- poses
+
+    @cached_property
+    def cameras(self) -> Mapping[str, EstimatedPose]:
+        """Cameras by name, ``.X`` on their arm or in the world."""
+        return {name: self._single(name, f"{self._place(place)}_T_{name}") for name, place in self.rig.cameras.items()}
+
+    @cached_property
+    def targets(self) -> Mapping[str, EstimatedPose]:
+        """Targets by name, ``.W`` on their arm or in the world."""
+        return {name: self._single(name, f"{self._place(place)}_T_{name}") for name, place in self.rig.targets.items()}
+
+    @cached_property
+    def arms(self) -> Mapping[str, EstimatedPose]:
+        """Bases of the arms by name, ``.base`` in the base of the first, which is exact."""
+        first, *others = self.rig.arms
+        exact = EstimatedPose(first, f"{first}_T_{first}", np.eye(4), np.zeros((6, 6)))
+        return {first: exact} | {name: self._single(name, f"{first}_T_{name}") for name in others}
+
+    def _place(self, place: str) -> str:
+        return "world" if place == WORLD else "gripper" if len(self.rig.arms) == 1 else f"gripper_{place}"
+
+    def _single(self, name: str, frame: str) -> EstimatedPose:
+        k = self.names.index(name)
+        by = np.zeros((6, len(self.covariance)))
+        by[:, 6 * k : 6 * k + 6] = np.eye(6)
+        count = sum(len(view.poses) for view in self.rig.views if name in (view.camera, view.target))
+        return self._function(name, frame, self.poses[k], by, count)
+
+    def _function(self, name: str, frame: str, pose: Array, by: Array, count: int = 0) -> EstimatedPose:
+        opened = open_of(by, self.open, self.lever)
+        covariance = by @ self.covariance @ by.T
+        covariance = closed(0.5 * (covariance + covariance.T), opened, self.lever)
+        return EstimatedPose(name, frame, pose, covariance, opened, count)
+
+    def block(self, one: str, two: str) -> Array:
+        """(6, 6) block of the joint covariance between two poses."""
+        i, j = (self._number(name) for name in (one, two))
+        return np.asarray(self.covariance[6 * i : 6 * i + 6, 6 * j : 6 * j + 6])
+
+    def _number(self, name: str) -> int:
+        if name not in self.names:
+            raise InputError(f"Expected the name of one of {', '.join(self.names)}, got {name!r}.")
+        return self.names.index(name)
+
+    def relative(self, one: str, two: str) -> EstimatedPose:
+        """Return the pose of ``two`` in the frame of ``one``, with the covariance from the joint one.
+
+        Both must be on the same thing: an arm, or the world (bases of arms, too). Raises `InputError` otherwise.
+        """
+        i, j = self._number(one), self._number(two)
+        places = self.rig.place(one), self.rig.place(two)
+        if places[0] != places[1]:
+            raise InputError(
+                f"{one!r} is on {places[0]!r} and {two!r} on {places[1]!r}, so that their relative pose is "
+                "not constant."
+            )
+        pose, by_i, by_j = relative_pose(self.poses[i], self.poses[j])
+        by = np.zeros((6, len(self.covariance)))
+        by[:, 6 * i : 6 * i + 6] += by_i
+        by[:, 6 * j : 6 * j + 6] += by_j
+        return self._function(f"{one} to {two}", f"{one}_T_{two}", pose, by)
+
+    @cached_property
+    def pairs(self) -> tuple[EstimatedPose, ...]:
+        """Relative poses of all pairs of cameras on one carrier."""
+        return tuple(
+            self.relative(one, two)
+            for one, two in combinations(self.rig.cameras, 2)
+            if self.rig.cameras[one] == self.rig.cameras[two]
+        )
+
+    # ------------------------------------------------------------------------------------------- what is said
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger chi-square for true noise."""
+        return float(chdtrc(self.dof, self.chi_square)) if self.dof > 0 else float("nan")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences of the findings that are more than a note."""
+        return texts(self.findings)
+
+    @property
+    def rejected(self) -> tuple[tuple[str, str, Any], ...]:
+        """Camera, target and moment of the views with weight 0."""
+        listed = [(view.camera, view.target, moment) for view in self.rig.views for moment in view.at or ()]
+        return tuple(one for one, weight in zip(listed, self.weights.tolist(), strict=True) if weight == 0)
+
+    @property
+    def rejected_poses(self) -> tuple[tuple[str, Any], ...]:
+        """Arm and moment of the robot poses with weight 0."""
+        return tuple(one for one, w in zip(self.pose_names, self.pose_weights.tolist(), strict=True) if w == 0)
+
+    def __repr__(self) -> str:
+        return f"RigCalibration({', '.join(self.names)}; chi-square {self.chi_square:.0f} of {self.dof:.0f})"

@@ -1,0 +1,119 @@
+"""Simulated rigs with their true poses: for trials, tests and examples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..geometry.se3 import Array, inverse, perturb
+from ..noise.models import factor
+from .description import WORLD, ArmPoses, Rig, View
+from .graph import Graph
+from .noise import given_noise
+
+# Spread of the robot poses: rotation (rad) and translation (m) per axis.
+TURN, TRAVEL = 0.5, 0.25
+
+
+def simulate_rig(
+    cameras: Mapping[str, str],
+    targets: Mapping[str, str],
+    *,
+    arms: Sequence[str] = ("arm",),
+    n_poses: int = 40,
+    noise: Any = None,
+    seen: float = 1.0,
+    axes: Array | None = None,
+    pairs: Sequence[tuple[str, str]] | None = None,
+    seed: int | np.random.Generator = 0,
+) -> tuple[Rig, dict[str, Array]]:
+    """Draw a rig, with noise, and its true poses by name.
+
+    Parameters
+    ----------
+    cameras, targets : mapping of names to what they are on
+    arms : names of the arms; all move to a pose of their own at each moment
+    n_poses : number of moments
+    noise : as `calibrate_rig` takes it; None: exact poses
+    seen : share of the moments at which a camera sees a target
+    axes : (k, 3) axes of rotation of the arms; None: all
+    pairs : the pairs of camera and target that see each other; None: all
+    seed : of the draws
+
+    Examples
+    --------
+    >>> rig, truth = simulate_rig({"left": "arm", "right": "arm"}, {"board": "world"}, n_poses=12, seed=1)
+    >>> rig
+    Rig(1 arm, 2 cameras, 1 target, 24 views)
+    """
+    rng = np.random.default_rng(seed)
+    truth = {name: _placed(place, rng, 1.2) for name, place in cameras.items()}
+    truth |= {name: _placed(place, rng, 0.6) for name, place in targets.items()}
+    truth |= {
+        name: _pose(rng.normal(size=3), np.array([1.2, 0.0, 0.0]) + 0.1 * rng.normal(size=3)) for name in arms[1:]
+    }
+    robots = {}
+    for name in arms:
+        turn = TURN * rng.normal(size=(n_poses, 3))
+        if axes is not None:
+            unit = np.asarray(axes) / np.linalg.norm(axes, axis=-1, keepdims=True)
+            turn = 2 * TURN * rng.normal(size=(n_poses, len(unit))) @ unit
+        start = Rotation.from_rotvec(rng.normal(size=3))
+        robots[name] = np.tile(np.eye(4), (n_poses, 1, 1))
+        robots[name][:, :3, :3] = (Rotation.from_rotvec(turn) * start).as_matrix()
+        robots[name][:, :3, 3] = [0.5, 0.0, 0.4] + TRAVEL * rng.normal(size=(n_poses, 3))
+    views = []
+    for camera in cameras:
+        for target in targets:
+            if pairs is not None and (camera, target) not in pairs:
+                continue
+            some = np.flatnonzero(rng.random(n_poses) < seen)
+            sides = [_carried(name, place, truth, robots, arms[0], n_poses)[some]
+                     for name, place in ((camera, cameras[camera]), (target, targets[target]))]  # fmt: skip
+            if len(some):
+                views.append(View(camera, target, inverse(sides[0]) @ sides[1], tuple(some.tolist())))
+    rig = Rig({name: ArmPoses(poses) for name, poses in robots.items()}, dict(cameras), dict(targets), tuple(views))
+    return (rig if noise is None else with_noise(rig, noise, rng)), truth
+
+
+def with_noise(rig: Rig, noise: Any, seed: int | np.random.Generator = 0) -> Rig:
+    """Return a rig of exact poses with noise drawn for each robot pose and each view."""
+    rng, graph = np.random.default_rng(seed), Graph.of(rig)
+    S = given_noise(rig, graph, noise)
+    errors = [(factor(own) @ rng.normal(size=(len(own), 6, 1)))[..., 0] for own in (S.robot, S.camera)]
+    robot, C = perturb(graph.robot, errors[0]), perturb(graph.C, errors[1])
+    arms = {}
+    for k, (name, arm) in enumerate(rig.arms.items()):
+        poses = np.array(arm.poses)
+        poses[graph.pose[graph.arm == k]] = robot[graph.arm == k]
+        arms[name] = ArmPoses(poses, arm.names, arm.source)
+    views = [
+        View(view.camera, view.target, C[graph.view == k], view.at, view.covariance, view.source)
+        for k, view in enumerate(rig.views)
+    ]
+    return Rig(arms, rig.cameras, rig.targets, tuple(views))
+
+
+def _placed(place: str, rng: np.random.Generator, away: float) -> Array:
+    if place != WORLD:
+        return _pose(0.5 * rng.normal(size=3), np.array([0.0, 0.0, 0.1]) + 0.05 * rng.normal(size=3))
+    return _pose(rng.normal(size=3), np.array([away, 0.0, 0.3]) + 0.4 * rng.normal(size=3))
+
+
+def _carried(
+    name: str, place: str, truth: Mapping[str, Array], robots: Mapping[str, Array], first: str, n: int
+) -> Array:
+    """(n, 4, 4) in the world."""
+    if place == WORLD:
+        return np.broadcast_to(truth[name], (n, 4, 4))
+    base = np.eye(4) if place == first else truth[place]
+    return np.asarray(base @ robots[place] @ truth[name])
+
+
+def _pose(turn: Array, t: Array) -> Array:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(turn).as_matrix(), t
+    return T

@@ -1,0 +1,224 @@
+r"""A first guess of all poses, in closed form for one arm.
+
+Rotations: with ``R_P R_C = R_Q`` for each edge, linear in the two unknown rotations of an edge where the bases are
+known,
+
+    (R_G (x) R_C^T) vec R_X - (R_H (x) I) vec R_W = 0          (vec row by row; G, H robot poses or I)
+
+The eigenvector of the smallest eigenvalue of the sum over edges of A^T A (9 m square) holds all rotations in one frame,
+each projected on SO(3). With several arms, whose bases are unknown, the edges have three or more unknown rotations:
+each in turn is the one nearest to what the others say, from many random starts at once, the best of which counts.
+Then all translations, linear given the rotations, by least squares. Wrong rows, judged by the median, are left out and
+all is done again. One camera with one target starts as `calibrate` does (4DPA), and a rig about one axis from its best
+pair along a spanning tree.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from ..errors import DegenerateMotionError, InputError
+from ..geometry.nearest_rotation import nearest_rotation
+from ..geometry.se3 import Array, inverse
+from ..likelihood.constraint import OnPoses
+from ..likelihood.starts import sound_start
+from ..poses.pose_pairs import PosePairs
+from .graph import Graph
+
+# Random starts of several arms, sweeps of each, edges that they look at.
+STARTS, SWEEPS, LOOKED = 60, 150, 400
+# Second eigenvalue relative to the mean below which the rotations are not told by the linear problem.
+GAP = 1e-4
+# Rows whose misfit is above this many times the median are left out of the next start; rounds.
+WRONG, ROUNDS = 6.0, 4
+
+
+def start_of(graph: Graph, seed: int = 0) -> tuple[Array, NDArray[np.bool_]]:
+    """Return all poses (m, 4, 4), and which edges (E,) they rest on."""
+    kept = np.ones(graph.E, dtype=bool)
+    if graph.m == 2 and not _moves_twice(graph):
+        with suppress(DegenerateMotionError):
+            return _pair(graph, 0, 1), kept
+    at = np.zeros((graph.m, 4, 4))
+    for _ in range(ROUNDS):
+        some = graph if kept.all() else graph.of_edges(np.flatnonzero(kept))
+        at = _solved(some, seed)
+        again = _agreeing(graph, at)
+        if (again == kept).all() or not _all_seen(graph, again):
+            break
+        kept = again
+    return at, kept
+
+
+def _all_seen(graph: Graph, kept: NDArray[np.bool_]) -> bool:
+    return len(np.unique(np.concatenate([graph.X[kept], graph.W[kept]]))) == len(
+        np.unique(np.concatenate([graph.X, graph.W]))
+    )
+
+
+def _agreeing(graph: Graph, at: Array) -> NDArray[np.bool_]:
+    """Return the edges whose misfit is not far above the median, of rotation and of translation."""
+    r = graph.linearise(at).r.reshape(-1, 2, 3)
+    size = np.linalg.norm(r, axis=-1)
+    median = np.maximum(np.median(size, axis=0), 1e-12)
+    return np.asarray((size <= WRONG * median).all(axis=-1))
+
+
+def _moves_twice(graph: Graph) -> bool:
+    """Return whether the edges of a pair have a robot pose on both sides, or none."""
+    on = [(side < graph.P) for side in graph.side]
+    return bool((on[0] & on[1]).any() or not (on[0] | on[1]).any())
+
+
+def _pair(graph: Graph, X: int, W: int) -> Array:
+    """All poses as they are, with those of one camera and one target as `calibrate` starts."""
+    at = np.tile(np.eye(4), (graph.m, 1, 1))
+    edges = np.flatnonzero((graph.X == X) & (graph.W == W))
+    on_left = bool((graph.side[0][edges[0]] < graph.P).all())
+    G = graph.robot[graph.side[0 if on_left else 1][edges]]
+    data = PosePairs(G, graph.C[edges], "eye-in-hand" if on_left else "eye-to-hand")
+    found = sound_start(data, OnPoses(data.robot, data.camera, not on_left), None)
+    assert found.W is not None
+    at[X], at[W] = found.X, found.W
+    return at
+
+
+def _solved(graph: Graph, seed: int) -> Array:
+    has_base = any((base < graph.m).any() for base in graph.base)
+    if has_base:
+        return _translated(graph, _alternating(graph, seed))
+    rotations = _linear(graph)
+    return _spanned(graph) if rotations is None else _translated(graph, rotations)
+
+
+def _linear(graph: Graph) -> Array | None:
+    """(m, 3, 3) rotations by the smallest eigenvector; None where the second is as small."""
+    G = np.concatenate([graph.robot, np.eye(4)[None]])
+    left, right = (G[side][:, :3, :3] for side in graph.side)
+    by_X = np.einsum("eij,elk->eikjl", left, graph.C[:, :3, :3].mT).reshape(-1, 9, 9)
+    by_W = -np.einsum("eij,kl->eikjl", right, np.eye(3)).reshape(-1, 9, 9)
+    M = np.zeros((graph.m, graph.m, 9, 9))
+    count = np.bincount(np.concatenate([graph.X, graph.W]), minlength=graph.m)
+    for (one, A), (two, B) in (
+        (a, b) for a in ((graph.X, by_X), (graph.W, by_W)) for b in ((graph.X, by_X), (graph.W, by_W))
+    ):
+        np.add.at(M, (one, two), A.mT @ B)
+    whole = M.swapaxes(1, 2).reshape(9 * graph.m, -1)
+    scale = np.repeat(1.0 / np.sqrt(np.maximum(count, 1)), 9)  # each unknown counts alike, however often it is seen
+    values, vectors = eigh(whole * np.outer(scale, scale), subset_by_index=[0, 1])
+    if values[1] < GAP or values[1] < 4.0 * values[0]:
+        return None
+    R = (scale * vectors[:, 0]).reshape(graph.m, 3, 3)
+    R = R * np.sign(np.linalg.det(R).sum())
+    return nearest_rotation(R)[0]
+
+
+def _alternating(graph: Graph, seed: int) -> Array:
+    """(m, 3, 3) rotations of rigs with several arms: each from the others, from random starts."""
+    rng = np.random.default_rng(seed)
+    some = graph
+    if graph.E > LOOKED:
+        looked = np.isin(np.arange(graph.E), rng.permutation(graph.E)[:LOOKED])
+        some = graph.of_edges(np.flatnonzero(looked)) if _all_seen(graph, looked) else graph
+    m, E = some.m, some.E
+    R = nearest_rotation(rng.normal(size=(STARTS, m, 3, 3)))[0]
+    eye = np.broadcast_to(np.eye(3), (STARTS, 1, 3, 3))
+    G = np.concatenate([some.robot[:, :3, :3], np.eye(3)[None]])
+    G_l, G_r, R_C = G[some.side[0]], G[some.side[1]], some.C[:, :3, :3]
+    for _ in range(SWEEPS):
+        for u in range(m):
+            T = np.concatenate([R, eye], axis=1)
+            B_l, B_r = T[:, some.base[0]], T[:, some.base[1]]
+            L, Q = B_l @ G_l @ R[:, some.X] @ R_C, B_r @ G_r @ R[:, some.W]
+            total = np.zeros((STARTS, 3, 3))
+            if (of := np.equal(some.X, u)).any():
+                total += ((B_l @ G_l)[:, of].mT @ Q[:, of] @ R_C[of].mT).sum(axis=1)
+            if (of := np.equal(some.W, u)).any():
+                total += ((B_r @ G_r)[:, of].mT @ L[:, of]).sum(axis=1)
+            if (of := (some.base[0] == u) & (some.base[1] != u)).any():
+                total += (Q[:, of] @ L[:, of].mT @ R[:, None, u]).sum(axis=1)
+            if (of := (some.base[1] == u) & (some.base[0] != u)).any():
+                total += (L[:, of] @ Q[:, of].mT @ R[:, None, u]).sum(axis=1)
+            if np.abs(total).max() > 0:
+                R[:, u] = nearest_rotation(total)[0]
+    T = np.concatenate([R, eye], axis=1)
+    L = T[:, some.base[0]] @ G_l @ R[:, some.X] @ R_C
+    Q = T[:, some.base[1]] @ G_r @ R[:, some.W]
+    misfit = np.median(((L - Q) ** 2).sum(axis=(-2, -1)), axis=1) if E > 4 else ((L - Q) ** 2).sum(axis=(1, 2, 3))
+    return np.asarray(R[int(np.argmin(misfit))])
+
+
+def _translated(graph: Graph, R: Array) -> Array:
+    """All poses of these rotations, with translations by linear least squares."""
+    m, E = graph.m, graph.E
+    at = np.tile(np.eye(4), (m, 1, 1))
+    at[:, :3, :3] = R
+    T = np.concatenate([at, np.eye(4)[None]])
+    G = np.concatenate([graph.robot, np.eye(4)[None]])
+    A, c = np.zeros((E, 3, m + 1, 3)), np.zeros((E, 3))
+    edge = np.arange(E)
+    for k, (base, side) in enumerate(zip(graph.base, graph.side, strict=True)):
+        sign = -1.0 if k else 1.0
+        R_B, g = T[base][:, :3, :3], G[side]
+        A[edge, :, base] += sign * np.eye(3)
+        A[edge, :, graph.W if k else graph.X] += sign * R_B @ g[:, :3, :3]
+        c += sign * (R_B @ g[:, :3, 3:])[..., 0]
+    c += (T[graph.base[0]] @ G[graph.side[0]] @ at[graph.X])[:, :3, :3].__matmul__(graph.C[:, :3, 3:])[..., 0]
+    rows = A[:, :, :m].reshape(3 * E, 3 * m)
+    at[:, :3, 3] = np.linalg.lstsq(rows, -c.reshape(-1), rcond=1e-9)[0].reshape(m, 3)
+    return at
+
+
+def _spanned(graph: Graph) -> Array:
+    """All poses from the pair that is seen most often, along a tree of the edges."""
+    seen: dict[tuple[int, int], int] = {}
+    moving = (graph.side[0] < graph.P) ^ (graph.side[1] < graph.P)
+    for X, W in zip(graph.X[moving].tolist(), graph.W[moving].tolist(), strict=True):
+        seen[X, W] = seen.get((X, W), 0) + 1
+    best, error = None, None
+    at = np.tile(np.eye(4), (graph.m, 1, 1))
+    done: set[int] = set()
+    for X, W in sorted(seen, key=lambda pair: -seen[pair]):
+        if seen[X, W] < 3 or done & {X, W}:
+            continue
+        try:
+            pair = _pair(graph, X, W)
+        except (DegenerateMotionError, InputError) as failed:
+            error = failed
+            continue
+        at[X], at[W] = pair[X], pair[W]
+        done |= {X, W}
+        best = X
+        _grown(graph, at, done)
+    if best is None or len(done) < graph.m:
+        raise error or DegenerateMotionError(
+            "The robot poses turn about too few axes to find a start for all cameras and targets. Add motions that "
+            "rotate about another axis.",
+            np.eye(6),
+        )
+    return at
+
+
+def _grown(graph: Graph, at: Array, done: set[int]) -> None:
+    """Set all poses that edges lead to from those that are done."""
+    G = np.concatenate([graph.robot, np.eye(4)[None]])
+    while True:
+        has_X, has_W = np.isin(graph.X, list(done)), np.isin(graph.W, list(done))
+        open_ = np.flatnonzero(has_X ^ has_W)
+        if not len(open_):
+            return
+        to = np.where(has_X[open_], graph.W[open_], graph.X[open_])
+        u = int(np.bincount(to).argmax())
+        edges = open_[to == u]
+        left, right = G[graph.side[0][edges]], G[graph.side[1][edges]]
+        if has_X[edges[0]]:
+            measured = inverse(right) @ left @ at[graph.X[edges]] @ graph.C[edges]
+        else:
+            measured = inverse(left) @ right @ at[graph.W[edges]] @ inverse(graph.C[edges])
+        at[u, :3, :3] = nearest_rotation(measured[:, :3, :3].sum(axis=0))[0]
+        at[u, :3, 3] = np.median(measured[:, :3, 3], axis=0)
+        done.add(u)

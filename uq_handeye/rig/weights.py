@@ -1,0 +1,149 @@
+r"""Robust weights of views and of robot poses.
+
+A wrong detection spoils the rows of one view, a wrong robot pose those of its group. Both are tested with the same
+formula. With ``P = S^-1 - S^-1 A H^-1 A^T S^-1``, ``g = S^-1 residual`` and D the derivatives of the rows by the error
+of covariance Sigma that is tested (of a camera pose or a robot pose),
+
+    mu, V = eigen(L^T D^T P D L),   Sigma = L L^T,     d^2 = sum (V^T L^T D^T g)^2 / (mu (1 - mu (1/w - 1)))
+
+is the square distance between the pose as measured and as everything else predicts it: chi-square with 6 degrees of
+freedom for a good one, whatever its weight w (`likelihood.robust`). In a group of one edge the two cannot be separated:
+the edge is tested by all of its rows. Where both are suspect in a group of several edges, the robot pose takes the
+blame if it explains more than the worst edge does, as it spoils all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, NotConvergedError
+from ..geometry.se3 import Array
+from ..likelihood.robust import FREE, STILL, largest_by_chance, robust_weights
+from ..noise.models import factor
+from .fit import LEAST, Prior, RigFit, fit
+from .graph import Graph
+from .noise import RigNoise
+
+MOST = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """d^2 of all views and robot poses."""
+
+    edges: Array  # (E,)
+    poses: Array  # (P,); 0 where the group has one edge
+    alone: NDArray[np.bool_]  # (P,) robot poses that cannot be judged beside their only view
+
+
+def distances(found: RigFit) -> Distances:
+    """Return how far each measured pose is from what the others predict."""
+    graph, noise = found.graph, found.noise
+    of_edges, of_poses = np.zeros(graph.E), np.zeros(graph.P)
+    alone = np.zeros(graph.P, dtype=bool)
+    for part in found.rows:
+        batch, d = part.batch, part.residual.shape[1]
+        (b, e), q = batch.edges.shape, batch.robots.shape[1]
+        half = np.linalg.inv(part.L)
+        Q = half.mT @ half
+        SA = Q @ part.A
+        P = Q - SA @ found.whole @ SA.mT
+        g = (Q @ part.residual[..., None])[..., 0]
+        if e == 1:
+            w = found.edge_weights[batch.edges[:, 0]]
+            scale = np.sqrt(np.maximum(w, LEAST))[:, None, None]
+            of_edges[batch.edges[:, 0]] = _distance2(P, g, np.eye(d), part.L * scale, w)
+            alone[batch.robots] = True
+            continue
+        for k in range(e):
+            D = np.zeros((b, d, 6))
+            D[:, 6 * k : 6 * k + 6] = part.D_C[:, k]
+            edges = batch.edges[:, k]
+            of_edges[edges] = _distance2(P, g, D, factor(noise.camera[edges]), found.edge_weights[edges])
+        for k in range(q):
+            D, robots = part.D_R[..., 6 * k : 6 * k + 6], batch.robots[:, k]
+            of_poses[robots] = _distance2(P, g, D, factor(noise.robot[robots]), found.pose_weights[robots])
+    return Distances(of_edges, of_poses, alone)
+
+
+def _distance2(P: Array, g: Array, D: Array, L: Array, w: Array) -> Array:
+    """(b,) square distances."""
+    M = D @ L
+    mu, V = np.linalg.eigh(M.mT @ P @ M)
+    along = (V.mT @ (M.mT @ g[..., None]))[..., 0]
+    w = np.maximum(w, LEAST)[:, None]
+    told = mu > 1e-9 * w
+    variance = np.where(told, mu * (1.0 - mu * (1.0 / w - 1.0)), 1.0)
+    return np.asarray(
+        np.where(told & (variance > 0), along**2 / np.where(variance > 0, variance, 1.0), 0.0).sum(axis=-1)
+    )
+
+
+def fit_robustly(
+    graph: Graph,
+    noise: RigNoise,
+    start: Array,
+    method: str = "efficient",
+    prior: Prior | None = None,
+    begin: NDArray[np.bool_] | None = None,
+    margin: float = 1.0,
+) -> tuple[RigFit, Distances]:
+    """Fit with weights of the views and of the robot poses; all 1 where the largest distance is no surprise.
+
+    ``begin`` (E,): the edges that count at first; ``margin`` multiplies the limits, for noise that is estimated.
+    Raises `InputError` where less than half of the views agree.
+    """
+    limit = largest_by_chance(graph.E + graph.P)
+    if begin is None or begin.all():
+        found = fit(graph, noise, start, method, prior=prior)
+        far = distances(found)
+        if max(far.edges.max(initial=0.0), far.poses.max(initial=0.0)) <= limit * margin:
+            return found, far
+    w_e, w_k = _first(graph, np.ones(graph.E, dtype=bool) if begin is None else begin)
+    at = start
+    for k in range(MOST):
+        found = fit(graph, noise, at, method, w_e, w_k, prior)
+        at, far = found.at, distances(found)
+        wanted = _wanted(graph, far, margin, limit)
+        change = max(np.abs(wanted[0] - w_e).max(), np.abs(wanted[1] - w_k).max(initial=0.0))
+        if change < max(STILL, 1e-3):
+            break
+        w_e, w_k = wanted if k < FREE else (0.5 * (wanted[0] + w_e), 0.5 * (wanted[1] + w_k))
+    else:
+        if change > 0.2:
+            raise NotConvergedError("The weights of the robust fit did not settle: views contradict each other.", found)
+    if 2 * int((w_e > 0).sum()) < graph.E:
+        raise InputError(
+            f"Only {int((w_e > 0).sum())} of {graph.E} views agree with one rig within the noise; at least half of "
+            "them must. Look at the names of the poses, what cameras and targets are on, the units and the noise given."
+        )
+    return found, far
+
+
+def _first(graph: Graph, begin: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Weights to begin with: a robot pose all of whose views, two or more, are suspect takes the blame for them."""
+    count, good = np.zeros(graph.P + 1), np.zeros(graph.P + 1)
+    for side in graph.side:
+        np.add.at(count, side, 1.0)
+        np.add.at(good, side, begin.astype(float))
+    blamed = (count > 1) & (good == 0)
+    blamed[-1] = False
+    w_e = begin | blamed[graph.side[0]] | blamed[graph.side[1]]
+    return w_e.astype(float), np.where(blamed[:-1], 0.0, 1.0)
+
+
+def _wanted(graph: Graph, far: Distances, margin: float, limit: float) -> tuple[Array, Array]:
+    """Weights by the distances: a robot pose that explains more than its worst view spares its views."""
+    of_edges, of_poses = robust_weights(far.edges / margin), robust_weights(far.poses / margin)
+    worst = np.zeros(graph.P + 1)
+    for side in graph.side:
+        np.maximum.at(worst, side, far.edges)
+    blamed = (far.poses > worst[:-1]) & (of_poses < 1.0)
+    of_poses = np.where(blamed, of_poses, 1.0)
+    spared = np.zeros(graph.E, dtype=bool)
+    for side in graph.side:
+        spared |= np.concatenate([blamed, [False]])[side]
+    return np.where(spared, 1.0, of_edges), of_poses
