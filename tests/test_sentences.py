@@ -6,6 +6,7 @@ import inspect
 import json
 import pkgutil
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ ROOT = Path(uq.__file__).parent
 for module in pkgutil.walk_packages(uq.__path__, "uq_handeye."):
     if module.name.endswith(".sentences"):
         importlib.import_module(module.name)
-WORDS = {code: words for code, words in findings._SENTENCES.items() if not code.startswith("tests.")}
+WORDS = {code: record.words for code, record in findings._RECORDS.items() if not code.startswith("tests.")}
 
 COMPONENT = {"name": "robot rotation", "unit": "rad", "value": 1e-3, "low": 0.0, "high": 2e-3, "status": "estimated"}
 WHY = Finding("synchronisation.before_other", "note", {"other": "robot"}).to_dict()
@@ -225,7 +226,8 @@ def test_a_reworded_sentence_leaves_files_readable(monkeypatch):
     result = quietly(with_wrong(uq.simulate(20, noise=NOISE, seed=SEED), 4))
     data = json.loads(result.to_json())
     for code in WORDS:
-        monkeypatch.setitem(findings._SENTENCES, code, lambda code=code, **_: f"Something else about {code}.")
+        words = lambda code=code, **_: f"Something else about {code}."  # noqa: E731
+        monkeypatch.setitem(findings._RECORDS, code, replace(findings._RECORDS[code], words=words))
     again = uq.Calibration.from_dict(data)
     assert again.findings == result.findings
     np.testing.assert_array_equal(again.covariance, result.covariance)

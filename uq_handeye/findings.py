@@ -1,9 +1,10 @@
 """Findings of tests, fits and runs: a code, how serious it is, and its values; the words come last.
 
 Whoever finds something makes a `Finding`; whoever decides looks at its code, severity and values. A package words the
-codes that begin with its name in its module ``sentences``, by functions that take the values by name:
+codes that begin with its name in its module ``sentences``, by functions that take the values by name, and says there
+all else of the code (`Record`):
 
-    @sentence("input_checks.repeated_rows")
+    @sentence("input_checks.repeated_rows", check=INPUT, phrase="{count} repeated {file} rows")
     def _(file: str, count: int, n: int) -> str:
         return f"{count} of {n} {file} poses repeat the row before exactly: they add no information."
 """
@@ -24,7 +25,63 @@ Words = TypeVar("Words", bound=Callable[..., str])
 # Residuals that are so many times as large as the noise explains make a failure of a caution.
 GROSS = 5.0
 
-_SENTENCES: dict[str, Callable[..., str]] = {}
+# Checks of a calibration that findings belong to, in the order in which they are shown; that of the camera is rare.
+INPUT, OUTLIERS, NOISE, NEIGHBOURS = "input", "outliers", "noise level", "neighbours"
+RESIDUALS, HALVES, MOTION, SHARED, CAMERA = "residuals", "two halves", "motion", "shared errors", "camera"
+CHECKS = (INPUT, OUTLIERS, NOISE, NEIGHBOURS, RESIDUALS, HALVES, MOTION, SHARED)
+
+# Text with the values in braces, or a function of the values.
+Said = str | Callable[[Mapping[str, Any]], str]
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is said of the findings of one code, and what follows from them. Written where its sentence is.
+
+    ``phrase``: at most about 55 characters, without a full stop. ``effect``: by how many of its stated standard
+    deviations X may be off, or how many times too small these may be, as far as the finding says; 1 where the
+    covariance contains it. It only orders findings. ``rejects``: a test says that the covariance of X is too small.
+    ``remedy``: what to do. ``rows``: values that are numbers of rows, or lists of these; a "row" is one in every
+    finding. ``explains``: it is the cause of those that are ``explained``, which are then left out.
+    """
+
+    words: Callable[..., str]
+    check: str = INPUT
+    phrase: Said = ""
+    effect: float | Callable[[Mapping[str, Any]], float] = 1.0
+    rejects: bool = False
+    remedy: Said = ""
+    rows: tuple[str, ...] = ()
+    explains: bool = False
+    explained: bool = False
+
+    def phrase_of(self, finding: Finding) -> str:
+        """Return the finding in a short phrase; nothing where there is none."""
+        return _said(self.phrase, finding.values)
+
+    def remedy_of(self, finding: Finding) -> str:
+        """Return what to do about the finding; nothing where that is not known."""
+        return _said(self.remedy, finding.values)
+
+    def effect_of(self, finding: Finding) -> float:
+        """Return by how many of its standard deviations X may be off."""
+        try:
+            return float(self.effect(finding.values) if callable(self.effect) else self.effect)
+        except _OF_ANOTHER_VERSION:
+            return 1.0
+
+
+def _said(what: Said, values: Mapping[str, Any]) -> str:
+    try:
+        return what(values) if callable(what) else what.format(**values)
+    except _OF_ANOTHER_VERSION:
+        return ""
+
+
+# Raised by values that were read from a file of another version.
+_OF_ANOTHER_VERSION = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
+
+_RECORDS: dict[str, Record] = {}
 
 
 @dataclass(frozen=True)
@@ -52,14 +109,8 @@ class Finding:
     def __str__(self) -> str:
         """The sentence; where this version has none for the code with these values, both as they are."""
         try:
-            return _SENTENCES[self.code](**self.values)
-        except (
-            LookupError,
-            TypeError,
-            ValueError,
-            AttributeError,
-            ArithmeticError,
-        ):  # read from a file of another version
+            return _RECORDS[self.code].words(**self.values)
+        except _OF_ANOTHER_VERSION:
             return _unworded(self)
 
     def to_dict(self) -> dict[str, Any]:
@@ -84,33 +135,42 @@ class Finding:
             raise InputError(f"Expected plain finite values in finding {data['code']!r}: {error}.") from error
 
 
-def sentence(code: str) -> Callable[[Words], Words]:
-    """Register the function that words a code; it takes the values by name."""
+def sentence(
+    code: str,
+    *,
+    check: str = INPUT,
+    phrase: Said = "",
+    effect: float | Callable[[Mapping[str, Any]], float] = 1.0,
+    rejects: bool = False,
+    remedy: Said = "",
+    rows: Sequence[str] = (),
+    explains: bool = False,
+    explained: bool = False,
+) -> Callable[[Words], Words]:
+    """Register the record of a code (`Record`) with the function that words it."""
 
     def register(words: Words) -> Words:
-        if code in _SENTENCES:
+        if code in _RECORDS:
             raise ValueError(f"{code!r} is worded twice.")
-        _SENTENCES[code] = words
+        _RECORDS[code] = Record(words, check, phrase, effect, rejects, remedy, tuple(rows), explains, explained)
         return words
 
     return register
+
+
+def record_of(finding: Finding) -> Record:
+    """Return what is known of the code of a finding; an empty record for codes of other versions."""
+    return _RECORDS.get(finding.code, Record(_unknown))
+
+
+def _unknown(**values: Any) -> str:
+    raise LookupError("this version does not know the code")
 
 
 @sentence("stored.text")
 def _(text: str) -> str:
     """Return the text of a file that was written before there were findings."""
     return text
-
-
-# Values that are numbers of rows, or lists of these, by code. A "row" is one in every finding.
-_ROWS = {
-    "diagnostics.needed_rows": ("rows",),
-    "kinematics.rows_apart": ("rows", "farthest"),
-    "input_checks.flipped_poses": ("rows",),
-    "input_checks.far": ("rows",),
-    "input_checks.shifted_run": ("first", "last", "near"),
-    "input_checks.shifted_rows": ("robot_left_out", "camera_left_out"),
-}
 
 
 def renumbered(finding: Finding, numbers: Sequence[int]) -> Finding:
@@ -120,7 +180,7 @@ def renumbered(finding: Finding, numbers: Sequence[int]) -> Finding:
     """
     if "motion" in (finding.values.get("item"), finding.values.get("what")):
         return finding
-    keys = _ROWS.get(finding.code, ())
+    keys = record_of(finding).rows
 
     def of_row(value: Any) -> Any:
         return [of_row(part) for part in value] if isinstance(value, list) else int(numbers[value])

@@ -13,8 +13,7 @@ from scipy.special import chdtrc
 from ..camera.boards.description import spacing_of
 from ..diagnostics.pose_table import PoseTable, pose_table
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
-from ..findings import GROSS, Finding, Severity
-from ..input_checks.alphabetical_rows import CODE as ALPHABETICAL_ROWS
+from ..findings import GROSS, Finding, Severity, record_of
 from ..input_checks.alphabetical_rows import alphabetical_rows
 from ..input_checks.checks import check_fit, check_poses, check_rotations
 from ..input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
@@ -36,22 +35,6 @@ from ..shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
 from .request import FEWEST_FOR_ROBUST, Job, request
 from .result import Calibration
 
-# Rotations read in a wrong form, rows in a wrong order, a file given twice, and what they lead to.
-_CAUSES = {"poses.another_rotation", ALPHABETICAL_ROWS, "input_checks.same_file"}
-_CONSEQUENCES = {
-    f"input_checks.{what}"
-    for what in (
-        "angles_disagree",
-        "flipped_poses",
-        "long_bracket",
-        "motions_unexplained",
-        "outliers",
-        "poses_unexplained",
-        "shifted_rows",
-        "shifted_run",
-        "wrong_scale",
-    )
-} | {"diagnostics.flagged"}
 # Noise of the corners of finished poses, pixels, that input checks allow for where it is to be estimated.
 MOST_PIXELS = 1.0
 # A first-order covariance of a rotation means nothing beyond this standard deviation.
@@ -212,15 +195,15 @@ def look_at(job: Job) -> list[Finding]:
 
 def without_consequences(findings: Sequence[Finding]) -> list[Finding]:
     """Return findings without those that are explained by rotations read in a wrong form or by a wrong file or row."""
-    if not any(finding.code in _CAUSES for finding in findings):
+    if not any(record_of(finding).explains for finding in findings):
         return list(findings)
-    return [finding for finding in findings if finding.code not in _CONSEQUENCES]
+    return [finding for finding in findings if not record_of(finding).explained]
 
 
 def why_failed(findings: Sequence[Finding]) -> list[Finding]:
     """Return the failures among findings; those that explain the others alone, where there are some."""
     failures = [finding for finding in findings if finding.severity == "failure"]
-    return [finding for finding in failures if finding.code in _CAUSES] or failures
+    return [finding for finding in failures if record_of(finding).explains] or failures
 
 
 def _known_noise(job: Job) -> Noise | None:

@@ -7,12 +7,33 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..diagnostics.sentences import along
-from ..findings import sentence
-from ..formatting.numbers import concise, digits, multiple, probability, signed
+from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, SHARED, sentence
+from ..formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
 from ..poses.selection import ranges
 
 
-@sentence("calibration.data_sheet_contradicted")
+def _of_two(v: Mapping[str, Any]) -> float:
+    return float(max(v["rotation"], v["translation"], key=lambda x: abs(math.log(x)) if x > 0 else 0.0))
+
+
+def _open_in_short(v: Mapping[str, Any]) -> str:
+    k = len(v["directions"])
+    return f"{k} direction{'s' if k > 1 else ''} of X and W not determined"
+
+
+def _size_in_short(v: Mapping[str, Any]) -> str:
+    share = 100 * abs(1 / (1 + v["estimate"]) - 1)
+    return f"target {digits(share, 2)} % {'larger' if v['estimate'] < 0 else 'smaller'} than given"
+
+
+@sentence(
+    "calibration.data_sheet_contradicted",
+    check=NOISE,
+    phrase=lambda v: times_of_noise(_of_two(v)),
+    effect=lambda v: max(_of_two(v), 1.05),
+    rejects=True,
+    remedy="leave the noise out, it is then estimated; or correct it",
+)
 def _(rotation: float, translation: float, p_value: float) -> str:
     return (
         f"The residuals contradict the noise of the data sheet (chi-square test, p = {p_value:.1g}): those in rotation "
@@ -25,7 +46,14 @@ def _times(ratio: float) -> str:
     return f"{multiple(ratio)} times larger" if ratio > 1 else f"{multiple(1 / ratio)} times smaller"
 
 
-@sentence("calibration.shared_contradicted")
+@sentence(
+    "calibration.shared_contradicted",
+    check=SHARED,
+    phrase="{name} contradicts what was assumed of it",
+    effect=lambda v: abs(v["estimate"]) / v["assumed"],
+    rejects=True,
+    remedy="correct the {name}, or declare it wider",
+)
 def _(name: str, unit: str, estimate: float, sd: float, assumed: float, p_value: float) -> str:
     return (
         f"The residuals contradict the assumed {name}: they indicate {signed(concise(estimate, sd, unit))}, but the "
@@ -34,7 +62,14 @@ def _(name: str, unit: str, estimate: float, sd: float, assumed: float, p_value:
     )
 
 
-@sentence("calibration.group_contradicted")
+@sentence(
+    "calibration.group_contradicted",
+    check=SHARED,
+    phrase="{name} contradict what was assumed",
+    effect=lambda v: float(v["times"]),
+    rejects=True,
+    remedy="correct the {name}, or declare it wider",
+)
 def _(name: str, count: int, times: float, p_value: float) -> str:
     return (
         f"The residuals contradict the assumed {name}: its {count} numbers are about {multiple(times)} times as large "
@@ -42,7 +77,13 @@ def _(name: str, count: int, times: float, p_value: float) -> str:
     )
 
 
-@sentence("calibration.target_size")
+@sentence(
+    "calibration.target_size",
+    check=SHARED,
+    phrase=_size_in_short,
+    effect=1.15,
+    remedy="measure the target and give its true size",
+)
 def _(estimate: float, sd: float, square: float | None, probability: float = 1.0) -> str:
     sure = f" (probability {digits(100 * min(probability, 0.9999), 4)} %)"
     # Used / true - 1 = e, so that the true size is that used, over 1 + e.
@@ -83,7 +124,12 @@ def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, An
     )
 
 
-@sentence("calibration.shared_opens")
+@sentence(
+    "calibration.shared_opens",
+    check=SHARED,
+    phrase="{name} as declared leaves X open",
+    effect=1.5,
+)
 def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, Any]]) -> str:
     turns = directions[0]["what"] == "rotation"
     most = max(of["size"] for of in directions if of["what"] == directions[0]["what"])
@@ -95,7 +141,12 @@ def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, An
     )
 
 
-@sentence("calibration.bundle_differs")
+@sentence(
+    "calibration.bundle_differs",
+    check=CAMERA,
+    phrase=lambda v: f"bundle adjustment differs by {digits(v['distance'], 2)} sd",
+    effect=lambda v: float(v["distance"]),
+)
 def _(distance: float, largest: float, variance_low: float, variance_high: float) -> str:
     return (
         f"Bundle adjustment and method 'efficient' differ by {digits(distance, 2)} standard deviations of X (at most "
@@ -105,7 +156,12 @@ def _(distance: float, largest: float, variance_low: float, variance_high: float
     )
 
 
-@sentence("calibration.unweighted")
+@sentence(
+    "calibration.unweighted",
+    check=NOISE,
+    phrase="a part of the data is exact: X by 4dpa, unweighted",
+    effect=2,
+)
 def _() -> str:
     return (
         "The noise makes part of the data exact, so they cannot be weighted by its inverse. X is that of method "
@@ -114,12 +170,23 @@ def _() -> str:
     )
 
 
-@sentence("calibration.robust_failed")
+@sentence(
+    "calibration.robust_failed",
+    check=OUTLIERS,
+    phrase="no robust weights found; outliers bias X",
+    effect=3,
+)
 def _(error: str) -> str:
     return f"Outlier rejection failed: all poses count in full, and an outlier would bias X. {error}"
 
 
-@sentence("calibration.robust_skipped")
+@sentence(
+    "calibration.robust_skipped",
+    check=OUTLIERS,
+    phrase="rejection skipped: X not determined without",
+    effect=3,
+    remedy="add poses that rotate about another axis: uq-handeye plan chooses them",
+)
 def _() -> str:
     return (
         "Outlier rejection was skipped: without the suspect poses X is not determined. An outlier would bias X. Add "
@@ -127,12 +194,23 @@ def _() -> str:
     )
 
 
-@sentence("calibration.few_for_outliers")
+@sentence(
+    "calibration.few_for_outliers",
+    check=OUTLIERS,
+    phrase="too few poses to be sure of outliers",
+    effect=1.3,
+    remedy="take more poses: uq-handeye plan chooses them",
+)
 def _(item: str, count: int, needed: int) -> str:
     return f"With {count} {item}s an outlier cannot be identified. Take at least {needed}."
 
 
-@sentence("calibration.near_half_turn")
+@sentence(
+    "calibration.near_half_turn",
+    check=MOTION,
+    phrase="X rotates by about 180 deg",
+    effect=1.2,
+)
 def _(angle: float) -> str:
     return (
         f"The rotation angle of X is {math.degrees(angle):.1f} degrees. Tsai's method solves for a Rodrigues vector, "
@@ -140,17 +218,33 @@ def _(angle: float) -> str:
     )
 
 
-@sentence("calibration.no_covariance")
+@sentence(
+    "calibration.no_covariance",
+    check=NOISE,
+    phrase="covariance not determined",
+    effect=10,
+)
 def _(covariance: str) -> str:
     return f"There is no covariance {covariance!r}, because there is no noise to compute it from."
 
 
-@sentence("calibration.noise_not_estimated")
+@sentence(
+    "calibration.noise_not_estimated",
+    check=NOISE,
+    phrase="noise not estimated, accuracy unknown",
+    effect=10,
+)
 def _(error: str) -> str:
     return error
 
 
-@sentence("calibration.prior_contradicted")
+@sentence(
+    "calibration.prior_contradicted",
+    check=SHARED,
+    phrase=lambda v: f"the prior of {v['of']} contradicts the data ({probability(v['p_value'])})",
+    effect=lambda v: math.sqrt(v["chi2"] / v["dof"]),
+    rejects=True,
+)
 def _(of: str, chi2: float, dof: int, p_value: float) -> str:
     return (
         f"The prior of {of} contradicts the data: chi-square {chi2:.3g} with {dof} degrees of freedom, "
@@ -164,7 +258,13 @@ def _(of: str, chi2: float, dof: int, p_value: float) -> str:
     return f"The prior of {of} agrees with the data: {test}."
 
 
-@sentence("calibration.open")
+@sentence(
+    "calibration.open",
+    check=MOTION,
+    phrase=_open_in_short,
+    effect=5,
+    remedy="add poses that rotate about another axis: uq-handeye plan chooses them",
+)
 def _(directions: Sequence[Sequence[float]], setup: str | None) -> str:
     return (
         f"The motions leave open: {'; '.join(open_words(one, setup) for one in directions)}. X is one of many that "

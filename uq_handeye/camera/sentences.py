@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..findings import sentence
-from ..formatting.numbers import concise
+from ..findings import CAMERA, sentence
+from ..formatting.numbers import concise, digits
 
 
-@sentence("camera.focal_uncertain")
+@sentence(
+    "camera.focal_uncertain",
+    check=CAMERA,
+    phrase=lambda v: f"focal length known to {digits(100 * v['share'], 2)} % only",
+)
 def _(share: float) -> str:
     return (
         f"The focal length, and with it distances, are known to only {100 * share:.1f} %. Take pictures in which the "
@@ -17,7 +21,12 @@ def _(share: float) -> str:
     )
 
 
-@sentence("camera.another_board")
+@sentence(
+    "camera.another_board",
+    check=CAMERA,
+    phrase=lambda v: f"corners {digits(v['pixels'], 2)} px off: another board?",
+    effect=8.0,
+)
 def _(pixels: float, board: str) -> str:
     what = f"They were read as those of a {board} board. " if board else ""
     return (
@@ -26,7 +35,11 @@ def _(pixels: float, board: str) -> str:
     )
 
 
-@sentence("camera.coefficients_near_zero")
+@sentence(
+    "camera.coefficients_near_zero",
+    check=CAMERA,
+    phrase="some lens coefficients are not significant",
+)
 def _(coefficients: Sequence[Mapping[str, Any]]) -> str:
     named = "; ".join(f"{one['name']} = {one['value']:.2g} +- {one['std']:.2g}" for one in coefficients)
     return (
@@ -35,7 +48,11 @@ def _(coefficients: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-@sentence("camera.corners_left_out")
+@sentence(
+    "camera.corners_left_out",
+    check=CAMERA,
+    phrase="{count} of {n} corners left out",
+)
 def _(count: int, n: int) -> str:
     return (
         f"{count} of {n} corners ({100 * count / n:.0f} %) were rejected as outliers. Look at the pictures that "
@@ -43,7 +60,12 @@ def _(count: int, n: int) -> str:
     )
 
 
-@sentence("camera.residual_pattern")
+@sentence(
+    "camera.residual_pattern",
+    check=CAMERA,
+    phrase="residuals have a pattern over the image",
+    effect=1.5,
+)
 def _(share: float, model: str, tried_all: bool = False) -> str:
     advice = (
         "No other model that was tried describes it better: look for blur, glass before the lens, or a rolling shutter."
@@ -56,7 +78,12 @@ def _(share: float, model: str, tried_all: bool = False) -> str:
     )
 
 
-@sentence("camera.board_pattern")
+@sentence(
+    "camera.board_pattern",
+    check=CAMERA,
+    phrase="residuals follow the points of the board",
+    effect=1.5,
+)
 def _(share: float, shape: str) -> str:
     more = ", or the board is bent" if shape == "flat" else ""
     return (
@@ -66,7 +93,11 @@ def _(share: float, shape: str) -> str:
     )
 
 
-@sentence("camera.squares_stretched")
+@sentence(
+    "camera.squares_stretched",
+    check=CAMERA,
+    phrase="squares wider than high, or higher than wide",
+)
 def _(stretch: float, std: float) -> str:
     longer = "wider than high" if stretch > 0 else "higher than wide"
     return (
@@ -75,7 +106,11 @@ def _(stretch: float, std: float) -> str:
     )
 
 
-@sentence("camera.pictures_left_out")
+@sentence(
+    "camera.pictures_left_out",
+    check=CAMERA,
+    phrase=lambda v: f"{len(v['pictures'])} images rejected",
+)
 def _(pictures: Sequence[str]) -> str:
     rows = pictures[0].startswith("row ")  # corners without names of pictures
     if len(pictures) == 1:

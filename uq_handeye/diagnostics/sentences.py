@@ -9,8 +9,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..findings import sentence
-from ..formatting.numbers import concise, digits, multiple, probability, signed
+from ..findings import HALVES, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
+from ..formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
 
 _MM, _DEG = 1e3, 180.0 / math.pi
 # An axis within 25 degrees of a direction gives it its name.
@@ -22,6 +22,47 @@ _ONE_AXIS = 0.9
 
 
 # ------------------------------------------------------------------------------------------- what X is known to
+
+
+def _flagged_in_short(v: Mapping[str, Any]) -> str:
+    what = {"rejected": "rejected", "downweighted": "down-weighted", "outlier": "kept, but do not fit"}[v["flag"]]
+    rows = ", ".join(str(one["row"]) for one in v["worst"][:5])
+    more = ", ..." if v["count"] > min(len(v["worst"]), 5) else ""
+    return f"{v['count']} of {v['n']} {v['item']}s {what}: {rows}{more}"
+
+
+def _flagged_effect(v: Mapping[str, Any]) -> float:
+    return 1.1 if v["flag"] != "outlier" else math.sqrt(v["worst"][0]["distance2"] / 6.0)
+
+
+def _correlated_in_short(v: Mapping[str, Any]) -> str:
+    growth = v["growth"]
+    if growth is None or growth < 1.05:
+        return f"correlated ({probability(v['p_value'])}), hardly any effect on X"
+    return f"correlated; X is about {digits(growth, 2)} times less certain"
+
+
+def _shape_in_short(v: Mapping[str, Any]) -> str:
+    says = []
+    if v["excess_kurtosis"] is not None:
+        says.append(f"{'heavier' if v['excess_kurtosis'] > 0 else 'lighter'} tails")
+    if v["skewness"] is not None:
+        says.append("skewed")
+    return f"not Gaussian ({probability(v['p_value'])}): {', '.join(says)}"
+
+
+def _moves_in_short(v: Mapping[str, Any]) -> str:
+    return f"without {v['item']} {v['row']} X moves by {digits(v['shift_sd'], 2)} standard deviations"
+
+
+def _halves_in_short(v: Mapping[str, Any]) -> str:
+    state = "agree" if v["agree"] else "differ"
+    return f"{v['split']}: {state} ({probability(v['p_value'])})"
+
+
+def _asked_in_short(v: Mapping[str, Any]) -> str:
+    one = v["errors"][0]
+    return f"the residuals indicate a {one['name']} error of {digits(100 * one['estimate'], 2)} %"
 
 
 @sentence("diagnostics.direction")
@@ -88,14 +129,26 @@ def _(item: str, n: int, effective: float, row: int, share: float) -> str:
     )
 
 
-@sentence("diagnostics.needed_rows")
+@sentence(
+    "diagnostics.needed_rows",
+    check=MOTION,
+    phrase=lambda v: f"without {v['item']} {v['rows'][0]} the data do not determine X",
+    effect=2,
+    remedy="add poses that rotate about another axis: uq-handeye plan chooses them",
+    rows=("rows",),
+)
 def _(item: str, rows: Sequence[int]) -> str:
     shown = ", ".join(str(k) for k in rows[:5])
     which = f"any one of the {item}s {shown}{', ...' if len(rows) > 5 else ''}" if len(rows) > 1 else f"{item} {shown}"
     return f"Without {which} the data do not determine X."
 
 
-@sentence("diagnostics.wrong_row")
+@sentence(
+    "diagnostics.wrong_row",
+    check=RESIDUALS,
+    phrase=_moves_in_short,
+    effect=lambda v: float(v["shift_sd"]),
+)
 def _(item: str, row: int, shift_sd: float, rotation: float, translation: float, p_value: float) -> str:
     verdict = f"more than its noise explains ({probability(p_value)})"
     return f"{_moves(item, row, shift_sd, rotation, translation)}, {verdict}."
@@ -136,7 +189,13 @@ def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
     return f"The test of {what} was not run, because {reason}."
 
 
-@sentence("diagnostics.correlated")
+@sentence(
+    "diagnostics.correlated",
+    check=NEIGHBOURS,
+    phrase=_correlated_in_short,
+    effect=lambda v: max(float(v["growth"] or 1.0), 1.0),
+    rejects=True,
+)
 def _(item: str, n: int, lag_1: float, p_value: float, growth: float) -> str:
     start = f"Neighbouring residuals are correlated (lag 1: {lag_1:.2f}, {probability(p_value)})"
     if growth < 1.05:
@@ -148,12 +207,21 @@ def _(item: str, n: int, lag_1: float, p_value: float, growth: float) -> str:
     )
 
 
-@sentence("diagnostics.uncorrelated")
+@sentence(
+    "diagnostics.uncorrelated",
+    check=NEIGHBOURS,
+    phrase="residuals of neighbouring poses uncorrelated",
+)
 def _(lag_1: float, standard_error: float) -> str:
     return f"Neighbouring residuals show no significant correlation (lag 1: {lag_1:.2f} +- {standard_error:.2f})."
 
 
-@sentence("diagnostics.not_gaussian")
+@sentence(
+    "diagnostics.not_gaussian",
+    check=RESIDUALS,
+    phrase=_shape_in_short,
+    effect=1.1,
+)
 def _(p_value: float, excess_kurtosis: float | None, skewness: float | None) -> str:
     says = []
     if excess_kurtosis is not None:
@@ -172,7 +240,14 @@ def _(p_value: float) -> str:
     return f"The residuals are consistent with a Gaussian distribution (p = {p_value:.2g})."
 
 
-@sentence("diagnostics.pattern")
+@sentence(
+    "diagnostics.pattern",
+    check=RESIDUALS,
+    phrase=lambda v: f"follow the {v['item']}s ({digits(100 * v['r_squared'], 2)} % explained)",
+    effect=lambda v: 1.0 / math.sqrt(max(1.0 - v["r_squared"], 0.01)),
+    rejects=True,
+    remedy="look at the residuals by pose in the report: --report report.html",
+)
 def _(item: str, r_squared: float, chance: float, p_value: float, correlated: bool) -> str:
     by_chance = f"{100 * chance:.0f}" if chance >= 0.01 else "below 1"
     also = " Correlated errors of neighbouring rows can be the cause, too." if correlated else ""
@@ -196,7 +271,13 @@ def _(name: str) -> str:
     return f"The effect of the {name} is not known, because the distances from camera to target are not known."
 
 
-@sentence("diagnostics.undeclared")
+@sentence(
+    "diagnostics.undeclared",
+    check=SHARED,
+    phrase=_asked_in_short,
+    effect=2,
+    rejects=True,
+)
 def _(errors: Sequence[Mapping[str, Any]]) -> str:
     asked = [f"{error['name']} {relative(error['estimate'], error['sd'])}" for error in errors]
     one = len(asked) == 1
@@ -239,7 +320,14 @@ CONTRADICTION = 1e-3
 _CONTRADICT = " The covariance is too small, or the halves have different systematic errors."
 
 
-@sentence("diagnostics.halves")
+@sentence(
+    "diagnostics.halves",
+    check=HALVES,
+    phrase=_halves_in_short,
+    effect=lambda v: math.sqrt(v["d2"] / 6.0),
+    rejects=True,
+    remedy="look at the residuals by pose in the report: --report report.html",
+)
 def _(
     split: str, sizes: Sequence[int], rotation: float, translation: float, d2: float, p_value: float, agree: bool
 ) -> str:
@@ -261,7 +349,14 @@ def _(split: str, passed: int, tests: int) -> str:
 # ---------------------------------------------------------------------------------------------------- pose table
 
 
-@sentence("diagnostics.flagged")
+@sentence(
+    "diagnostics.flagged",
+    explained=True,
+    check=OUTLIERS,
+    phrase=_flagged_in_short,
+    effect=_flagged_effect,
+    remedy="look at the flagged poses in the report: --report report.html",
+)
 def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Mapping[str, Any]]) -> str:
     one = count == 1
     what = {
@@ -282,7 +377,14 @@ def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Ma
     )
 
 
-@sentence("diagnostics.noise_too_small")
+@sentence(
+    "diagnostics.noise_too_small",
+    check=NOISE,
+    phrase=lambda v: times_of_noise(v["scale"]),
+    effect=lambda v: float(v["scale"]),
+    rejects=True,
+    remedy="leave the noise out, it is then estimated; or correct it",
+)
 def _(scale: float) -> str:
     return (
         f"The noise given is too small: most residuals are {multiple(scale)} times as large as it explains. Outliers "

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from ..findings import sentence
+from ..findings import INPUT, sentence
 from ..formatting.numbers import digits, probability
 
 
-@sentence("evidence.touches_used")
+@sentence(
+    "evidence.touches_used",
+    check=INPUT,
+    phrase=lambda v: f"{v['count']} touched points contradict the poses ({probability(v['p_value'])})",
+    effect=3.0,
+    rejects=True,
+)
 def _(count: int, d2: float, dof: int, p_value: float, rms: float) -> str:
     touches = "1 touched point is" if count == 1 else f"{count} touched points are"
     agree, they, contradict = ("agrees", "it", "contradicts") if count == 1 else ("agree", "they", "contradict")

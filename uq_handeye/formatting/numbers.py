@@ -157,3 +157,8 @@ def pose_rows(values: Array, std: Array | None) -> list[str]:
         row("translation (mm)", "xyz", values[:3], move, 4),
         row("rotation vector (deg)", "xyz", values[3:], turn, 5),
     ]
+
+
+def times_of_noise(ratio: float) -> str:
+    """Return how residuals compare with the noise given."""
+    return f"residuals {digits(max(ratio, 1 / ratio), 2)} times {'larger' if ratio > 1 else 'smaller'} than this noise"

@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from ..findings import sentence
+from ..findings import INPUT, MOTION, NOISE, OUTLIERS, sentence
+from ..formatting.numbers import digits, times_of_noise
 
 _DEG, _MM = 180.0 / math.pi, 1e3
 
@@ -18,7 +19,77 @@ _DEG, _MM = 180.0 / math.pi, 1e3
 # ------------------------------------------------------------------------------------ what the columns look like
 
 
-@sentence("input_checks.far")
+def _reading_in_short(v: Mapping[str, Any]) -> str:
+    """One of `misread_files.other_readings`, in short."""
+    kind, file = v["kind"], v.get("file")
+    if kind == "scale":
+        if file and v.get("unit"):
+            return f"the {file} {'poses seem' if v.get('bag') else 'file seems'} to be in {v['unit']}"
+        if v.get("bag"):
+            return f"the tag seems to be {digits(float(v['factor']), 2)} times as large as given"
+        if v.get("target"):
+            return f"the target seems to be {digits(float(v['factor']), 3)} times as large as given"
+        return "robot and camera seem to be in different units"
+    if kind == "inverse robot" and v.get("likely") == "setup":
+        return f"the setup seems to be {v['setup']}, or the camera file inverse"
+    if kind == "inverse robot":
+        return f"the robot file seems inverse, or the setup {v['setup']}"
+    if kind == "inverse camera":
+        setup = v.get("setup")
+        return (
+            "the camera file seems to hold inverse poses"
+            if setup is None
+            else (f"the camera file seems inverse, or the setup {setup}")
+        )
+    if kind == "mirrored":
+        return "the camera's or the robot's frame seems to be left-handed"
+    who = "both files seem" if file is None else f"the {file} file seems"
+    if kind == "transposed":
+        return f"{who} to have transposed rotations"
+    return f"{who} to have the quaternion's scalar {'first' if v['order'] == 'wxyz' else 'last'}"
+
+
+def _both_in_short(rotation: float, translation: float) -> str:
+    return f"{digits(math.degrees(rotation), 2)} deg, {digits(1e3 * translation, 2)} mm"
+
+
+def _readings_in_short(v: Mapping[str, Any]) -> str:
+    readings: Sequence[Mapping[str, Any]] = v["readings"]
+    if readings:
+        return _reading_in_short(readings[0])
+    return f"X does not explain the poses ({_both_in_short(v['rotation'], v['translation'])} RMS)"
+
+
+def _far_remedy(v: Mapping[str, Any]) -> str:
+    if rows := v.get("rows"):
+        return f"correct these rows, or leave them out: --exclude {','.join(map(str, rows))}"
+    return f"run again with --{v['file']}-units {v['unit']}"
+
+
+def _far_in_short(v: Mapping[str, Any]) -> str:
+    if rows := v.get("rows"):
+        return f"{v['file']} row{'' if len(rows) == 1 else 's'} {', '.join(map(str, rows))} in {v['unit']}?"
+    return f"{v['file']} translations look like {v['unit']}"
+
+
+def _repeated_in_short(v: Mapping[str, Any]) -> str:
+    count, again = v["count"], bool(v.get("runs"))
+    rows = f"{count} {v.get('file', '')} row{'' if count == 1 else 's'}"
+    return f"{rows} given again, counted once" if again else f"{rows} like the row before"
+
+
+def _ratio(v: Mapping[str, Any]) -> float:
+    return v["rms"] / v["expected"] if v["expected"] > 0 else math.inf
+
+
+@sentence(
+    "input_checks.far",
+    check=INPUT,
+    phrase=_far_in_short,
+    effect=50,
+    remedy=_far_remedy,
+    rows=("rows",),
+)
 def _(file: str, reach: float, unit: str, from_corners: bool, rows: Sequence[int] = ()) -> str:
     if rows:
         which = f"Row{'' if len(rows) == 1 else 's'} {', '.join(map(str, rows))} of the {file} poses"
@@ -31,7 +102,13 @@ def _(file: str, reach: float, unit: str, from_corners: bool, rows: Sequence[int
     return f"The {file} translations reach {reach:.4g} m: they look like {looks}. {give}."
 
 
-@sentence("input_checks.tiny")
+@sentence(
+    "input_checks.tiny",
+    check=INPUT,
+    phrase=lambda v: f"both files seem to be in a larger unit ({digits(1e3 * v['reach'], 2)} mm at most)",
+    effect=50,
+    remedy="give the unit that the lengths are in (--units), or write them in metres",
+)
 def _(reach: float) -> str:
     return (
         f"No translation of robot or camera exceeds {1e3 * reach:.3g} mm: both files seem to be in a larger unit than "
@@ -39,12 +116,21 @@ def _(reach: float) -> str:
     )
 
 
-@sentence("input_checks.constant_column")
+@sentence(
+    "input_checks.constant_column",
+    check=INPUT,
+    phrase="column {column} of the {file} poses is constant",
+)
 def _(file: str, column: str, value: float) -> str:
     return f"Column {column} of the {file} poses is constant ({value:.6g})."
 
 
-@sentence("input_checks.identical_columns")
+@sentence(
+    "input_checks.identical_columns",
+    check=INPUT,
+    phrase=lambda v: f"columns {' and '.join(v['columns'])} of the {v['file']} poses are equal",
+    effect=20,
+)
 def _(file: str, columns: Sequence[str], n: int) -> str:
     return (
         f"Columns {columns[0]} and {columns[1]} of the {file} poses are identical in all {n} rows: one of them was "
@@ -52,7 +138,11 @@ def _(file: str, columns: Sequence[str], n: int) -> str:
     )
 
 
-@sentence("input_checks.repeated_rows")
+@sentence(
+    "input_checks.repeated_rows",
+    check=INPUT,
+    phrase=_repeated_in_short,
+)
 def _(file: str, count: int, n: int, runs: Sequence[Sequence[int]] = ()) -> str:
     if runs:
         named = [
@@ -67,7 +157,13 @@ def _(file: str, count: int, n: int, runs: Sequence[Sequence[int]] = ()) -> str:
     return f"{count} of {n} {file} poses repeat the row before exactly: they add no information."
 
 
-@sentence("input_checks.same_file")
+@sentence(
+    "input_checks.same_file",
+    explains=True,
+    check=INPUT,
+    phrase="robot and camera file hold the same poses",
+    remedy="give the file of the camera poses as the second one",
+)
 def _() -> str:
     return "Robot and camera poses are the same numbers: the same file was given twice."
 
@@ -75,7 +171,17 @@ def _() -> str:
 # --------------------------------------------------------------------------------- what the rotations look like
 
 
-@sentence("input_checks.angles_disagree")
+@sentence(
+    "input_checks.angles_disagree",
+    explained=True,
+    check=INPUT,
+    phrase=lambda v: (
+        "a few pairs rotate by different angles" if v["few"] else "the rows of the two files do not belong together"
+    ),
+    effect=1.2,
+    # of few the outliers say which
+    remedy=lambda v: "" if v["few"] else "pair by timestamps: --pair time, or --pair async for unsynchronised clocks",
+)
 def _(rms: float, largest: float, where: str, few: bool) -> str:
     return (
         f"Robot and camera disagree on the rotation angles: they differ by {_DEG * rms:.1f} degrees RMS, "
@@ -89,7 +195,11 @@ def _(rms: float, largest: float, where: str, few: bool) -> str:
     )
 
 
-@sentence("input_checks.half_turns")
+@sentence(
+    "input_checks.half_turns",
+    check=MOTION,
+    phrase="many rotations above 150 deg, little weight in 4dpa",
+)
 def _(share: float) -> str:
     return (
         f"{100 * share:.0f} % of the motions rotate by more than 150 degrees. 4DPA weights a motion by sin^2(angle), "
@@ -97,7 +207,12 @@ def _(share: float) -> str:
     )
 
 
-@sentence("input_checks.small_rotations")
+@sentence(
+    "input_checks.small_rotations",
+    check=MOTION,
+    phrase=lambda v: f"rotations of {digits(math.degrees(v['largest']), 2)} deg at most: noise amplified",
+    remedy="add poses that rotate by 30 deg and more, about different axes",
+)
 def _(largest: float) -> str:
     return (
         f"The robot rotates by at most {_DEG * largest:.2g} degrees, which amplifies the noise. Rotate it by 30 "
@@ -105,7 +220,13 @@ def _(largest: float) -> str:
     )
 
 
-@sentence("input_checks.parallel_axes")
+@sentence(
+    "input_checks.parallel_axes",
+    check=MOTION,
+    phrase="rotation axes are nearly parallel",
+    effect=2,
+    remedy="add poses that rotate about another axis: uq-handeye plan chooses them",
+)
 def _(axis: Sequence[float], within: float) -> str:
     return (
         f"The rotation axes of the robot are nearly parallel to ({', '.join(f'{x:.2f}' for x in axis)}) (within "
@@ -117,7 +238,14 @@ def _(axis: Sequence[float], within: float) -> str:
 # ------------------------------------------------------------------------------------------ how well X fits them
 
 
-@sentence("input_checks.noise_too_small")
+@sentence(
+    "input_checks.noise_too_small",
+    check=NOISE,
+    phrase=lambda v: times_of_noise(_ratio(v)),
+    effect=_ratio,
+    rejects=True,
+    remedy="leave the noise out, it is then estimated; or correct it",
+)
 def _(what: str, part: str, rms: float, expected: float) -> str:
     ratio = f"{rms / expected:.3g} times what" if expected > 0 else "more than"
     return (
@@ -127,7 +255,13 @@ def _(what: str, part: str, rms: float, expected: float) -> str:
     )
 
 
-@sentence("input_checks.noise_too_large")
+@sentence(
+    "input_checks.noise_too_large",
+    check=NOISE,
+    phrase=lambda v: times_of_noise(_ratio(v)),
+    effect=1.05,
+    remedy="leave the noise out, it is then estimated; or correct it",
+)
 def _(what: str, part: str, rms: float, expected: float) -> str:
     return (
         f"The {part} residuals of the {what} ({_size(part, rms)} RMS) are {expected / rms:.3g} times smaller than the "
@@ -136,7 +270,14 @@ def _(what: str, part: str, rms: float, expected: float) -> str:
     )
 
 
-@sentence("input_checks.outliers")
+@sentence(
+    "input_checks.outliers",
+    explained=True,
+    check=OUTLIERS,
+    phrase="{count} of {n} {what}s fit much worse",
+    effect=3,
+    remedy="look at the residuals by pose in the report: --report report.html",
+)
 def _(what: str, count: int, n: int, rotation: float, translation: float, worst: Sequence[Mapping[str, Any]]) -> str:
     named = ", ".join(
         f"{what} {row['row']} ({_DEG * row['rotation']:.2g} degrees, {_MM * row['translation']:.3g} mm)"
@@ -150,7 +291,12 @@ def _(what: str, count: int, n: int, rotation: float, translation: float, worst:
     )
 
 
-@sentence("input_checks.poses_unexplained")
+@sentence(
+    "input_checks.poses_unexplained",
+    explained=True,
+    check=INPUT,
+    phrase=_readings_in_short,
+)
 def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]) -> str:
     start = (
         f"X does not explain the poses: the target seems to move by {_DEG * rotation:.2g} degrees and "
@@ -164,7 +310,13 @@ def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]
     return f"{start} It would fit if {'; or if '.join(_reading(**reading) for reading in readings)}."
 
 
-@sentence("input_checks.motions_unexplained")
+@sentence(
+    "input_checks.motions_unexplained",
+    explained=True,
+    check=INPUT,
+    phrase=lambda v: f"X does not explain the motions ({_both_in_short(v['rotation'], v['translation'])} RMS)",
+    remedy="check the frames, units and pairing of both files",
+)
 def _(rotation: float, translation: float) -> str:
     return (
         f"X does not explain the motions: residuals {_DEG * rotation:.2g} degrees and {_MM * translation:.3g} mm RMS. "
@@ -172,12 +324,24 @@ def _(rotation: float, translation: float) -> str:
     )
 
 
-@sentence("input_checks.wrong_scale")
+@sentence(
+    "input_checks.wrong_scale",
+    explained=True,
+    check=INPUT,
+    phrase=lambda v: _reading_in_short(v["reading"]),
+)
 def _(reading: Mapping[str, Any]) -> str:
     return f"The translations of robot and camera do not match. They would fit if {_reading(**reading)}."
 
 
-@sentence("input_checks.long_bracket")
+@sentence(
+    "input_checks.long_bracket",
+    explained=True,
+    check=INPUT,
+    phrase=lambda v: f"the {v['what']} would sit {digits(v['length'], 2)} m from the gripper: wrong files?",
+    effect=30,
+    remedy="check which file is the robot's; it goes first",
+)
 def _(what: str, length: float, fixed: float) -> str:
     on_camera = what == "camera"  # on a gripper; else swapped files would show X inverse, of the same length
     cause = "the two files are swapped or both hold inverse poses" if on_camera else "both files hold inverse poses"
@@ -190,7 +354,12 @@ def _(what: str, length: float, fixed: float) -> str:
     )
 
 
-@sentence("input_checks.setup_not_said")
+@sentence(
+    "input_checks.setup_not_said",
+    check=INPUT,
+    phrase="the setup may be {setup}: say which",
+    effect=30,
+)
 def _(setup: str, seen: float, as_given: float) -> str:
     return (
         f"Read as target_T_camera, the camera file shows the target in directions that vary by {_DEG * seen:.2g} "
@@ -199,7 +368,12 @@ def _(setup: str, seen: float, as_given: float) -> str:
     )
 
 
-@sentence("input_checks.setup_by_lengths")
+@sentence(
+    "input_checks.setup_by_lengths",
+    check=INPUT,
+    phrase=lambda v: f"the {v['what']} would sit {digits(v['length'], 2)} m from the gripper: {v['setup']}?",
+    effect=30,
+)
 def _(what: str, length: float, fixed: float, setup: str, inverted: bool) -> str:
     frame = (
         "no robot_frame (--robot-frame)" if inverted else 'robot_frame="gripper_T_base" (--robot-frame gripper_T_base)'
@@ -287,7 +461,14 @@ def _option(file: str, argument: str, value: str, other: str | None = None) -> s
 # ------------------------------------------------------------------------------------------------- shifted rows
 
 
-@sentence("input_checks.shifted_rows")
+@sentence(
+    "input_checks.shifted_rows",
+    explained=True,
+    check=INPUT,
+    phrase="rows are missing in one file: the pairing is shifted",
+    remedy="leave out the rows named above, or pair by timestamps: --pair time",
+    rows=("robot_left_out", "camera_left_out"),
+)
 def _(
     stretches: Sequence[Sequence[int]],
     robot_left_out: Sequence[int],
@@ -328,7 +509,13 @@ def _(
     return " ".join(parts)
 
 
-@sentence("input_checks.alphabetical_rows")
+@sentence(
+    "input_checks.alphabetical_rows",
+    explains=True,
+    check=INPUT,
+    phrase=lambda v: f"the {v['file']} rows are in alphabetical order ({', '.join(map(str, v['order'][:3]))}, ...)",
+    remedy="sort the rows of the {file} file by number",
+)
 def _(file: str, order: Sequence[int]) -> str:
     other = "camera" if file == "robot" else "robot"
     return (
@@ -338,7 +525,15 @@ def _(file: str, order: Sequence[int]) -> str:
     )
 
 
-@sentence("input_checks.shifted_run")
+@sentence(
+    "input_checks.shifted_run",
+    explained=True,
+    check=INPUT,
+    phrase="robot rows {first} to {last} are paired wrongly",
+    effect=1.5,
+    remedy="pair the rows again, or by timestamps: --pair time",
+    rows=("first", "last", "near"),
+)
 def _(first: int, last: int, shift: int, lacks: str, near: int) -> str:
     return (
         f"Robot rows {first} to {last} fit the camera rows {first + shift} to {last + shift}, not their own: the "
@@ -357,7 +552,13 @@ def _(count: int, n: int, changed: int, undecided: Sequence[str]) -> str:
     return text + "."
 
 
-@sentence("input_checks.flipped_poses")
+@sentence(
+    "input_checks.flipped_poses",
+    explained=True,
+    check=OUTLIERS,
+    phrase=lambda v: f"{len(v['rows'])} flipped: second solution of the target",
+    rows=("rows",),
+)
 def _(rows: Sequence[int]) -> str:
     one = len(rows) == 1
     named = f"{'Pose' if one else 'Poses'} {', '.join(map(str, rows))}"

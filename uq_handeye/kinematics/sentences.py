@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ..findings import sentence
+from ..findings import INPUT, sentence
 from ..formatting.numbers import digits
 
 _DEG, _MM = 180.0 / math.pi, 1e3
@@ -47,7 +47,12 @@ def _(
     )
 
 
-@sentence("kinematics.another_arm")
+@sentence(
+    "kinematics.another_arm",
+    check=INPUT,
+    phrase="the robot poses are not those of the URDF",
+    remedy="give the URDF of this robot, or leave --joints and --urdf out",
+)
 def _(rotation: float, translation: float, n: int, explained_by: str | None, joints: Sequence[str]) -> str:
     hint = (
         "The URDF is of another arm, or joints and robot poses do not belong together row by row."
@@ -60,7 +65,13 @@ def _(rotation: float, translation: float, n: int, explained_by: str | None, joi
     )
 
 
-@sentence("kinematics.rows_apart")
+@sentence(
+    "kinematics.rows_apart",
+    check=INPUT,
+    phrase=lambda v: f"{len(v['rows'])} poses: joints and robot pose differ",
+    effect=1.5,
+    rows=("rows", "farthest"),
+)
 def _(rows: Sequence[int], farthest: int, rotation: float, translation: float) -> str:
     listed = ", ".join(map(str, rows[:10])) + (", ..." if len(rows) > 10 else "")
     which, of = ("Pose", "it") if len(rows) == 1 else ("Poses", "them")

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..findings import sentence
+from ..findings import NEIGHBOURS, NOISE, sentence
 from ..formatting.numbers import digits, probability
 
 # Probability below which the residuals contradict the camera's covariance.
@@ -18,7 +18,16 @@ CONTRADICTION = 1e-4
 Part = Mapping[str, Any]
 
 
-@sentence("noise_estimation.exact")
+def _drift_in_short(v: Mapping[str, Any]) -> str:
+    kind = "drift" if v["drift"] else "correlation"
+    return f"{kind} of the {v['way']}, included in the accuracy"
+
+
+@sentence(
+    "noise_estimation.exact",
+    check=NOISE,
+    phrase="residuals at rounding level: the data are exact",
+)
 def _(parts: Sequence[str]) -> str:
     return (
         f"The residuals in {' and '.join(parts)} are at rounding level: the data are exact, or one file was computed "
@@ -81,7 +90,11 @@ def _(components: Sequence[Part]) -> str:
     return f"The data sheet splits the translation noise: {_list(components)}. The data determine only the sum."
 
 
-@sentence("noise_estimation.interval_too_wide")
+@sentence(
+    "noise_estimation.interval_too_wide",
+    check=NOISE,
+    phrase="an interval did not converge (too wide)",
+)
 def _(names: Sequence[str]) -> str:
     return (
         f"The search for the ends of the interval of {' and of '.join(names)} did not converge. The interval given "
@@ -89,7 +102,12 @@ def _(names: Sequence[str]) -> str:
     )
 
 
-@sentence("noise_estimation.correlated")
+@sentence(
+    "noise_estimation.correlated",
+    check=NEIGHBOURS,
+    phrase=_drift_in_short,
+    effect=1.02,
+)
 def _(
     way: str, against: str, rotation: float, translation: float, length: float, drift: bool, odds: float, growth: float
 ) -> str:
@@ -152,7 +170,13 @@ def _() -> str:
     return "The residuals cannot confirm the pixel noise given, because the robot noise dominates."
 
 
-@sentence("noise_estimation.pixels_given")
+@sentence(
+    "noise_estimation.pixels_given",
+    check=NOISE,
+    phrase=lambda v: f"pixel noise given contradicts the residuals by {digits(math.sqrt(v['factor']), 2)} times",
+    effect=lambda v: max(math.sqrt(v["factor"]), 1.05),
+    rejects=True,
+)
 def _(given: float, factor: float, p_value: float, dof: float) -> str:
     found, size = _digits(given * math.sqrt(factor)), f"{_digits(given)} px"
     if p_value > CONTRADICTION:
@@ -163,7 +187,13 @@ def _(given: float, factor: float, p_value: float, dof: float) -> str:
     )
 
 
-@sentence("noise_estimation.unusual_pixels")
+@sentence(
+    "noise_estimation.unusual_pixels",
+    check=NOISE,
+    phrase=lambda v: f"pixel noise of {digits(v['component']['value'], 2)} px is unusual",
+    effect=3,
+    rejects=True,
+)
 def _(component: Part) -> str:
     return (
         f"The residuals indicate a pixel noise of {_digits(component['value'])} px, but corners are found to 0.02 to "
@@ -200,7 +230,13 @@ def _() -> str:
     return "The residuals cannot confirm that covariance, because the robot noise dominates."
 
 
-@sentence("noise_estimation.camera_factor")
+@sentence(
+    "noise_estimation.camera_factor",
+    check=NOISE,
+    phrase=lambda v: f"residuals {digits(math.sqrt(v['factor']), 2)} times what the corners say",
+    effect=lambda v: max(math.sqrt(v["factor"]), 1.05),
+    rejects=True,
+)
 def _(factor: float, p_value: float, dof: float) -> str:
     scale, chance = digits(math.sqrt(factor), 2), probability(p_value)
     if p_value > CONTRADICTION:
@@ -213,7 +249,12 @@ def _(factor: float, p_value: float, dof: float) -> str:
     )
 
 
-@sentence("noise_estimation.camera_excess")
+@sentence(
+    "noise_estimation.camera_excess",
+    check=NOISE,
+    phrase=lambda v: f"corners share {digits(v['pixels'], 2)} px of error, included",
+    effect=1.2,
+)
 def _(pixels: float, p_value: float, dof: float, wrong: bool) -> str:
     text = (
         "The camera poses disagree by more than the residuals of their corners explain, given the robot "

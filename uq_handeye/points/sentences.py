@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..findings import sentence
+from ..findings import CAMERA, sentence
 from ..formatting.numbers import concise, digits, multiple, probability
 
 # Points that a sentence names.
@@ -17,7 +17,11 @@ def listed(items: Sequence[Any], most: int = 10) -> str:
     return ", ".join(map(str, items[:most])) + (", ..." if len(items) > most else "")
 
 
-@sentence("points.left_out")
+@sentence(
+    "points.left_out",
+    check=CAMERA,
+    phrase="{count} of {n} points left out",
+)
 def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
     which = "; ".join(
         f"pose {one['pose']}, point {one['point']} ({digits(1e3 * one['distance'], 2)} mm)"
@@ -28,7 +32,11 @@ def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
     return f"{count} of {n} points {were}: {which}{more}. Check how they were measured and named."
 
 
-@sentence("points.poses_left_out")
+@sentence(
+    "points.poses_left_out",
+    check=CAMERA,
+    phrase=lambda v: f"{len(v['poses'])} poses left out: {v['why']}",
+)
 def _(poses: Sequence[int], why: str) -> str:
     start = (
         f"{'Pose' if len(poses) == 1 else 'Poses'} {listed(poses)} {'was' if len(poses) == 1 else 'were'} left out: "
@@ -40,7 +48,11 @@ def _(poses: Sequence[int], why: str) -> str:
     }.get(why, f"{why}.")
 
 
-@sentence("points.not_in_target")
+@sentence(
+    "points.not_in_target",
+    check=CAMERA,
+    phrase=lambda v: f"{len(v['points'])} measured points not in the target",
+)
 def _(points: Sequence[str]) -> str:
     return (
         f"{len(points)} measured point{'s' if len(points) > 1 else ''} not in the target, not used: {listed(points)}. "
@@ -48,7 +60,12 @@ def _(points: Sequence[str]) -> str:
     )
 
 
-@sentence("points.noise_differs")
+@sentence(
+    "points.noise_differs",
+    check=CAMERA,
+    phrase=lambda v: f"residuals of points {digits(v['ratio'], 2)} times the noise given",
+    effect=lambda v: float(max(v["ratio"], 1.0)),
+)
 def _(ratio: float, p_value: float) -> str:
     return (
         f"The residuals are {multiple(ratio)} times as large as the noise given ({probability(p_value)}). Correct "
@@ -56,7 +73,11 @@ def _(ratio: float, p_value: float) -> str:
     )
 
 
-@sentence("points.few_residuals")
+@sentence(
+    "points.few_residuals",
+    check=CAMERA,
+    phrase="noise of the points from few residuals",
+)
 def _(dof: float) -> str:
     return (
         f"The noise was estimated from few residuals ({digits(dof, 2)} degrees of freedom). Give it (`noise`, --noise) "
@@ -64,7 +85,12 @@ def _(dof: float) -> str:
     )
 
 
-@sentence("points.scale")
+@sentence(
+    "points.scale",
+    check=CAMERA,
+    phrase=lambda v: f"scale of the points {digits(100 * abs(v['scale']), 2)} % off the target",
+    effect=lambda v: float(abs(v["scale"]) / v["std"]),
+)
 def _(scale: float, std: float) -> str:
     larger = "larger" if scale > 0 else "smaller"
     return (
@@ -73,7 +99,12 @@ def _(scale: float, std: float) -> str:
     )
 
 
-@sentence("points.target_off")
+@sentence(
+    "points.target_off",
+    check=CAMERA,
+    phrase="{count} of {n} points off the target",
+    effect=1.5,
+)
 def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
     which = ", ".join(f"{one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in far_points)
     return (

@@ -5,14 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..findings import sentence
+from ..findings import SHARED, sentence
 from ..formatting.numbers import digits
 
 # Share of the prior variance below which the data say next to nothing, on average over the groups of errors.
 HARDLY = 0.3
 
 
-@sentence("prediction.local_joints")
+def _local_in_short(v: Mapping[str, Any]) -> str:
+    return f"poses span {digits(100 * v['span'], 2)} % of the reach: local"
+
+
+@sentence(
+    "prediction.local_joints",
+    check=SHARED,
+    phrase=_local_in_short,
+    effect=1.3,
+)
 def _(span: float, used: float, told: Sequence[Mapping[str, Any]], here: float, elsewhere: float) -> str:
     shares = ", ".join(f"{digits(100 * of['share'], 2)} % of the {of['group']}" for of in told)
     mean = sum(of["share"] for of in told) / len(told) if told else 0.0

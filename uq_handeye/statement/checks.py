@@ -9,26 +9,11 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 
 from ..files.records import Record
-from ..findings import Finding
-from ..formatting.numbers import digits, probability
+from ..findings import CHECKS, HALVES, INPUT, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, Finding
+from ..formatting.numbers import digits, probability, times_of_noise
 from ..noise.estimate import NoiseEstimate
 from .included import included
-from .phrases import (
-    CHECKS,
-    HALVES,
-    INPUT,
-    MOTION,
-    NEIGHBOURS,
-    NOISE,
-    OUTLIERS,
-    RESIDUALS,
-    SHARED,
-    check_of,
-    effect,
-    phrase,
-    rejects,
-    times_of_noise,
-)
+from .phrases import check_of, effect, phrase, rejects
 from .stated import Stated, distance_of
 
 # Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior alone.

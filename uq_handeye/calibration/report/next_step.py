@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...findings import Finding
+from ...findings import Finding, record_of
 from ...input_checks.misread_files import OTHER_SETUP
 from ...statement.accuracy import Accuracy
 from ..result import Calibration
@@ -20,9 +20,6 @@ _FIRST = (
     "input_checks.setup_not_said",
     "input_checks.setup_by_lengths",
 )
-_REPORT = "look at the residuals by pose in the report: --report report.html"
-_AXES = "add poses that rotate about another axis: uq-handeye plan chooses them"
-_NOISE = "leave the noise out, it is then estimated; or correct it"
 _DECLARE = {
     "focal length": "--focal-sd 0.1%",
     "principal point": "--principal-point-sd 0.001",
@@ -32,32 +29,6 @@ _DECLARE = {
     "clock offset": "--offset-sd 1ms",
 }
 _CAMERA = {"eye-in-hand": "if the camera is on the gripper", "eye-to-hand": "if the camera is fixed"}
-# What to do about a finding, by its code.
-_STEPS = {
-    "input_checks.tiny": "give the unit that the lengths are in (--units), or write them in metres",
-    "input_checks.same_file": "give the file of the camera poses as the second one",
-    "input_checks.shifted_rows": "leave out the rows named above, or pair by timestamps: --pair time",
-    "input_checks.shifted_run": "pair the rows again, or by timestamps: --pair time",
-    "input_checks.angles_disagree": "pair by timestamps: --pair time, or --pair async for unsynchronised clocks",
-    "input_checks.motions_unexplained": "check the frames, units and pairing of both files",
-    "input_checks.long_bracket": "check which file is the robot's; it goes first",
-    "input_checks.parallel_axes": _AXES,
-    "input_checks.small_rotations": "add poses that rotate by 30 deg and more, about different axes",
-    "input_checks.outliers": _REPORT,
-    "input_checks.noise_too_small": _NOISE,
-    "input_checks.noise_too_large": _NOISE,
-    "kinematics.another_arm": "give the URDF of this robot, or leave --joints and --urdf out",
-    "diagnostics.noise_too_small": _NOISE,
-    "diagnostics.flagged": "look at the flagged poses in the report: --report report.html",
-    "diagnostics.halves": _REPORT,
-    "diagnostics.pattern": _REPORT,
-    "diagnostics.needed_rows": _AXES,
-    "calibration.open": _AXES,
-    "calibration.data_sheet_contradicted": _NOISE,
-    "calibration.target_size": "measure the target and give its true size",
-    "calibration.robust_skipped": _AXES,
-    "calibration.few_for_outliers": "take more poses: uq-handeye plan chooses them",
-}
 
 
 def next_step(result: Calibration, report: str | None = None) -> str:
@@ -80,36 +51,25 @@ def next_step(result: Calibration, report: str | None = None) -> str:
 
 def step_after(findings: Sequence[Finding]) -> str | None:
     """Return what to do about the first of some findings that asks for something."""
-    return next(filter(None, (_about(finding.code, finding.values) for finding in findings)), None)
+    return next(filter(None, (_about(finding) for finding in findings)), None)
 
 
-def _about(code: str, values: Mapping[str, Any]) -> str | None:
-    """Return what to do about a finding."""
+def _about(finding: Finding) -> str | None:
+    """Return what to do about a finding; by its record where that does not depend on more than one value."""
+    code, values = finding.code, finding.values
     if code in ("input_checks.poses_unexplained", "input_checks.wrong_scale"):
         readings = [values["reading"]] if "reading" in values else values.get("readings")
         return _try(*readings[:2]) if readings else "check the frames, units and pairing of both files"
-    if code == "input_checks.alphabetical_rows":
-        return f"sort the rows of the {values.get('file', 'camera')} file by number"
-    if code == "poses.another_rotation":
-        return f"run again with --{values.get('side', 'robot')}-rotation {values.get('form', 'ZYX-deg')}"
-    if code == "input_checks.angles_disagree" and values.get("few"):
-        return None  # the outliers say which
     if code in ("input_checks.setup_not_said", "input_checks.setup_by_lengths"):
         setup = values.get("setup", "eye-to-hand")
         if code.endswith("not_said"):
             return f"{_CAMERA[setup]}, run again with --setup {setup} and without --camera-frame"
         frame = "without --robot-frame" if values.get("inverted") else "--robot-frame gripper_T_base"
         return f"{_CAMERA[setup]}, run again with --setup {setup} and {frame}"
-    if code == "input_checks.far" and values.get("rows"):
-        return f"correct these rows, or leave them out: --exclude {','.join(map(str, values['rows']))}"
-    if code == "input_checks.far":
-        return f"run again with --{values.get('file', 'camera')}-units {values.get('unit', 'mm')}"
-    if code in ("calibration.shared_contradicted", "calibration.group_contradicted"):
-        return f"correct the {values.get('name', 'error')}, or declare it wider"
     if code == "diagnostics.undeclared" and values.get("errors"):
         name = values["errors"][0]["name"]
         return f"measure the {name}, or declare its uncertainty: {_DECLARE.get(name, '--shared defaults')}"
-    return _STEPS.get(code)
+    return record_of(finding).remedy_of(finding) or None
 
 
 def _try(reading: Mapping[str, Any], second: Mapping[str, Any] | None = None) -> str:
