@@ -70,7 +70,7 @@ def test_points_of_a_board(tmp_path, rng):
         (["x,y,z", "1,2,3"], "line 1: expected a header with seen_x"),
         ([HEAD, ROW.replace("0.5", "half")], "line 2, column seen_z: expected a number, got 'half'"),
         ([HEAD, ROW, ROW.replace("0.5", "nan")], "line 3, column seen_z: expected a number"),
-        ([HEAD, ROW + ",1"], "line 2: expected 7 fields, got 8"),
+        ([HEAD, ROW + ",1"], "line 2: expected 7 fields separated by commas, got 8"),
         ([HEAD.replace("seen_z", "z"), ROW], "expected the columns seen_z beside seen_x"),
         ([HEAD.replace("touched", "other"), ROW], "where the points were touched"),
         ([HEAD.replace("seen_y", "seen_x"), ROW], "two columns seen_x"),

@@ -21,9 +21,6 @@ joints in rad (``[deg]``). Further columns are left alone.
 
 from __future__ import annotations
 
-import csv
-import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -34,8 +31,9 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..evidence.touches import Touches
 from ..files.csv_text import plain_text
-from ..files.lines import decoded, short
+from ..files.lines import short
 from ..files.open import StrPath, as_path, opened, shown
+from ..files.table import Places, Schema, Table, name_and_unit, read_table
 from ..formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ..geometry.se3 import Array
 from ..kinematics.chain import Kinematics
@@ -45,7 +43,9 @@ MAX_BYTES = 50_000_000
 # A quaternion whose norm is further from 1 is none.
 _NORM = 1e-2
 
-_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_(mm|cm|um|in|deg|rad|mrad))")
+# Units behind the name of a column, and how names of numbers begin.
+_UNITS = ("mm", "cm", "um", "in", "deg", "rad", "mrad")
+_SIDES = ("seen_", "touched_", "board_")
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _OTHER_NAMES = {
     **{f"camera_{axis}": f"seen_{axis}" for axis in "xyz"},
@@ -63,34 +63,34 @@ _OTHER_NAMES = {
 
 
 @dataclass
-class _Table:
-    """Columns of a file by their names: numbers, units and the lines that they stand in."""
+class _Touches:
+    """Columns of a file by their names, and their units."""
 
-    name: str
-    lines: list[int]
-    texts: dict[str, list[str]]
+    table: Table
+    columns: dict[str, int]  # of numbers, by name
     units: dict[str, str | None]
     default: str
 
+    @property
+    def name(self) -> str:
+        return self.table.name
+
+    def at(self, row: int, column: str) -> str:
+        return f"{self.table.at(row)}, column {column}"
+
     def numbers(self, column: str, scale: float = 1.0) -> Array:
-        values = []
-        for line, text in zip(self.lines, self.texts[column], strict=True):
-            try:
-                value = float(text)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value) or "_" in text:
-                got = short(text) if text else "an empty field"
-                raise InputError(f"{self.name}, line {line}, column {column}: expected a number, got {got}.")
-            values.append(value * scale)
-        return np.array(values)
+        values = self.table.values[:, self.columns[column]]
+        if not (finite := np.isfinite(values)).all():
+            row = int(np.argmin(finite))
+            raise InputError(f"{self.at(row, column)}: expected a number, got {values[row]}.")
+        return np.asarray(values * scale)
 
     def lengths(self, columns: Sequence[str]) -> Array:
         return np.stack([self.numbers(c, LENGTH_UNITS[self.units[c] or self.default]) for c in columns], axis=-1)
 
     def group(self, prefix: str, parts: Sequence[str]) -> bool:
         """Return whether the columns of a group are there; raise where some of them are missing."""
-        there = [part for part in parts if f"{prefix}{part}" in self.texts]
+        there = [part for part in parts if f"{prefix}{part}" in self.columns]
         if there and len(there) < len(parts):
             missing = ", ".join(f"{prefix}{part}" for part in parts if part not in there)
             raise InputError(f"{self.name}, line 1: expected the columns {missing} beside {prefix}{there[0]}.")
@@ -131,8 +131,8 @@ def read_touches(
         raise InputError(f"Expected `units` (--units) to be one of {', '.join(LENGTH_UNITS)}, got {units!r}.")
     table = _table(path, units, arm)
     parts: dict[str, Any] = dict(more)
-    if "point" in table.texts:
-        parts["names"] = tuple(plain_text(text) or str(k + 1) for k, text in enumerate(table.texts["point"]))
+    if table.table.texts:
+        parts["names"] = tuple(plain_text(text) or str(k + 1) for k, (text,) in enumerate(table.table.texts))
     parts |= _seen(table, board, point_sd)
     if table.group("touched_", "xyz"):
         parts["touched"] = table.lengths(["touched_x", "touched_y", "touched_z"])
@@ -144,20 +144,19 @@ def read_touches(
             f"frame), or "
             "the robot pose touched_at_x ... touched_at_qw."
         )
-    if "touched_sd" in table.texts:
+    if "touched_sd" in table.columns:
         parts["touch_sd"] = table.lengths(["touched_sd"])[:, 0]
     elif touch_sd is not None:
         parts["touch_sd"] = touch_sd
     else:
         raise InputError(f"{table.name}: expected the noise of a touch: --tcp-sd 0.2mm, or a column touched_sd.")
     for column in ("touched_sd", "seen_sd", "seen_sd_x", "seen_sd_y", "seen_sd_z"):
-        if column in table.texts and (values := table.numbers(column)).min() < 0:
-            line = table.lines[int(values.argmin())]
-            raise InputError(f"{table.name}, line {line}, column {column}: expected >= 0, got {values.min():g}.")
+        if column in table.columns and (values := table.numbers(column)).min() < 0:
+            raise InputError(f"{table.at(int(values.argmin()), column)}: expected >= 0, got {values.min():g}.")
     return Touches(**parts)
 
 
-def _seen(table: _Table, board: Any, point_sd: float | None) -> dict[str, Any]:
+def _seen(table: _Touches, board: Any, point_sd: float | None) -> dict[str, Any]:
     seen, of_board = table.group("seen_", "xyz"), table.group("board_", "xyz")
     if seen == of_board:
         what = "both" if seen else "neither"
@@ -168,20 +167,20 @@ def _seen(table: _Table, board: Any, point_sd: float | None) -> dict[str, Any]:
         )
     prefix = "seen_" if seen else "board_"
     parts: dict[str, Any] = {"seen": table.lengths([f"{prefix}{axis}" for axis in "xyz"])}
-    m = len(table.lines)
+    m = len(table.table.lines)
     if of_board:
         if board is None:
             raise InputError(
                 f"{table.name}: points of a board need its poses: --board-poses FILE, one camera_T_target per view."
             )
         poses = np.asarray(board, dtype=float)
-        if "board_pose" in table.texts:
+        if "board_pose" in table.columns:
             rows = table.numbers("board_pose")
             wrong = (rows != np.round(rows)) | (rows < 0) | (rows >= len(poses))
             if wrong.any():
                 k = int(wrong.argmax())
                 raise InputError(
-                    f"{table.name}, line {table.lines[k]}, column board_pose: expected a row 0 to {len(poses) - 1} "
+                    f"{table.at(k, 'board_pose')}: expected a row 0 to {len(poses) - 1} "
                     f"of the "
                     f"board poses, got {rows[k]:g}."
                 )
@@ -194,7 +193,7 @@ def _seen(table: _Table, board: Any, point_sd: float | None) -> dict[str, Any]:
             )
     if table.group("seen_sd_", "xyz"):
         sd = table.lengths([f"seen_sd_{axis}" for axis in "xyz"])
-    elif "seen_sd" in table.texts:
+    elif "seen_sd" in table.columns:
         sd = np.repeat(table.lengths(["seen_sd"]), 3, axis=-1)
     elif point_sd is not None:
         sd = np.full((m, 3), point_sd)
@@ -204,7 +203,7 @@ def _seen(table: _Table, board: Any, point_sd: float | None) -> dict[str, Any]:
     return parts
 
 
-def _robot(table: _Table, prefix: str, arm: Kinematics | None, poses: str, joints: str) -> dict[str, Any]:
+def _robot(table: _Touches, prefix: str, arm: Kinematics | None, poses: str, joints: str) -> dict[str, Any]:
     parts: dict[str, Any] = {}
     if table.group(prefix, _POSE):
         t = table.lengths([f"{prefix}{axis}" for axis in "xyz"])
@@ -214,7 +213,7 @@ def _robot(table: _Table, prefix: str, arm: Kinematics | None, poses: str, joint
         if wrong.any():
             k = int(wrong.argmax())
             raise InputError(
-                f"{table.name}, line {table.lines[k]}, columns {prefix}qx ... {prefix}qw: expected a unit "
+                f"{table.table.at(k)}, columns {prefix}qx ... {prefix}qw: expected a unit "
                 f"quaternion, got one "
                 f"of norm {norm[k]:.4g}."
             )
@@ -235,48 +234,44 @@ def _robot(table: _Table, prefix: str, arm: Kinematics | None, poses: str, joint
     return parts
 
 
-def _table(path: StrPath, units: str, arm: Kinematics | None) -> _Table:
+def _table(path: StrPath, units: str, arm: Kinematics | None) -> _Touches:
     path = as_path(path)
-    name = shown(path)
-    with opened(path, MAX_BYTES) as file:
-        text = decoded(file.read().removeprefix(b"\xef\xbb\xbf"), f"{name}: expected a CSV table of touches")
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.strip()[0] != "#"]
-    if not lines:
-        raise InputError(f"{name}: the file is empty; expected a header such as seen_x,seen_y,seen_z,touched_x,...")
-    first, header = lines[0]
-    mark = next((mark for mark in ",;\t" if mark in header), ",")
-    rows = list(csv.reader((line for _, line in lines), delimiter=mark, skipinitialspace=True))
     joints = () if arm is None else arm.names
-    meant, found = zip(*(_meaning(column.strip(), joints) for column in rows[0]), strict=True)
-    if twice := {column for column in meant if meant.count(column) > 1}:
-        raise InputError(f"{name}, line {first}: two columns {sorted(twice)[0]}.")
-    if not any(column.startswith(("seen_", "touched_", "board_")) for column in meant):
-        raise InputError(
-            f"{name}, line {first}: expected a header with seen_x,seen_y,seen_z,touched_x,touched_y,touched_z, got "
-            f"{short(header)}."
-        )
-    for (number, _), fields in zip(lines[1:], rows[1:], strict=True):
-        if len(fields) != len(meant):
-            raise InputError(f"{name}, line {number}: expected {len(meant)} fields, got {len(fields)}.")
-    if len(rows) < 2:
-        raise InputError(f"{name}: no rows after the header; expected one line per touch.")
-    texts = {column: [row[k].strip() for row in rows[1:]] for k, column in enumerate(meant)}
-    for column, unit in zip(meant, found, strict=True):
-        length = column.startswith(("seen_", "touched_", "board_")) and "_at_" not in column
-        if unit is not None and length and unit not in LENGTH_UNITS:
-            raise InputError(f"{name}, line {first}, column {column}: unknown unit {unit!r} of a length.")
-    return _Table(name, [number for number, _ in lines[1:]], texts, dict(zip(meant, found, strict=True)), units)
+    known = {f"{side}{axis}" for side in (*_SIDES, "seen_sd_") for axis in "xyz"} | {
+        "seen_sd",
+        "touched_sd",
+        "board_pose",
+    }
+    known |= {f"{side}_at_{part}" for side in ("seen", "touched") for part in (*_POSE, *joints)}
+    found: dict[str, str | None] = {}
+
+    def places(names: list[str], line: str, where: str) -> Places:
+        meant = [_meaning(column, joints) for column in names]
+        only = [name for name, _ in meant]
+        if twice := sorted({name for name in only if only.count(name) > 1}):
+            raise InputError(f"{where}: two columns {twice[0]}.")
+        if not any(name.startswith(_SIDES) for name in only):
+            raise InputError(
+                f"{where}: expected a header with seen_x,seen_y,seen_z,touched_x,touched_y,touched_z, got "
+                f"{short(line)}."
+            )
+        for name, unit in meant:
+            length = name.startswith(_SIDES) and "_at_" not in name
+            if unit is not None and length and unit not in LENGTH_UNITS:
+                raise InputError(f"{where}, column {name}: unknown unit {unit!r} of a length.")
+        numbers = [k for k, name in enumerate(only) if name in known]
+        found.update(meant[k] for k in numbers)
+        return Places(numbers, [k for k, name in enumerate(only) if name == "point"])
+
+    schema = Schema("a header such as seen_x,seen_y,seen_z,touched_x,...", "touch", places, quotes=True)
+    with opened(path, MAX_BYTES) as file:
+        table = read_table(file, shown(path), schema)
+    return _Touches(table, {name: k for k, name in enumerate(found)}, found, units)
 
 
 def _meaning(column: str, joints: Sequence[str]) -> tuple[str, str | None]:
     """The name of a column in small letters (joints as they are), and its unit."""
-    if any(column in (f"seen_at_{joint}", f"touched_at_{joint}") for joint in joints):
-        return column, None
-    split = _UNIT.fullmatch(column)
-    if split is None:
-        small = column.lower()
-        return _OTHER_NAMES.get(small, small), None
-    name, unit = split[1], split[2] if split[2] is not None else split[3]
-    if not any(name in (f"seen_at_{joint}", f"touched_at_{joint}") for joint in joints):
-        name = name.lower()
-    return _OTHER_NAMES.get(name, name), unit
+    of_joints = {f"{side}_at_{joint}" for side in ("seen", "touched") for joint in joints}
+    name, unit = (column, None) if column in of_joints else name_and_unit(column, _UNITS)
+    small = name if name in of_joints else name.lower()
+    return _OTHER_NAMES.get(small, small), unit
