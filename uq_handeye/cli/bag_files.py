@@ -1,10 +1,7 @@
 """Options of a ROS bag, and its streams in the place of pose files."""
 
-import atexit
 import logging
 import math
-import shutil
-import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,26 +104,19 @@ class BagGiven:
         return BagFiles(**own, sides=sides, spare=spare, still=self.still, minima=minima), views, arm
 
     def _arm_of_topic(self, recording: "Recording", chain: ChainOptions) -> Arm | None:
-        """Return the arm that a topic of joint values moves, by way of a table that is removed at the end; that of the
-        kinematics alone where --robot names poses.
-        """
-        from ..rosbag.tables import joint_tracks, joints_csv
+        """Return the arm that a topic of joint values moves; that of the kinematics alone where --robot names poses."""
+        import numpy as np
+
+        from ..kinematics.joints_file import NamedJoints
+        from ..rosbag.tables import joint_tracks
 
         topic = self.robot or ""
         if topic not in recording.joints and f"/{topic}" not in recording.joints:
             return arm_of_parts(chain, self.errors)
-        folder = Path(tempfile.mkdtemp(prefix="uq-handeye-"))
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        first: InputError | None = None
-        for k, track in enumerate(joint_tracks(recording, topic)):  # of an arm and of its gripper, perhaps
-            table = folder / f"joints{k}.csv"
-            table.write_text(joints_csv(track), encoding="utf-8")
-            try:
-                return arm_of_parts(replace(chain, joints=table), self.errors)
-            except InputError as error:
-                first = first or InputError(str(error).replace(f"{table}, line 1", f"{topic} in {recording.name}"))
-        assert first is not None
-        raise first
+        track = joint_tracks(recording, topic)[0]  # of an arm; others may be of its gripper
+        times, *values = track.table().T
+        joints: Any = NamedJoints(f"{topic} in {recording.name}", tuple(track.names), times, np.array(values).T)
+        return arm_of_parts(replace(chain, joints=joints), self.errors)
 
     def _streams(
         self, recording: "Recording", robot: str | None, files: PoseFiles, seen: Views | None

@@ -21,6 +21,7 @@ from .matching import FEWEST, SYNCHRONOUS, check_tolerance, nearest
 
 if TYPE_CHECKING:
     from ..kinematics.chain import Kinematics
+    from ..kinematics.joints_file import NamedJoints
 
 # Joints are interpolated between rows of the file that are at most so many median intervals apart.
 GAPS = 3.0
@@ -104,19 +105,22 @@ def joints_of(joints: Any, kinematics: Any, units: str | None) -> Joints | None:
     return read_joint_file(joints, kinematics, units)
 
 
-def read_joint_file(path: StrPath, kinematics: Kinematics, units: str | None = None) -> Joints:
+def read_joint_file(path: StrPath | NamedJoints, kinematics: Kinematics, units: str | None = None) -> Joints:
     """Read joint values and say where they are from."""
     from ..kinematics.chain import Kinematics
-    from ..kinematics.joints_file import read_joints
+    from ..kinematics.joints_file import NamedJoints, read_joints
 
     if not isinstance(kinematics, Kinematics):
         raise InputError(f"Expected `kinematics` to be Kinematics, got {type(kinematics).__name__}.")
-    location = as_path(path)
-    found = read_joints(location, kinematics, units)
-    with opened(location, _lines.MAX_BYTES) as file:
-        data = file.read()
-    source = Source(shown(as_path(location.name)), "joints", len(data), sha256(data).hexdigest(), tuple(found.notes))
-    return Joints(found.q, found.timestamps, kinematics, source, shown(location))
+    if isinstance(path, NamedJoints):
+        found, name, short, data = read_joints(path, kinematics, units), path.name, path.name, path.values.tobytes()
+    else:
+        location = as_path(path)
+        found, name, short = read_joints(location, kinematics, units), shown(location), shown(as_path(location.name))
+        with opened(location, _lines.MAX_BYTES) as file:
+            data = file.read()
+    source = Source(short, "joints", len(data), sha256(data).hexdigest(), tuple(found.notes))
+    return Joints(found.q, found.timestamps, kinematics, source, name)
 
 
 def give_joints(poses: PosePairs, values: Array, name: str) -> PosePairs:

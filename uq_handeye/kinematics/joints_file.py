@@ -48,6 +48,18 @@ _OTHERS = {"velocity", "velocities", "vel", "effort", "efforts", "eff", "torque"
 _ARRAYS = ("q", "joints", "joint_positions", "positions", "position")
 
 
+class NamedJoints(NamedTuple):
+    """Joint values that are no file, such as those of a bag."""
+
+    name: str  # for messages
+    names: tuple[str, ...]  # of the columns
+    times: Array  # (n,) s
+    values: Array  # (n, L)
+
+    def __str__(self) -> str:
+        return self.name
+
+
 class JointTable(NamedTuple):
     """The rows of a joint file."""
 
@@ -77,12 +89,12 @@ class _Columns:
     by_row: list[tuple[int, int]] = field(default_factory=list)  # columns of name and value, where rows name the joints
 
 
-def read_joints(path: StrPath, arm: Kinematics | Sequence[str], units: str | None = None) -> JointTable:
+def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], units: str | None = None) -> JointTable:
     """Read joint values (n, L) in the order of the arm, with timestamps (n,) or None.
 
     Parameters
     ----------
-    path : path of a CSV, ``.npy`` or ``.npz`` file
+    path : path of a CSV, ``.npy`` or ``.npz`` file, or NamedJoints
     arm : Kinematics, or names of revolute joints
         Its joint limits tell degrees from radians.
     units : str or None
@@ -101,17 +113,23 @@ def read_joints(path: StrPath, arm: Kinematics | Sequence[str], units: str | Non
         Values a little outside the limits; values in degrees that are as small as radians.
     """
     wanted = _wanted(arm, units)
-    path = as_path(path)
-    name = shown(path)
-    with opened(path, MAX_BYTES) as file:
-        start = file.peek(8)[:8] if hasattr(file, "peek") else b""
-        if start.startswith((b"PK\3\4", b"\x93NUMPY")):
-            data = file.read(MAX_ARRAY_BYTES + 1)
-            if len(data) > MAX_ARRAY_BYTES:
-                raise InputError(f"{name}: expected at most {MAX_ARRAY_BYTES / 1e6:g} MB, got more.")
-            times, values, named, lines = *_from_arrays(data, name, wanted), None
-        else:
-            times, values, named, lines = _from_csv(file, name, wanted)
+    times: Array | None
+    lines: NDArray[np.int64] | None = None
+    if isinstance(path, NamedJoints):
+        name = path.name
+        times, (values, named) = path.times, _by_name(path.values, list(path.names), wanted, name, name)
+    else:
+        path = as_path(path)
+        name = shown(path)
+        with opened(path, MAX_BYTES) as file:
+            start = file.peek(8)[:8] if hasattr(file, "peek") else b""
+            if start.startswith((b"PK\3\4", b"\x93NUMPY")):
+                data = file.read(MAX_ARRAY_BYTES + 1)
+                if len(data) > MAX_ARRAY_BYTES:
+                    raise InputError(f"{name}: expected at most {MAX_ARRAY_BYTES / 1e6:g} MB, got more.")
+                times, values, named = _from_arrays(data, name, wanted)
+            else:
+                times, values, named, lines = _from_csv(file, name, wanted)
     at = _row_names(name, lines)
     _check_finite(values, wanted, at)
     q = _in_units(values, named, wanted, at, name)
@@ -329,14 +347,19 @@ def _from_arrays(data: bytes, name: str, wanted: _Wanted) -> tuple[Array | None,
         wanted.notes.append("columns in the order of the arm")
         return times, _shaped(values.astype(float), len(wanted.names), where), none
     names = [str(part) for part in arrays[label].ravel()[:1000]]
-    q = _shaped(values.astype(float), len(names), where)
+    return times, *_by_name(values.astype(float), names, wanted, name, where)
+
+
+def _by_name(values: Array, names: list[str], wanted: _Wanted, name: str, where: str) -> tuple[Array, list[str | None]]:
+    """Columns in the order of the arm, and the unit that the name of each says."""
+    q = _shaped(values, len(names), where)
     matches = [_matches(joint, kind, names) for joint, kind in zip(wanted.names, wanted.kinds, strict=True)]
     _require_all([joint for joint, found in zip(wanted.names, matches, strict=True) if not found], names, name)
     if several := [joint for joint, found in zip(wanted.names, matches, strict=True) if len(found) > 1]:
         raise InputError(f"{name}: expected one column of joint {several[0]}, got several.")
     columns = _Columns(None, [found[0][0] for found in matches], [found[0][1] for found in matches])
     _note_columns(columns, names, wanted)
-    return times, q[:, columns.joints], columns.units
+    return q[:, columns.joints], columns.units
 
 
 def _shaped(values: Array, n_columns: int, where: str) -> Array:

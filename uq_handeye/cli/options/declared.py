@@ -18,7 +18,7 @@ The parameter of an option is the one of its name, or the one in front of ``=``.
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, Any
 
 import typer
@@ -46,7 +46,7 @@ def without_options(doc: str | None) -> str:
     return _HEADING.split(inspect.cleandoc(doc or ""))[0]
 
 
-def choices(names: tuple[str, ...] | list[str]) -> Callable[[str], list[str]]:
+def choices(names: Sequence[str]) -> Callable[[str], list[str]]:
     """Return the completion of one of ``names``, also as the last of a list with commas."""
 
     def complete(incomplete: str) -> list[str]:
