@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from calibration_cases import NOISE, SETUPS, quietly
+from scipy.spatial.transform import Rotation
 from support import SEED, difference, moved, random_transforms
 
 import uq_handeye as uq
@@ -10,8 +11,9 @@ from uq_handeye.geometry.se3 import block, skew
 from uq_handeye.likelihood.consensus import consensus
 from uq_handeye.likelihood.constraint import constraint_of
 
-# Frames by which poses are multiplied; "target" is of noise that is carried along, "target turned" leaves it as it is.
-CHANGES = ("rows", "target", "target turned", "base", "gripper", "camera")
+# Frames by which poses are multiplied; "target" is of noise that is carried along, "target turned" leaves it as it is,
+# "target spun" turns about the normal of the target, which by convention is its z.
+CHANGES = ("rows", "target", "target turned", "target spun", "base", "gripper", "camera")
 # Of a standard deviation: rounding; and what the rotation noise of second order makes of a lever of 5 cm.
 ROUNDING, SECOND_ORDER = 1e-8, 5e-3
 
@@ -44,7 +46,9 @@ def changed(poses, what, rng):
         camera, noise = camera @ T, uq.PoseNoise(NOISE.robot, lever @ NOISE.camera @ lever.mT)
     else:
         T[:3, 3] = 0.0  # turned alone, the noise is the same
-        if what == "target turned":
+        if what == "target spun":
+            T[:3, :3] = Rotation.from_rotvec([0.0, 0.0, rng.uniform(-3.0, 3.0)]).as_matrix()
+        if what in ("target turned", "target spun"):
             camera = camera @ T
         elif what == "base":
             robot, back = T @ robot, (lambda X: X) if in_hand else (lambda X: T.T @ X)

@@ -12,7 +12,7 @@ is looked at.
 The answer depends neither on the order of the rows nor on the choice of the frames. The subsets are drawn from rows
 sorted by numbers that no choice of frames changes (`_canonical_order`), and translation residuals are measured at a
 point of the target that the data define, not at the origin of its frame: the point that moves least in the camera frame
-(`_pivot`), about where the cameras look.
+(`poses.pivot`), about where the cameras look.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from ..geometry.checks import CHUNK
 from ..geometry.se3 import Array, skew, vee
 from ..noise.models import Noise, PairNoise, PoseNoise, marginals
 from ..noise.square_roots import cholesky_of, gram, whiten
+from ..poses.pivot import pivot_of
 from ..procrustes.limit import solve_limit
 from .constraint import Constraint, OnPoses, Unknowns, residual_covariance
 from .gauss_helmert import SINGULAR
@@ -46,8 +47,6 @@ SUBSETS = 300
 BEST, CONCENTRATION = 10, 3
 # A subset determines X if M of 4DPA (T2) has eigenvalues (rad^2) above this, and above this share of the largest.
 LITTLE_ROTATION, ONE_AXIS = 1e-8, 1e-4
-# Steps towards the pivot, each with weights 1 / distance.
-PIVOT_STEPS = 5
 
 
 class Consensus(NamedTuple):
@@ -66,7 +65,7 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
         found = consensus(constraint.rows(first), None if noise is None else _drop_joint(noise).rows(first), seed)
         return found._replace(inside=found.inside[copy_of], noise=found.noise.rows(copy_of) if noise is None else noise)
     majority = min(constraint.n, max(constraint.fewest + 1, int(np.ceil(MAJORITY * constraint.n))))
-    pivot = _pivot(constraint.second) if isinstance(constraint, OnPoses) else None
+    pivot = pivot_of(constraint.second) if isinstance(constraint, OnPoses) else None
     pivoted = constraint if pivot is None else replace(constraint, second=_move_origin(constraint.second, pivot))
     hypotheses = _hypotheses(pivoted, np.random.default_rng(seed))
     scales = _scales(pivoted, hypotheses, majority)
@@ -126,29 +125,6 @@ def _canonical_order(constraint: Constraint) -> NDArray[np.intp]:
         other = R.mean(axis=0) if isinstance(constraint, OnPoses) else np.eye(3)
         keys += share * (R * other).sum(axis=(1, 2))
     return np.argsort(keys, kind="stable")
-
-
-def _pivot(camera: Array) -> Array:
-    """The point of the target (3,), in its frame, that moves least in the camera frame (least sum of distances).
-
-    ``R_i s + t_i`` is the point s in view i; the sum is over its distances to their mean. Directions in which no
-    rotation tells s are left at the mean position of the camera.
-    """
-    R, t = camera[:, :3, :3], camera[:, :3, 3]
-    begin = -(R.mT @ t[..., None])[..., 0].mean(axis=0)
-    t = t + R @ begin
-    s, weights = np.zeros(3), np.full(len(t), 1.0 / len(t))
-    for _ in range(PIVOT_STEPS):
-        mean_R, mean_t = np.tensordot(weights, R, 1), weights @ t
-        M = np.eye(3) - mean_R.T @ mean_R
-        s = -np.linalg.pinv(M, rcond=1e-6, hermitian=True) @ (
-            np.einsum("n,nij,ni->j", weights, R, t) - mean_R.T @ mean_t
-        )
-        away = R @ s + t
-        distance = np.sqrt(((away - weights @ away) ** 2).sum(axis=1))
-        weights = 1.0 / np.maximum(distance, 1e-3 * float(distance.max()) + 1e-300)
-        weights /= weights.sum()
-    return np.asarray(begin + s)
 
 
 def _move_origin(T: Array, point: Array) -> Array:

@@ -6,12 +6,16 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from ..findings import Finding, Severity
-from ..noise.estimate import CAMERA_EXCESS, CameraFactor, Component, together
+import numpy as np
+from scipy.special import ndtr
+
+from ..findings import Finding
+from ..noise.estimate import CAMERA_EXCESS, Component, together
+from ..shared_errors.sizes import SIZES
 from .sentences import CONTRADICTION
 
-# Fewer degrees of freedom than this tell nothing worth saying of the camera's covariance.
-TELLING = 4.0
+# What corners of one picture share is said where it is surely above so many times its median: probability below which.
+USUAL, UNLIKELY, REACH = 2.0, 0.05, 1.96
 # Pixel noise above or below these, in pixels, is none.
 MOST_PIXELS, LEAST_PIXELS = 1.5, 0.015
 
@@ -50,13 +54,17 @@ def noise_findings(
     return tuple(found)
 
 
-def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | None) -> tuple[Finding, ...]:
-    """Report the robot's noise beside the covariance of the camera poses, and the noise of their pixels."""
+def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Finding, ...]:
+    """Report the robot's noise beside the covariance of the camera poses, the noise of their pixels, and what the
+    corners of one picture share.
+    """
     camera, robot = (
         [parts[f"{side} {what}"] for what in ("rotation", "translation") if f"{side} {what}" in parts]
         for side in ("camera", "robot")
     )
     pixels = parts.get("pixel noise")
+    if len(camera) < 2:
+        return ()
     if pixels is None:
         found = [
             _note(f"camera_{camera[0].status.replace(' ', '_')}", rotation=camera[0].value, translation=camera[1].value)
@@ -66,46 +74,22 @@ def beside_camera_findings(parts: dict[str, Component], factor: CameraFactor | N
         high = float("inf") if pixels.high is None else pixels.high
         if pixels.status == "estimated" and (pixels.low > MOST_PIXELS or high < LEAST_PIXELS):
             found.append(unusual_pixels(pixels))
-    if not robot:
-        return tuple(found)
-    if all(part.status == "zero" for part in robot):
-        found.append(_note("robot_shows_none", rotation=robot[0].high, translation=robot[1].high))
-    else:
+    if robot:
         found.append(_note("robot_shows", components=_plain(robot)))
-        found += [_note("near_zero", name=part.name) for part in robot if part.low == 0 and part.status == "estimated"]
     excess = parts.get(CAMERA_EXCESS)
-    if excess is not None and excess.value > 0 and factor is not None:
-        contradicted = factor.p_value < CONTRADICTION
-        values = {"pixels": excess.value, "p_value": factor.p_value, "dof": factor.dof, "wrong": contradicted}
-        found.append(Finding("noise_estimation.camera_excess", "caution" if contradicted else "note", values))
-    elif pixels is None:
-        found.append(against_camera(factor))
-    elif pixels.status == "given":
-        found.append(against_pixels(pixels, factor))
+    if excess is not None and excess.high is not None and 0 < excess.low < excess.high:
+        sd = float(np.log(excess.high / excess.low)) / (2.0 * REACH)
+        p = float(ndtr((np.log(USUAL * SIZES[CAMERA_EXCESS].median) - np.log(excess.value)) / sd))
+        if p < UNLIKELY:
+            wrong = p < CONTRADICTION
+            values = {"pixels": excess.value, "p_value": p, "dof": dof, "wrong": wrong}
+            found.append(Finding("noise_estimation.camera_excess", "caution" if wrong else "note", values))
     return tuple(found)
-
-
-def against_pixels(pixels: Component, factor: CameraFactor | None) -> Finding:
-    """Compare the residuals with the pixel noise given: a caution where they contradict it."""
-    if factor is None or factor.dof < TELLING:
-        return _note("pixels_hidden")
-    values = {"given": pixels.value, "factor": factor.value, "p_value": factor.p_value, "dof": factor.dof}
-    severity: Severity = "note" if factor.p_value > CONTRADICTION else "caution"
-    return Finding("noise_estimation.pixels_given", severity, values)
 
 
 def unusual_pixels(pixels: Component) -> Finding:
     """Noise that no detector has: a caution."""
     return Finding("noise_estimation.unusual_pixels", "caution", {"component": asdict(pixels)})
-
-
-def against_camera(factor: CameraFactor | None) -> Finding:
-    """Compare the residuals with the camera's covariance: a caution where they contradict it."""
-    if factor is None or factor.dof < TELLING:
-        return _note("camera_hidden")
-    values = {"factor": factor.value, "p_value": factor.p_value, "dof": factor.dof}
-    severity: Severity = "note" if factor.p_value > CONTRADICTION else "caution"
-    return Finding("noise_estimation.camera_factor", severity, values)
 
 
 def _by_sheet(what: str, parts: list[Component], sides: tuple[str, str], sheet: frozenset[str]) -> Finding:

@@ -13,7 +13,7 @@ from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import CAMERA_EXCESS, Component, FoundComponent, NoiseEstimate, together
 from ..shared_errors.sizes import SIZES
 from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
-from .findings import noise_findings
+from .findings import beside_camera_findings, noise_findings
 
 UNITS = {"rotation": "rad", "translation": "m"}
 
@@ -67,6 +67,7 @@ def tell(found: FoundSizes) -> NoiseEstimate:
     order = [name for what in KINDS for name in (together(what, sides), *(f"{side} {what}" for side in sides))]
     components = [parts[name] for name in order if name in parts]
     components += _sized(found)
+    parts |= {part.name: part for part in components}
     told = tuple(name for name in spreads if spreads[name].sd > 0)
     logs = np.array([spreads[name].logs for name in told]).reshape(len(told), len(sizes))
     centred = logs - (logs @ mixture.weights)[:, None]
@@ -146,6 +147,8 @@ def _of_model(found: FoundSizes) -> tuple[FoundComponent, ...]:
 
 def _findings(found: FoundSizes, parts: dict[str, Component]) -> tuple[Finding, ...]:
     sides = found.source.sides
+    if found.source.camera is not None:
+        return beside_camera_findings(parts, 6.0 * len(found.kept) - found.model.p)
     if len(parts) < 6 or any(
         part.status not in ("fixed", "prior", "estimated", "not told apart") for part in parts.values()
     ):

@@ -43,7 +43,7 @@ from ..posterior.posterior import Posterior
 from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.shared_error import SharedError, bound_again, error_by_part
-from ..shared_errors.view import view_block
+from ..shared_errors.view import target_centre, view_block
 from .fitted_kinematics import FittedKinematics
 
 # Of sizes that are known there are no points.
@@ -345,7 +345,9 @@ def fresh_of_camera(result: Predicting, camera: Array) -> tuple[Fresh, ...]:
         if one.side == "camera":
             S = np.broadcast_to(one.covariance, shape)
             if one.distance > 0:
-                B = view_block(camera, one.distance)
+                of = bound_to(result)
+                centre = np.zeros(3) if of is None else target_centre(of.camera, one.distance)
+                B = view_block(camera, one.distance, centre)
                 S = B @ B.mT
             found.append(Fresh(one.name, S, one.size, one.by_point))
     return tuple(found)

@@ -10,10 +10,14 @@ standard deviation where that is above `LEAST`. Each of them moves each of the s
 36 columns of one size (rad, and relative to the distance).
 
 *Noise by the view.* The noise of a pose that was fitted to the corners of a flat target has a shape that its distance
-and tilt decide (T11): with the derivatives B of the corners' directions ``(x / z, y / z)`` by the pose the covariance
-is ``(B^T B)^-1`` per square of the directions' noise. Target and lens are not known here: the target is taken as a
-square of points of half the width `HALF` times the median distance, beside its origin, so that only the size of the
-noise is left open.
+and tilt decide (T11): with the derivatives B of the lines of sight u (unit vectors) by the pose the covariance is
+``(B^T B)^-1`` per square of their noise. Target and lens are not known here: the target is taken as a ring of points
+about where the cameras look (the point that moves least in their frame, brought into its plane), as wide as `HALF`
+times the median distance says, so that only the size of the noise is left open. Lines of sight have no axes and a ring
+has none but its normal: how the camera's frame is turned changes nothing, nor how the target's is turned about its
+normal. That the normal is z is a convention, of boards and tags, and data confirm it: against the mean direction of the
+views, up to 18 degrees away, by 10 to 140 units of log probability. Where the views contradict it, that is stand
+further than `FRONT` from z and -z on average, their mean direction is the normal.
 
 *Intrinsics.* Focal length, centre and distortion that are wrong by dk move the directions by A dk (Brown's model, about
 none), and the poses that were fitted to them by ``-(B^T B)^-1 B^T A dk``. A wrong centre does not turn such a pose
@@ -25,11 +29,17 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.se3 import Array, skew
+from ..poses.pivot import pivot_of
 
 # Standard deviation below which a coordinate of the view is not scaled up.
 LEAST = 0.1
-# Half of the width of the target over its distance, and points along each side.
+# Half of the width of the target over its distance, and points along each side; radius of the ring of the same second
+# moments over that half, and its points.
 HALF, POINTS = 0.15, 4
+RADIUS, RING = 1.05, 16
+# Angle (rad) of the mean direction of the views from z up to which z is the normal; and its length if they come from
+# all around, which contradicts nothing.
+FRONT, ALL_AROUND = 1.05, 0.3
 # A target seen edge-on counts as if it were tilted by this cosine, and one that is not in front of the camera as if its
 # points told their distance as little.
 EDGE_ON = 0.05
@@ -62,13 +72,53 @@ def _coordinates(camera: Array) -> Array:
     return np.concatenate([t / np.maximum(np.linalg.norm(t, axis=-1, keepdims=True), 1e-12), camera[:, :3, 2]], axis=-1)
 
 
-def view_block(camera: Array, distance: float | None = None) -> Array:
-    """(n, 6, 6) square roots of the covariance of poses (n, 4, 4) for one rad of noise of the directions to points.
+def view_block(camera: Array, distance: float | None = None, centre: Array | None = None) -> Array:
+    """(n, 6, 6) square roots of the covariance of poses (n, 4, 4) for one rad of noise of the lines of sight.
 
-    ``distance`` (m) that gives the target its width; None: the median one of these poses.
+    ``distance`` (m) that gives the target its width and ``centre`` (3,) of its points; None: those of these poses.
     """
-    information = _fitted(camera, distance)[2]
-    return np.asarray(np.linalg.cholesky(np.linalg.inv(information)))
+    R, t = camera[:, :3, :3], camera[:, :3, 3]
+    distance = max(median_distance(camera) if distance is None else distance, 1e-6)
+    centre = target_centre(camera, distance) if centre is None else centre
+    about = R @ centre + t
+    own = np.maximum(np.linalg.norm(about, axis=-1), 0.05 * distance)
+    angle = 2.0 * np.pi * np.arange(RING) / RING
+    across = np.linalg.svd(_normal(camera)[None])[2][1:]  # (2, 3)
+    turned = HALF * distance * RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ across @ R.mT  # (n, k, 3)
+    at = turned + about[:, None]
+    away = np.maximum(np.linalg.norm(at, axis=-1), 0.05 * distance)[..., None]
+    u = at / away
+    by_point = (np.eye(3) - u[..., None] * u[..., None, :]) / away[..., None]
+    by_pose = np.concatenate([-by_point @ skew(turned), by_point], axis=-1).reshape(len(camera), -1, 6)
+    information = _bounded(by_pose.mT @ by_pose, RING, distance, own)
+    root = np.linalg.cholesky(np.linalg.inv(information))
+    root[:, 3:] += skew(R @ centre) @ root[:, :3]  # the pose is that of the origin
+    return np.asarray(root)
+
+
+def target_centre(camera: Array, distance: float) -> Array:
+    """(3,) about where cameras look at a target, in its frame: `pivot_of` brought into its plane, not far away."""
+    normal, centre = _normal(camera), pivot_of(camera)
+    centre = centre - normal * (normal @ centre)
+    return np.asarray(centre * min(1.0, 2.0 * HALF * distance / max(float(np.linalg.norm(centre)), 1e-12)))
+
+
+def _normal(camera: Array) -> Array:
+    """(3,) the normal of the target, in its frame; see the module."""
+    towards = -(camera[:, :3, :3].mT @ camera[:, :3, 3, None])[..., 0]  # from the target to the camera
+    mean = (towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-12)).mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    contradicted = abs(mean[2]) < np.cos(FRONT) * length and length > ALL_AROUND
+    return mean / length if contradicted else np.array([0.0, 0.0, 1.0])
+
+
+def _bounded(information: Array, count: int, distance: float, own: Array) -> Array:
+    """Information of poses without open directions: an edge-on target would leave its tilt open, and one that is far
+    beside the others its distance.
+    """
+    information[:, range(3), range(3)] += count * (EDGE_ON * HALF) ** 2
+    information[:, range(3, 6), range(3, 6)] += count * (EDGE_ON * HALF * distance / own[:, None] ** 2) ** 2
+    return information
 
 
 def intrinsics_columns(camera: Array, distance: float | None = None) -> Array:
@@ -109,8 +159,5 @@ def _fitted(camera: Array, distance: float | None = None) -> tuple[Array, Array,
     by_point[..., 2] = -directions / z[..., None]
     by_pose = np.concatenate([-by_point @ skew(turned), by_point], axis=-1).reshape(len(camera), -1, 6)
     information = by_pose.mT @ by_pose
-    # an edge-on target would leave its tilt open altogether, and one far beside the optical axis its distance
-    information[:, range(3), range(3)] += len(P) * (EDGE_ON * HALF) ** 2
-    own = np.maximum(np.linalg.norm(camera[:, :3, 3], axis=-1), near)[:, None]
-    information[:, range(3, 6), range(3, 6)] += len(P) * (EDGE_ON * HALF * distance / own**2) ** 2
-    return directions, by_pose, information
+    own = np.maximum(np.linalg.norm(camera[:, :3, 3], axis=-1), near)
+    return directions, by_pose, _bounded(information, len(P), distance, own)
