@@ -1,5 +1,7 @@
 """The latent Gaussian model against dense algebra, differences, `efficient`, and data drawn from itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -16,7 +18,7 @@ from uq_handeye.one_model.component import Component
 from uq_handeye.one_model.engine import Conditional, LatentModel, State
 from uq_handeye.one_model.estimation import JointModel
 from uq_handeye.one_model.integration import design, integrate
-from uq_handeye.one_model.mode import Mode, find_mode
+from uq_handeye.one_model.mode import Mode, find_mode, other_modes
 from uq_handeye.shared_errors.shared_error import SharedError
 from uq_handeye.shared_errors.sizes import Size
 
@@ -355,3 +357,48 @@ def test_the_design_finds_mean_and_spread_of_the_sizes(drawn, k):
     off = np.array([t[k] - m.mean_theta[k] for t, m in zip(theta, mixtures, strict=True)])
     stated = np.sqrt(np.mean([m.covariance_theta[k, k] for m in mixtures]))
     assert abs(off.mean()) < 0.5 * stated and 0.65 < stated / off.std() < 1.2
+
+
+# -------------------------------------------------------------------------------------------------------- several modes
+
+
+def few_poses_of_an_arm(times):
+    """Six poses of one region, of an arm with smooth errors; the target is larger than was said."""
+    rng = np.random.default_rng(5)
+    noise = uq.PoseNoise.isotropic(robot=("0.01deg", "0.02mm"), camera=("0.02deg", "0.1mm"))
+    poses = uq.simulate(6, noise=noise, seed=3)
+    robot, camera = poses.robot.copy(), poses.camera.copy()
+    robot[:, :3, 3] += 3e-4 * np.sin(3.0 * robot[:, :3, 3] + rng.uniform(0, 6, 3))
+    camera[:, :3, 3] *= times
+    constraint = constraint_of(data := uq.PosePairs(robot, camera, poses.setup), None)
+    columns = UNIT[:, None] * np.cos(rng.normal(size=(6, 1, 12)) + rng.normal(size=(6, 12)))
+    parts = (Component("arm", "robot", Size(0.3, 5.0), columns=columns),)
+    scale = replace(SharedError.target_scale(), factor=4.0)
+    model = JointModel.beside(constraint, data, errors=(scale,), more=parts)
+    return model, constraint.complete(poses.truth.X)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.02, 0.95, 25.4 / 25])
+def test_the_probability_of_another_size(scale):
+    """A target of the size given, of another one, in inches: the probability is near 0 or 1, from either start."""
+    source, at = few_poses_of_an_arm(scale)
+    found = source.find(at)
+    assert abs(found.probability_of("target scale", 3e-3) - (scale != 1.0)) < 0.01
+    assert found.mixture.odds.sum() == pytest.approx(1.0) and found.mixture.odds[0] == found.mixture.odds.max()
+    assert found.probability_of("target scale", 0.0) == pytest.approx(1.0)
+    with pytest.raises(InputError, match="target scale"):
+        found.probability_of("arm", 1e-3)
+
+
+def test_a_search_begins_in_the_tail_too():
+    """Where the search stays at the usual size and a large arm, the other mode is found, and the better one is told."""
+    source, at = few_poses_of_an_arm(1.02)
+    found = source.find(at)
+    k = [part.name for part in source.components].index("target scale")
+    place = found.model.free.tolist().index(k)
+    start = found.mode.theta.copy()
+    start[place] = found.model.medians[place]
+    usual = find_mode(found.model, start)
+    for mode in (usual, find_mode(found.model)):
+        every = [mode, *other_modes(found.model, mode)]
+        assert max(known.log_evidence for known in every) >= found.mode.log_evidence - 0.05

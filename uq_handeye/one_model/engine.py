@@ -297,6 +297,10 @@ class LatentModel:
             found[side] = turn, energy
         return found
 
+    def place(self, number: int) -> int:
+        """Place in (x, z) of the first column of a component."""
+        return self.p + int(np.flatnonzero(self._owner == number)[0])
+
     def conditional(self, theta: Array) -> Conditional:
         """The joint posterior of the poses and of the errors in their units, for given sizes."""
         at = self._solved(theta)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array
@@ -38,7 +38,7 @@ from ..shared_errors.view import view_block
 from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate
-from .mode import GAIN, Mode, find_mode
+from .mode import GAIN, Mode, find_mode, other_modes
 
 KINDS = ("rotation", "translation")
 PIXELS = "pixel noise"
@@ -252,7 +252,11 @@ class JointModel:
             step, C = found.mean, found.covariance
             enough = CLOSE if done == MOST_ROUNDS - 1 else STILL
             if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2:
-                return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
+                others = other_modes(model, mode) if gain <= GAIN else []
+                best = max((mode, *others), key=lambda known: known.log_evidence)
+                if best is mode or done == MOST_ROUNDS - 1:
+                    return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact, tuple(others))
+                theta, step = best.theta, model.of_poses(best.theta).mean  # go on from the more probable one
             at = at.moved(reduced.unreduced(step))
         turn, shift = np.sqrt((model.r**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
         raise NotConvergedError(
@@ -307,11 +311,34 @@ class FoundSizes:
     kept: NDArray[np.intp]
     used: NDArray[np.intp]  # numbers of the poses of the model
     exact: NDArray[np.bool_]  # (2,) rotation, translation residuals at rounding level
+    others: tuple[Mode, ...] = ()  # modes where an error of one number is in its tail, or out of it (`other_modes`)
 
     @cached_property
     def mixture(self) -> Mixture:
         """Posterior with the sizes integrated over."""
-        return integrate(self.model, [self.mode])
+        return integrate(self.model, [self.mode, *self.others])
+
+    def probability_of(self, name: str, beyond: float) -> float:
+        """Return the probability that a shared error of one number is larger than ``beyond``, whatever its sign.
+
+        In the unit of the error (relative for the target scale and the focal length), with all sizes integrated over
+        and all modes counted by their evidence: ``P(|target scale| > 0.003)`` is that of a target of another size.
+        Raises `InputError` for a name without such a number.
+        """
+        numbers = [k for k, part in enumerate(self.source.components) if part.name == name and part.count == 1]
+        if not numbers or beyond < 0:
+            single = [part.name for part in self.source.components if part.count == 1]
+            raise InputError(
+                f"Expected `name` of an error of one number ({', '.join(single)}) and `beyond` >= 0, got {name!r}, "
+                f"{beyond:g}."
+            )
+        unit = next((float(error.sd[0]) for error in self.source.errors if error.name == name), 1.0)
+        place, found = self.model.place(numbers[0]), 0.0
+        for weight, theta in zip(self.mixture.weights.tolist(), self.mixture.theta, strict=True):
+            at = self.model.conditional(theta)
+            mean, sd = unit * float(at.mean[place]), unit * float(np.sqrt(at.covariance[place, place]))
+            found += weight * float(ndtr((mean - beyond) / sd) + ndtr((-mean - beyond) / sd))
+        return found
 
     def sizes_at(self, theta: Array) -> dict[str, float]:
         """Sizes by the names of the components."""

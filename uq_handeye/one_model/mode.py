@@ -18,6 +18,9 @@ from .engine import LatentModel, State
 
 # Deviations of the prior between which a size is looked for; largest change of a logarithm in one step.
 REACH, LONGEST = 5.0, 1.5
+# Other modes (`other_modes`): a size of so many medians counts as one of the tail, which begins at `FAR` of them; a
+# number is seen beyond so many standard deviations; modes are apart by so many.
+TAIL, FAR, SHOWS, APART = 150.0, 10.0, 4.0, 2.0
 # The mode is found when a step promises less; steps and halvings at most.
 GAIN, MOST, HALVINGS = 1e-5, 60, 12
 
@@ -72,6 +75,46 @@ def find_mode(model: LatentModel, start: Array | None = None, gain: float = GAIN
         state = tried
     at_bound = tuple(np.flatnonzero(_held(state, low, high)).tolist())
     return Mode(state, converged, at_bound)
+
+
+def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
+    """Return further modes, each by a search that starts with an error of one number in its tail, or out of it.
+
+    Of a shared error of one number with a free size, such as the scale of the target, the size may be its usual one,
+    the rest of the residuals being the arm's, or as large as the number itself (an inch for 25 mm), the arm being
+    better. A search starts there where a size of `TAIL` usual ones, beside the other sizes found or their medians,
+    shows a number beyond `SHOWS` of its standard deviations and `FAR` usual sizes; where the mode itself is there, at
+    the usual size.
+    Modes that are not apart count once.
+    """
+    found: list[Mode] = []
+    free = model.free.tolist()
+    for place, number in enumerate(free):
+        if model.components[number].count != 1:
+            continue
+        usual, at = model.medians[place], model.place(number)
+        starts = []
+        for start in (mode.theta.copy(), model.medians.copy()):
+            if mode.theta[place] > usual + np.log(FAR):
+                start[place] = usual
+                starts.append(start)
+                break
+            start[place] = usual + np.log(TAIL)
+            wide = model.conditional(start)
+            size = abs(float(wide.mean[at]))
+            if size > max(SHOWS * float(np.sqrt(wide.covariance[at, at])), FAR * float(np.exp(usual))):
+                start[place] = np.log(size)
+                starts.append(start)
+        for start in starts:
+            other = find_mode(model, start)
+            if other.converged and all(_apart(other, known) for known in (mode, *found)):
+                found.append(other)
+    return found
+
+
+def _apart(other: Mode, known: Mode) -> bool:
+    off = other.theta - known.theta
+    return float(off @ known.state.information @ off) > APART**2
 
 
 def _held(state: State, low: Array, high: Array) -> NDArray[np.bool_]:
