@@ -8,10 +8,13 @@ from scipy.stats import chi2
 
 import uq_handeye as uq
 from uq_handeye.geometry.se3 import logarithm, perturb
+from uq_handeye.likelihood.constraint import Unknowns, constraint_of
+from uq_handeye.one_model.engine import LatentModel
 from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import RigNoise, given_noise
 from uq_handeye.rig.simulation import simulate_rig, with_noise
+from uq_handeye.rig.sizes import _model, components_of
 from uq_handeye.rig.start import start_of
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
@@ -103,6 +106,42 @@ def test_joint_covariance_is_consistent_and_that_without_correlations_is_not():
     low, high = chi2.ppf([1e-4, 1 - 1e-4], 6 * trials)
     assert low < relative < high
     assert apart > chi2.ppf(1 - 1e-6, 24 * trials)
+
+
+def test_one_camera_goes_through_the_engine_as_calibrate_does():
+    """The same value and derivatives as rows of six by `LatentModel.of`."""
+    poses = uq.simulate(n_poses=20, seed=3, noise=ONE)
+    rig = uq.Rig({"arm": poses.robot}, {"c": "arm"}, {"t": "world"}, [uq.View("c", "t", poses.camera)])
+    graph = Graph.of(rig)
+    at = start_of(graph)[0]
+    parts = components_of(rig, graph, shared=True)
+    by_graph = _model(rig, graph, parts, at, None)
+    constraint = constraint_of(poses, None)
+    linear = constraint.linearise(Unknowns(at[0], at[1]), poses.robot, poses.camera)
+    single = LatentModel.of(linear, parts)
+    theta = single.medians + 0.3
+    one, other = by_graph.at(theta), single.at(theta)
+    assert one.value == pytest.approx(other.value, rel=1e-10)
+    np.testing.assert_allclose(one.gradient, other.gradient, rtol=1e-8, atol=1e-8)
+    conditional = by_graph.conditional(theta), single.conditional(theta)
+    np.testing.assert_allclose(conditional[0].mean, conditional[1].mean, atol=1e-10)
+    np.testing.assert_allclose(conditional[0].covariance, conditional[1].covariance, rtol=1e-7, atol=1e-16)
+
+
+def test_noise_of_arm_and_cameras_is_found():
+    exact, truth = simulate_rig({"c1": "world", "c2": "world", "c3": "world"}, {"t": "arm"}, n_poses=60, seed=5)
+    noise = {"arm": ("0.5mrad", "0.3mm"), "c1": SIZE, "c2": SIZE, "c3": ("2mrad", "1.2mm")}
+    true = {f"{name} {what}": size for name, of in (("arm", (5e-4, 3e-4)), ("c1", (5e-4, 3e-4)), ("c3", (2e-3, 1.2e-3)))
+            for what, size in zip(("rotation", "translation"), of, strict=True)}  # fmt: skip
+    total, trials, inside = 0.0, 20, []
+    for k in range(trials):
+        found = uq.calibrate_rig(with_noise(exact, noise, [SEED, k]), shared=False)
+        xi = np.concatenate([error(T, truth[name]) for T, name in zip(found.poses, found.names, strict=True)])
+        total += xi @ np.linalg.solve(found.covariance, xi)
+        inside += [part["low"] < true[part["name"]] < part["high"] for part in found.components if part["name"] in true]
+        np.testing.assert_allclose(found.noise["c3"], (2e-3, 1.2e-3), rtol=0.35)
+    assert np.mean(inside) > 0.85
+    assert 0.85 < total / (24 * trials) < 1.25
 
 
 def test_two_arms_find_their_bases():

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry.se3 import Array
 from .connected import require_tied
 from .description import Rig
-from .fit import Prior, RigFit, fit
+from .fit import Prior, RigFit, fit, rig_units
 from .graph import Graph
 from .noise import RigNoise, given_noise
 from .result import RigCalibration
+from .sizes import find_sizes
 from .start import start_of
 from .weights import Distances, distances, fit_robustly
 
 METHODS = ("efficient", "ml")
+# Rounds of sizes and weights.
+ROUNDS = 6
 
 
 def calibrate_rig(
-    rig: Rig, noise: Any = None, *, method: str = "efficient", robust: bool = True, seed: int = 0
+    rig: Rig,
+    noise: Any = None,
+    *,
+    method: str = "efficient",
+    robust: bool = True,
+    shared: bool = True,
+    seed: int = 0,
 ) -> RigCalibration:
     """Estimate all poses of a rig with their joint covariance.
 
@@ -34,6 +45,9 @@ def calibrate_rig(
     method : "efficient" or "ml"
     robust : bool
         Whether views and robot poses that contradict the others are down-weighted.
+    shared : bool
+        Where the noise is estimated, whether with errors that poses share: accuracy of each arm, focal length and image
+        centre of each camera, scale of each target.
     seed : int
         Of the random starts with several arms.
 
@@ -52,6 +66,8 @@ def calibrate_rig(
     graph = Graph.of(rig)
     prior = prior_of(rig, graph)
     start, kept = start_of(graph, seed)
+    if noise is None:
+        return _estimated(rig, graph, start, kept, method, robust, shared)
     of_all = given_noise(rig, graph, noise)
     if robust:
         found, far = fit_robustly(graph, of_all, start, method, prior, kept)
@@ -59,6 +75,41 @@ def calibrate_rig(
         found = fit(graph, of_all, start, method, prior=prior)
         far = distances(found)
     return assembled(rig, found, far, method)
+
+
+def _estimated(
+    rig: Rig, graph: Graph, start: Array, kept: NDArray[np.bool_], method: str, robust: bool, shared: bool
+) -> RigCalibration:
+    """Sizes of the errors and weights in turn, until the same views count."""
+    prior = prior_of(rig, graph)
+    if 6 * int(kept.sum()) <= graph.p:
+        raise InputError(
+            f"Expected more views to estimate the noise from, got {graph.E} for {graph.m} unknown poses. Give more, or "
+            "the noise."
+        )
+    at, count = start, kept if robust else np.ones(graph.E, dtype=bool)
+    for _ in range(ROUNDS):
+        sizes = find_sizes(rig, graph, at, count, shared, prior)
+        if not robust:
+            found = fit(graph, sizes.noise, at, method, prior=prior)
+            far = distances(found)
+            break
+        found, far = fit_robustly(graph, sizes.noise, at, method, prior, count)
+        at, again = found.at, found.edge_weights > 0
+        if (again == count).all():
+            break
+        count = again
+    closed = np.eye(graph.p)
+    if len(found.open):
+        units = rig_units(graph, found.lever)
+        U = found.open * units
+        closed = (closed - U.T @ U) / units[:, None] * units
+    found = replace(found, whole=found.whole + _padded(closed @ sizes.spread @ closed.T, len(found.whole)))
+    return assembled(rig, found, far, method, components=sizes.lines)
+
+
+def _padded(S: Array, size: int) -> Array:
+    return np.pad(S, (0, size - len(S)))
 
 
 def prior_of(rig: Rig, graph: Graph) -> Prior:

@@ -129,7 +129,7 @@ def fit(
             sides = _by_own_errors(sides, graph, v)
         rows = [_whitened(graph, batch, sides, noise, w_e, w_k, v) for batch in graph.batches]
         H, pull = _normal_equations(graph, noise, rows)
-        known = _prior_at(graph, at, prior)
+        known = prior_at(graph, at, prior)
         H[: graph.p, : graph.p] += known.information
         pull[: graph.p] += known.gradient
         whole, open_ = _inverse(graph, noise, sides, at, H, known.information, lever)
@@ -150,7 +150,7 @@ def fit(
             converged = done >= CLOSED_FORM_STEPS and still < ENOUGH
         if converged:
             break
-    known = _prior_at(graph, at, prior)
+    known = prior_at(graph, at, prior)
     found = RigFit(
         graph, noise, at, whole, z, open_, lever, sides, tuple(rows), w_e, w_k, done, converged, known.square,
         known.rank,
@@ -237,7 +237,8 @@ class Known(NamedTuple):
     rank: int
 
 
-def _prior_at(graph: Graph, at: Array, prior: Prior | None) -> Known:
+def prior_at(graph: Graph, at: Array, prior: Prior | None) -> Known:
+    """Return the normal equations of known poses at the unknowns."""
     information, gradient, square, rank = np.zeros((graph.p, graph.p)), np.zeros(graph.p), 0.0, 0
     for u, (mean, known) in (prior or {}).items():
         xi = np.concatenate([logarithm(at[u, :3, :3] @ mean[:3, :3].T), at[u, :3, 3] - mean[:3, 3]])

@@ -1,0 +1,1 @@
+"""Trials of rigs: consistency of the joint covariance, gain over separate fits."""
