@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from uq_handeye.cli import app as cli
 from uq_handeye.cli.commands import files as cli_files
 from uq_handeye.cli.options import common as cli_options
 from uq_handeye.cli.options.common import choices, made_of, methods_of, one_of
+from uq_handeye.cli.options.declared import parameters_of, without_options
 from uq_handeye.estimators import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.export import FORMATS as EXPORTED
 from uq_handeye.formats.controllers.forms import CONTROLLERS
@@ -217,3 +219,53 @@ def test_the_commands():
         "codegen",
         "live",
     } == set(names)
+
+
+# ------------------------------------------------------------------------------------- options in docstrings
+
+WAYS = ("rows", "time")
+
+
+@dataclass(frozen=True)
+class Base:
+    """Options of a test.
+
+    Options (Pose files):
+      * --way HOW <WAYS>: Pairing, one of {WAYS}. It
+        goes on here.
+      as_json, is no entry
+    """
+
+    way: str | None = None
+
+
+@dataclass(frozen=True)
+class More(Base):
+    """Further options.
+
+    Options:
+      as_json = --json: One object.
+      -n, --count N <one|two>: How many.
+    """
+
+    as_json: bool = False
+    count: int = 3
+
+
+def test_options_are_declared_in_docstrings(monkeypatch):
+    monkeypatch.setattr(Base, "__doc__", Base.__doc__.replace("      as_json, is no entry\n", ""))
+    way, as_json, count = (parameter.annotation.__metadata__[0] for parameter in parameters_of(More))
+    assert (way.default, way.metavar, str(way.rich_help_panel)) == ("--way", "HOW", "Pose files")
+    assert way.help == "Pairing, one of rows, time. It goes on here." and way.rich_help_panel.common
+    assert way.autocompletion("t") == ["time"] and count.autocompletion("") == ["one", "two"]
+    assert (as_json.default, as_json.metavar, count.param_decls) == ("--json", "", ("--count",))
+    assert [parameter.default for parameter in parameters_of(More)] == [None, False, 3]
+    assert without_options(More.__doc__) == "Further options."
+
+
+def test_what_a_docstring_declares_wrongly_is_refused(monkeypatch):
+    with pytest.raises(TypeError, match=r"expected an option such as .* got .*no entry"):
+        parameters_of(Base)
+    monkeypatch.setattr(Base, "__doc__", "Options.\n\nOptions:\n  --wya HOW: Pairing.")
+    with pytest.raises(TypeError, match="Base has no parameter wya"):
+        parameters_of(Base)
