@@ -52,6 +52,7 @@ if _typing.TYPE_CHECKING:
     from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .likelihood.rig_bundle import Agreement
     from .likelihood.shared_estimates import SharedEstimate
+    from .live_session.api import Live, live
     from .maintenance.check import check
     from .maintenance.check_result import ChangeCheck
     from .maintenance.series.alarm import SeriesAlarm, series_alarm
@@ -134,6 +135,7 @@ __all__ = [
     "JointCovariance",
     "KinematicErrors",
     "Kinematics",
+    "Live",
     "MeasuredBoard",
     "Method",
     "MissingExtraError",
@@ -181,6 +183,7 @@ __all__ = [
     "estimate_robot_noise",
     "from_convention",
     "include_touches",
+    "live",
     "load",
     "log_check",
     "make_certificate",
@@ -304,6 +307,7 @@ _LATER = {
     ),
     "likelihood.rig_bundle": ("Agreement",),
     "likelihood.shared_estimates": ("SharedEstimate",),
+    "live_session.api": ("Live", "live"),
     "maintenance.check": ("check",),
     "maintenance.check_result": ("ChangeCheck",),
     "maintenance.series.alarm": ("SeriesAlarm", "series_alarm"),

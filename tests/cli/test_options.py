@@ -208,7 +208,7 @@ def test_good_files_are_not_warned_of(session):
 
 def test_the_commands():
     names = [command.name for command in cli.app.registered_commands]
-    of_a_result = {"report", "export", "predict", "check", "update", "diff", "verify", "certificate"}
+    of_a_result = {"report", "export", "predict", "check", "update", "diff", "verify", "certificate", "view"}
     assert set(TAKES_POSES) | of_a_result | {
         "demo",
         "camera",

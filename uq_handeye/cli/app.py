@@ -28,7 +28,7 @@ from .commands.codegen import codegen_command
 from .commands.compare import compare_command
 from .commands.cross_check import cross_check_command
 from .commands.files import export_command, report_command
-from .commands.live import live_command
+from .commands.live import live_command, view_command
 from .commands.plan import plan_command
 from .commands.points import points_command
 from .commands.posterior import posterior_command
@@ -90,6 +90,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "bag": bag_command,
     },
     "Use the result": {
+        "view": view_command,
         "report": report_command,
         "export": export_command,
         "predict": predict_command,

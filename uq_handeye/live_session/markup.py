@@ -11,8 +11,11 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ..calibration.report.first_screen import STATUS_OF, checks_block, status_of
+from ..calibration.result import Calibration
 from ..diagnostics.pose_table import PoseTable
 from ..formatting.numbers import digits
+from ..geometry.se3 import Array
+from .guide import words
 from .question import FEWEST, Answer
 from .session import Session
 
@@ -60,20 +63,43 @@ def summary(session: Session) -> str:
         parts += [_line(str(one), "failed") for one in result.cautions[:1] if one.severity == "failure"]
         parts += [_line(line) for line in _steps(session)]
         parts.append(curve(session.curve))
-        if result.accuracy is not None and result.usable:
-            parts.append(_line(f"Includes {', '.join(result.accuracy.included)}.", "dim"))
-            if result.accuracy.not_included:
-                parts.append(_line(f"Not included: {', '.join(result.accuracy.not_included)}.", "dim"))
-        item = Markup('<li class="{}">{} <b>{}</b> {}</li>')
-        rows = [
-            item.format(status.replace(" ", "-"), _MARKS[status], *rest) for status, *rest in checks_block(result).rows
-        ]
-        parts.append(Markup("<ul>{}</ul>").format(Markup("").join(rows)))
+        parts += _covered(result)
     return str(Markup("").join([*parts, Markup("</div>")]))
 
 
+def of_result(result: Calibration) -> str:
+    """Return a stored result: headline, what is included, checks."""
+    parts = [STYLE, Markup('<div class="uq" id="uq-answer">'), _line(result.headline, f"big {status_of(result)}")]
+    return str(Markup("").join([*parts, *_covered(result), Markup("</div>")]))
+
+
+def of_point(point: Array, covariance: Array | None, text: str) -> str:
+    """Return where a point is (m, base frame) and how well it is known (3, 3)."""
+    parts = [_line("Point in the base: " + ", ".join(f"{1e3 * x:.1f}" for x in point.tolist()) + " mm", "big")]
+    if covariance is not None:
+        if np.isfinite(covariance).all():
+            each = ", ".join(f"{1e3 * sd:.2f}" for sd in np.sqrt(np.diag(covariance)).tolist())
+            worst = digits(1e3 * float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])), 2)
+            parts.append(_line(f"1 sigma x, y, z: {each} mm; worst direction {worst} mm."))
+        else:
+            parts.append(_line("Not determined by these poses.", "failed"))
+    return str(Markup('<div class="uq" id="uq-point">{}{}</div>').format(Markup("").join(parts), _line(text, "dim")))
+
+
+def _covered(result: Calibration) -> list[Markup]:
+    """Return what the accuracy includes and what not, and the checks."""
+    parts = []
+    if result.accuracy is not None and result.usable:
+        parts.append(_line(f"Includes {', '.join(result.accuracy.included)}.", "dim"))
+        if result.accuracy.not_included:
+            parts.append(_line(f"Not included: {', '.join(result.accuracy.not_included)}.", "dim"))
+    item = Markup('<li class="{}">{} <b>{}</b> {}</li>')
+    rows = [item.format(status.replace(" ", "-"), _MARKS[status], *rest) for status, *rest in checks_block(result).rows]
+    return [*parts, Markup("<ul>{}</ul>").format(Markup("").join(rows))]
+
+
 def _begin(session: Session) -> str:
-    return f"No poses yet in {session.folder.path.name or session.folder.path}."
+    return f"No poses yet in {session.folder.path.name or session.folder.path}. {words(session.answer)}"
 
 
 def _steps(session: Session) -> list[str]:
@@ -86,7 +112,16 @@ def _steps(session: Session) -> list[str]:
         lines.append(f"{kept} poses. The last one: from {before} to {after} mm at the target.")
     else:
         lines.append(f"{kept} poses.")
-    return lines + list(answer.lines[1:])
+    new = answer.n - 1
+    found = None if answer.result is None else answer.result.table
+    if found is not None and new < len(found) and found.flag[new] not in ("kept", "excluded"):
+        lines.append(f"The last pose, {new}, contradicts the others: {found.status(new)}. Look at it, or leave it out.")
+    return list(filter(None, [*lines, *answer.lines[1:], words(answer)]))
+
+
+def preformatted(text: str) -> str:
+    """Return text of several lines as it is."""
+    return str(Markup('<div class="uq"><pre style="white-space:pre-wrap;margin:0">{}</pre></div>').format(text))
 
 
 def table(session: Session, selected: int | None, target: str) -> str:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import threading
+import warnings
 import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, NotConvergedError
-from .markup import summary, table
+from ..calibration.result import Calibration
+from ..errors import InputError, InputWarning, NotConvergedError
+from ..maintenance.check import check
+from .markup import preformatted, summary, table
 from .scene import Scene
 from .server import HOST, PORT, Server
 from .session import Session
 from .sources.source import Source, feed
-from .uploads import keep_upload
+from .uploads import keep_result, keep_upload
 
 
 class Page:
@@ -94,6 +97,9 @@ class Page:
         for label, side in (("Add robot poses", "robot"), ("Add camera poses", "camera")):
             button = gui.add_upload_button(label)
             button.on_upload(lambda event, side=side: self._uploaded(event.target.value, side))
+        compare = gui.add_upload_button("Compare with a result", color="gray")
+        compare.on_upload(lambda event: self._tried(lambda: self._compare(event.target.value)))
+        self._compared = gui.add_html("")
         with gui.add_folder("Poses"):
             self._table = gui.add_html("")
             self._number = gui.add_number("Pose", -1, min=-1, step=1, hint="Number of the pose; -1: none.")
@@ -139,6 +145,18 @@ class Page:
 
         self._tried(work)
 
+    def _compare(self, file: Any) -> None:
+        """Hold the poses of the session against a stored result, and say whether it still holds."""
+        poses = self.session.answer.poses
+        if poses is None:
+            raise InputError("There are no poses yet to compare with a result.")
+        kept = [k for k in range(poses.n) if k not in self.session.choice.left_out]
+        stored = Calibration.from_json(keep_result(self.session.folder.path / "compared", file.name, file.content))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)
+            found = check(stored, poses.rows(kept))
+        self._compared.content = preformatted(found.summary())
+
     def _finish(self, client: Any) -> None:
         folder: Path = self.session.finish()
         report = folder / "report.html"
@@ -161,7 +179,8 @@ class Page:
                 self._number.value = number
             _set(self._summary, summary(session))
             _set(self._table, table(session, self.selected, self._number._impl.uuid))
-            factor = self._scene.show(session.answer, self.selected)
+            in_hand = session.folder.how.get("setup") in (None, "eye-in-hand")
+            factor = self._scene.show(session.answer, self.selected, in_hand)
             text = f"<div class='uq dim'><p>Ellipsoid of X: 1 sigma, drawn {factor} times as large.</p></div>"
             _set(self._factor, text)
 

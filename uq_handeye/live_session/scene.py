@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..geometry.se3 import Array
+from ..geometry.se3 import Array, inverse
+from .guide import starting_views
 from .question import Answer
 
 if TYPE_CHECKING:
@@ -87,12 +88,12 @@ class Scene:
         self._scene.configure_default_lights(cast_shadow=False)
         self._scene.add_grid("/grid", 4.0, 4.0, cell_size=0.1, section_size=0.5, cell_color=(225, 225, 225))
 
-    def show(self, answer: Answer, selected: int | None = None) -> int:
-        """Draw an answer, and return by which factor the ellipsoid is enlarged."""
+    def show(self, answer: Answer, selected: int | None = None, in_hand: bool = True) -> int:
+        """Draw an answer, and return by which factor the ellipsoid is enlarged; before there are poses a sketch."""
         poses, result = answer.poses, answer.result
         self._frame("/base", np.eye(4), 0.2, "base")
         if poses is None or poses.n == 0:
-            self._keep({"/base"})
+            self._keep({"/base"} | self._sketch(in_hand))
             return self.enlarged or 1
         distance = float(np.median(np.linalg.norm(poses.camera[:, :3, 3], axis=-1)))
         drawn = self._drawn(poses.n, selected)
@@ -131,6 +132,23 @@ class Scene:
         return some if selected is None or selected in some else [*some, selected]
 
     # ------------------------------------------------------------------------------------------------------ nodes
+
+    def _sketch(self, in_hand: bool) -> set[str]:
+        """Draw ten views to start with, around a board that lies before the robot."""
+        names = set()
+        at = np.array([[1.0, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        fixed = "/sketch/fixed"
+        self._node(fixed, (in_hand,), lambda: self._board(fixed, 0.2, (90, 90, 90)) if in_hand
+                   else self._camera(fixed, 1.0, OF_X))  # fmt: skip
+        _move(self._nodes[fixed], at)
+        for k, view in enumerate(starting_views()):
+            name, T = f"/sketch/{k + 1}", at @ (inverse(view) if in_hand else view)
+            self._node(name, (in_hand,), lambda name=name: self._camera(name, 0.6, NEXT) if in_hand
+                       else self._board(name, 0.15, NEXT, 0.5))  # type: ignore[misc]  # fmt: skip
+            _move(self._nodes[name], T)
+            self._label(f"{name}/name", str(k + 1), np.eye(4))
+            names.add(name)
+        return names | {fixed}
 
     def _moving(self, name: str, k: int, T: Array, colour: Colour, distance: float, in_hand: bool) -> None:
         made_of = (in_hand, round(distance, 3))
@@ -219,7 +237,8 @@ class Scene:
 
     def _keep(self, names: set[str]) -> None:
         """Remove all nodes of other names."""
-        for name in [name for name in self._nodes if not any(one == name or name == f"{one}/name" for one in names)]:
+        kept = names | {f"{name}/name" for name in names}
+        for name in sorted(self._nodes.keys() - kept, reverse=True):  # children before their parents
             self._nodes.pop(name).remove()
             del self._made[name]
 

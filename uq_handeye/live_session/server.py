@@ -77,8 +77,8 @@ def _lock(server: Any, secret: str) -> None:
         if state is not None and max(state["total_bytes"], state["transferred_bytes"]) > MOST_UPLOADED:
             del uploads[message.transfer_uuid]
 
-    for kind in (messages.FileTransferStartUpload, messages.FileTransferPart):
-        inner.register_handler(kind, bound)
+    inner.register_handler(messages.FileTransferStartUpload, bound)
+    inner.register_handler(messages.FileTransferPart, bound)
 
 
 def _silent() -> contextlib.redirect_stdout[io.StringIO]:

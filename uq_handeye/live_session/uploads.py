@@ -34,3 +34,12 @@ def keep_upload(folder: Path, side: str, name: str, content: bytes) -> Path:
             write_atomically(path, content)
             return path
     raise InputError(f"{folder} holds {MOST_FILES} files of the {side} already.")
+
+
+def keep_result(folder: Path, name: str, content: bytes) -> Path:
+    """Write an uploaded result, JSON, into a folder of its own, in place of the one before, and return its path."""
+    if not name.lower().endswith(".json") or not content or len(content) > MOST_BYTES:
+        raise InputError(f"Expected the result.json of a calibration, at most {MOST_BYTES / 1e6:.0f} MB, got {name!a}.")
+    folder.mkdir(exist_ok=True)
+    write_atomically(folder / "result.json", content)
+    return folder / "result.json"

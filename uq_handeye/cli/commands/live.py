@@ -1,4 +1,4 @@
-"""Command ``live``: a calibration in the browser, growing with each pose."""
+"""Commands ``live`` and ``view``: a calibration in the browser, growing with each pose or stored."""
 
 import sys
 from dataclasses import dataclass, field, replace
@@ -15,6 +15,7 @@ from ..stream_files import StreamFiles
 from ..views import pictures_of
 from ..watching import folder_of, question_of
 from .calibrate import Files
+from .files import ResultFile
 
 if TYPE_CHECKING:
     from ...live_session.question import Answer
@@ -77,6 +78,9 @@ def live_command(
     wanted: "Wanted",
     page: "PageOptions",
     stdin: bool = False,
+    bag: Path | None = None,
+    ros: bool = False,
+    frames: str | None = None,
 ) -> int:
     r"""Calibrate in the browser while poses arrive: the answer after each, and where the next pose should be.
 
@@ -93,10 +97,13 @@ def live_command(
 
     Options (Page):
       * --stdin: Poses from standard input in place of files. One JSON line each: {"robot": POSE, "camera": POSE}.
+      --bag BAG: Poses of a ROS bag, played back. Give the frames by --frames.
+      --ros: Poses of a running ROS 2 system by tf, with a button to take one. Give the frames by --frames.
+      --frames ROBOT,CAMERA: Frames of --bag and --ros, parent:child each, e.g. base:tool0,camera:tag0. Topics of poses
+        for --bag, too.
     """
     from ...live_session.page import Page
     from ...live_session.session import Session
-    from ...live_session.sources.lines import Lines
 
     if files.offset is not None:
         raise InputError("--offset is for unsynchronised streams. Pose k of the robot belongs to pose k of the camera.")
@@ -106,11 +113,13 @@ def live_command(
         prior = given.one_side
     folder = folder_of(files.folder, files, pictures)
     question = question_of(given, pictures, {"prior": prior}, wanted.tolerance)
-    sources: tuple[Source, ...] = (Lines(sys.stdin, files.reading),) if stdin else ()
-    if stdin:
-        own: dict[str, Any] = {"setup": files.setup}
-        folder = replace(folder, how=own)
-    shown = Page(Session(folder, question, _deliver(files.folder / "result")), sources, page.host, page.port)
+    sources = _sources(files, stdin, bag, ros, frames)
+    if sources:  # their poses are kept in a form of our own
+        folder = replace(folder, how={"setup": files.setup})
+    session = Session(folder, question, _deliver(files.folder / "result"))
+    if bag is not None and session.update().n:
+        raise InputError(f"{files.folder} holds {session.answer.n} poses already. Play --bag into an empty folder.")
+    shown = Page(session, sources, page.host, page.port)
     try:
         emit(f"Session in {files.folder}. Page: {shown.url}\nCtrl-C ends it.\n")
         if not page.no_browser and sys.stdout.isatty():
@@ -118,6 +127,58 @@ def live_command(
         shown.wait()
     except KeyboardInterrupt:
         emit(f"Ended with {shown.session.answer.n} poses in {files.folder}.\n")
+    finally:
+        shown.close()
+    return 0
+
+
+def _sources(files: SessionFiles, stdin: bool, bag: Path | None, ros: bool, frames: str | None) -> "tuple[Source, ...]":
+    """Return where poses come from; none: the files of the folder."""
+    if stdin + (bag is not None) + ros > 1:
+        raise InputError("--stdin, --bag and --ros: give one of them.")
+    if (bag is not None or ros) != (frames is not None):
+        raise InputError("--bag and --ros need --frames ROBOT,CAMERA, e.g. base:tool0,camera:tag0, and only these.")
+    if stdin:
+        from ...live_session.sources.lines import Lines
+
+        return (Lines(sys.stdin, files.reading),)
+    if frames is None:
+        return ()
+    robot, comma, camera = frames.partition(",")
+    if not comma:
+        raise InputError(f"Expected --frames as ROBOT,CAMERA, e.g. base:tool0,camera:tag0, got {frames!r}.")
+    if ros:
+        from ...live_session.sources.ros import tf_source
+
+        return (tf_source(robot, camera),)
+    from ...live_session.sources.bag import Playback
+    from ...rosbag.streams import read_bag
+
+    assert bag is not None
+    how = {} if files.setup is None else {"setup": files.setup}
+    return (Playback(*read_bag(bag, robot=robot, camera=camera), interval=1.0, how=how, name=bag.name),)
+
+
+@made_of(page=PageOptions)
+def view_command(result: ResultFile, page: "PageOptions") -> int:
+    """Show a stored calibration in the browser, with the uncertainty at a point that one drags.
+
+    Examples:
+      uq-handeye view result/result.json
+
+    Ctrl-C ends the page.
+    """
+    from ...calibration.result import Calibration
+    from ...live_session.view import ViewPage
+
+    shown = ViewPage(Calibration.from_json(result), page.host, page.port)
+    try:
+        emit(f"Page: {shown.url}\nCtrl-C ends it.\n")
+        if not page.no_browser and sys.stdout.isatty():
+            shown.open()
+        shown.wait()
+    except KeyboardInterrupt:
+        pass
     finally:
         shown.close()
     return 0
