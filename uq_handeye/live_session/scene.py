@@ -31,6 +31,7 @@ GOOD, LIMIT, WRONG, OUT, NEXT, OF_X = (
     (0, 158, 115),
     (204, 121, 167),
 )
+PALE = (165, 165, 165)
 # Poses up to which each is drawn by itself and can be clicked; of more, so many are drawn.
 MOST_DRAWN = 150
 # Sizes in distances of the target: frustum, ellipsoid, axes.
@@ -86,7 +87,8 @@ class Scene:
         self._placed = False
         self._scene.set_up_direction("+z")
         self._scene.configure_default_lights(cast_shadow=False)
-        self._scene.add_grid("/grid", 4.0, 4.0, cell_size=0.1, section_size=0.5, cell_color=(225, 225, 225))
+        self._scene.add_grid("/grid", 4.0, 4.0, cell_size=0.1, section_size=0.5, cell_color=PALE, section_color=PALE,
+                             cell_thickness=0.4, section_thickness=0.8)  # fmt: skip
 
     def show(self, answer: Answer, selected: int | None = None, in_hand: bool = True) -> int:
         """Draw an answer, and return by which factor the ellipsoid is enlarged; before there are poses a sketch."""
@@ -133,9 +135,21 @@ class Scene:
 
     # ------------------------------------------------------------------------------------------------------ nodes
 
+    def _look(self, middle: Array, distance: float) -> None:
+        """Look at the rig from aside and above, a little to its right, where the panel is."""
+        towards = np.array([0.75, -0.55, 0.5])
+        aside = np.cross([0.0, 0.0, 1.0], towards)
+        target = middle + 0.22 * distance * aside / np.linalg.norm(aside)
+        camera = self._server.initial_camera
+        camera.look_at, camera.position = target, target + distance * towards
+        for client in self._server.get_clients().values():
+            client.camera.position, client.camera.look_at = camera.position, camera.look_at
+
     def _sketch(self, in_hand: bool) -> set[str]:
         """Draw ten views to start with, around a board that lies before the robot."""
         names = set()
+        if "/sketch/fixed" not in self._nodes:
+            self._look(np.array([0.4, 0.0, 0.2]), 1.1)
         at = np.array([[1.0, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
         fixed = "/sketch/fixed"
         self._node(fixed, (in_hand,), lambda: self._board(fixed, 0.2, (90, 90, 90)) if in_hand
@@ -225,7 +239,9 @@ class Scene:
         self._label(f"{name}/name", text, np.eye(4))
 
     def _label(self, name: str, text: str, T: Array) -> None:
-        self._node(name, (text,), lambda: self._scene.add_label(name, text, font_screen_scale=0.9))
+        self._node(
+            name, (text,), lambda: self._scene.add_label(name, text, font_screen_scale=0.9, anchor="bottom-center")
+        )
         self._nodes[name].position = T[:3, 3]
 
     def _node(self, name: str, made_of: tuple[Any, ...], make: Callable[[], Any]) -> None:
@@ -247,11 +263,7 @@ class Scene:
         self._placed = True
         middle = points.mean(axis=0)
         reach = max(float(np.linalg.norm(points - middle, axis=1).max()), distance)
-        camera = self._server.initial_camera
-        camera.look_at = middle
-        camera.position = middle + 1.9 * reach * np.array([0.75, -0.55, 0.5])
-        for client in self._server.get_clients().values():
-            client.camera.position, client.camera.look_at = camera.position, camera.look_at
+        self._look(middle, 1.9 * reach)
 
 
 def gain_in_words(answer: Answer) -> str:
