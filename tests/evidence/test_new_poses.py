@@ -54,7 +54,7 @@ def test_errors_in_common_with_the_calibration(rng):
         poses = replace(poses, camera=camera, truth=None)
         result = uq.calibrate(poses.rows(np.arange(OLD)), noise=NOISE, robust=False, shared=[scale])
         evidence = evidence_of_poses(result, poses.rows(np.arange(OLD, OLD + NEW)))
-        twice = replace(evidence, by_unit=0.5 * evidence.by_unit)
+        twice = replace(evidence, by_unit=0.25 * evidence.by_unit)
         found.append((evidence.d2, twice.d2))
     d2, smaller = np.mean(found, axis=0)
     error = np.sqrt(2 * 6 * NEW / TRIALS)

@@ -167,7 +167,7 @@ def test_what_does_not_fit_is_refused(rng):
     for joints in (np.zeros(5), "home", np.full(6, np.nan)):
         with pytest.raises(InputError, match="joints"):
             result.predict_camera(joints=joints)
-    with pytest.raises(InputError, match="known by its joints"):
+    with pytest.raises(InputError, match="does not reach 1 of 1 robot poses"):
         result.predict_camera(robot=np.eye(4))
     with pytest.raises(InputError, match="points"):
         result.predict([0, 0], found.near)

@@ -31,11 +31,10 @@ from ..kinematics.chain import Kinematics
 from ..kinematics.gravity import spread_postures
 from ..kinematics.inverse import postures_at
 from ..kinematics.joint import PRISMATIC
-from ..noise.models import PoseNoise
-from ..noise.square_roots import cholesky_of, whiten
 from ..poses.pose_pairs import PosePairs
-from ..posterior.selection import covariance_of, select, weight_of_X
-from ..prediction.predict import CameraAhead, camera_ahead, own_noise
+from ..posterior.selection import weight_of_X
+from ..prediction.predict import CameraAhead, camera_ahead
+from .by_posterior import chosen_by, noise_of_new
 from .candidates import draw_camera_poses, require_choice, require_number, robot_of
 from .result import Plan
 
@@ -87,21 +86,17 @@ def plan_by_joints(
         else _inside(chain, candidates, "candidates")
     )
     require_choice(len(q), k, repeat)
-    P = result.posterior.covariance
-    some = np.flatnonzero(np.diag(P) > 0)
-    information = covariance_of(P[np.ix_(some, some)])
     ahead = _ahead(result, chain, q)
-    rows = whiten(cholesky_of(ahead.noise), ahead.columns[..., some])
     at_task = (
         spread_postures(chain.limits, _revolute(chain), TASK) if of.task is None else _inside(chain, of.task, "task")
     )
     Q = None
     if of.criterion == PREDICTION:
-        A = _ahead(result, chain, at_task).columns[:, 3:, some]
+        A = _ahead(result, chain, at_task).columns[:, 3:]
         Q = np.einsum("tri,trj->ij", A, A) / len(A)
     elif of.criterion != "logdet":
         Q = weight_of_X(result.X, of.point, of.length)
-    chosen, covariances, values = select(information, rows, k, Q, repeat)
+    chosen, covariances, values = chosen_by(result, ahead, k, Q, repeat)
     return Plan(
         chosen=chosen,
         robot=ahead.robot[chosen],
@@ -119,7 +114,7 @@ def plan_by_joints(
         n_poses=data.n,
         n_candidates=len(q),
         sampled=candidates is None,
-        noise=PoseNoise(own_noise(result, "robot"), own_noise(result, "camera")),
+        noise=noise_of_new(result),
         noise_estimated=known.noise_estimated,
         open_directions=np.zeros((0, 6)),
         shared=tuple(dict.fromkeys(error.error for error in result.shared)),

@@ -38,6 +38,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..calibration.calibrate import calibrate
+from ..calibration.result import Calibration
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
 from ..formatting.units import parse_length
 from ..geometry.checks import as_transforms
@@ -53,6 +54,7 @@ from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES, warn_left_out
 from ..posterior.selection import select, weight_of_X
+from ..prediction.predict import camera_ahead, camera_at
 from ..shared_errors.shared_error import (
     CLOCK_OFFSET,
     OF_ANY_POSES,
@@ -64,11 +66,13 @@ from ..shared_errors.shared_error import (
     without_shared,
 )
 from .by_joints import PREDICTION, Wanted, plan_by_joints, so_far_by_joints
+from .by_posterior import chosen_by, noise_of_new
 from .candidates import predicted_camera, require_choice, sample_candidates
 from .result import FORMS, Plan
 from .weak_prior import so_far
 
 CRITERIA = ("trace", "logdet", "point")
+GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 
 
 def plan(
@@ -171,7 +175,11 @@ def plan(
             raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
     errors = tuple(error.bound(data) for error in shared or ())
     if noise is None:
-        data, noise, errors = _estimated_noise(data, shared, prior)
+        result = _calibrated(data, shared, prior)
+        if result.posterior is not None:
+            of = criterion, *_target(data, criterion, point, length)
+            return _by_posterior(result, data, candidates, k, of, sample, seed, repeat)
+        data, noise, errors = _estimated_noise(result, data, shared)
     elif isinstance(noise, PoseNoise) and not (
         isinstance(noise.robot, JointCovariance) and noise.robot.shared.shape[-1]
     ):
@@ -200,12 +208,7 @@ def plan(
         if noise.prior is not None:
             information = information + noise.prior.normal_equations(at.X, at.W)[0]
     assert at.W is not None
-    if candidates is None:
-        robot = sample_candidates(data, at.X, at.W, sample, seed=seed)
-    else:
-        robot = as_transforms(candidates, "candidates")
-        if robot.ndim != 3 or len(robot) == 0:
-            raise InputError(f"Expected `candidates` to have shape (m, 4, 4) with m >= 1, got {robot.shape}.")
+    robot = _candidates(candidates, data, at.X, at.W, sample, seed)
     require_choice(len(robot), k, repeat)
     camera = predicted_camera(robot, at.X, at.W, data.setup)
     if errors or intrinsics.shape[-1]:
@@ -297,24 +300,80 @@ def _white_columns(
     return whiten(cholesky_of(residual_covariance(linear.sides, noise)), np.concatenate(f, axis=-1))
 
 
-def _estimated_noise(
-    data: PosePairs, shared: Sequence[SharedError] | None, prior: NoisePrior | None
-) -> tuple[PosePairs, PoseNoise, tuple[SharedError, ...]]:
-    """Noise and shared errors as `calibrate` finds them, and the poses that it keeps; it warns of those left out."""
-    give = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
-    every = data
+def _calibrated(data: PosePairs, shared: Sequence[SharedError] | None, prior: NoisePrior | None) -> Calibration:
+    """The calibration of the poses so far, which warns of those left out; raises `InputError` where there is none."""
     try:
-        result = calibrate(data, shared=shared, prior=prior)
-        noise, kept = result.noise, np.arange(data.n)
-        if result.table is not None and result.table.rejected:
-            kept = np.flatnonzero(result.table.weight > 0)
-            data = data.rows(kept)
+        return calibrate(data, shared=shared, prior=prior)
     except (DegenerateMotionError, NotConvergedError) as error:
         raise InputError(
-            f"The noise cannot be estimated from the poses so far, which may leave a part of X open. {give}"
+            f"The noise cannot be estimated from the poses so far, which may leave a part of X open. {GIVE}"
         ) from error
+
+
+def _by_posterior(
+    result: Calibration,
+    data: PosePairs,
+    candidates: Any,
+    k: int,
+    of: tuple[str, Array | None, float | None],
+    sample: int,
+    seed: int | np.random.Generator,
+    repeat: bool,
+) -> Plan:
+    """The plan by what the calibration knows (`by_posterior`)."""
+    assert result.W is not None
+    criterion, target, distance = of
+    kept = data if result.table is None else data.rows(np.flatnonzero(result.table.weight > 0))
+    robot = _candidates(candidates, kept, result.X, result.W, sample, seed)
+    require_choice(len(robot), k, repeat)
+    ahead = camera_ahead(result, robot=robot)
+    Q = None if criterion == "logdet" else weight_of_X(result.X, target, distance)
+    chosen, covariances, values = chosen_by(result, ahead, k, Q, repeat)
+    return Plan(
+        chosen=chosen,
+        robot=robot[chosen],
+        camera=camera_at(result, robot)[chosen],
+        covariance_before=covariances[0],
+        covariances=covariances[1:],
+        criterion=criterion,
+        criterion_before=float(values[0]),
+        criterion_values=values[1:],
+        length=distance,
+        point=target,
+        X=result.X,
+        W=result.W,
+        setup=data.setup,
+        n_poses=kept.n,
+        n_candidates=len(robot),
+        sampled=candidates is None,
+        noise=noise_of_new(result),
+        noise_estimated=True,
+        open_directions=np.zeros((0, 6)),
+        shared=tuple(dict.fromkeys(error.error for error in result.shared)),
+        form=_form_of(data),
+    )
+
+
+def _candidates(given: Any, data: PosePairs, X: Array, W: Array, sample: int, seed: int | np.random.Generator) -> Array:
+    """(m, 4, 4) robot poses to choose from, given or drawn."""
+    if given is None:
+        return sample_candidates(data, X, W, sample, seed=seed)
+    robot = np.asarray(as_transforms(given, "candidates"))
+    if robot.ndim != 3 or len(robot) == 0:
+        raise InputError(f"Expected `candidates` to have shape (m, 4, 4) with m >= 1, got {robot.shape}.")
+    return robot
+
+
+def _estimated_noise(
+    result: Calibration, data: PosePairs, shared: Sequence[SharedError] | None
+) -> tuple[PosePairs, PoseNoise, tuple[SharedError, ...]]:
+    """Noise and shared errors of a calibration that leaves a part open, and the poses that it keeps."""
+    every, noise, kept = data, result.noise, np.arange(data.n)
+    if result.table is not None and result.table.rejected:
+        kept = np.flatnonzero(result.table.weight > 0)
+        data = data.rows(kept)
     if not isinstance(noise, PoseNoise):
-        raise InputError(f"The noise cannot be estimated from poses that fit exactly. {give}")
+        raise InputError(f"The noise cannot be estimated from poses that fit exactly. {GIVE}")
     listed = replace_defaults((), every.camera_known) if shared is None else shared
     errors = settled_errors(listed, {found.name: found.prior_sd for found in result.shared}, every)
     noise = without_shared(noise, (*errors, *assumed_drift(every)))  # a drift so far says nothing about new poses
