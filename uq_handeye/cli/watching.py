@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..live_session.folder import Folder, settled
 from .messages import LOG, quiet
 from .options.common import emit
 from .options.noise import Given
@@ -17,18 +16,21 @@ from .stream_files import StreamFiles
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
+    from ..live_session.folder import Folder
     from ..live_session.question import Answer, Question
     from ..poses.pose_pairs import PosePairs
     from ..statement.tolerance import Tolerance
     from .views import Views
 
 
-def folder_of(path: Path, files: StreamFiles, seen: "Pictures | Views | None") -> Folder:
+def folder_of(path: Path, files: StreamFiles, seen: "Pictures | Views | None") -> "Folder":
     """Return the folder with how its files are read."""
+    from ..live_session.folder import Folder
+
     return Folder(path, files.reading, seen if isinstance(seen, Pictures) else None)
 
 
-def watched(path: Path, files: PoseFiles, seen: "Pictures | Views | None", output: Path | None) -> Folder:
+def watched(path: Path, files: PoseFiles, seen: "Pictures | Views | None", output: Path | None) -> "Folder":
     """Return what is watched; raises `InputError` for options that do not go with it."""
     if not path.is_dir():
         raise InputError(f"Expected --watch to name a folder, got {path}.")
@@ -64,13 +66,15 @@ def question_of(
 class Watch:
     """Folder and question, and where the result goes."""
 
-    folder: Folder
+    folder: "Folder"
     question: "Question"
     output: Path | None
     as_json: bool
 
     def run(self, pause: Callable[[float], None] = time.sleep) -> "Calibration | None":
         """Answer after each pose until the tolerance is met or Ctrl-C; return the last result."""
+        from ..live_session.folder import settled
+
         last: Calibration | None = None
         count, problem = 0, ""
         try:
