@@ -26,6 +26,8 @@ about the camera: a frontal target takes it as a shift.
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from ..geometry.se3 import Array, skew
@@ -127,6 +129,13 @@ def intrinsics_columns(camera: Array, distance: float | None = None) -> Array:
     Of the focal length (relative), the image centre x and y (over the focal length, rad), k1, k2, p1 and p2.
     ``distance`` (m) that gives the target its width; None: the median one of these poses.
     """
+    camera = np.asarray(camera, dtype=float)
+    return _by_intrinsics(camera.tobytes(), median_distance(camera) if distance is None else distance)
+
+
+@functools.lru_cache(maxsize=4)  # focal length, principal point and lens ask for the same poses one after the other
+def _by_intrinsics(of_poses: bytes, distance: float) -> Array:
+    camera = np.frombuffer(of_poses).reshape(-1, 4, 4)
     x, by_pose, information = _fitted(camera, distance)
     r2 = (x * x).sum(axis=-1)
     u, v = x[..., 0], x[..., 1]
@@ -135,7 +144,9 @@ def intrinsics_columns(camera: Array, distance: float | None = None) -> Array:
     by_p2 = np.stack([r2 + 2 * u * u, 2 * u * v], axis=-1)
     one = np.broadcast_to(np.eye(2), (*u.shape, 2, 2))
     by_lens = np.stack([x, one[..., 0], one[..., 1], radial, radial * r2[..., None], by_p1, by_p2], axis=-1)
-    return np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens.reshape(len(camera), -1, 7)))
+    found = np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens.reshape(len(camera), -1, 7)))
+    found.flags.writeable = False
+    return found
 
 
 def median_distance(camera: Array) -> float:
@@ -143,9 +154,8 @@ def median_distance(camera: Array) -> float:
     return float(np.median(np.linalg.norm(camera[:, :3, 3], axis=-1)))
 
 
-def _fitted(camera: Array, distance: float | None = None) -> tuple[Array, Array, Array]:
+def _fitted(camera: Array, distance: float) -> tuple[Array, Array, Array]:
     """Directions (n, k, 2) of the points of the target, their derivatives (n, 2k, 6) by the poses, and B^T B."""
-    distance = median_distance(camera) if distance is None else distance
     side = HALF * np.linspace(0.0, 2.0, POINTS)
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     P = np.pad(max(distance, 1e-6) * grid, [(0, 0), (0, 1)])
