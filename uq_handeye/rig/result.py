@@ -12,6 +12,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ..errors import InputError
+from ..files.atomic import json_text
+from ..files.open import StrPath
 from ..findings import Finding, texts
 from ..geometry.se3 import Array
 from ..likelihood.d2_distribution import Reference
@@ -205,6 +207,50 @@ class RigCalibration(ReadOnlyArrays):
     def rejected_poses(self) -> tuple[tuple[str, Any], ...]:
         """Arm and moment of the robot poses with weight 0."""
         return tuple(one for one, w in zip(self.pose_names, self.pose_weights.tolist(), strict=True) if w == 0)
+
+    def text(self) -> str:
+        """Return a table of all poses and of the relative poses of cameras, with the sizes of their errors."""
+        lines = [f"{'pose':<28} {'x, y, z (mm)':<34} {'rotation':>11} {'position':>11} {'views':>6}"]
+        others = list(self.arms.values())[1:]
+        for one in (*self.cameras.values(), *self.targets.values(), *others, *self.pairs):
+            turn, shift = one.sizes
+            at = ", ".join(f"{1e3 * x:.2f}" for x in one.pose[:3, 3])
+            said = [f"{np.degrees(turn):.4f} deg" if np.isfinite(turn) else "open",
+                    f"{1e3 * shift:.3f} mm" if np.isfinite(shift) else "open"]  # fmt: skip
+            lines.append(f"{one.frame:<28} {at:<34} {said[0]:>11} {said[1]:>11} {one.count or '':>6}")
+        lines.append(
+            f"Errors are root mean squares of their length. Chi-square {self.chi_square:.0f} of {self.dof:.0f}."
+        )
+        if len(self.open):
+            lines.append(f"{len(self.open)} directions are not determined: the robot poses turn about too few axes.")
+        lines += [f"Rejected: {target} by {camera} at robot pose {moment}." for camera, target, moment in self.rejected]
+        lines += [f"Rejected: robot pose {moment} of {arm}." for arm, moment in self.rejected_poses]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts: poses, joint covariance, relative poses, sizes, what was rejected."""
+        return {
+            "format": "uq-handeye rig 1",
+            "method": self.method,
+            "names": list(self.names),
+            "cameras": {name: one.to_dict() for name, one in self.cameras.items()},
+            "targets": {name: one.to_dict() for name, one in self.targets.items()},
+            "arms": {name: one.to_dict() for name, one in self.arms.items()},
+            "relative": {one.frame: one.to_dict() for one in self.pairs},
+            "covariance": self.covariance.tolist(),
+            "open": self.open.tolist(),
+            "lever": self.lever,
+            "chi_square": self.chi_square,
+            "dof": self.dof,
+            "noise": {name: list(sizes) for name, sizes in self.noise.items()},
+            "components": [dict(part) for part in self.components],
+            "rejected": [[camera, target, str(moment)] for camera, target, moment in self.rejected],
+            "rejected_poses": [[arm, str(moment)] for arm, moment in self.rejected_poses],
+        }
+
+    def save(self, path: StrPath) -> None:
+        """Write `to_dict` as JSON."""
+        json_text(self.to_dict(), path)
 
     def __repr__(self) -> str:
         return f"RigCalibration({', '.join(self.names)}; chi-square {self.chi_square:.0f} of {self.dof:.0f})"

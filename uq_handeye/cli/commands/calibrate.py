@@ -191,6 +191,8 @@ def calibrate_command(
         files robot.csv and camera.csv, or files robot* and camera* with a pose each, or files that hold both sides
         (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.
     """
+    if files.robot is not None and files.robot.suffix.lower() == ".toml":
+        return _calibrate_rig(files.robot, output, as_json)
     require_writable(report, "--report", REPORTS)
     require_folder(figures, output)
     arm = robot.arm
@@ -258,6 +260,20 @@ def calibrate_command(
     check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
     files_wanted = Files(output, report, not no_compare, check, wishes.of_report, figures)
     return deliver_result(result, files_wanted, wanted, as_json, threshold, last)
+
+
+def _calibrate_rig(path: Path, output: Path | None, as_json: bool) -> int:
+    """Calibrate the rig of a TOML file, print it and write rig.json."""
+    from ...io import json_text, write_files
+    from ...rig.calibrate import calibrate_rig
+    from ...rig.rig_file import read_rig
+
+    rig, noise = read_rig(path)
+    result = calibrate_rig(rig, noise)
+    if output is not None:
+        write_files(output, {"rig.json": json_text(result.to_dict())})
+    print(json_text(result.to_dict()) if as_json else result.text())
+    return 0
 
 
 def demo_command(
