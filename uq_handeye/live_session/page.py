@@ -7,8 +7,11 @@ import warnings
 import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..calibration.result import Calibration
 from ..errors import InputError, InputWarning, NotConvergedError
@@ -48,8 +51,8 @@ class Page:
         session.update()
         session.listeners.append(self._show)
         self._show(session)
-        workers = [(session.run, (self._stop,))]
-        workers += [(feed, (session, source, self._stop)) for source in sources if not source.on_demand]  # type: ignore[list-item]
+        workers: list[tuple[Callable[..., None], tuple[Any, ...]]] = [(session.run, (self._stop,))]
+        workers += [(feed, (session, source, self._stop)) for source in sources if not source.on_demand]
         self._workers = [threading.Thread(target=work, args=with_, daemon=True) for work, with_ in workers]
         for worker in self._workers:
             worker.start()
@@ -93,16 +96,16 @@ class Page:
         self._summary = gui.add_html("")
         for source in self._sources:
             if source.on_demand:
-                self._button(f"Take pose ({source.name})", lambda source=source: self._take(source), color="teal")
+                self._button(f"Take pose ({source.name})", partial(self._take, source), color="teal")
         for label, side in (("Add robot poses", "robot"), ("Add camera poses", "camera")):
             button = gui.add_upload_button(label)
-            button.on_upload(lambda event, side=side: self._uploaded(event.target.value, side))
+            button.on_upload(partial(self._uploaded, side))
         compare = gui.add_upload_button("Compare with a result", color="gray")
         compare.on_upload(lambda event: self._tried(lambda: self._compare(event.target.value)))
         self._compared = gui.add_html("")
         with gui.add_folder("Poses"):
             self._table = gui.add_html("")
-            self._number = gui.add_number("Pose", -1, min=-1, step=1, hint="Number of the pose; -1: none.")
+            self._number: Any = gui.add_number("Pose", -1, min=-1, step=1, hint="Number of the pose; -1: none.")
             self._number.on_update(lambda _: self.select(int(self._number.value)))
             self._button("Leave out", lambda: self.session.leave_out(self._chosen()))
             self._button("Take back", lambda: self.session.take_back(self._chosen()))
@@ -138,7 +141,9 @@ class Page:
         if pair is not None:
             self.session.add(*pair)
 
-    def _uploaded(self, file: Any, side: str) -> None:
+    def _uploaded(self, side: str, event: Any) -> None:
+        file = event.target.value
+
         def work() -> None:
             keep_upload(self.session.folder.path, side, file.name, file.content)
             self.session.update()
@@ -154,7 +159,7 @@ class Page:
         stored = Calibration.from_json(keep_result(self.session.folder.path / "compared", file.name, file.content))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)
-            found = check(stored, poses.rows(kept))
+            found = check(stored, poses.rows(np.array(kept, dtype=np.intp)))
         self._compared.content = preformatted(found.summary())
 
     def _finish(self, client: Any) -> None:

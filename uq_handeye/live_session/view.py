@@ -40,7 +40,7 @@ class ViewPage:
         self._summary = gui.add_html(of_result(result))
         self._words = gui.add_html("")
         kept = [k for k in range(poses.n) if k not in result.excluded]
-        self._pose = gui.add_number("From pose", kept[-1], min=0, max=poses.n - 1, step=1)
+        self._pose: Any = gui.add_number("From pose", kept[-1], min=0, max=poses.n - 1, step=1)
         self._scene = Scene(self._server.viser, self._select)
         self._scene.show(self._answer)
         distance = float(np.median(np.linalg.norm(poses.camera[:, :3, 3], axis=-1)))
@@ -49,7 +49,7 @@ class ViewPage:
         self._point = self._server.viser.scene.add_transform_controls(
             "/point", scale=0.25 * distance, disable_rotations=True, position=start[:3, 3]
         )
-        self._point.on_update(lambda _: self.predict())
+        self._point.on_update(self._dragged)
         self._pose.on_update(lambda _: self._select(int(self._pose.value)))
         self.predict()
 
@@ -72,6 +72,9 @@ class ViewPage:
             return None
         self._words.content = of_point(point, covariance, f"Seen from pose {k}, {np.linalg.norm(seen[:3]):.3f} m away.")
         return covariance
+
+    def _dragged(self, event: Any) -> None:
+        self.predict()
 
     def _select(self, pose: int) -> None:
         with self._drawing:
