@@ -411,7 +411,7 @@ def _reading(
             )
         return f"the camera translations are multiplied by {factor:.4g}: {cause}"
     if kind == "scale" and target:
-        fitted = " (a printer that scaled to fit the page?)" if 0.8 < factor < 1.25 else ""
+        fitted = " (a printer that scaled to fit the page?)" if factor and 0.8 < factor < 1.25 else ""
         return (
             f"the camera translations are multiplied by {factor:.4g}: no unit is such a factor; the size of the target "
             f"is wrong{fitted}, or the focal length is that of other pictures"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from ..diagnostics.budget import Budget
 from ..diagnostics.pose_table import PoseTable
@@ -79,6 +79,8 @@ class Stated(Protocol):
     def open_words(self) -> tuple[str, ...]: ...
     @property
     def analysis(self) -> Analysed | None: ...
+    @property
+    def answered(self) -> Literal["whole", "in part", "no"]: ...
     def uncertainty_at(self, points: Any) -> PointUncertainty: ...
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...files.atomic import json_text, write_files
 from ...files.open import StrPath, as_path
+from ...files.records import attributes
 from ...formats.csv_poses import pose_text
 from ...geometry.conventions import TOOLKIT
 from ..calibrated import Calibrated
@@ -71,49 +72,27 @@ def camera_files(cam: Calibrated) -> dict[str, str | bytes]:
 
 def to_dict(cam: Calibrated) -> dict[str, Any]:
     """All but poses and corners as plain numbers and text."""
-    bundle = cam.bundle
     return {
         "format": FORMAT,
-        "model": cam.model,
-        "image_size": list(cam.image_size),
-        "parameters": cam.intrinsics,
-        "std": cam.std,
-        "estimated": list(cam.estimated),
-        "names": list(bundle.model.names),
-        "covariance": bundle.intrinsics_covariance.tolist(),
+        **attributes(
+            cam,
+            "model image_size parameters=intrinsics std estimated names=bundle.model.names "
+            "covariance=bundle.intrinsics_covariance",
+        ),
         "board": board_dict(cam),
-        "prior": None
-        if bundle.prior is None
-        else {"mean": bundle.prior.mean.tolist(), "covariance": bundle.prior.covariance.tolist()},
+        "prior": None if cam.bundle.prior is None else attributes(cam.bundle.prior, "mean covariance"),
         "units": "pixels; coefficients without unit",
         "convention": "centre of the first pixel at (0, 0); models and order of the coefficients as in OpenCV",
-        "pixel_noise": bundle.pixel_noise,
-        "pictures": cam.corners.n,
-        "pictures_without_board": list(cam.corners.missing),
-        "corners": cam.corners.m,
-        "outliers": [
-            {"picture": picture, "corner": corner, "distance": distance} for picture, corner, distance in cam.outliers
-        ],
-        "pattern": {"p_value": cam.pattern.p_value, "share": cam.pattern.share, "found": cam.pattern.found},
-        "board_pattern": {
-            "p_value": cam.board_pattern.p_value,
-            "share": cam.board_pattern.share,
-            "found": cam.board_pattern.found,
-        },
-        "candidates": [
-            {
-                "model": one.model,
-                "coefficients": list(one.coefficients),
-                "board": one.shape,
-                "bic": one.bic if np.isfinite(one.bic) else None,
-                "rms": one.rms if np.isfinite(one.rms) else None,
-            }
-            for one in cam.candidates
-        ],
-        "converged": bundle.converged,
-        "iterations": bundle.iterations,
-        "findings": [finding.to_dict() for finding in cam.findings],
-        "warnings": list(cam.warnings),
+        **attributes(
+            cam,
+            "pixel_noise=bundle.pixel_noise pictures=corners.n pictures_without_board=corners.missing "
+            "corners=corners.m",
+        ),
+        "outliers": [dict(zip(("picture", "corner", "distance"), one, strict=True)) for one in cam.outliers],
+        "pattern": attributes(cam.pattern, "p_value share found"),
+        "board_pattern": attributes(cam.board_pattern, "p_value share found"),
+        "candidates": [attributes(one, "model coefficients board=shape bic rms") for one in cam.candidates],
+        **attributes(cam, "converged=bundle.converged iterations=bundle.iterations findings warnings"),
     }
 
 
