@@ -186,5 +186,5 @@ def test_missing_columns_are_refused():
     data = by_hand().to_dict()
     del data["leverage"]
     result = uq.calibrate(uq.simulate(10, noise=NOISE, seed=SEED), noise=NOISE).to_dict()
-    with pytest.raises(uq.InputError, match="damaged: 'leverage' is missing"):
+    with pytest.raises(uq.InputError, match="damaged: Expected poses to have 'leverage', which is missing"):
         uq.Calibration.from_dict(result | {"poses": data})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class PoseTable(Record):
     estimation was asked for), "downweighted" (``weight`` says how far), "rejected", or "excluded": left out by
     request, with its residual against the fit to the others. An excluded pose has the weight and leverage 0.
     """
+
+    _where: ClassVar[str] = "poses"
 
     item: str  # "pose" or "motion"
     rotation: Annotated[Array, "n"]  # length of the rotation residual, rad

@@ -38,6 +38,8 @@ class Record(ReadOnlyArrays):
     _in_file: ClassVar[str] = ""
     # Of these, those that are left out where they are None, empty or false.
     _if_any: ClassVar[str] = ""
+    # What messages call it; empty: the name of the class, or of the field that it stands in.
+    _where: ClassVar[str] = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers, lists and text, in rad and m; None stands for an infinite number."""
@@ -48,7 +50,7 @@ class Record(ReadOnlyArrays):
     @classmethod
     def from_dict(cls, data: Any) -> Self:
         """Read what `to_dict` wrote; raises `InputError` on anything else."""
-        return cls(**parts_of(cls, data, cls.__name__))._possible()
+        return cls(**parts_of(cls, data, cls._where or cls.__name__))._possible()
 
     def _possible(self) -> Self:
         """Return itself; raise `InputError` for numbers that cannot be. Of what was read."""
@@ -135,7 +137,7 @@ def read(hint: Any, data: Any, path: str, sizes: dict[str, int] | None = None) -
         return data
     if hasattr(kind, "from_dict") and getattr(kind.from_dict, "__func__", None) is not Record.from_dict.__func__:  # type: ignore[attr-defined]
         return kind.from_dict(data)
-    found = kind(**parts_of(kind, data, path, sizes))
+    found = kind(**parts_of(kind, data, getattr(kind, "_where", "") or path, sizes))
     return found._possible() if isinstance(found, Record) else found
 
 

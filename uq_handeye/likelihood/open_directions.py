@@ -30,7 +30,7 @@ other directions, and so that of every function of them that the open directions
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,8 @@ class OpenDirections(Record):
     the residuals, of length 1 and at right angles to each other in units of the rig (theta times lever); of motions
     without poses 0 for W. ``lever``: metres.
     """
+
+    _where: ClassVar[str] = "open"
 
     basis: Annotated[Array, "k", 12]
     lever: float
