@@ -36,7 +36,7 @@ Said = str | Callable[[Mapping[str, Any]], str]
 
 @dataclass(frozen=True)
 class Record:
-    """What is said of the findings of one code, and what follows from them. Written where its sentence is.
+    """Texts and effects of the findings of one code, written where its sentence is.
 
     ``phrase``: at most about 55 characters, without a full stop. ``effect``: by how many of its stated standard
     deviations X may be off, or how many times too small these may be, as far as the finding says; 1 where the

@@ -49,6 +49,7 @@ class SplitHalf(Record):
     Leading axes of the data are independent problems and appear in every array; files hold one.
     """
 
+    _where: ClassVar[str] = "split_half"
     _in_file: ClassVar[str] = "split halves reason dof X1 X2 difference covariance d2 p_value passed"
 
     split: str
@@ -103,9 +104,11 @@ class SplitHalf(Record):
         return str(self.finding)
 
     def _possible(self) -> SplitHalf:
-        numbers = (self.X1, self.X2, self.difference, self.covariance, self.d2, self.p_value)
-        if any((number is None) != (self.reason is not None) for number in numbers):
-            raise InputError("Expected the split-half test to have numbers, or a reason why it has none.")
+        for name in ("X1", "X2", "difference", "covariance", "d2", "p_value"):
+            if (missing := getattr(self, name) is None) and self.reason is None:
+                raise InputError(f"Expected split_half.{name} to be numbers, or a reason why there are none.")
+            if not missing and self.reason is not None:
+                raise InputError("The split-half test is damaged: it has numbers, and a reason why it has none.")
         return self
 
 
