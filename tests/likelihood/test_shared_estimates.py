@@ -1,5 +1,7 @@
 """Errors that all poses share: as unknowns of a joint fit, and consistent with the errors that are made."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -11,10 +13,10 @@ from uq_handeye.geometry.se3 import perturb
 from uq_handeye.likelihood.constraint import constraint_of
 from uq_handeye.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.likelihood.own_residuals import own_residuals
-from uq_handeye.likelihood.shared_estimates import resolve_doubts, shared_estimates
+from uq_handeye.likelihood.shared_estimates import shared_estimates
 from uq_handeye.likelihood.starts import start_of
 from uq_handeye.noise.square_roots import cholesky_of, gram, whiten
-from uq_handeye.shared_errors.shared_error import default_errors, shared_columns, with_shared
+from uq_handeye.shared_errors.shared_error import shared_columns, with_shared
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")
@@ -104,22 +106,19 @@ def error_of(X, truth):
     return np.concatenate([turn, truth[:3, 3] - X[..., :3, 3]], axis=-1)
 
 
-def test_doubt_believes_what_the_data_say():
-    """A size that is right is hardly doubted, one that is 1 % wrong is found; in between the data leave both open."""
-    size = default_errors(intrinsics_known=True)
-    t, wide = size[0].sd[0], size[0].doubt.sd
-    settled = {}
+def test_a_size_is_what_the_data_say_of_it():
+    """A target whose size is right keeps a small error, one that is 1 % wrong is found in the tail of its prior."""
     for wrong in (0.0, 0.01):
         poses = uq.simulate(n_poses=20, noise=NOISE, seed=8)
         camera = poses.camera.copy()
         camera[:, :3, 3] *= 1 + wrong
-        poses = uq.PosePairs(poses.robot, camera)
-        noise = with_shared(NOISE, shared_columns(size, poses))
-        found = resolve_doubts(efficient(poses, noise), noise, size)
-        settled[wrong] = float(found.errors[0].sd[0])
-        (estimate,) = shared_estimates(efficient(poses, found.noise), found.noise, found.errors)
-        assert abs(estimate.estimate - wrong) < 4 * estimate.sd
-    assert t <= settled[0.0] < 3 * t and settled[0.01] > 0.5 * wide
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", uq.InputWarning)
+            found = uq.calibrate(uq.PosePairs(poses.robot, camera))
+        scale = next(one for one in found.shared if one.name == "target scale")
+        assert abs(scale.estimate - wrong) < 4 * scale.sd and scale.sd < 3e-3
+        apart = error_of(found.X, poses.truth.X)
+        assert apart @ np.linalg.solve(found.covariance, apart) < found.quantile(0.999)
 
 
 def test_estimates_of_a_prior_that_is_wrong_stand_out(rng):

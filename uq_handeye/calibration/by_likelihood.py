@@ -368,7 +368,7 @@ def _assembled(
     findings += shared_findings(job, result, joint)
     findings += local_findings(result)
     if estimate is not None:
-        findings += against_data_sheet(result) + against_corners(estimate)
+        findings += against_data_sheet(result) + against_corners(estimate, judged)
         if len(data) < FEWEST_FOR_ROBUST:
             values = {"item": table.item, "count": len(data), "needed": FEWEST_FOR_ROBUST}
             findings.append(Finding("calibration.few_for_outliers", "caution", values))

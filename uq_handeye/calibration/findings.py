@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtrc
+from scipy.special import chdtr, chdtrc
 
 from ..camera.boards.description import spacing_of
 from ..diagnostics.pose_table import PoseTable, pose_table
@@ -21,6 +21,7 @@ from ..input_checks.pose_ambiguity import flipped_rows
 from ..input_checks.shifted_rows import find_shift, shifted_run
 from ..likelihood.constraint import Unknowns
 from ..likelihood.gauss_helmert import Fit
+from ..likelihood.goodness_of_fit import GoodnessOfFit
 from ..likelihood.open_directions import OpenDirections
 from ..likelihood.robust import robust_fit
 from ..likelihood.shared_estimates import JointFit, SharedEstimate
@@ -90,15 +91,26 @@ def against_data_sheet(result: Calibration) -> list[Finding]:
     return [Finding("calibration.data_sheet_contradicted", severity, values)]
 
 
-def against_corners(estimate: NoiseEstimate) -> list[Finding]:
-    """Return a finding if the residuals contradict the covariance of camera poses from corners."""
-    return [found for found in estimate.findings if found.severity != "note"]
+def against_corners(estimate: NoiseEstimate, judged: GoodnessOfFit) -> list[Finding]:
+    """Return findings if the residuals contradict the covariance of camera poses from corners.
+
+    Noise that is estimated makes up for residuals that are larger; of those that are smaller than the camera's
+    covariance alone allows the lower tail of chi-square tells.
+    """
+    found = [one for one in estimate.findings if one.severity != "note"]
+    p = float(chdtr(judged.dof, judged.chi2))
+    if estimate.camera_known and p < TOO_SMALL:
+        values = {"factor": judged.chi2 / judged.dof, "p_value": p, "dof": judged.dof}
+        found.append(Finding("noise_estimation.camera_factor", "caution", values))
+    return found
 
 
 # Probability below which an estimate contradicts its prior; a standard deviation, as a share of the one assumed, from
 # which on the data say nothing; the share of the variance along one direction from which on an error makes it up; and
 # the size (rad, or relative to the distance of the target) from which on that leaves X hardly determined.
 CONTRADICTED, UNTOLD, ALL_OF_IT, HARDLY = 1e-3, 0.95, 0.8, 0.02
+# Probability of residuals as small as these, below which the covariance of the camera poses is too large.
+TOO_SMALL = 1e-4
 
 
 def shared_findings(job: Job, result: Calibration, joint: JointFit) -> list[Finding]:

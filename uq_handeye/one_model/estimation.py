@@ -292,10 +292,10 @@ class JointModel:
         if all(part.size.is_known for part in self.components):
             return np.zeros(2, dtype=bool)
         longest = max(1e-300, *(float(np.abs(T[:, :3, 3]).max()) for T in (constraint.first, constraint.second)))
-        J = model.J.reshape(-1, model.p)
-        r = model.r.reshape(-1)
-        left = (r - J @ np.linalg.lstsq(J, r, rcond=None)[0]).reshape(-1, 2, 3)
-        size = np.sqrt((left**2).mean(axis=(0, 2)))
+        size = np.zeros(2)
+        for k, rows in enumerate((slice(0, 3), slice(3, 6))):  # noise of one is no residual of the other
+            J, r = model.J[:, rows].reshape(-1, model.p), model.r[:, rows].ravel()
+            size[k] = np.sqrt(np.mean((r - J @ np.linalg.lstsq(J, r, rcond=None)[0]) ** 2))
         return np.asarray(size < ROUNDING * np.array([1.0, longest]))
 
 

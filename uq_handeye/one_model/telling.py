@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,7 +63,9 @@ def tell(found: FoundSizes) -> NoiseEstimate:
             spread = _spread(mixture.weights, total)
             both = [parts[name].status for name in names if name in parts]
             status = both[0] if len(set(both)) == 1 and both[0] in ("fixed", "prior") else "estimated"
-            parts[together(what, sides)] = spread.component(together(what, sides), UNITS[what], status)
+            both_sides = spread.component(together(what, sides), UNITS[what], status)
+            fixed = sum(float(own[name][0]) for name in names if name in parts and parts[name].status == "fixed")
+            parts[both_sides.name] = replace(both_sides, low=max(both_sides.low, float(np.sqrt(fixed))))
     order = [name for what in KINDS for name in (together(what, sides), *(f"{side} {what}" for side in sides))]
     components = [parts[name] for name in order if name in parts]
     components += _sized(found)
@@ -154,7 +156,18 @@ def _findings(found: FoundSizes, parts: dict[str, Component]) -> tuple[Finding, 
     ):
         return ()
     told = not any(parts[f"{side} rotation"].status == "not told apart" for side in sides)
-    return noise_findings(parts, sides, told, frozenset())
+    width = TOLD * float(np.log(found.source.prior.factor))
+    sheet = frozenset(name for name, part in parts.items() if _by_sheet(part, width))
+    return noise_findings(parts, sides, told, sheet)
+
+
+def _by_sheet(part: Component, width: float) -> bool:
+    """Return whether the data sheet decides: the noise is as uncertain as it says (``width`` of the logarithm)."""
+    if part.status == "fixed":
+        return True
+    if part.status != "prior" or part.high is None:
+        return False
+    return part.low == part.high or float(np.log(part.high / part.low)) / (2.0 * REACH) > width
 
 
 def _exact(found: FoundSizes) -> NoiseEstimate:
