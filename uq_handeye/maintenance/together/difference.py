@@ -17,12 +17,13 @@ from ...files.atomic import json_text
 from ...geometry.se3 import Array, logarithm
 from ...likelihood.d2_distribution import Reference
 from ...poses.pose_pairs import PosePairs
+from ...posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things
 from ...presentation.document import to_text
 from ...runtime.read_only import ReadOnlyArrays
 from ...statement.stated import distance_of
 from .difference_text import difference_document
 from .joined_poses import common_poses
-from .linear_maps import CAMERA, ROBOT, TARGET, THINGS, LinearMap, difference_covariance
+from .linear_maps import LinearMap, difference_covariance
 from .request import counted, holds_request, measured_poses
 from .update import parts_of, touches_of
 
@@ -182,15 +183,18 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) 
         _require_usable(name, result)
     if old.setup != new.setup:
         raise InputError(f"The old result is {old.frame}, the new one {new.frame}: X of two frames has no difference.")
-    wrong = [name for name in same if name not in THINGS] if not isinstance(same, str) else [same]
-    if wrong:
-        raise InputError(f"Expected `same` to be names out of {', '.join(THINGS)}, got {wrong[0]!r}.")
+    named = checked_things(same)
     maps = [None if touches_of(result) else LinearMap.of(result) for result in (old, new)]
     data = [_poses_of(result) for result in (old, new)]
     common = [] if data[0] is None or data[1] is None else common_poses(data[0], data[1])
     numbers = 12 if old.covariance_W is not None and new.covariance_W is not None else 6
     C_old, C_new = (_covariance_of(result, numbers) for result in (old, new))
-    known = frozenset(THINGS if common else {*same, *_same_camera(data)})
+    if CAMERA in named and not common and _same_camera(data) == set():
+        raise InputError(
+            "Expected results of one camera, as `same` (--same) names it: their pictures were adjusted with other "
+            "intrinsics. Leave the camera out of `same`."
+        )
+    known = frozenset(THINGS if common else {*named, *(_same_camera(data) or ())})
     if _is_one(old, new):
         S, how = np.zeros((numbers, numbers)), EQUAL
     elif maps[0] is not None and maps[1] is not None:
@@ -250,11 +254,11 @@ def _covariance_of(result: Calibration, numbers: int) -> Array:
     return S
 
 
-def _same_camera(data: list[PosePairs | None]) -> set[str]:
-    """The camera, where both have poses of one and the same calibration of it."""
+def _same_camera(data: list[PosePairs | None]) -> set[str] | None:
+    """The camera, where both have poses of one and the same calibration of it; None where that is not known."""
     seen = [None if poses is None else poses.camera_calibration for poses in data]
     if seen[0] is None or seen[1] is None:
-        return set()
+        return None
     one, other = (cam.bundle.parameters for cam in seen if cam is not None)
     return {CAMERA} if np.array_equal(one, other) else set()
 

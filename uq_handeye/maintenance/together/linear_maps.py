@@ -33,13 +33,11 @@ from ...noise.models import PoseNoise, is_joint
 from ...noise.square_roots import pulled, whiten
 from ...poses.pose_pairs import PosePairs
 from ...poses.timing import SIDES
+from ...posterior.owners import CAMERA, owner_of
+from ...prediction.predict import reach_stated
 from ...shared_errors.accuracy import ROBOT_ACCURACY
-from ...shared_errors.drift import DRIFT
-from ...shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW, bound_again
+from ...shared_errors.shared_error import VIEW, bound_again
 
-ROBOT, CAMERA, TARGET = "robot", "camera", "target"
-# What may be one and the same in two calibrations.
-THINGS = (ROBOT, CAMERA, TARGET)
 # Errors whose numbers belong to the poses of a calibration.
 OF_POSES = (ROBOT_ACCURACY, VIEW)
 # Intrinsics whose columns on common poses agree so well were not estimated from the pictures again.
@@ -102,8 +100,8 @@ class LinearMap:
 def difference_covariance(old: LinearMap, new: LinearMap, common: list[tuple[int, int]], same: frozenset[str]) -> Array:
     """(12, 12) of (xi_X, xi_W) new minus old.
 
-    ``common``: numbers of the poses that both hold, (new, old). ``same``: which of `THINGS` are the same in both; with
-    poses in common all are.
+    ``common``: numbers of the poses that both hold, (new, old). ``same``: which things (`posterior.owners`) are the same
+    in both; with poses in common all are.
     """
     in_new = np.array([pair[0] for pair in common], dtype=np.intp)
     in_old = np.array([pair[1] for pair in common], dtype=np.intp)
@@ -140,7 +138,7 @@ def _of_columns(old: LinearMap, new: LinearMap, common: list[tuple[int, int]], s
     total = np.zeros((12, 12))
     for name in dict.fromkeys([*moves["old"], *moves["new"]]):
         first, second = moves["old"].get(name), moves["new"].get(name)
-        if first is not None and second is not None and (common or _thing(name) in same):
+        if first is not None and second is not None and (common or owner_of(name) in same):
             if group_of(name) not in OF_POSES:
                 first = first * (now[name] / before[name] if before.get(name) and now.get(name) else 1.0)
             total += _square((second - first)[:, None])
@@ -157,23 +155,14 @@ def _of_both(old: LinearMap, new: LinearMap) -> dict[str, tuple[Array, Array]]:
         if not any(sides):
             continue
         robot, camera = (np.concatenate([getattr(of.poses, side) for of in (old, new)]) for side in SIDES)
-        error = bound_again(name, PosePairs(robot, camera, old.poses.setup))
+        reach = max((r for of in (old, new) if (r := reach_stated(of.result)) is not None), default=None)
+        error = bound_again(name, PosePairs(robot, camera, old.poses.setup), reach)
         assert error is not None
         before, now = (
             sd * of.moved_by(error.side, error.at(of.poses)) for of, sd in zip((old, new), sides, strict=True)
         )
         found[name] = before, now
     return found
-
-
-def _thing(name: str) -> str:
-    """Return the thing that an error belongs to; the robot's have many names."""
-    group = group_of(name)
-    if group in (FOCAL_LENGTH, VIEW, LENS) or group.startswith(PRINCIPAL_POINT):
-        return CAMERA
-    if group.startswith(DRIFT):  # drawn anew
-        return ""
-    return TARGET if group == TARGET_SCALE else ROBOT
 
 
 def _of_intrinsics(old: LinearMap, new: LinearMap, in_new: Any, in_old: Any, same: frozenset[str]) -> Array:
