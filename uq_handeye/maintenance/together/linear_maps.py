@@ -100,8 +100,8 @@ class LinearMap:
 def difference_covariance(old: LinearMap, new: LinearMap, common: list[tuple[int, int]], same: frozenset[str]) -> Array:
     """(12, 12) of (xi_X, xi_W) new minus old.
 
-    ``common``: numbers of the poses that both hold, (new, old). ``same``: which things (`posterior.owners`) are the same
-    in both; with poses in common all are.
+    ``common``: numbers of the poses that both hold, (new, old). ``same``: which things (`posterior.owners`) are one
+    and the same; with poses in common all are.
     """
     in_new = np.array([pair[0] for pair in common], dtype=np.intp)
     in_old = np.array([pair[1] for pair in common], dtype=np.intp)
