@@ -201,7 +201,14 @@ def test_every_extra_is_in_the_table_of_installs(page):
     extras = project["optional-dependencies"]
     # docs and test are parts of dev; bench is one of test; posterior holds nothing
     assert set(re.findall(r"\.\[(\w+)\]", rows)) - {"docs"} == set(extras) - {"docs", "test", "bench", "posterior"}
-    assert set(re.findall(r"\w+", extras["all"][0].partition("[")[2])) == {"camera", "pdf", "rosbag", "sdp", "cluster"}
+    assert set(re.findall(r"\w+", extras["all"][0].partition("[")[2])) == {
+        "camera",
+        "pdf",
+        "rosbag",
+        "sdp",
+        "cluster",
+        "live",
+    }
 
 
 def test_the_populations_of_arms_are_those_of_the_code():

@@ -17,7 +17,8 @@ PAGE = Path(__file__).resolve().parents[1] / "how-to" / "gallery.md"
 HEAD = """# Ten recorded rigs
 
 First screens of recorded data sets, by the commands above them. Compare yours: which errors limit X, which checks are
-cautions, and what the program asks for. The page is written by `docs/figures/gallery.py`.
+cautions, and what the program asks for. Rigs that get no X are shown as they are. The page is written by
+`docs/figures/gallery.py`.
 
 """
 # Title, what it is, folder, arguments.
