@@ -82,15 +82,15 @@ def live_command(
     ros: bool = False,
     frames: str | None = None,
 ) -> int:
-    r"""Calibrate in the browser while poses arrive: the answer after each, and where the next pose should be.
+    r"""Calibrate in the browser, pose by pose.
 
     Examples:
       # An empty session: add files in the page
       uq-handeye live
       # A folder in which robot.csv and camera.csv grow
       uq-handeye live session/ --tolerance 1mm,0.1deg
-      # Poses from any program that prints a JSON line for each
-      robot-program | uq-handeye live session/ --stdin
+      # Poses from a pipe, one JSON line each
+      uq-handeye live session/ --stdin
 
     Poses are on disk before the page shows them. Start the command again with
     the same folder to go on. Ctrl-C ends the page, not the session.
@@ -161,7 +161,7 @@ def _sources(files: SessionFiles, stdin: bool, bag: Path | None, ros: bool, fram
 
 @made_of(page=PageOptions)
 def view_command(result: ResultFile, page: "PageOptions") -> int:
-    """Show a stored calibration in the browser, with the uncertainty at a point that one drags.
+    """Show a stored calibration in the browser.
 
     Examples:
       uq-handeye view result/result.json
