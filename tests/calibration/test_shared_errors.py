@@ -192,7 +192,7 @@ def test_shared_errors_and_their_table_survive_a_file(by_default, poses):
     "change",
     [
         {"prior_sd": 0.0}, {"sd": -1e-3}, {"share": 1.5}, {"wide": 2.0}, {"effect": [0.0] * 5}, {"name": 3},
-        {"alone_sd": None}, {"focal_length_px": -1.0}, {"default": "yes"}, {"unknown": 1},
+        {"alone_sd": None}, {"focal_length_px": -1.0}, {"default": "yes"},
     ],
 )  # fmt: skip
 def test_damaged_shared_errors_are_refused_by_one_line(by_default, change):
