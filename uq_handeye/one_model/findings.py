@@ -65,10 +65,11 @@ def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Fin
     pixels = parts.get("pixel noise")
     if len(camera) < 2:
         return ()
+    if pixels is None and camera[0].status not in ("from corners", "from points"):
+        return ()  # what was given needs no word
     if pixels is None:
-        found = [
-            _note(f"camera_{camera[0].status.replace(' ', '_')}", rotation=camera[0].value, translation=camera[1].value)
-        ]
+        how = camera[0].status.replace(" ", "_")
+        found = [_note(f"camera_{how}", rotation=camera[0].value, translation=camera[1].value)]
     else:
         found = [_note("camera_by_geometry", component=asdict(pixels), components=_plain(camera))]
         high = float("inf") if pixels.high is None else pixels.high
