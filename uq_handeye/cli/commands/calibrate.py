@@ -192,6 +192,15 @@ def calibrate_command(
         (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.
     """
     if files.robot is not None and files.robot.suffix.lower() == ".toml":
+        ignored = {
+            "--report": report,
+            "--method": method,
+            "--watch": watch,
+            "CAMERA": files.camera,
+            "--setup": files.setup,
+        }
+        if wrong := [name for name, value in ignored.items() if value is not None]:
+            raise InputError(f"{wrong[0]}: not for a rig file, whose options are -o and --json. Remove it.")
         return _calibrate_rig(files.robot, output, as_json)
     require_writable(report, "--report", REPORTS)
     require_folder(figures, output)
