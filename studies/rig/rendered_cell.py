@@ -1,4 +1,4 @@
-"""Relative poses of four rendered fixed cameras against their truth: joint and separate, with shared errors and without.
+"""Relative poses of four rendered fixed cameras against their truth: joint and separate fits, shared errors or none.
 
 Run ``UQ_HANDEYE_DATA=DIR python -m studies.rig.rendered_cell``; the folder holds ``metric_medium``.
 """
