@@ -196,7 +196,7 @@ class JointFactor:
         V = substitute(B, shared)
         V = V.reshape(*V.shape[:-3], V.shape[-3] * V.shape[-2], V.shape[-1])
         one = np.eye(V.shape[-1])
-        C = np.linalg.cholesky(one + V.mT @ V)
+        C = np.asarray(np.linalg.cholesky(one + V.mT @ V), dtype=float)
         return cls(B, V, C, np.linalg.inv(C @ (one + C).mT))
 
     def _reflected(self, values: Array, K: Array) -> Array:
