@@ -39,6 +39,7 @@ from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate
 from .mode import GAIN, Mode, find_mode, other_modes
+from .mode import REACH as DEVIATIONS
 
 KINDS = ("rotation", "translation")
 PIXELS = "pixel noise"
@@ -49,6 +50,8 @@ ROUNDING = 1e-11
 STILL, MOST_ROUNDS, CLOSE = 2e-2, 6, 0.1
 # What a further step of the sizes may promise before the model is linearised again, and before weights are final.
 ROUGH = 1e-2
+# Deviations of their priors within which the sizes are held where the unknowns do not settle otherwise.
+NEAR = 2.0
 # Poses above which the sizes are found from so many of them, spread over the rows.
 ENOUGH = 300
 # Energy in the whitened rows (1: as one number of noise) below which shared errors do not count as shared for weights.
@@ -239,24 +242,48 @@ class JointModel:
         if len(kept) > ENOUGH:
             used = np.unique(np.linspace(0, len(kept) - 1, ENOUGH).round().astype(np.intp))
         part = constraint.rows(used) if len(used) < len(kept) else constraint
-        theta = start
+        rows = part, kept, used
+        try:
+            found = self._converged(rows, at, start, gain)
+        except NotConvergedError:  # sizes far in their tails may let errors grow beyond first order: held nearer
+            found = self._converged(rows, at, None, gain, NEAR)
+        if gain > GAIN or found.exact.any():
+            return found
+        others = other_modes(found.model, found.mode)
+        best = max((found.mode, *others), key=lambda known: known.log_evidence)
+        if best is not found.mode:  # go on from the more probable one; one at which the poses do not settle is none
+            step = found.reduced.unreduced(found.model.of_poses(best.theta).mean)
+            try:
+                found = self._converged(rows, found.at.moved(step), best.theta, gain)
+                others = other_modes(found.model, found.mode)
+            except NotConvergedError:
+                others = [other for other in others if other.log_evidence < found.mode.log_evidence]
+        return replace(found, others=tuple(others))
+
+    def _converged(
+        self,
+        rows: tuple[Constraint, NDArray[np.intp], NDArray[np.intp]],
+        at: Unknowns,
+        theta: Array | None,
+        gain: float,
+        reach: float = DEVIATIONS,
+    ) -> FoundSizes:
+        """Find sizes and unknowns in turns from ``at``, until the unknowns do not move."""
+        part, kept, used = rows
         for done in range(MOST_ROUNDS):
             model, reduced = self._model(part, at, kept[used])
             exact = self._exact(part, model)
             if exact.any():
                 return FoundSizes(self, model, reduced, find_mode(model), at, kept, kept[used], exact)
-            self._require_freedom(constraint, reduced.J.shape[-1])
-            mode = find_mode(model, theta, min(gain, GAIN) if done > 2 else gain if done else max(gain, ROUGH))
+            self._require_freedom(part, reduced.J.shape[-1])
+            exactly = min(gain, GAIN) if done > 2 else gain if done else max(gain, ROUGH)
+            mode = find_mode(model, theta, exactly, reach)
             theta = mode.theta
             found = model.of_poses(theta)
             step, C = found.mean, found.covariance
             enough = CLOSE if done == MOST_ROUNDS - 1 else STILL
             if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2:
-                others = other_modes(model, mode) if gain <= GAIN else []
-                best = max((mode, *others), key=lambda known: known.log_evidence)
-                if best is mode or done == MOST_ROUNDS - 1:
-                    return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact, tuple(others))
-                theta, step = best.theta, model.of_poses(best.theta).mean  # go on from the more probable one
+                return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
             at = at.moved(reduced.unreduced(step))
         turn, shift = np.sqrt((model.r**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
         raise NotConvergedError(
@@ -295,7 +322,8 @@ class JointModel:
         size = np.zeros(2)
         for k, rows in enumerate((slice(0, 3), slice(3, 6))):  # noise of one is no residual of the other
             J, r = model.J[:, rows].reshape(-1, model.p), model.r[:, rows].ravel()
-            size[k] = np.sqrt(np.mean((r - J @ np.linalg.lstsq(J, r, rcond=None)[0]) ** 2))
+            x, _, rank, _ = np.linalg.lstsq(J, r, rcond=None)
+            size[k] = np.sqrt(np.mean((r - J @ x) ** 2)) if rank < len(r) else np.inf  # few rows fit in any case
         return np.asarray(size < ROUNDING * np.array([1.0, longest]))
 
 

@@ -44,9 +44,12 @@ class Mode:
         return -self.state.value - 0.5 * float(np.linalg.slogdet(self.state.information)[1])
 
 
-def find_mode(model: LatentModel, start: Array | None = None, gain: float = GAIN) -> Mode:
-    """Minimise f from ``start`` (the medians by default), until a step promises less than ``gain``."""
-    low, high = model.medians - REACH * model.spreads, model.medians + REACH * model.spreads
+def find_mode(model: LatentModel, start: Array | None = None, gain: float = GAIN, reach: float = REACH) -> Mode:
+    """Minimise f from ``start`` (the medians by default), until a step promises less than ``gain``.
+
+    ``reach``: deviations of the prior between which the sizes are looked for.
+    """
+    low, high = model.medians - reach * model.spreads, model.medians + reach * model.spreads
     state = model.at(model.medians if start is None else np.clip(start, low, high))
     B, converged = state.information, not len(low)
     for _ in range(0 if converged else MOST):
@@ -107,7 +110,11 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
                 starts.append(start)
         for start in starts:
             other = find_mode(model, start)
-            if other.converged and all(_apart(other, known) for known in (mode, *found)):
+            if (
+                other.converged
+                and place not in other.at_bound
+                and all(_apart(other, known) for known in (mode, *found))
+            ):
                 found.append(other)
     return found
 
