@@ -37,7 +37,7 @@ def separate(rig: uq.Rig, name: str, noise: dict[str, tuple[str, str]]) -> np.nd
     targets = {view.target: rig.targets[view.target] for view in views}
     single = uq.Rig(rig.arms, {name: rig.cameras[name]}, targets, tuple(views))
     own = {key: noise[key] for key in (*rig.arms, name)}
-    return uq.calibrate_rig(single, own, robust=False).poses[0]
+    return np.asarray(uq.calibrate_rig(single, own, robust=False).poses[0])
 
 
 def run(trials: int, estimated: bool) -> None:

@@ -391,7 +391,7 @@ def test_the_probability_of_another_size(scale):
 
 
 def test_a_search_begins_in_the_tail_too():
-    """Where the search stays at the usual size and a large arm, the other mode is found, and the better one is told."""
+    """Find the other mode where the search stays at the usual size and a large arm, and tell the better one."""
     source, at = few_poses_of_an_arm(1.02)
     found = source.find(at)
     k = [part.name for part in source.components].index("target scale")

@@ -53,7 +53,7 @@ def within(hits, total, level=0.95, lower_only=False):
 
 @pytest.mark.parametrize(("noise", "setup", "n"), [(EQUAL, "eye-in-hand", 30), (WEAK_ROBOT, "eye-to-hand", 15)])
 def test_intervals_cover(noise, setup, n):
-    """Of both sides together, which all data tell; those of an estimate that is twice as certain are found out."""
+    """Check both sides together, which all data tell; those of an estimate that is twice as certain are found out."""
     sets, truth = 60, truth_of(noise)
     poses = uq.simulate(n, noise=noise, setup=setup, trials=sets, seed=support.SEED)
     found = [estimate_noise(uq.PosePairs(G, C, setup)) for G, C in zip(poses.robot, poses.camera, strict=True)]

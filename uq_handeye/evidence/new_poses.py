@@ -78,7 +78,7 @@ def evidence_of_poses(
         For a calibration with the kinematics of its arm; None: ``poses.joints``.
 
     same : names out of "robot", "camera" and "target"
-        Which of them are those of the calibration. The errors of others are drawn anew, as large as was assumed.
+        Which of them are those of the calibration. The errors of others are drawn again, as large as was assumed.
 
     Raises
     ------

@@ -76,7 +76,7 @@ def check(
         Probability of a false alarm.
     same : names out of "robot", "camera" and "target"
         Which of them are those of the calibration, so that their errors are the same. Default: all. The errors of
-        others are drawn anew; X and W are those of the calibration all the same.
+        others are drawn again; X and W are those of the calibration all the same.
 
     Returns
     -------

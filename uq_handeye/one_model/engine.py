@@ -165,7 +165,7 @@ class LatentModel:
 
     @cached_property
     def _known_points(self) -> dict[bytes, _Solved]:
-        """What `of_poses` solved at its sizes, without the rows: `conditional` is asked at the same ones."""
+        """Solution of `of_poses` at its sizes, without the rows: `conditional` is asked at the same ones."""
         return {}
 
     @cached_property

@@ -32,7 +32,7 @@ from .estimation import BY_VIEW, FoundSizes
 
 @dataclass(frozen=True, eq=False)
 class OpenSizes(ReadOnlyArrays):
-    """What the posterior with open sizes is made of; see the module."""
+    """Ingredients of the posterior with open sizes; see the module."""
 
     base: Posterior  # at the mean sizes, its block of X and W as the calibration states it
     of_poses: Array  # (p, p) that block at the mean sizes
@@ -106,7 +106,7 @@ def with_open_sizes(base: Posterior, of_poses: Array, found: FoundSizes) -> Post
 
 
 def _fresh(found: FoundSizes, sizes: Array) -> tuple[FreshNoise, ...]:
-    """Return the noise of new poses: what is drawn anew, with its sizes; mean covariances over the poses so far."""
+    """Return the noise of new poses: what is drawn again, with its sizes; mean covariances over the poses so far."""
     source, listed = found.source, []
     settled = found.model.sizes(found.mixture.mean_theta)
     free = set(found.model.free.tolist())

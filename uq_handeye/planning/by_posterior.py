@@ -1,7 +1,7 @@
 r"""Choosing poses by the posterior of a calibration: its covariance so far is the one that the calibration states.
 
 A pose at which the camera pose will be measured with the derivatives A by all errors s of the posterior, and with its
-own noise ``L L^T`` (what is drawn anew, and what of the arm is unknown again there), adds the information ``B^T B``,
+own noise ``L L^T`` (what is drawn again, and what of the arm is unknown again there), adds the information ``B^T B``,
 ``B = L^-1 A`` (`posterior.selection`). More poses do not average what all of them share: it is among s.
 """
 

@@ -177,8 +177,8 @@ def plan(
     if noise is None:
         result = _calibrated(data, shared, prior)
         if result.posterior is not None:
-            of = criterion, *_target(data, criterion, point, length)
-            return _by_posterior(result, data, candidates, k, of, sample, seed, repeat)
+            wanted = criterion, *_target(data, criterion, point, length)
+            return _by_posterior(result, data, candidates, k, wanted, sample, seed, repeat)
         data, noise, errors = _estimated_noise(result, data, shared)
     elif isinstance(noise, PoseNoise) and not (
         isinstance(noise.robot, JointCovariance) and noise.robot.shared.shape[-1]

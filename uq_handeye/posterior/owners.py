@@ -1,4 +1,4 @@
-"""Whose an error is: of the robot, the camera or the target, and the same tomorrow; or drawn anew in each session."""
+"""Whose an error is: of the robot, the camera or the target, and the same tomorrow; or drawn again in each session."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ w_d (`one_model.integration`), and s is a mixture,
 P is `covariance`, the mean square about the estimate. m_d and C_d are kept relative to it, ``L^-1 m_d`` and
 ``L^-1 C_d L^-T``, so that they stay with the posterior when it is refined. Where sizes are known there is one point.
 
-Noise of new measurements is drawn anew (`FreshNoise`): its covariance at a pose times the square of its size at each
+Noise of new measurements is drawn again (`FreshNoise`): its covariance at a pose times the square of its size at each
 point. Errors whose columns belong to poses (an arm of which nothing is known, the view) are told at other poses by the
 poses that they were bound to, which are kept as well (`bound`).
 """
@@ -42,7 +42,7 @@ STORED, DIGITS = 2e-3, 6
 
 @dataclass(frozen=True, eq=False)
 class FreshNoise(ReadOnlyArrays):
-    """One noise of new measurements: errors (theta, tau) of a pose of one side, drawn anew.
+    """One noise of new measurements: errors (theta, tau) of a pose of one side, drawn again.
 
     ``covariance`` (6, 6) is that of size 1 at a usual pose; what follows from the pose itself (the view of the target,
     joints, errors of an arm beyond those it shares) is made there by name. ``distance`` (m) goes with the view.
@@ -129,7 +129,7 @@ class PosteriorComponent:
     """One error of the posterior: its name, whose it is, and the numbers that it has there."""
 
     name: str
-    owner: str  # "robot", "camera", "target", or "" of what is drawn anew in each session
+    owner: str  # "robot", "camera", "target", or "" of what is drawn again in each session
     numbers: tuple[int, ...]  # among the errors, counted from 0
 
 

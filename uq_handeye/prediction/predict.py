@@ -119,12 +119,12 @@ class RobotAhead:
 
     poses: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
     columns: Array  # (..., 6, q) error of the pose by (e - estimate) of each shared error
-    fresh: tuple[Fresh, ...]  # of joints and pose, drawn anew
+    fresh: tuple[Fresh, ...]  # of joints and pose, drawn again
     unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
 
     @property
     def noise(self) -> Array:
-        """(..., 6, 6) of all that is drawn anew."""
+        """(..., 6, 6) of all that is drawn again."""
         return total_of(self.fresh, self.poses.shape[:-2])
 
 
@@ -134,7 +134,7 @@ class CameraAhead:
 
     poses: Array  # (..., 4, 4) camera_T_target that will be measured
     columns: Array  # (..., 6, 12 + q) error of the pose by those of the posterior
-    noise: Array  # (..., 6, 6) of joints, robot pose and camera pose, drawn anew
+    noise: Array  # (..., 6, 6) of joints, robot pose and camera pose, drawn again
     robot: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
     unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
 

@@ -210,7 +210,7 @@ def _whitened(
     A[..., -1] = rho.reshape(b, 6 * e)
     if v is not None:
         A[..., -1] += (D_R @ v[0][batch.robots].reshape(b, 6 * q, 1))[..., 0]
-    return White(batch, L, D_R, D_C, A[..., :-1], A[..., -1], np.linalg.solve(L, A))
+    return White(batch, L, D_R, D_C, A[..., :-1], A[..., -1], np.asarray(np.linalg.solve(L, A), dtype=float))
 
 
 def _after(part: White, step: Array) -> White:
@@ -346,5 +346,5 @@ def _by_own_errors(sides: Sides, graph: Graph, v: tuple[Array, Array]) -> Sides:
     def turned(D: Array, J: Array) -> Array:
         return np.concatenate([D[..., :3] @ J, D[..., 3:]], axis=-1)
 
-    robot = tuple(turned(D, turn[side]) for D, side in zip(sides.robot, graph.side, strict=True))
-    return sides._replace(robot=robot, camera=turned(sides.camera, left_jacobian(-v[1][:, :3])))
+    first, second = (turned(D, turn[side]) for D, side in zip(sides.robot, graph.side, strict=True))
+    return sides._replace(robot=(first, second), camera=turned(sides.camera, left_jacobian(-v[1][:, :3])))

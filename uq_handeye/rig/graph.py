@@ -185,7 +185,7 @@ class Graph:
         if q == 0:
             return np.zeros_like(numbers)
         same = numbers[:, :, None] == robots[:, None, :]
-        return np.where(same.any(axis=-1), same.argmax(axis=-1), q).astype(np.intp)
+        return np.asarray(np.where(same.any(axis=-1), same.argmax(axis=-1), q), dtype=np.intp)
 
     # ------------------------------------------------------------------------------------------- rows
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import NotConvergedError
 from ..geometry.se3 import Array, perturb
@@ -93,7 +94,7 @@ def _accuracy(graph: Graph, name: str, of: Array) -> Component:
 
 
 def find_sizes(
-    rig: Rig, graph: Graph, at: Array, kept: Array, shared: bool = True, prior: Prior | None = None
+    rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_], shared: bool = True, prior: Prior | None = None
 ) -> Found:
     """Find the sizes near the poses ``at`` (m, 4, 4), from the views ``kept`` (E,).
 
@@ -130,7 +131,7 @@ def find_sizes(
     return Found(_noise(rig, graph, parts, sizes), (vectors * np.maximum(values, 0.0)) @ vectors.T, lines)
 
 
-def _spread_over(graph: Graph, kept: Array) -> Array:
+def _spread_over(graph: Graph, kept: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return edges of whole groups, spread over all of them, `ENOUGH` at most."""
     if len(kept) <= ENOUGH:
         return kept
@@ -142,7 +143,7 @@ def _spread_over(graph: Graph, kept: Array) -> Array:
     return chosen if len(np.unique(np.r_[graph.X[chosen], graph.W[chosen] + graph.m])) == everything else kept
 
 
-def _places(graph: Graph, used: Graph) -> tuple[Array, Array]:
+def _places(graph: Graph, used: Graph) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Numbers in the graph of the edges and robot poses of a part of it."""
     row_of = {key: k for k, key in enumerate(zip(graph.view.tolist(), graph.row.tolist(), strict=True))}
     pose_of = {key: k for k, key in enumerate(zip(graph.arm.tolist(), graph.pose.tolist(), strict=True))}
@@ -151,7 +152,7 @@ def _places(graph: Graph, used: Graph) -> tuple[Array, Array]:
     return np.array(edges, dtype=np.intp), np.array(poses, dtype=np.intp)
 
 
-def _rows_of(part: Component, edges: Array, poses: Array) -> Component:
+def _rows_of(part: Component, edges: NDArray[np.intp], poses: NDArray[np.intp]) -> Component:
     return part.rows(poses if part.side == "robot" else edges)
 
 
