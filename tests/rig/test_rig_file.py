@@ -91,3 +91,17 @@ def test_what_is_wrong_is_one_line_with_the_name_in_the_file(folder, old, new, m
     with pytest.raises(uq.InputError, match=message) as caught:
         uq.read_rig(path / "rig.toml")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        "--tolerance 1mm", "--seed 3", "--covariance jackknife", "--no-robust", "--prior-x x", "--report x.html",
+        "--size robot accuracy=1mm", "--images x*.png", "--urdf arm.urdf",
+    ],
+)  # fmt: skip
+def test_options_beside_a_rig_file_are_refused(folder, option, capsys):
+    path, _ = folder
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", str(path / "rig.toml"), *option.split(" ", 1)])
+    assert ended.value.code == 2 and capsys.readouterr().err

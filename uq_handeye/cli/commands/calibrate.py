@@ -193,12 +193,16 @@ def calibrate_command(
     """
     if files.robot is not None and files.robot.suffix.lower() == ".toml":
         ignored = {
-            "--report": report,
-            "--method": method,
-            "--watch": watch,
-            "CAMERA": files.camera,
-            "--setup": files.setup,
-        }
+            "CAMERA": files.camera, "--setup": files.setup, "--images": pictures, "--report": report, "--watch": watch,
+            "--method": method, "--scale": scale, "--kind": kind, "--robust": robust, "--size": size,
+            "--bag": robot.bag, "--joints or --urdf": robot.arm, "--touches": touched.touches,
+            "--tolerance": wanted.tolerance,
+            "--figures": figures or None, "--no-compare": no_compare or None, "a prior of the noise": prior,
+            "--with-cross-check": with_cross_check or None, "a prior of X or W": beforehand or None,
+            "--seed": seed or None, "--pairs": None if pairs == "all" else pairs,
+            "--covariance": None if covariance == "model" else covariance,
+            "--correlation": None if correlation == "auto" else correlation,
+        }  # fmt: skip
         if wrong := [name for name, value in ignored.items() if value is not None]:
             raise InputError(f"{wrong[0]}: not for a rig file, whose options are -o and --json. Remove it.")
         return _calibrate_rig(files.robot, output, as_json)
