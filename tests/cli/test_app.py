@@ -428,7 +428,7 @@ def test_help_has_examples():
     assert run().stdout == run("--help").stdout
     assert run("--version").stdout == f"uq-handeye {uq.__version__}\n"
     commands = [command.name for command in cli.app.registered_commands]
-    assert len(commands) == 21
+    assert len(commands) == 23
     for command in commands:
         done = run(command, "--help")
         assert done.returncode == 0

@@ -45,6 +45,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 from ..geometry.se3 import Array
 from ..likelihood.constraint import Linearised
 from ..noise.triangular import checked_cholesky
+from ..runtime.read_only import ReadOnlyArrays
 from .component import SIDES, Component
 
 # Share of the largest diagonal that a direction of the unknown poses must keep in H, or x does not move along it.
@@ -90,7 +91,7 @@ class Rows(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LatentModel:
+class LatentModel(ReadOnlyArrays):
     """The model at one linearisation; see the module."""
 
     J: Array  # (n, d, p), d = 6 where a group is one pose

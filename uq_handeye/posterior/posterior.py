@@ -64,6 +64,8 @@ class FreshNoise(ReadOnlyArrays):
     def from_dict(cls, data: dict[str, Any]) -> FreshNoise:
         """The inverse of `to_dict`."""
         covariance, by_point = np.array(data["covariance"], dtype=float), np.array(data["by_point"], dtype=float)
+        if not (np.isfinite(covariance).all() and np.isfinite(by_point).all()):
+            raise ValueError(f"the noise {data['name']!r:.40} of the posterior is not finite")
         numbers = (float(data["size"]), by_point, float(data["distance"]))
         if covariance.shape != (6, 6) or by_point.ndim != 1 or data["side"] not in ("robot", "camera"):
             raise ValueError(f"the noise {data['name']!r:.40} of the posterior has another shape")
