@@ -90,8 +90,24 @@ class RigCalibration(ReadOnlyArrays):
         The length that makes an angle a length (m).
     chi_square, dof : float
         Of the residuals against the noise.
+    method : str
+        ``efficient`` or ``ml``.
     weights : (E,)
-        Robust weights of the views, in their order; ``pose_weights`` those of the robot poses.
+        Robust weights of the views, in their order.
+    distances : (E,)
+        Squared distances of the views in units of their covariance.
+    pose_weights : (R,)
+        Robust weights of the robot poses, in the order of ``pose_names``.
+    pose_names : tuple
+        Arm and name, or time, of each robot pose.
+    noise : mapping
+        Standard deviations per axis (rad, m) by arm and camera.
+    components : tuple of mappings
+        Sizes of all errors, where they were estimated.
+    reference : Reference
+        Distribution of intervals.
+    findings : tuple of Finding
+    provenance : mapping or None
     """
 
     rig: Rig
