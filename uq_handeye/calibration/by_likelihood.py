@@ -77,8 +77,6 @@ SECOND_ORDER = 0.05
 # Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
 # an outlier is spread.
 MANY_REJECTED, ORDERS = 0.05, 7.0
-# Where more are rejected, all poses are asked whether another reading of the files explains them.
-MISREAD = 0.2
 # Errors whose columns at other poses are told by those that they were bound to.
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 # The source of a budget for what the open sizes of all errors leave.
@@ -357,8 +355,6 @@ def _assembled(
     else:
         assert isinstance(noise, PoseNoise)
         kept = table.weight > 0
-        if (~kept).mean() > MISREAD:  # files that are read wrongly look like outliers
-            kept = np.ones(len(kept), dtype=bool)
         whole = bool(kept.all())
         rest, rest_noise = (poses, noise) if whole else (poses.rows(kept), noise.rows(kept))
         # noise that was estimated explains any residuals, and says only how those of the poses differ
