@@ -43,6 +43,7 @@ SHOWN = [
             "looks_wrong",
             "opencv",
             "points",
+            "rig",
             "ros",
             "shared_errors",
             "update",

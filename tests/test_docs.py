@@ -56,7 +56,7 @@ def test_the_guide_from_pictures_names_the_files_that_it_writes(tmp_path):
 
 
 def test_every_guide_is_run():
-    # rig: tests/rig; plan: tests/cli/test_plan.py; few_axes: tests/cli/test_known.py; exclude, watch: their files there
+    # plan: tests/cli/test_plan.py; few_axes: tests/cli/test_known.py; exclude, watch: their files there
     elsewhere = {
         "index",
         "exclude",
@@ -67,7 +67,6 @@ def test_every_guide_is_run():
         "live",
         "plan",
         "real_cell",
-        "rig",
         "synchronise",
         "watch",
     }
