@@ -102,7 +102,7 @@ def test_pictures_of_both_count_once():
     new = fitted(poses_of(corners, robot), noise=uq.PoseNoise(robot=ROBOT))
     found = uq.difference(old, new)
     innovation = (old.posterior.covariance - new.posterior.covariance)[:12, :12]
-    assert found.how == "linear maps" and found.common == 8
+    assert found.how == "posterior" and found.common == 8
     values = np.linalg.eigvalsh(np.linalg.solve(found.scale, found.covariance - innovation))
     assert np.abs(values).max() < 0.1  # pixel noise is estimated from the pictures of each
 

@@ -4,27 +4,11 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-
-from ..errors import InputError, SingularNoiseError
-from ..geometry.se3 import Array
-from ..likelihood.constraint import Unknowns, constraint_of
-from ..likelihood.gauss_helmert import Fit, fit
+from ..errors import InputError
 from ..likelihood.shared_estimates import SharedEstimate
-from ..noise.models import PoseNoise
 from ..poses.motions import Motions
-from ..poses.pose_pairs import PosePairs
 from ..posterior.posterior import Posterior
 from ..prediction.predict import Predicting
-
-
-class Weighted(Protocol):
-    """Interface of a pose table, as far as evidence needs it."""
-
-    @property
-    def weight(self) -> Array: ...
-    @property
-    def counted(self) -> list[int]: ...
 
 
 class Calibrated(Predicting, Protocol):
@@ -34,8 +18,6 @@ class Calibrated(Predicting, Protocol):
     def method(self) -> str: ...
     @property
     def shared(self) -> tuple[SharedEstimate, ...]: ...
-    @property
-    def table(self) -> Weighted | None: ...
 
 
 def posterior_of(result: Calibrated) -> Posterior:
@@ -49,16 +31,3 @@ def posterior_of(result: Calibrated) -> Posterior:
             "by method efficient or ml."
         )
     return result.posterior
-
-
-def refitted(result: Calibrated) -> Fit | None:
-    """Return the fit again at the stored estimate, with stored noise and weights; None where the result lacks these."""
-    data = result.counted
-    if not isinstance(data, PosePairs) or not isinstance(result.noise, PoseNoise) or result.W is None:
-        return None
-    constraint = constraint_of(data, result.noise)
-    weights = None if result.table is None else np.asarray(result.table.weight)[result.table.counted]
-    try:
-        return fit(constraint, result.noise, Unknowns(result.X, result.W), 1, weights)
-    except SingularNoiseError:
-        return None

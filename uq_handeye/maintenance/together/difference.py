@@ -22,15 +22,15 @@ from ...presentation.document import to_text
 from ...runtime.read_only import ReadOnlyArrays
 from ...statement.stated import distance_of
 from .difference_text import difference_document
+from .in_common import difference_covariance
 from .joined_poses import common_poses
-from .linear_maps import LinearMap, difference_covariance
 from .request import counted, holds_request, measured_poses
 from .update import parts_of, touches_of
 
 # Directions of a difference whose variance is below this share of that of the two results are not tested: rounding.
 NOTHING = 1e-9
 # How the covariance of a difference was made.
-MAPS, INNOVATION, INDEPENDENT, EQUAL = "linear maps", "innovation", "independent", "equal"
+POSTERIOR, INNOVATION, INDEPENDENT, EQUAL = "posterior", "innovation", "independent", "equal"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +44,9 @@ class Difference(ReadOnlyArrays):
     covariance : (12, 12) or (6, 6)
         What both results were made of counts once.
     how : str
-        "linear maps" of the errors of all poses; "innovation": ``C_old - C_new``, where the new result holds the data
-        of the old one; "independent": the sum of both, which is assumed; "equal": one and the same result.
+        "posterior": both posteriors and what they have from one source (`in_common`); "innovation": ``C_old - C_new``,
+        where the new result holds the data of the old one; "independent": the sum of both, which is assumed; "equal":
+        one and the same result.
     common : int
         Number of poses that both hold.
     same : tuple of str
@@ -177,14 +178,13 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) 
     >>> old, new = (uq.calibrate(poses.rows(range(n)), noise=noise) for n in (20, 30))
     >>> found = uq.difference(old, new)
     >>> found.how, found.common, bool(found.p_value_X > 0.01)
-    ('linear maps', 20, True)
+    ('posterior', 20, True)
     """
     for name, result in (("old", old), ("new", new)):
         _require_usable(name, result)
     if old.setup != new.setup:
         raise InputError(f"The old result is {old.frame}, the new one {new.frame}: X of two frames has no difference.")
     named = checked_things(same)
-    maps = [None if touches_of(result) else LinearMap.of(result) for result in (old, new)]
     data = [_poses_of(result) for result in (old, new)]
     common = [] if data[0] is None or data[1] is None else common_poses(data[0], data[1])
     numbers = 12 if old.covariance_W is not None and new.covariance_W is not None else 6
@@ -197,12 +197,12 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) 
     known = frozenset(THINGS if common else {*named, *(_same_camera(data) or ())})
     if _is_one(old, new):
         S, how = np.zeros((numbers, numbers)), EQUAL
-    elif maps[0] is not None and maps[1] is not None:
-        S, how = difference_covariance(maps[0], maps[1], common, known)[:numbers, :numbers], MAPS
     elif _holds(new, old):
         S, how = _positive(C_old - C_new), INNOVATION
     elif _holds(old, new):
         S, how = _positive(C_new - C_old), INNOVATION
+    elif numbers == 12 and (found := difference_covariance(old, new, common, known)) is not None:
+        S, how = found, POSTERIOR
     else:
         S, how = C_old + C_new, INDEPENDENT
     pairs = [(old.X, new.X)] + ([(old.W, new.W)] if numbers == 12 else [])
@@ -213,7 +213,7 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) 
         0.5 * (S + S.T),
         how,
         len(common),
-        tuple(name for name in THINGS if name in known) if how == MAPS else (),
+        tuple(name for name in THINGS if name in known) if how == POSTERIOR else (),
         (old.n_poses, new.n_poses),
         (old.method, new.method),
         new.frame,
