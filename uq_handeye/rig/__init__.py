@@ -1,1 +1,3 @@
 """Rigs: several cameras, targets and arms in one estimate, with their joint covariance (T18)."""
+
+from . import sentences as sentences

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array
+from .checks.moved import judged_paths, named_error
 from .connected import require_tied
 from .description import Rig
 from .fit import Prior, RigFit, fit, rig_units
@@ -70,11 +71,21 @@ def calibrate_rig(
         return _estimated(rig, graph, start, kept, method, robust, shared)
     of_all = given_noise(rig, graph, noise)
     if robust:
-        found, far = fit_robustly(graph, of_all, start, method, prior, kept)
+        found, far = _robustly(rig, graph, of_all, start, method, prior, kept)
     else:
         found = fit(graph, of_all, start, method, prior=prior)
         far = distances(found)
-    return assembled(rig, found, far, method)
+    return assembled(rig, found, far, method, prior, robust)
+
+
+def _robustly(
+    rig: Rig, graph: Graph, noise: RigNoise, at: Array, method: str, prior: Prior, kept: NDArray[np.bool_]
+) -> tuple[RigFit, Distances]:
+    """`fit_robustly`, whose errors name the pose that did not stand still, if one explains them."""
+    try:
+        return fit_robustly(graph, noise, at, method, prior, kept)
+    except (InputError, NotConvergedError) as error:
+        raise named_error(rig, graph, noise, at, method, prior, error) from error
 
 
 def _estimated(
@@ -94,7 +105,7 @@ def _estimated(
             found = fit(graph, sizes.noise, at, method, prior=prior)
             far = distances(found)
             break
-        found, far = fit_robustly(graph, sizes.noise, at, method, prior, count)
+        found, far = _robustly(rig, graph, sizes.noise, at, method, prior, count)
         at, again = found.at, found.edge_weights > 0
         if (again == count).all():
             break
@@ -104,8 +115,8 @@ def _estimated(
         units = rig_units(graph, found.lever)
         U = found.open * units
         closed = (closed - U.T @ U) / units[:, None] * units
-    found = replace(found, whole=found.whole + _padded(closed @ sizes.spread @ closed.T, len(found.whole)))
-    return assembled(rig, found, far, method, components=sizes.lines)
+    spread = _padded(closed @ sizes.spread @ closed.T, len(found.whole))
+    return assembled(rig, found, far, method, prior, robust, spread, components=sizes.lines)
 
 
 def _padded(S: Array, size: int) -> Array:
@@ -117,14 +128,21 @@ def prior_of(rig: Rig, graph: Graph) -> Prior:
     return {graph.names.index(name): known for name, known in (rig.known or {}).items()}
 
 
-def assembled(rig: Rig, found: RigFit, far: Distances, method: str, **more: Any) -> RigCalibration:
-    """Return the result of a fit."""
+def assembled(
+    rig: Rig, found: RigFit, far: Distances, method: str, prior: Prior, robust: bool, spread: Array | None = None,
+    **more: Any,
+) -> RigCalibration:  # fmt: skip
+    """Return the result of a fit; ``spread`` is what open sizes add to the covariance."""
     graph = found.graph
+    paths, findings = judged_paths(rig, found, method, prior, robust)
+    if spread is not None:
+        found = replace(found, whole=found.whole + spread)
     arms = list(rig.arms)
     names = tuple((arms[a], rig.arms[arms[a]].names[k]) for a, k in zip(graph.arm, graph.pose, strict=True))
     return RigCalibration(
         rig, graph.names, found.at, found.covariance, found.open, found.lever, found.chi_square, float(found.dof),
-        method, found.edge_weights, far.edges, found.pose_weights, names, stated_noise(rig, graph, found.noise), **more,
+        method, found.edge_weights, far.edges, found.pose_weights, names, stated_noise(rig, graph, found.noise),
+        paths=paths, findings=findings, **more,
     )  # fmt: skip
 
 

@@ -15,9 +15,11 @@ from ..errors import InputError
 from ..files.atomic import json_text
 from ..files.open import StrPath
 from ..findings import Finding, texts
+from ..formatting.numbers import probability
 from ..geometry.se3 import Array
 from ..likelihood.d2_distribution import Reference
 from ..runtime.read_only import ReadOnlyArrays
+from .checks.paths import RigPath
 from .description import WORLD, Rig
 from .relative import closed, open_of, relative_pose
 
@@ -104,6 +106,8 @@ class RigCalibration(ReadOnlyArrays):
         Standard deviations per axis (rad, m) by arm and camera.
     components : tuple of mappings
         Sizes of all errors, where they were estimated.
+    paths : tuple of RigPath
+        Two ways to one pose each, with the chi-square of their difference: which pose did not stand still.
     reference : Reference
         Distribution of intervals.
     findings : tuple of Finding
@@ -125,6 +129,7 @@ class RigCalibration(ReadOnlyArrays):
     pose_names: tuple[tuple[str, Any], ...]
     noise: Mapping[str, tuple[float, float]]  # standard deviations per axis (rad, m) by arm and camera
     components: tuple[Mapping[str, Any], ...] = ()  # sizes of all errors, where they were estimated
+    paths: tuple[RigPath, ...] = ()
     reference: Reference = field(default_factory=Reference)
     findings: tuple[Finding, ...] = ()
     provenance: Mapping[str, Any] | None = None
@@ -239,6 +244,10 @@ class RigCalibration(ReadOnlyArrays):
         )
         if len(self.open):
             lines.append(f"{len(self.open)} directions are not determined: the robot poses turn about too few axes.")
+        if self.paths:
+            least = min(self.paths, key=lambda path: path.p)
+            lines.append(f"Paths: {len(self.paths)}; the least likely: {least.words}, {probability(least.p)}.")
+        lines += self.warnings
         lines += [f"Rejected: {target} by {camera} at robot pose {moment}." for camera, target, moment in self.rejected]
         lines += [f"Rejected: robot pose {moment} of {arm}." for arm, moment in self.rejected_poses]
         return "\n".join(lines)
@@ -259,6 +268,8 @@ class RigCalibration(ReadOnlyArrays):
             "chi_square": self.chi_square,
             "dof": self.dof,
             "noise": {name: list(sizes) for name, sizes in self.noise.items()},
+            "paths": [path.to_dict() for path in self.paths],
+            "findings": [finding.to_dict() for finding in self.findings],
             "components": [dict(part) for part in self.components],
             "rejected": [[camera, target, str(moment)] for camera, target, moment in self.rejected],
             "rejected_poses": [[arm, str(moment)] for arm, moment in self.rejected_poses],
