@@ -49,19 +49,8 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
         ({"kind": "inverse camera", "setup": other}, G, inverse(C)),
     ]
     twins = {}
-    turned = _transposed(poses.robot)
-    turned, seen = (turned if poses.setup == "eye-in-hand" else inverse(turned)), _transposed(C)
-    candidates += [
-        ({"kind": "transposed", "file": file}, *pair)
-        for file, pair in (("robot", (turned, C)), ("camera", (G, seen)), (None, (turned, seen)))
-    ]
-    for shift_by, order in ((-1, "wxyz"), (1, "xyzw")):
-        robot, camera = _reordered_robot(poses, shift_by), _reordered(C, shift_by)
-        candidates += [
-            ({"kind": "quaternion", "file": file, "order": order}, *pair)
-            for file, pair in (("robot", (robot, C)), ("camera", (G, camera)), (None, (robot, camera)))
-        ]
-    candidates.append(({"kind": "mirrored"}, G, _mirrored(C)))
+    for reading, robot, camera in rotation_readings(poses.robot, C):
+        candidates.append((reading, robot if poses.setup == "eye-in-hand" else inverse(robot), camera))
     fitting: list[tuple[float, dict[str, Any]]] = []
     largest = FITS * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))
     for reading, robot, camera in candidates:
@@ -84,6 +73,24 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
         found = [*_inversions(poses, twins["inverse robot"], twins["inverse camera"]), *found[:1]]
     scaled = scaled_reading(G, C, shift, poses.sources)
     return found if scaled is None else [*found, scaled]
+
+
+def rotation_readings(robot: Array, camera: Array) -> list[tuple[dict[str, Any], Array, Array]]:
+    """Return each other reading of the rotations of one file or both, with the poses (n, 4, 4) that it makes."""
+    found: list[tuple[dict[str, Any], Array, Array]] = []
+    changed = [({"kind": "transposed"}, _transposed(robot), _transposed(camera))]
+    changed += [
+        ({"kind": "quaternion", "order": order}, _reordered(robot, shift_by), _reordered(camera, shift_by))
+        for shift_by, order in ((-1, "wxyz"), (1, "xyzw"))
+    ]
+    for reading, of_robot, of_camera in changed:
+        for file, pair in (
+            ("robot", (of_robot, camera)),
+            ("camera", (robot, of_camera)),
+            (None, (of_robot, of_camera)),
+        ):
+            found.append((reading | {"file": file}, *pair))
+    return [*found, ({"kind": "mirrored"}, robot, _mirrored(camera))]
 
 
 def _inversions(poses: PosePairs, robot: dict[str, Any], camera: dict[str, Any]) -> list[dict[str, Any]]:
@@ -185,8 +192,3 @@ def _reordered(T: Array, shift_by: int) -> Array:
     columns = Rotation.from_matrix(T[:, :3, :3]).as_quat()
     result[:, :3, :3] = Rotation.from_quat(np.roll(columns, shift_by, axis=1)).as_matrix()
     return result
-
-
-def _reordered_robot(poses: PosePairs, shift_by: int) -> Array:
-    T = _reordered(poses.robot, shift_by)
-    return T if poses.setup == "eye-in-hand" else inverse(T)

@@ -307,7 +307,7 @@ def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]
             f"{start} No inversion, quaternion order or unit that was tried fits. Either the rows do not belong "
             "together, or the poses have errors of this size."
         )
-    return f"{start} It would fit if {'; or if '.join(_reading(**reading) for reading in readings)}."
+    return f"{start} It would fit if {'; or if '.join(reading_in_words(**reading) for reading in readings)}."
 
 
 @sentence(
@@ -331,7 +331,7 @@ def _(rotation: float, translation: float) -> str:
     phrase=lambda v: _reading_in_short(v["reading"]),
 )
 def _(reading: Mapping[str, Any]) -> str:
-    return f"The translations of robot and camera do not match. They would fit if {_reading(**reading)}."
+    return f"The translations of robot and camera do not match. They would fit if {reading_in_words(**reading)}."
 
 
 @sentence(
@@ -389,7 +389,7 @@ def _size(part: str, value: float) -> str:
     return f"{_DEG * value:.3g} degrees" if part == "rotation" else f"{_MM * value:.3g} mm"
 
 
-def _reading(
+def reading_in_words(
     kind: str,
     setup: str | None = None,
     file: str | None = None,
@@ -448,7 +448,7 @@ def _reading(
         option = (
             f'quaternion="{order}" (--quaternion {order})' if file is None else _option(file, "quaternion", str(order))
         )
-    return f"{text} (X would be {length:.3g} m long): {option}"
+    return f"{text}: {option}" if length is None else f"{text} (X would be {length:.3g} m long): {option}"
 
 
 def _option(file: str, argument: str, value: str, other: str | None = None) -> str:

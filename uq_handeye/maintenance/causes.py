@@ -15,6 +15,8 @@ camera that rotated about its own x and y axes: it is never named without X. One
 
 - *X*: ``-J_X delta``, *target*: ``-J_W delta``: the true pose is the estimate moved by delta.
 - *focal length*, *image centre*: the true value moved from that used by e: ``-D_C F e`` (`shared_error`).
+- *target size*: likewise, of the scale of all translations of the camera poses. With the target in the middle of the
+  picture it is the same as the focal length.
 - *one pose*: all that is wrong is one of the poses, a wrong detection or robot pose; from three poses on.
 """
 
@@ -34,10 +36,11 @@ from ..posterior.rows import NewRows
 from ..runtime.read_only import ReadOnlyArrays
 from ..shared_errors.shared_error import SharedError
 
-CAMERA_MOVED, TARGET_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE = (
+CAMERA_MOVED, TARGET_MOVED, FOCAL_LENGTH, TARGET_SIZE, IMAGE_CENTRE, ONE_POSE = (
     "X",
     "target",
     "focal length",
+    "target size",
     "image centre",
     "one pose",
 )
@@ -56,7 +59,9 @@ class Cause(ReadOnlyArrays):
     """One possible cause, as estimated by itself."""
 
     name: str
-    estimate: Array  # (p,) rad and m; relative for the focal length (true over used, minus 1); rad for the image centre
+    estimate: (
+        Array  # (p,) rad and m; true over used, minus 1, of focal length and target size; rad for the image centre
+    )
     covariance: Array  # (p, p)
     gain: float  # by how much d^2 falls
     p_left: float  # p-value of what is left of d^2
@@ -125,10 +130,11 @@ def columns_of_causes(evidence: PoseEvidence, setup: str) -> dict[str, Array]:
     """Columns (m, 6, p) of the causes, by name."""
     poses = PosePairs(evidence.robot, evidence.camera, setup)
     J, D_C = evidence.linear.J, evidence.linear.sides[1]
-    focal = np.linalg.norm(evidence.camera[:, :3, 3], axis=-1).max() > 0
+    sized = np.linalg.norm(evidence.camera[:, :3, 3], axis=-1).max() > 0
     found = {CAMERA_MOVED: -J[..., :6], TARGET_MOVED: -J[..., 6:]}
-    if focal:
+    if sized:
         found[FOCAL_LENGTH] = -D_C @ SharedError.focal_length(1.0).at(poses)
+        found[TARGET_SIZE] = -D_C @ SharedError.target_scale(1.0).at(poses)
     found[IMAGE_CENTRE] = -D_C @ SharedError.principal_point(1.0).at(poses)
     return found
 

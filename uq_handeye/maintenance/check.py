@@ -27,13 +27,14 @@ from .causes import (
     FOCAL_LENGTH,
     ONE_POSE,
     TARGET_MOVED,
+    TARGET_SIZE,
     Causes,
     columns_of_causes,
     compare_causes,
     distances,
 )
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck
-from .misread import misread
+from .misread import LENS, SMALL_FACTOR, misread, scale_finding
 from .power import Detectable, detectable_changes
 from .together.joined_poses import common_poses
 
@@ -121,15 +122,12 @@ def check(
             )  # fmt: skip
             return evidence_of_poses(result, again, of, q, same).d2
 
-        other = misread(
-            result.X,
-            result.W,
-            poses,
-            evidence,
-            d2_of,
-            any(one.name == FOCAL_LENGTH and one.explains for one in causes.all),
-        )
         first = causes.named
+        lens = any(one.name == FOCAL_LENGTH and one.explains for one in causes.all)
+        factor = LENS if lens else SMALL_FACTOR
+        other = misread(result.X, result.W, poses, evidence, d2_of, least_factor=factor)
+        if other is None and first is not None and first.name == TARGET_SIZE:
+            other = scale_finding("camera", float(1.0 + first.estimate[0]))
         if other is not None:
             status = CANNOT_TELL
             findings.append(other)

@@ -81,7 +81,7 @@ class ChangeCheck(ReadOnlyArrays):
 
     @property
     def cause(self) -> str | None:
-        """Name of the cause, where it can be separated: "X", "target" or "focal length"; else None.
+        """Name of the cause, where it can be separated: "X", "target", "focal length" or "target size"; else None.
 
         "X" and "target" each stand for two things that no pose can separate: see `causes`. The image centre is the
         same as a camera that rotated, and only among `candidates`.

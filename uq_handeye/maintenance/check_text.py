@@ -6,7 +6,7 @@ import numpy as np
 
 from ..formatting.numbers import concise, digits, plus_minus, probability
 from ..presentation.document import Answer, Block, Paragraph, document_of
-from .causes import CAMERA_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE, TARGET_MOVED, Cause
+from .causes import CAMERA_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE, TARGET_MOVED, TARGET_SIZE, Cause
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck
 from .misread import MISREAD
 from .power import Detectable
@@ -18,6 +18,8 @@ _MOVED = {
     ("eye-to-hand", CAMERA_MOVED): ("the camera moved in the cell", "the robot's base did"),
     ("eye-to-hand", TARGET_MOVED): ("the target moved on the gripper", "the robot's tool frame was changed"),
 }
+# What is more and less of a cause that is a ratio.
+_WAYS = {FOCAL_LENGTH: ("longer", "shorter"), TARGET_SIZE: ("larger", "smaller")}
 _STATUS = {UNCHANGED: "ok", CHANGED: "failed", CANNOT_TELL: "caution"}
 
 
@@ -41,7 +43,8 @@ def cause_in_words(name: str, setup: str) -> str:
         one, other = _MOVED[setup, name]
         return f"{one}, or {other} (poses cannot separate these two)"
     return {
-        FOCAL_LENGTH: "the focal length changed, or the target has another size",
+        FOCAL_LENGTH: "the focal length changed",
+        TARGET_SIZE: "the target is not of the size that was given",
         IMAGE_CENTRE: "the image centre changed (the same as a camera rotated about its own x and y axes)",
         ONE_POSE: "one pose is wrong",
     }[name]
@@ -93,9 +96,9 @@ def _short(cause: Cause, result: ChangeCheck) -> str:
             for part, scale in ((range(3, 6), 1e3), (range(3), degrees))
         )
         return f"translation x, y, z {move} mm; rotation {turn} deg"
-    if cause.name == FOCAL_LENGTH:
+    if cause.name in _WAYS:
         value = float(cause.estimate[0])
-        way = "longer" if value > 0 else "shorter"
+        way = _WAYS[cause.name][value < 0]
         return f"{concise(100 * abs(value), 100 * float(sd[0]), '%')} {way}"
     if cause.name == IMAGE_CENTRE:
         f = result.focal_length_px
@@ -116,6 +119,6 @@ def _next(result: ChangeCheck) -> str | None:
         return None
     if result.cause == TARGET_MOVED and result.setup == "eye-in-hand":
         return "X still holds if it was the target; if it was the base, so do X and the target, in the new base."
-    if result.cause == FOCAL_LENGTH:
+    if {cause.name for cause in result.causes.candidates} & set(_WAYS):
         return "measure the target; if it is as large as before, calibrate the camera again, then X."
     return None if result.n_poses < 3 else "calibrate again."

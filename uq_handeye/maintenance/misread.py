@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial.transform import Rotation
 
 from ..findings import Finding
 from ..formatting.units import LENGTH_UNITS
 from ..geometry.se3 import Array, inverse, logarithm
+from ..input_checks.misread_files import rotation_readings
 from ..poses.pose_pairs import PosePairs
 from ..posterior.rows import NewRows
 
@@ -23,43 +23,48 @@ from ..posterior.rows import NewRows
 MISREAD = ("maintenance.misread", "maintenance.pairing")
 # d^2 per number from which the files are doubted, and its share that another reading may leave.
 GROSS, LEFT = 25.0, 0.01
+# Also in doubt, where errors of lengths in a wrong unit hide the contradiction: poses that are so far off (`_rough`). A
+# reading then has to agree, with d^2 per number below.
+FAR, AGREES = 1.0, 2.0
 # Poses up to which all pairings are tried.
 MOST_PAIRED = 200
 
 # Rows by which one file may begin before the other.
 MOST_ROWS = 3
-# A factor on the camera's translations that differs from 1 by less may be a focal length.
-LENS = 0.2
+# A factor on translations that differs from 1 by less is a cause among others (`causes`); more so where the focal
+# length explains the poses.
+SMALL_FACTOR, LENS = 0.03, 0.2
 
 Judge = Callable[..., float]  # poses, and which rows they are of those that were given
 
 
 def misread(
-    X: Array, W: Array, poses: PosePairs, evidence: NewRows, d2_of: Judge, lens: bool = False
+    X: Array, W: Array, poses: PosePairs, evidence: NewRows, d2_of: Judge, *, least_factor: float = SMALL_FACTOR
 ) -> Finding | None:
     """Return how else the files may be meant, where that explains a gross contradiction; ``d2_of`` judges poses.
 
-    ``lens``: a change of the focal length explains the poses.
+    Factors on translations that differ from 1 by less than ``least_factor`` are not tried.
     """
-    d2 = evidence.d2
-    if d2 < GROSS * evidence.dof:
+    d2, as_given = evidence.d2, _rough(X, W, poses.robot, poses.camera, poses.setup)
+    if d2 < GROSS * evidence.dof and as_given < FAR:
         return None
+    limit = max(LEFT * d2, AGREES * evidence.dof if as_given > FAR else 0.0)
     bare = replace(poses, camera_calibration=None, camera_covariance=None, timing=None, truth=None)
     best: tuple[float, dict[str, Any]] | None = None
     for reading, robot, camera in _readings(bare):
         rough = _rough(X, W, robot, camera, poses.setup)
-        if rough > 0.3 * _rough(X, W, poses.robot, poses.camera, poses.setup):
+        if rough > 0.3 * as_given:
             continue
         found = d2_of(replace(bare, robot=robot, camera=camera))
-        if found < LEFT * d2 and (best is None or found < best[0]):
+        if found < limit and (best is None or found < best[0]):
             best = found, reading
     if best is not None:
         return Finding("maintenance.misread", "caution", best[1])
-    factor = _factor(X, W, poses)
-    if abs(factor - 1.0) > (LENS if lens else 0.0) and factor > 0:
-        found = d2_of(replace(bare, camera=_scaled(bare.camera, factor)))
-        if found < LEFT * d2:
-            return Finding("maintenance.misread", "caution", {"kind": "scale", "file": "camera", "factor": factor})
+    for side, factor in _factors(X, W, poses).items():
+        if abs(factor - 1.0) > least_factor and factor > 0:
+            found = d2_of(replace(bare, **{side: _scaled(getattr(bare, side), factor)}))
+            if found < max(limit, AGREES * evidence.dof):
+                return scale_finding(side, factor)
     order = _pairing(X, W, bare, evidence)
     if order is not None and d2_of(replace(bare, camera=bare.camera[order])) < LEFT * d2:
         rows = np.flatnonzero(order != np.arange(len(order)))
@@ -73,6 +78,11 @@ def misread(
     return None
 
 
+def scale_finding(side: str, factor: float) -> Finding:
+    """Return what is said of poses that agree once the translations of one side are multiplied by a factor."""
+    return Finding("maintenance.misread", "caution", {"kind": "scale", "file": side, "factor": factor})
+
+
 def _readings(poses: PosePairs) -> list[tuple[dict[str, Any], Array, Array]]:
     G, C = poses.robot, poses.camera
     found: list[tuple[dict[str, Any], Array, Array]] = [
@@ -80,14 +90,8 @@ def _readings(poses: PosePairs) -> list[tuple[dict[str, Any], Array, Array]]:
         ({"kind": "inverse", "file": "camera"}, G, inverse(C)),
         ({"kind": "inverse", "file": None}, inverse(G), inverse(C)),
         ({"kind": "swapped", "file": None}, C, G),
+        *rotation_readings(G, C),
     ]
-    for order, shift in (("wxyz", -1), ("xyzw", 1)):
-        robot, camera = _reordered(G, shift), _reordered(C, shift)
-        found += [
-            ({"kind": "quaternion", "file": "robot", "order": order}, robot, C),
-            ({"kind": "quaternion", "file": "camera", "order": order}, G, camera),
-            ({"kind": "quaternion", "file": None, "order": order}, robot, camera),
-        ]
     for unit in ("mm", "cm", "in"):
         for factor, given, meant in ((LENGTH_UNITS[unit], "m", unit), (1.0 / LENGTH_UNITS[unit], unit, "m")):
             robot, camera = _scaled(G, factor), _scaled(C, factor)
@@ -99,12 +103,14 @@ def _readings(poses: PosePairs) -> list[tuple[dict[str, Any], Array, Array]]:
     return found
 
 
-def _factor(X: Array, W: Array, poses: PosePairs) -> float:
-    """The factor s on the camera's translations that fits best: ``R_G R_X s t_C = t_W - t_G - R_G t_X``."""
+def _factors(X: Array, W: Array, poses: PosePairs) -> dict[str, float]:
+    """The factor on the translations of each side that fits best: ``s_G t_G + R_G t_X + s_C R_G R_X t_C = t_W``."""
     G = poses.effective_robot
-    seen = (G @ X)[:, :3, :3] @ poses.camera[:, :3, 3:]
-    meant = W[:3, 3] - (G @ X)[:, :3, 3]
-    return float(np.sum(seen[..., 0] * meant) / max(float(np.sum(seen**2)), 1e-300))
+    moved, seen, bracket = G[:, :3, 3], ((G @ X)[:, :3, :3] @ poses.camera[:, :3, 3:])[..., 0], G[:, :3, :3] @ X[:3, 3]
+    of = {"camera": (seen, W[:3, 3] - moved - bracket), "robot": (moved, W[:3, 3] - seen - bracket)}
+    return {
+        side: float(np.sum(part * meant) / max(float(np.sum(part**2)), 1e-300)) for side, (part, meant) in of.items()
+    }
 
 
 def _rough(X: Array, W: Array, robot: Array, camera: Array, setup: str) -> float:
@@ -135,12 +141,4 @@ def _pairing(X: Array, W: Array, poses: PosePairs, evidence: NewRows) -> Array |
 def _scaled(T: Array, factor: float) -> Array:
     result = T.copy()
     result[:, :3, 3] *= factor
-    return result
-
-
-def _reordered(T: Array, shift: int) -> Array:
-    """Poses whose quaternion is read in the other order."""
-    result = T.copy()
-    columns = Rotation.from_matrix(T[:, :3, :3]).as_quat()
-    result[:, :3, :3] = Rotation.from_quat(np.roll(columns, shift, axis=1)).as_matrix()
     return result

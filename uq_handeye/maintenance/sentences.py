@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ..findings import sentence
 from ..formatting.numbers import digits, probability
+from ..input_checks.sentences import reading_in_words
 
 
 @sentence("maintenance.misread")
@@ -26,10 +27,15 @@ def _(
             f"The poses agree with the calibration if {of} {'are' if file is None else 'is'} in {unit}, not {given}: "
             f"give the unit (--{ending}units {unit})."
         )
+    if kind == "scale" and file == "robot":
+        return (
+            f"The poses agree with the calibration if the robot translations are multiplied by {factor:.4g}: they are "
+            "of another arm, or were scaled."
+        )
     if kind == "scale":
         return (
             f"The poses agree with the calibration if the camera translations are multiplied by {factor:.4g}: "
-            "the size of the target, or the focal length, is not that of the calibration."
+            "the size of the target, or the focal length, is not that of the calibration. Measure the target."
         )
     if kind == "swapped":
         return "The poses agree with the calibration if the two files are exchanged: give that of the robot first."
@@ -41,11 +47,8 @@ def _(
             f"The poses agree with the calibration if the {early} file begins {rows} before the {late} file. Leave out "
             f"the first {first} of the {early} file and the last of the {late} file."
         )
-    if kind == "quaternion":
-        return (
-            f"The poses agree with the calibration if the quaternions of {of} have the scalar "
-            f"{'first' if order == 'wxyz' else 'last'}: give the order (--{ending}quaternion {order})."
-        )
+    if kind in ("quaternion", "transposed", "mirrored"):
+        return f"The poses agree with the calibration if {reading_in_words(kind, file=file, order=order)}."
     frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
     options = " ".join(frames.values() if file is None else [frames.get(file, "")])
     return f"The poses agree with the calibration if {of} hold{'' if file is None else 's'} inverse poses ({options})."

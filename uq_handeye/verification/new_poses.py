@@ -96,7 +96,14 @@ def verify_poses(result: Verified, poses: PosePairs) -> PoseVerification:
     (turn, turn_expected), (shift, shift_expected) = sizes
     other = None
     if p < LEVEL and result.W is not None:
-        other = misread(result.X, result.W, poses, evidence, lambda again, _=None: evidence_of_poses(result, again).d2)
+        other = misread(
+            result.X,
+            result.W,
+            poses,
+            evidence,
+            lambda again, _=None: evidence_of_poses(result, again).d2,
+            least_factor=0.0,
+        )
     return PoseVerification(
         poses.n, evidence.d2, evidence.dof, p, noise_dof, (turn, shift), (turn_expected, shift_expected),
         _reprojected(result, poses), () if other is None else (other,),

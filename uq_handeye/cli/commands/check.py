@@ -44,7 +44,6 @@ def check_command(
       # New pictures, with the intrinsics of the calibration
       uq-handeye check result/result.json robot.csv --images 'img/*.png' \\
           --board 9x6 --square 20mm
-
       # Every day: a log, with an alarm for slow drifts
       uq-handeye check result/result.json robot.csv camera.csv \\
           --log checks.csv
