@@ -30,17 +30,22 @@ class Reduced(NamedTuple):
 
 
 def reduce_rows(
-    constraint: Constraint, linear: Linearised, at: Unknowns, weights: Array | None, prior: PosePrior | None
+    constraint: Constraint,
+    linear: Linearised,
+    at: Unknowns,
+    weights: Array | None,
+    prior: PosePrior | None,
+    nothing_open: bool = False,
 ) -> Reduced:
     """Rows without the directions that are open beside isotropic noise of the size of the residuals.
 
-    Leading axes are kept as they are: all directions count then.
+    Leading axes are kept as they are: all directions count then, as where ``nothing_open`` is known.
     """
     known: Array | None = None
     if prior is not None:
         more, pull, square = prior.normal_equations(at.X, at.W)
         known = np.block([[more, pull[:, None]], [pull, square]])
-    if linear.r.ndim > 2:
+    if linear.r.ndim > 2 or nothing_open:
         return Reduced(linear.J, None, known)
     noise = with_prior(isotropic_residuals(constraint, at), prior)
     S = residual_covariance(linear.sides, noise)

@@ -50,6 +50,8 @@ from .component import SIDES, Component
 
 # Share of the largest diagonal that a direction of the unknown poses must keep in H, or x does not move along it.
 RIDGE = 1e-14
+# Numbers of whitened rows that are held at once where many sizes are asked for.
+AT_ONCE = 400_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +85,12 @@ class Rows(NamedTuple):
     known: Array | None  # (n, d, d)
 
     def covariance(self, s: Array) -> Array:
-        """V (n, d, d) by the sizes of the components."""
-        V = np.zeros((*self.r.shape, self.r.shape[-1])) if self.known is None else self.known.copy()
+        """V (..., n, d, d) by the sizes (..., components)."""
+        V = np.zeros((*s.shape[:-1], *self.r.shape, self.r.shape[-1]))
+        if self.known is not None:
+            V += self.known
         for k, B in self.blocks.items():
-            V += s[k] ** 2 * B
+            V += s[..., k, None, None, None] ** 2 * B
         return V
 
 
@@ -185,19 +189,28 @@ class LatentModel(ReadOnlyArrays):
     # ------------------------------------------------------------------------------------------- one set of sizes
 
     def _solved(self, theta: Array) -> _Solved:
-        s, p = self.sizes(theta), self.p
-        halves, white, logs = [], [], 0.0
+        halves, gram, A, logs = self._whitened(self.sizes(theta))
+        return replace(self._of_sums(theta, gram, logs), halves=halves, A=A)
+
+    def _whitened(self, s: Array) -> tuple[tuple[Array, ...], Array, Array, Array]:
+        """``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]`` and ``sum log|L|`` at sizes s (..., components)."""
+        p, lead = self.p, s.shape[:-1]
+        halves, white, logs = [], [], np.zeros(lead)
         for rows in self.groups:
             L = checked_cholesky(rows.covariance(s))
-            half = np.linalg.inv(L)  # (n, d, d)
-            A = np.empty((*rows.r.shape, p + self.shared.shape[-1] + 1))
+            half = np.asarray(np.linalg.inv(L))  # (..., n, d, d)
+            A = np.empty((*lead, *rows.r.shape, p + self.shared.shape[-1] + 1))
             A[..., :p], A[..., -1] = rows.J, rows.r
-            np.multiply(rows.shared, s[self._owner], out=A[..., p:-1])
-            white.append((half @ A).reshape(rows.r.size, -1))
-            halves.append(np.asarray(half))
-            logs += float(np.log(np.einsum("nii->ni", L)).sum())
-        A = white[0] if len(white) == 1 else np.concatenate(white)
-        gram = A.T @ A
+            np.multiply(rows.shared, s[..., None, None, self._owner], out=A[..., p:-1])
+            white.append((half @ A).reshape(*lead, rows.r.size, -1))
+            halves.append(half)
+            logs += np.log(np.einsum("...ii->...i", L)).sum(axis=(-2, -1))
+        A = white[0] if len(white) == 1 else np.concatenate(white, axis=-2)
+        return tuple(halves), A.mT @ A, A, logs
+
+    def _of_sums(self, theta: Array, gram: Array, logs: float | Array) -> _Solved:
+        """Solve by the sums of `_whitened`."""
+        p = self.p
         if self.prior is not None:
             index = np.r_[:p, -1]
             gram[np.ix_(index, index)] += self.prior
@@ -212,11 +225,11 @@ class LatentModel(ReadOnlyArrays):
             raise np.linalg.LinAlgError("The information of the poses and the errors is not positive definite.")
         half_way = dtrtrs(C, unit * pull, lower=1)[0]
         u = -unit * dtrtrs(C, half_way, lower=1, trans=1)[0]
-        logs += np.log(np.diag(C) / unit).sum()
+        logs = float(logs) + np.log(np.diag(C) / unit).sum()
         off = theta - self.medians
         pulled = self._prior_of_sizes @ off
         value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ pulled)
-        return _Solved(s, tuple(halves), np.asarray(A), C, unit, u, value, pulled)
+        return _Solved(self.sizes(theta), (), np.zeros((0, len(u) + 1)), C, unit, u, value, pulled)
 
     def value(self, theta: Array) -> float:
         """f."""
@@ -262,10 +275,22 @@ class LatentModel(ReadOnlyArrays):
 
     def of_poses(self, theta: Array) -> Conditional:
         """The posterior of the unknown poses alone, for given sizes."""
-        at, p = self._solved(theta), self.p
-        self._known_points[theta.tobytes()] = replace(at, halves=(), A=at.A[:0].copy())
-        half = dtrtrs(at.C, np.diag(at.unit)[:, :p], lower=1)[0]
-        return Conditional(theta, at.value, at.u[:p], half.T @ half)
+        return self.of_poses_at(theta[None])[0]
+
+    def of_poses_at(self, thetas: Array) -> list[Conditional]:
+        """The posteriors of the unknown poses alone, for many sizes (d, k)."""
+        found, p = [], self.p
+        numbers = sum(rows.r.size for rows in self.groups) * (p + self.shared.shape[-1])
+        together = max(1, AT_ONCE // numbers)
+        for start in range(0, len(thetas), together):
+            some = thetas[start : start + together]
+            _, grams, _, logs = self._whitened(np.array([self.sizes(theta) for theta in some]))
+            for theta, gram, log in zip(some, grams, logs, strict=True):
+                at = self._of_sums(theta, gram, log)
+                self._known_points[theta.tobytes()] = at
+                half = dtrtrs(at.C, np.diag(at.unit)[:, :p], lower=1)[0]
+                found.append(Conditional(theta, at.value, at.u[:p], half.T @ half))
+        return found
 
     def shares(self, theta: Array) -> Array:
         """(components,) largest share of the variance of the first 6 unknowns, of X, that a component has.

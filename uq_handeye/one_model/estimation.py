@@ -270,12 +270,16 @@ class JointModel:
     ) -> FoundSizes:
         """Find sizes and unknowns in turns from ``at``, until the unknowns do not move."""
         part, kept, used = rows
+        components = tuple(one.rows(kept[used]) for one in self.components)
+        exact, nothing_open = np.zeros(2, dtype=bool), False
         for done in range(MOST_ROUNDS):
-            model, reduced = self._model(part, at, kept[used])
-            exact = self._exact(part, model)
-            if exact.any():
-                return FoundSizes(self, model, reduced, find_mode(model), at, kept, kept[used], exact)
-            self._require_freedom(part, reduced.J.shape[-1])
+            model, reduced = self._model(part, at, kept[used], components, nothing_open)
+            if not done:
+                nothing_open = reduced.basis is None
+                exact = self._exact(part, model)
+                if exact.any():
+                    return FoundSizes(self, model, reduced, find_mode(model), at, kept, kept[used], exact)
+                self._require_freedom(part, model.p)
             exactly = min(gain, GAIN) if done > 2 else gain if done else max(gain, ROUGH)
             mode = find_mode(model, theta, exactly, reach)
             theta = mode.theta
@@ -301,11 +305,17 @@ class JointModel:
                 "the noise."
             )
 
-    def _model(self, constraint: Constraint, at: Unknowns, kept: NDArray[np.intp]) -> tuple[LatentModel, Reduced]:
+    def _model(
+        self,
+        constraint: Constraint,
+        at: Unknowns,
+        kept: NDArray[np.intp],
+        components: tuple[Component, ...],
+        nothing_open: bool,
+    ) -> tuple[LatentModel, Reduced]:
         linear = constraint.linearise(at, constraint.first, constraint.second)
-        reduced = reduce_rows(constraint, linear, at, None, self.pose_prior)
+        reduced = reduce_rows(constraint, linear, at, None, self.pose_prior, nothing_open)
         whole = len(kept) == self.constraint.n
-        components = self.components if whole else tuple(part.rows(kept) for part in self.components)
         known: Array | None = None
         for side, D in zip(("robot", "camera"), linear.sides, strict=True):
             if side in self.known:

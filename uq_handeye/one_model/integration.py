@@ -99,7 +99,7 @@ def _about(model: LatentModel, mode: Mode) -> tuple[list[Conditional], Array]:
     v = design(k)
     L = np.linalg.cholesky(mode.state.information)
     low, high = model.medians - (REACH + 2) * model.spreads, model.medians + (REACH + 2) * model.spreads
-    found = [model.of_poses(np.clip(mode.theta + move, low, high)) for move in np.linalg.solve(L.T, v.T).T]
+    found = model.of_poses_at(np.clip(mode.theta + np.linalg.solve(L.T, v.T).T, low, high))
     logs = mode.state.value - np.array([point.value for point in found]) + 0.5 * (v * v).sum(axis=1)
     w = np.exp(np.minimum(logs, np.log(MOST)))
     return found, w / w.sum()

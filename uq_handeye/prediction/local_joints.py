@@ -26,8 +26,8 @@ LOOKED_AT = 100
 
 def local_findings(result: Predicting) -> list[Finding]:
     """One finding for local poses with joints: what they span, what they tell, how well predictions are known."""
-    fitted, posterior = result.kinematics, result.posterior
-    if fitted is None or posterior is None or fitted.how == EXACT or not len(fitted.kept):
+    fitted = result.kinematics
+    if fitted is None or result.posterior is None or fitted.how == EXACT or not len(fitted.kept):
         return []
     chain, q = fitted.chain, fitted.joints
     some = q[np.linspace(0, len(q) - 1, min(len(q), LOOKED_AT)).astype(int)]

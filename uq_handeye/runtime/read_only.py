@@ -7,6 +7,9 @@ from typing import Any, cast
 
 import numpy as np
 
+# What arrays are in.
+HOLDERS = (np.ndarray, tuple, dict)
+
 
 class ReadOnlyArrays:
     """Base of a frozen dataclass whose arrays are read-only, also those within tuples and dicts.
@@ -16,17 +19,23 @@ class ReadOnlyArrays:
 
     def __post_init__(self) -> None:
         for field in fields(cast(Any, self)):
-            object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
+            value = getattr(self, field.name)
+            if isinstance(value, HOLDERS):
+                seen = read_only(value)
+                if seen is not value:
+                    object.__setattr__(self, field.name, seen)
 
 
 def read_only(value: Any) -> Any:
     """An array as a read-only view; a tuple or dict with its arrays so; anything else as it is."""
     if isinstance(value, np.ndarray):
-        value = value.view()
-        value.flags.writeable = False
+        if value.flags.writeable:
+            value = value.view()
+            value.flags.writeable = False
     elif isinstance(value, tuple):
-        items = [read_only(item) for item in value]
-        value = value._make(items) if hasattr(value, "_make") else tuple(items)
+        if any(isinstance(item, HOLDERS) for item in value):
+            items = [read_only(item) for item in value]
+            value = value._make(items) if hasattr(value, "_make") else tuple(items)
     elif isinstance(value, dict):
         value = {key: read_only(item) for key, item in value.items()}
     return value
