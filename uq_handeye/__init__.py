@@ -84,8 +84,8 @@ if _typing.TYPE_CHECKING:
     from .propagation.propagate import propagate
     from .rig.calibrate import calibrate_rig
     from .rig.description import ArmPoses, Rig, View
+    from .rig.files.rig_file import read_rig
     from .rig.result import EstimatedPose, RigCalibration
-    from .rig.rig_file import read_rig
     from .rig.simulation import simulate_rig
     from .rosbag.streams import read_bag
     from .shared_errors.camera_noise import camera_noise
@@ -342,7 +342,7 @@ _LATER = {
     "rig.calibrate": ("calibrate_rig",),
     "rig.description": ("ArmPoses", "Rig", "View"),
     "rig.result": ("EstimatedPose", "RigCalibration"),
-    "rig.rig_file": ("read_rig",),
+    "rig.files.rig_file": ("read_rig",),
     "rig.simulation": ("simulate_rig",),
     "rosbag.streams": ("read_bag",),
     "shared_errors.camera_noise": ("camera_noise",),

@@ -96,7 +96,7 @@ def test_what_is_wrong_is_one_line_with_the_name_in_the_file(folder, old, new, m
 @pytest.mark.parametrize(
     "option",
     [
-        "--tolerance 1mm", "--seed 3", "--covariance jackknife", "--no-robust", "--prior-x x", "--report x.html",
+        "--covariance jackknife", "--prior-x x", "--pair time", "--setup eye-to-hand", "--exclude 3",
         "--size robot accuracy=1mm", "--images x*.png", "--urdf arm.urdf",
     ],
 )  # fmt: skip
@@ -105,3 +105,88 @@ def test_options_beside_a_rig_file_are_refused(folder, option, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["calibrate", str(path / "rig.toml"), *option.split(" ", 1)])
     assert ended.value.code == 2 and capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------- --camera NAME=FILE
+
+
+@pytest.fixture
+def two_on_the_hand(tmp_path):
+    noise = dict.fromkeys(("arm", "left", "right"), ("0.5mrad", "0.3mm"))
+    rig, _ = simulate_rig({"left": "arm", "right": "arm"}, {"target": "world"}, n_poses=20, noise=noise, seed=1)
+    write(tmp_path / "robot.csv", np.arange(20.0), rig.arms["arm"].poses)
+    for view, some in zip(rig.views, (slice(0, 15), slice(19, 3, -1)), strict=True):
+        write(tmp_path / f"{view.camera}.csv", np.array(view.at, dtype=float)[some], view.poses[some])
+    text = RIG.replace("front", "right").replace("board", "target").replace('on = "world"\nnoise', 'on = "arm"\nnoise')
+    (tmp_path / "rig.toml").write_text(text)
+    return tmp_path
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    return ended.value.code
+
+
+def cameras_of(path, left="left.csv"):
+    return ["--camera", f"left={path / left}", "--camera", f"right={path / 'right.csv'}"]
+
+
+def test_cameras_by_name_are_the_rig_file_that_says_so(two_on_the_hand, capsys):
+    path = two_on_the_hand
+    assert run("calibrate", path / "rig.toml", "--json") == 0
+    by_file = json.loads(capsys.readouterr().out)
+    noise = ["--robot-noise", "0.5mrad,0.3mm", "--camera-noise", "0.5mrad,0.3mm"]
+    assert run("calibrate", path / "robot.csv", *cameras_of(path), *noise, "--json") == 0
+    by_name = json.loads(capsys.readouterr().out)
+    for part in ("names", "covariance", "cameras", "targets", "relative", "chi_square"):
+        assert by_file[part] == by_name[part], part
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--camera", "left=right.csv"], "The camera 'left' is given twice"),
+        (["--camera", "third=none.csv"], "none.csv"),
+        (["--camera", "third"], "NAME=FILE"),
+        (["--pair", "async"], "--pair async: not for several cameras"),
+        (["--covariance", "jackknife"], "--covariance: not for several cameras"),
+        (["--exclude", "3"], "--exclude: not for several cameras"),
+        (["--robot-noise", "1mrad,1mm"], "of neither"),
+    ],
+)
+def test_what_is_wrong_with_cameras_by_name_is_one_line(two_on_the_hand, more, message, capsys):
+    path = two_on_the_hand
+    assert run("calibrate", path / "robot.csv", *cameras_of(path), *more) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+
+
+def test_rows_are_never_matched_by_order_where_files_differ(two_on_the_hand, capsys):
+    path = two_on_the_hand
+    lines = (path / "left.csv").read_text().splitlines()
+    (path / "bare.csv").write_text("\n".join(line.partition(",")[2] for line in lines))
+    assert run("calibrate", path / "robot.csv", *cameras_of(path, "bare.csv")) == 2
+    assert "do not say which rows belong together" in capsys.readouterr().err
+
+
+def test_views_match_by_the_names_of_poses(two_on_the_hand, capsys):
+    """A column `name`, in other orders, in place of times."""
+    path = two_on_the_hand
+    for name in ("robot", "left", "right"):
+        head, *lines = (path / f"{name}.csv").read_text().splitlines()
+        named = [line.partition(",")[2] + f",pose_{int(float(line.partition(',')[0])):03d}.png" for line in lines]
+        (path / f"{name}_named.csv").write_text("\n".join([head.partition(",")[2] + ",name", *named[::-1]]))
+    assert run("calibrate", path / "robot.csv", *cameras_of(path), "--json") == 0
+    by_time = json.loads(capsys.readouterr().out)
+    cameras = ["--camera", f"left={path / 'left_named.csv'}", "--camera", f"right={path / 'right_named.csv'}"]
+    assert run("calibrate", path / "robot_named.csv", *cameras, "--json") == 0
+    by_name = json.loads(capsys.readouterr().out)
+    np.testing.assert_allclose(by_name["cameras"]["left"]["pose"], by_time["cameras"]["left"]["pose"], atol=1e-6)
+
+
+def test_a_tolerance_is_met_by_each_camera(two_on_the_hand, capsys):
+    path = two_on_the_hand
+    assert run("calibrate", path / "rig.toml", "--tolerance", "5mm,1deg") == 0
+    assert "left: PASS" in capsys.readouterr().out
+    assert run("calibrate", path / "rig.toml", "--tolerance", "0.01mm") == 5

@@ -32,12 +32,12 @@ class BagOptions:
       --bag FILE: ROS bag (.bag, .mcap, .db3 or folder) in place of ROBOT and CAMERA, with --robot and --camera.
         uq-handeye bag lists its content. Repeat it for several.
       bag_camera = --camera FRAMES: Camera poses of --bag: frames such as camera:tag36h11_0 (optical frame and target),
-        or a topic.
+        or a topic. Without --bag: NAME=FILE, the poses of one of several cameras. Repeat it for each (rig.md).
       --still: One mean pose pair per stop of --bag, if the robot stops.
     """
 
     bag: list[Path] | None = None
-    bag_camera: str | None = None
+    bag_camera: list[str] | None = None
     still: bool = False
 
 
@@ -47,6 +47,7 @@ class RobotGiven:
 
     arm: Arm | None
     bag: "BagGiven | None"
+    cameras: tuple[str, ...] = ()  # NAME=FILE of several cameras
 
 
 @dataclass(frozen=True)
@@ -257,20 +258,24 @@ def info_of(text: str) -> "CameraInfo | str":
 def given_of_robot(chain: "ChainOptions", options: "ErrorOptions", bag: "BagOptions") -> RobotGiven:
     """Return the arm and the bag of the options; --robot names the robot in a bag if there is one."""
     if not bag.bag:
-        for name, value in (("--camera", bag.bag_camera), ("--still", bag.still or None)):
-            if value is not None:
-                raise InputError(f"{name} needs --bag FILE. Add it.")
+        cameras = tuple(bag.bag_camera or ())
+        if cameras and not all("=" in text for text in cameras):
+            raise InputError("--camera needs --bag FILE, or is NAME=FILE for each of several cameras.")
+        if bag.still:
+            raise InputError("--still needs --bag FILE. Add it.")
         file = options.robot_file
         if file is not None and chain.joints is None and not file.exists():
             raise InputError(f"--robot {file}: names the robot in a bag, or poses beside --joints. Add --bag FILE.")
-        return RobotGiven(arm_of_parts(chain, options), None)
+        return RobotGiven(arm_of_parts(chain, options), None, cameras)
     robot = None if options.robot_file is None else str(options.robot_file)
     if chain.given and chain.joints is None and robot is None:
         raise InputError(
             f"{', '.join(chain.given)} with --bag: add --robot TOPIC, the joint values or the poses in the bag."
         )
     options = replace(options, robot_file=None)
-    given = BagGiven(bag.bag, robot, bag.bag_camera, bag.still)
+    if len(bag.bag_camera or ()) > 1:
+        raise InputError("--camera is given twice: a bag gives the poses of one camera. Remove one of them.")
+    given = BagGiven(bag.bag, robot, next(iter(bag.bag_camera or ()), None), bag.still)
     if (chain.given or options.given) and chain.joints is None and robot is not None:
         return RobotGiven(None, replace(given, chain=chain, errors=options))
     return RobotGiven(arm_of_parts(chain, options), given)

@@ -16,7 +16,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from .groups import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, position
-from .messages import coloured, terminal_width
+from .messages import coloured, note_options, terminal_width
 from .options.common import with_parameters
 
 # Largest width of a page and of a name, in columns.
@@ -192,7 +192,19 @@ class _WithHelp:
 
 
 class Command(_WithHelp, TyperCommand):
-    """Command of the program."""
+    """Command of the program; it keeps which of its options were typed."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        typed = [
+            parameter
+            for parameter in self.params
+            if (source := ctx.get_parameter_source(parameter.name)) is not None and source.name == "COMMANDLINE"
+        ]
+        note_options(
+            tuple(max(p.opts, key=len) if p.opts[0].startswith("-") else (p.metavar or p.name).upper() for p in typed)
+        )
+        return super().invoke(ctx)
 
 
 class Program(_WithHelp, TyperGroup):

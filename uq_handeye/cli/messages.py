@@ -38,6 +38,7 @@ class _Run:
     """Settings of the messages of a run."""
 
     command: str = "uq-handeye"  # the command line as typed
+    given: tuple[str, ...] = ()  # names of its options and arguments
     quiet: bool = False
     verbose: bool = False
     no_color: bool = False
@@ -84,6 +85,16 @@ class Messages:
 def command_line() -> str:
     """Return the command line as typed."""
     return _run.command
+
+
+def given_options() -> tuple[str, ...]:
+    """Return the names of the options and arguments that were typed: ``--seed``, ``CAMERA``."""
+    return _run.given
+
+
+def note_options(given: tuple[str, ...]) -> None:
+    """Keep the names of the options and arguments that were typed."""
+    _run.given = given
 
 
 def quiet() -> bool:

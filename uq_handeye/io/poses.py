@@ -158,7 +158,7 @@ def read_poses(
     setup = _setup(setup, contents, paths)
     if setup == "eye-to-hand":  # with a camera on the hand the length of X shows it
         warn_if_swapped(*paths)
-    sides = [_side(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
+    sides = [side_of(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
     frames = [robot_frame, camera_frame]
     if contents[0].robot_enters and setup == "eye-to-hand":
         frames[0] = FRAMES["robot"][1]
@@ -242,7 +242,7 @@ def _with_calibrated(
     path, frame_asked = _robot_path(robot, arm), frame
     contents, source = _robot_contents(robot, arm, format)
     setup = _setup(setup, (contents, contents), (path, path))
-    side = _side(contents, "robot", shown(path))
+    side = side_of(contents, "robot", shown(path))
     sources: tuple[Source, ...] = (source,)
     if contents.robot_enters and setup == "eye-to-hand":
         frame = FRAMES["robot"][1]
@@ -307,7 +307,7 @@ def read_stream(
         units, format, rotation, quaternion, frame = "m", None, None, None, None
     location = _robot_path(path, arm)
     contents, source = _robot_contents(path, arm, format)
-    found = _side(contents, side, shown(location))
+    found = side_of(contents, side, shown(location))
     form = _rotations(rotation, quaternion)[0]
     poses = finished(found, side, units, form, FRAMES[side][0] if frame is None else frame)
     if found.timestamps is None:
@@ -351,7 +351,8 @@ def _rotations(rotation: Any, quaternion: Any) -> tuple[str | None, str | None]:
     return forms[0], forms[1]
 
 
-def _side(contents: Contents, role: str, name: str) -> Side:
+def side_of(contents: Contents, role: str, name: str) -> Side:
+    """The poses of one side of a file; raises `InputError` where it holds the other one only."""
     side: Side | None = getattr(contents, role) or contents.only
     if side is None:
         other = "camera" if role == "robot" else "robot"

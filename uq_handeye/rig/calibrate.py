@@ -125,7 +125,7 @@ def _padded(S: Array, size: int) -> Array:
 
 def prior_of(rig: Rig, graph: Graph) -> Prior:
     """Known poses by the number of the unknown."""
-    return {graph.names.index(name): known for name, known in (rig.known or {}).items()}
+    return {graph.names.index(name): (known.X, known.information_X) for name, known in (rig.known or {}).items()}
 
 
 def assembled(

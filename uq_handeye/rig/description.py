@@ -132,7 +132,7 @@ class Rig(ReadOnlyArrays):
     cameras, targets : mapping of names to the name of an arm or "world"
         What each is mounted on.
     views : sequence of View
-    known : mapping of names to (pose (4, 4), covariance (6, 6)), or None
+    known : mapping of names to (pose (4, 4), covariance (6, 6)) or PosePrior, or None
         Poses that are known beforehand, of cameras, targets or bases of arms, on what they are on: a measurement beside
         the views. Infinity on the diagonal of a covariance: not known.
 
@@ -221,17 +221,17 @@ class Rig(ReadOnlyArrays):
                 )
         return view
 
-    def _known(self) -> dict[str, tuple[Array, Array]]:
-        found = {}
+    def _known(self) -> dict[str, PosePrior]:
+        found: dict[str, PosePrior] = {}
         for name, given in (self.known or {}).items():
             if name not in self.cameras and name not in self.targets and name not in list(self.arms)[1:]:
                 raise InputError(
                     f"Expected `known` poses of cameras, targets or arms but the first, got {name!r}. "
                     + _near(name, [*self.cameras, *self.targets, *list(self.arms)[1:]])
                 )
-            prior = PosePrior.of(given)
-            assert prior is not None and prior.X is not None and prior.information_X is not None
-            found[name] = (prior.X, prior.information_X)
+            prior = given if isinstance(given, PosePrior) else PosePrior.of(given)
+            assert prior is not None and prior.X is not None
+            found[name] = prior
         return found
 
     def places(self, view: View) -> tuple[str, str]:

@@ -35,6 +35,7 @@ from ..options.touches import TouchesToUse
 from ..outcome import Wanted, emit_refusal, emit_result, json_of, wanted_of
 from ..pictures import KINDS as BOARDS
 from ..pose_files import PoseFiles
+from ..rigs.calibrate import calibrate_rig_files, is_rig
 from ..starting_point import problem_for
 from ..views import pictures_of
 from ..watching import Watch, question_of, watched
@@ -153,6 +154,9 @@ def calibrate_command(
       uq-handeye calibrate robot.csv camera.csv --tolerance 1mm,0.1deg
       uq-handeye calibrate camera.csv --joints joints.csv --urdf robot.urdf
       uq-handeye calibrate --bag cell.mcap --robot base:tool0 --camera cam:tag
+      # Several cameras on the arm; other rigs as a file (rig.md)
+      uq-handeye calibrate robot.csv --camera left=left.csv --camera right=right.csv
+      uq-handeye calibrate rig.toml -o result/
 
     X is gripper_T_camera for eye-in-hand and base_T_camera for eye-to-hand.
     Noise that is not given is estimated from the data.
@@ -191,22 +195,12 @@ def calibrate_command(
         files robot.csv and camera.csv, or files robot* and camera* with a pose each, or files that hold both sides
         (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.
     """
-    if files.robot is not None and files.robot.suffix.lower() == ".toml":
-        ignored = {
-            "CAMERA": files.camera, "--setup": files.setup, "--images": pictures, "--report": report, "--watch": watch,
-            "--method": method, "--scale": scale, "--kind": kind, "--robust": robust, "--size": size,
-            "--bag": robot.bag, "--joints or --urdf": robot.arm, "--touches": touched.touches,
-            "--tolerance": wanted.tolerance,
-            "--figures": figures or None, "--no-compare": no_compare or None, "a prior of the noise": prior,
-            "--with-cross-check": with_cross_check or None, "a prior of X or W": beforehand or None,
-            "--seed": seed or None, "--pairs": None if pairs == "all" else pairs,
-            "--covariance": None if covariance == "model" else covariance,
-            "--correlation": None if correlation == "auto" else correlation,
-        }  # fmt: skip
-        if wrong := [name for name, value in ignored.items() if value is not None]:
-            raise InputError(f"{wrong[0]}: not for a rig file, whose options are -o and --json. Remove it.")
-        return _calibrate_rig(files.robot, output, as_json)
     require_writable(report, "--report", REPORTS)
+    if is_rig(files.robot, robot.cameras):
+        return calibrate_rig_files(
+            files, robot.cameras, given, wishes, wanted, method=method, robust=robust, seed=seed, report=report,
+            output=output, as_json=as_json,
+        )  # fmt: skip
     require_folder(figures, output)
     arm = robot.arm
     if robot.bag is not None:
@@ -273,20 +267,6 @@ def calibrate_command(
     check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
     files_wanted = Files(output, report, not no_compare, check, wishes.of_report, figures)
     return deliver_result(result, files_wanted, wanted, as_json, threshold, last)
-
-
-def _calibrate_rig(path: Path, output: Path | None, as_json: bool) -> int:
-    """Calibrate the rig of a TOML file, print it and write rig.json."""
-    from ...io import json_text, write_files
-    from ...rig.calibrate import calibrate_rig
-    from ...rig.rig_file import read_rig
-
-    rig, noise = read_rig(path)
-    result = calibrate_rig(rig, noise)
-    if output is not None:
-        write_files(output, {"rig.json": json_text(result.to_dict())})
-    print(json_text(result.to_dict()) if as_json else result.text())
-    return 0
 
 
 def demo_command(

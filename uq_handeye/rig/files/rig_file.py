@@ -12,28 +12,33 @@
     target = "board"
     file = "left.csv"
 
-Rows are matched by their timestamps, equal or nearest within ``tolerance`` (s, at the top of the file; default 0),
-never by their order; files without timestamps only where all have as many rows.
+``known`` in any of the tables names a file with a pose known beforehand and its covariance. ``units``, ``format``,
+``rotation`` and ``frame`` beside a file say how it is read, as the options of ``calibrate`` do. Rows are matched by
+their timestamps, equal or nearest within ``tolerance`` (s, at the top of the file; default 0), or by the number of the
+pose (`pose_rows`), never by their order; files that name no poses only where all have as many rows.
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from ...errors import InputError
+from ...files.open import StrPath, as_path, opened
+from ...files.trees import MAX_BYTES
+from ...formats.prior_file import read_prior
+from ..description import WORLD, ArmPoses, Rig, View
+from .pose_rows import PoseRows, on_one_clock, read_rows, view_of
 
-from ..errors import InputError
-from ..files.open import StrPath, as_path, opened
-from ..files.trees import MAX_BYTES
-from ..geometry.se3 import Array
-from ..io import read_pose_file, read_stream
-from .description import WORLD, ArmPoses, Rig, View
-
-_TABLES = {"arms": {"poses", "noise", "units"}, "cameras": {"on", "noise"}, "targets": {"on"}}
-_VIEW = {"camera", "target", "file", "units"}
+READING = ("units", "format", "rotation", "frame")
+_TABLES = {
+    "arms": {"poses", "noise", "known", *READING},
+    "cameras": {"on", "noise", "known"},
+    "targets": {"on", "known"},
+}
+_VIEW = {"camera", "target", "file", *READING}
 
 
 def read_rig(path: StrPath) -> tuple[Rig, dict[str, Any] | None]:
@@ -62,25 +67,31 @@ def _read(tree: dict[str, Any], folder: Path) -> tuple[Rig, dict[str, Any] | Non
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not tolerance >= 0:
         raise InputError(f"Expected `tolerance` to be seconds, 0 or more, got {tolerance!r}.")
     arms: dict[str, ArmPoses] = {}
+    rows: dict[str, PoseRows] = {}
     for name, entry in tables["arms"].items():
         files = entry.get("poses")
         listed = [files] if isinstance(files, str) else files
         if not isinstance(listed, list) or not listed or not all(isinstance(file, str) for file in listed):
             raise InputError(f"Expected `poses` of the arm {name!r} to name its files, got {files!r}.")
         for file in listed:
-            names, poses = _poses(folder / file, "robot", entry.get("units"))
-            found = ArmPoses(poses, names or (), file)
-            arms[name] = arms[name].joined(found) if name in arms else found
+            found = read_rows(folder / file, "robot", **_reading(entry))
+            if arms and name not in arms:
+                found = on_one_clock(found, next(iter(rows.values())), float(tolerance))
+            poses = ArmPoses(found.poses, found.names if found.named else (), file)
+            arms[name] = arms[name].joined(poses) if name in arms else poses
+            rows[name] = rows[name].joined(found) if name in rows else found
     places = {what: {name: _place(what, name, entry) for name, entry in tables[what].items()} for what in
               ("cameras", "targets")}  # fmt: skip
     views = tree.get("views")
     if not isinstance(views, list) or not views:
         raise InputError("Expected [[views]] with camera, target and file.")
-    rows = [_view(entry, k, folder, arms, places, float(tolerance)) for k, entry in enumerate(views)]
+    seen = [_view(entry, k, folder, rows, places, float(tolerance)) for k, entry in enumerate(views)]
     noise = {name: tuple(value) if isinstance(value, list) else value
              for what in ("arms", "cameras") for name, entry in tables[what].items()
              if (value := entry.get("noise")) is not None}  # fmt: skip
-    return Rig(arms, places["cameras"], places["targets"], tuple(rows)), noise or None
+    known = {name: _known(folder, name, entry["known"]) for what in _TABLES
+             for name, entry in tables[what].items() if "known" in entry}  # fmt: skip
+    return Rig(arms, places["cameras"], places["targets"], tuple(seen), known or None), noise or None
 
 
 def _checked(table: Any, what: str, keys: set[str]) -> dict[str, dict[str, Any]]:
@@ -100,35 +111,23 @@ def _place(what: str, name: str, entry: Mapping[str, Any]) -> Any:
     return entry["on"]
 
 
+def _known(folder: Path, name: str, file: Any) -> Any:
+    if not isinstance(file, str):
+        raise InputError(f"Expected `known` of {name!r} to name a file with pose and covariance, got {file!r:.40}.")
+    return read_prior(folder / file, "X")
+
+
 def _view(
-    entry: Any, k: int, folder: Path, arms: dict[str, ArmPoses], places: dict[str, dict[str, Any]], tolerance: float
+    entry: Any, k: int, folder: Path, arms: dict[str, PoseRows], places: dict[str, dict[str, Any]], tolerance: float
 ) -> View:
     if not isinstance(entry, dict) or not {"camera", "target", "file"} <= set(entry) <= _VIEW:
         raise InputError(f"Expected camera, target and file in view {k + 1}, got {entry!r:.60}.")
-    names, poses = _poses(folder / str(entry["file"]), "camera", entry.get("units"))
+    file = str(entry["file"])
+    rows = read_rows(folder / file, "camera", **_reading(entry))
     carriers = [places["cameras"].get(entry["camera"]), places["targets"].get(entry["target"])]
     moving = [arms[place] for place in carriers if isinstance(place, str) and place in arms]
-    if names is not None and moving:
-        names = _matched(names, moving[0].names, tolerance)
-    return View(entry["camera"], entry["target"], poses, names, source=str(entry["file"]))
+    return view_of(entry["camera"], entry["target"], rows, moving, tolerance, file)
 
 
-def _matched(names: tuple[Hashable, ...], among: tuple[Hashable, ...], tolerance: float) -> tuple[Hashable, ...]:
-    """Names of the robot poses nearest in time; a view that none is near keeps its own, which is then refused."""
-    times = np.array(among, dtype=float)
-    found: list[Hashable] = []
-    for name in names:
-        k = int(np.abs(times - float(str(name))).argmin())
-        found.append(among[k] if abs(times[k] - float(str(name))) <= tolerance else name)
-    return tuple(found)
-
-
-def _poses(path: Path, side: str, units: Any) -> tuple[tuple[Hashable, ...] | None, Array]:
-    """Timestamps as names, None where there are none, and poses in m."""
-    try:
-        stream = read_stream(path, side, units=None if units is None else str(units))
-    except InputError as error:
-        if "has no timestamps" not in str(error) or units is not None:
-            raise
-        return None, np.asarray(read_pose_file(path)[1])
-    return tuple(stream.timestamps.tolist()), stream.poses
+def _reading(entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: None if entry.get(key) is None else str(entry[key]) for key in READING}

@@ -1,0 +1,1 @@
+"""Rigs on the command line: several cameras, targets and arms, and what is done with their result."""

@@ -1,0 +1,160 @@
+"""Poses of one file with what names them: times, or numbers of poses; rows of two files that belong together.
+
+A row of a camera belongs to the robot pose of its time, or of its pose number (a column such as ``name`` or ``image``,
+the number in the name of a file). Rows by order only where neither file names its poses and both have as many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...files.open import shown
+from ...files.source import Source
+from ...formats.contents import FRAMES, finished
+from ...formats.detect import read_contents
+from ...geometry.se3 import Array
+from ...io.known_camera import known_camera
+from ...io.matching import nearest
+from ...io.poses import side_of
+from ..description import WORLD, ArmPoses, Rig, View
+
+
+@dataclass(frozen=True, eq=False)
+class PoseRows:
+    """n poses of one file, ``base_T_gripper`` or ``camera_T_target``, m."""
+
+    poses: Array  # (n, 4, 4)
+    name: str  # the file, for messages
+    source: Source
+    times: NDArray[np.float64] | None = None
+    numbers: tuple[int, ...] = ()
+    rows: tuple[int, ...] = ()  # of a calibrated camera: rows of the robot, counted from 0
+    covariance: Array | None = None  # (n, 6, 6) of poses that come with it
+
+    @property
+    def names(self) -> tuple[Hashable, ...]:
+        """Times, else numbers, else 0, 1, 2, ..."""
+        if self.times is not None:
+            return tuple(self.times.tolist())
+        return self.numbers or tuple(range(len(self.poses)))
+
+    @property
+    def named(self) -> bool:
+        """True if the file names its poses."""
+        return self.times is not None or bool(self.numbers)
+
+    def joined(self, other: PoseRows) -> PoseRows:
+        """Return these rows with those of another file that have other names."""
+        here = set(self.names)
+        new = [k for k, name in enumerate(other.names) if name not in here]
+        times = None
+        if self.times is not None and other.times is not None:
+            times = np.concatenate([self.times, other.times[new]])
+        numbers: tuple[int, ...] = ()
+        if self.numbers and other.numbers:
+            numbers = (*self.numbers, *(other.numbers[k] for k in new))
+        return replace(self, poses=np.concatenate([self.poses, other.poses[new]]), times=times, numbers=numbers)
+
+    def names_among(self, robot: PoseRows, names: tuple[Hashable, ...], tolerance: float) -> tuple[Hashable, ...]:
+        """Names of the robot poses (as ``names`` has them) that the rows belong to.
+
+        A row without a partner keeps its own name. Raises `InputError` where nothing tells what belongs together.
+        """
+        if self.rows:
+            if self.rows[-1] >= len(robot.poses):
+                raise InputError(
+                    f"{self.name} has pictures of row {self.rows[-1]} and {robot.name} {len(robot.poses)} poses, "
+                    "counted from 0: picture k belongs to row k of the robot. Add the robot poses that are missing."
+                )
+            return tuple(names[k] for k in self.rows)
+        if self.times is not None and robot.times is not None:
+            near = nearest(self.times, robot.times)
+            apart = np.abs(robot.times[near] - self.times) <= tolerance
+            own = self.times.tolist()
+            return tuple(names[k] if close else own[i] for i, (k, close) in enumerate(zip(near, apart, strict=True)))
+        if self.numbers and robot.numbers:
+            at = {number: names[k] for k, number in enumerate(robot.numbers)}
+            return tuple(at.get(number, f"number {number}") for number in self.numbers)
+        if not (self.named or robot.named) and len(self.poses) == len(robot.poses):
+            return names
+        raise InputError(
+            f"{self.name} ({_said(self)}) and {robot.name} ({_said(robot)}) do not say which rows belong together. "
+            "Give both timestamps, or a column `name` with the number of the robot pose: rows of files that differ "
+            "are never matched by their order."
+        )
+
+
+def _said(of: PoseRows) -> str:
+    what = "timestamps" if of.times is not None else "pose numbers" if of.numbers else "no names"
+    return f"{len(of.poses)} poses, {what}"
+
+
+def read_rows(
+    path: Path,
+    role: str,
+    *,
+    units: str | None = None,
+    format: str | None = None,
+    rotation: str | None = None,
+    frame: str | None = None,
+) -> PoseRows:
+    """Read the poses of one side, "robot" or "camera": a pose file, or the folder of ``camera -o`` or ``points -o``.
+
+    Raises `InputError` for a file that cannot be read, holds the other side only, or leaves several readings.
+    """
+    if role == "camera" and (seen := known_camera(path)) is not None:
+        rows = tuple(np.asarray((seen.camera or seen.points).rows).tolist())  # type: ignore[union-attr]
+        S = seen.of_pairs.get("camera_covariance") or seen.of_pairs["camera_calibration"].covariance
+        return PoseRows(np.asarray(seen.poses), seen.name, seen.source[0], rows=rows, covariance=S.blocks)
+    contents, source = read_contents(path, format)
+    side = side_of(contents, role, shown(path))
+    poses = finished(side, role, units, rotation, FRAMES[role][0] if frame is None else frame)
+    return PoseRows(poses, side.name, source, side.timestamps, side.numbers)
+
+
+def on_one_clock(rows: PoseRows, first: PoseRows, tolerance: float) -> PoseRows:
+    """Return the poses of another arm with the times of the first one, where they are within the tolerance."""
+    if rows.times is None or first.times is None:
+        return rows
+    return replace(rows, times=np.array(rows.names_among(first, first.names, tolerance), dtype=float))
+
+
+def view_of(camera: str, target: str, rows: PoseRows, arms: list[PoseRows], tolerance: float, file: str) -> View:
+    """Return the view of a file; ``arms`` are those that carry camera or target."""
+    at = rows.names_among(arms[0], arms[0].names, tolerance) if arms else rows.names if rows.named else None
+    return View(camera, target, rows.poses, at, rows.covariance, source=file)
+
+
+def rig_of_files(
+    robot: Path,
+    cameras: Mapping[str, Path],
+    *,
+    setup: str = "eye-in-hand",
+    tolerance: float = 0.0,
+    reading: Mapping[str, Mapping[str, str | None]] | None = None,
+) -> Rig:
+    """Return the rig of one arm, ``arm``, whose cameras all see one target, ``target``, in a file each.
+
+    Parameters
+    ----------
+    robot : path of the robot poses
+    cameras : mapping of names to files of camera poses
+    setup : "eye-in-hand" (cameras on the arm, target in the world) or "eye-to-hand" (the other way round)
+    tolerance : s by which the time of a view may differ from that of its robot pose
+    reading : arguments of `read_rows` by "robot" and "camera", or None
+    """
+    how = reading or {}
+    of_robot = read_rows(robot, "robot", **how.get("robot", {}))
+    arm = ArmPoses(of_robot.poses, of_robot.names if of_robot.named else (), of_robot.name)
+    on, to = ("arm", WORLD) if setup == "eye-in-hand" else (WORLD, "arm")
+    views = []
+    for name, file in cameras.items():
+        rows = read_rows(file, "camera", **how.get("camera", {}))
+        views.append(view_of(name, "target", rows, [of_robot], tolerance, rows.name))
+    return Rig({"arm": arm}, dict.fromkeys(cameras, on), {"target": to}, tuple(views))
