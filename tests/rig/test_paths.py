@@ -121,5 +121,5 @@ def test_paths_in_text_and_in_the_file():
     assert "The target board did not stand still: from robot pose 25 on" in found.text()
     stored = found.to_dict()
     of = {(path["name"], path.get("by") or path["since"]): path for path in stored["paths"]}
-    assert of["board", "25"]["chi_square"] > chi2.ppf(1 - 1e-9, 6)
+    assert of["board", 25]["chi_square"] > chi2.ppf(1 - 1e-9, 6)
     assert stored["findings"][0]["code"] == "rig.moved"

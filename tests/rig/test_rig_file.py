@@ -190,3 +190,62 @@ def test_a_tolerance_is_met_by_each_camera(two_on_the_hand, capsys):
     assert run("calibrate", path / "rig.toml", "--tolerance", "5mm,1deg") == 0
     assert "left: PASS" in capsys.readouterr().out
     assert run("calibrate", path / "rig.toml", "--tolerance", "0.01mm") == 5
+
+
+# ------------------------------------------------------------------------------- result file
+
+
+def assert_same(one, two):
+    if isinstance(one, np.ndarray):
+        np.testing.assert_array_equal(one, two)
+    elif hasattr(one, "__dataclass_fields__"):
+        assert type(one) is type(two)
+        for name in one.__dataclass_fields__:
+            if name not in ("edges", "number"):  # of a path, which the file does not hold
+                assert_same(getattr(one, name), getattr(two, name))
+    elif isinstance(one, dict | tuple | list):
+        assert len(one) == len(two)
+        for a, b in zip(one.items(), two.items(), strict=True) if isinstance(one, dict) else zip(one, two, strict=True):
+            assert_same(a, b)
+    else:
+        assert type(one) is type(two) and one == two
+
+
+@pytest.mark.parametrize("noise", ["given", "estimated"])
+def test_a_result_is_read_back_bit_by_bit(tmp_path, noise):
+    sizes = dict.fromkeys(("a", "b", "left", "front"), ("0.5mrad", "0.3mm"))
+    on = ({"left": "a", "front": "world"}, {"board": "world", "tool": "b"})
+    rig, truth = simulate_rig(*on, arms=("a", "b"), n_poses=15, noise=sizes, seed=4)
+    known = uq.PosePrior.of((truth["board"], np.diag([1e-4] * 3 + [np.inf] * 3)))
+    rig = uq.Rig(rig.arms, rig.cameras, rig.targets, rig.views, {"board": known})
+    result = uq.calibrate_rig(rig, sizes if noise == "given" else None)
+    result.save(tmp_path / "rig.json")
+    again = uq.load(tmp_path / "rig.json")
+    assert_same(result, again)
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "rig.json").read_bytes() == (tmp_path / "again.json").read_bytes()
+    assert isinstance(again, uq.RigCalibration) and again.text() == result.text()
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda d: d.pop("covariance"), "covariance"),
+        (lambda d: d["weights"].pop(), "distances to be numbers"),
+        (lambda d: d["cameras"]["left"]["pose"][0].__setitem__(3, 1.0), "cameras.left.pose"),
+        (lambda d: d["rig"]["views"][0]["at"].__setitem__(0, 99), "99"),
+        (lambda d: d.update(format="uq-handeye rig 1"), "Calibrate again"),
+        (lambda d: d["rig"]["cameras"].update(left="nowhere"), "nowhere"),
+        (lambda d: d.update(lever="long"), "lever"),
+        (lambda d: d["posterior"]["covariance"].pop(), "posterior"),
+    ],
+)
+def test_a_damaged_result_is_refused_in_one_line(two_on_the_hand, damage, message):
+    path = two_on_the_hand
+    uq.calibrate_rig(*uq.read_rig(path / "rig.toml")).save(path / "rig.json")
+    data = json.loads((path / "rig.json").read_text())
+    damage(data)
+    (path / "rig.json").write_text(json.dumps(data))
+    with pytest.raises(uq.InputError, match=message) as caught:
+        uq.load(path / "rig.json")
+    assert "\n" not in str(caught.value)

@@ -19,7 +19,7 @@ from ..diagnostics.split_half import SplitHalf
 from ..diagnostics.task_space import PointUncertainty
 from ..errors import InputError
 from ..files.atomic import json_text
-from ..files.records import Record
+from ..files.records import Record, parsed
 from ..findings import Finding, texts
 from ..formatting.numbers import concise, digits
 from ..geometry import conventions
@@ -51,13 +51,14 @@ from .analysis import Analysis, StoredAnalysis
 from .estimated_poses import EstimatedPoses
 from .provenance import Provenance
 from .report.plotted import Plotted
-from .result_file import DERIVED, FORMAT, UNITS, FourDPA, from_dict, parsed
+from .result_file import DERIVED, FORMAT, UNITS, FourDPA, from_dict
 
 if TYPE_CHECKING:
     import pandas as pd
     from scipy.spatial.transform import RigidTransform
 
     from ..report.page import CrossCheck, Methods
+    from ..rig.result import RigCalibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -496,18 +497,23 @@ class Calibration(EstimatedPoses, Statement, Plotted, Record):
         return Path(path)
 
     @classmethod
-    def from_json(cls, path: str | Path) -> Calibration:
-        """Read what `to_json` wrote."""
-        data = parsed(path)
+    def from_json(cls, path: str | Path, data: Any = None) -> Calibration:
+        """Read what `to_json` wrote; ``data``: what the file holds, if it has been read."""
+        data = parsed(path) if data is None else data
         try:
             return cls.from_dict(data)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
 
-def load(path: str | Path) -> Calibration:
-    """Read a result file, as `Calibration.save` and ``uq-handeye calibrate -o`` write it."""
-    return Calibration.from_json(path)
+def load(path: str | Path) -> Calibration | RigCalibration:
+    """Read a result file, as `Calibration.save`, `RigCalibration.save` and ``uq-handeye calibrate -o`` write it."""
+    from ..rig.files.result_file import is_rig_result
+    from ..rig.result import RigCalibration
+
+    data = parsed(path)
+    kind: type[Calibration] | type[RigCalibration] = RigCalibration if is_rig_result(data) else Calibration
+    return kind.from_json(path, data)
 
 
 def _are_poses(value: Any, arm: FittedKinematics | None) -> bool:

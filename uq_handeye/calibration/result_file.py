@@ -6,7 +6,6 @@ Reading checks types, shapes, that all is finite, and that numbers which others 
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -14,7 +13,6 @@ import numpy as np
 from ..errors import InputError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..files.about import as_about
-from ..files.open import StrPath, as_path, opened
 from ..files.records import attributes, parts_of
 from ..files.validate import not_finite, unequal
 from ..geometry.checks import as_transforms, checked_covariance
@@ -55,23 +53,6 @@ class FourDPA(NamedTuple):
 
     X: Annotated[Array, 4, 4]
     covariance: Annotated[Array, 6, 6] | None  # to first order, at the same noise
-
-
-MAX_BYTES = 500_000_000
-
-
-def parsed(path: StrPath) -> Any:
-    """Return what the JSON of a file holds; raises `InputError` where it is no JSON, or larger than a result can be."""
-    with opened(as_path(path), MAX_BYTES) as file:
-        text = file.read()
-    try:
-        return json.loads(text.decode("utf-8"), parse_constant=_refuse)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not JSON: {error}.") from error
-
-
-def _refuse(constant: str) -> None:
-    raise ValueError(f"it holds {constant}")
 
 
 def from_dict(kind: type[C], data: dict[str, Any]) -> C:

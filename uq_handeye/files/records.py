@@ -13,6 +13,7 @@ A part with a ``from_dict`` of its own, such as `Finding`, looks after itself.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
@@ -25,6 +26,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..runtime.read_only import ReadOnlyArrays
+from .open import StrPath, as_path, opened
 from .validate import array_of
 
 INFINITE, NUMBER = "infinite", "number"  # NUMBER: an array without axes
@@ -55,6 +57,23 @@ class Record(ReadOnlyArrays):
     def _possible(self) -> Self:
         """Return itself; raise `InputError` for numbers that cannot be. Of what was read."""
         return self
+
+
+MAX_BYTES = 500_000_000
+
+
+def parsed(path: StrPath) -> Any:
+    """Return what the JSON of a file holds; raises `InputError` where it is no JSON, or larger than a result can be."""
+    with opened(as_path(path), MAX_BYTES) as file:
+        text = file.read()
+    try:
+        return json.loads(text.decode("utf-8"), parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is not JSON: {error}.") from error
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"it holds {constant}")
 
 
 def attributes(value: Any, names: str) -> dict[str, Any]:

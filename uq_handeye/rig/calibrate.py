@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, NotConvergedError
 from ..geometry.se3 import Array
+from ..posterior.posterior import FreshNoise, Posterior
+from ..runtime.versions import versions
 from .checks.moved import judged_paths, named_error
 from .connected import require_tied
 from .description import Rig
 from .fit import Prior, RigFit, fit, rig_units
 from .graph import Graph
-from .noise import RigNoise, given_noise
+from .noise import RigNoise, given_noise, plain_noise
 from .result import RigCalibration
 from .sizes import find_sizes
 from .start import start_of
@@ -64,6 +66,13 @@ def calibrate_rig(
     if method not in METHODS:
         raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {method!r}.")
     require_tied(rig)
+    request = {"noise": plain_noise(rig, noise), "method": method, "robust": robust, "shared": shared, "seed": seed}
+    return replace(
+        _calibrated(rig, noise, method, robust, shared, seed), provenance={"request": request, "versions": versions()}
+    )
+
+
+def _calibrated(rig: Rig, noise: Any, method: str, robust: bool, shared: bool, seed: int) -> RigCalibration:
     graph = Graph.of(rig)
     prior = prior_of(rig, graph)
     start, kept = start_of(graph, seed)
@@ -142,8 +151,18 @@ def assembled(
     return RigCalibration(
         rig, graph.names, found.at, found.covariance, found.open, found.lever, found.chi_square, float(found.dof),
         method, found.edge_weights, far.edges, found.pose_weights, names, stated_noise(rig, graph, found.noise),
-        paths=paths, findings=findings, **more,
+        paths=paths, findings=findings, posterior=posterior_of(rig, found), **more,
     )  # fmt: skip
+
+
+def posterior_of(rig: Rig, found: RigFit) -> Posterior:
+    """Return all poses and the errors that measurements share, with the mean noise of new ones by arm and camera."""
+    graph, noise = found.graph, found.noise
+    of_view = np.array([list(rig.cameras).index(view.camera) for view in rig.views])[graph.view]
+    rows = [("robot", name, noise.robot[graph.arm == k]) for k, name in enumerate(rig.arms)]
+    rows += [("camera", name, noise.camera[of_view == k]) for k, name in enumerate(rig.cameras)]
+    fresh = tuple(FreshNoise(name, side, S.mean(axis=0), 1.0, np.zeros(0)) for side, name, S in rows if len(S))
+    return Posterior(noise.names, found.z, found.whole, graph.names, noise=fresh)
 
 
 def stated_noise(rig: Rig, graph: Graph, noise: RigNoise) -> dict[str, tuple[float, float]]:

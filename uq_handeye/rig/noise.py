@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..files.validate import plain
 from ..formatting.units import parse_deviations
 from ..geometry.checks import checked_covariance
 from ..geometry.se3 import Array
@@ -50,10 +51,7 @@ def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
     ``noise``: mapping of the names of arms and cameras to (rotation, translation) standard deviations, covariances
     (6, 6), of arms also (n, 6, 6), or "exact"; or a `PoseNoise` for all arms and all cameras.
     """
-    if isinstance(noise, PoseNoise):
-        sides = (noise.robot, noise.camera)
-        noise = {name: EXACT if S is None else S for S, names in zip(sides, (rig.arms, rig.cameras), strict=True)
-                 for name in names}  # fmt: skip
+    noise = _by_name(rig, noise)
     if not isinstance(noise, Mapping):
         raise InputError(
             f"Expected `noise` to be a mapping of names of arms and cameras, or PoseNoise, got {type(noise).__name__}."
@@ -75,6 +73,19 @@ def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
             of = graph.view == k
             camera[of] = view.covariance if view.covariance.ndim == 2 else view.covariance[graph.row[of]]
     return RigNoise.of_own(robot, camera)
+
+
+def _by_name(rig: Rig, noise: Any) -> Any:
+    """Noise by names of arms and cameras, of a `PoseNoise` the same of all."""
+    if not isinstance(noise, PoseNoise):
+        return noise
+    sides = zip((noise.robot, noise.camera), (rig.arms, rig.cameras), strict=True)
+    return {name: EXACT if S is None else S for S, names in sides for name in names}
+
+
+def plain_noise(rig: Rig, noise: Any) -> Any:
+    """Noise as it was given as plain values of a file, which `given_noise` takes; None where it is estimated."""
+    return plain(_by_name(rig, noise))
 
 
 def _covariance(noise: Mapping[str, Any], name: str, count: int | None) -> Array:

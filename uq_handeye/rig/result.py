@@ -3,10 +3,10 @@ r"""Result of a rig: every pose by its name, their joint covariance, relative po
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import combinations
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -14,13 +14,16 @@ from scipy.special import chdtrc
 from ..errors import InputError
 from ..files.atomic import json_text
 from ..files.open import StrPath
+from ..files.records import Record, parsed
 from ..findings import Finding, texts
 from ..formatting.numbers import probability
 from ..geometry.se3 import Array
 from ..likelihood.d2_distribution import Reference
+from ..posterior.posterior import Posterior
 from ..runtime.read_only import ReadOnlyArrays
 from .checks.paths import RigPath
 from .description import WORLD, Rig
+from .files.result_file import from_dict, to_dict
 from .relative import closed, open_of, relative_pose
 
 
@@ -75,7 +78,7 @@ class EstimatedPose(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class RigCalibration(ReadOnlyArrays):
+class RigCalibration(Record):
     """All poses of a rig with their joint covariance.
 
     Attributes
@@ -111,28 +114,32 @@ class RigCalibration(ReadOnlyArrays):
     reference : Reference
         Distribution of intervals.
     findings : tuple of Finding
+    posterior : Posterior or None
+        Of all poses and of the errors that measurements share, with the noise of new ones, by arm and camera.
     provenance : mapping or None
+        Versions of what ran, and the arguments of `calibrate_rig`.
     """
 
     rig: Rig
     names: tuple[str, ...]
-    poses: Array
-    covariance: Array
-    open: Array
+    poses: Annotated[Array, "m", 4, 4]
+    covariance: Annotated[Array, "p", "p"]
+    open: Annotated[Array, "k", "p"]
     lever: float
     chi_square: float
     dof: float
     method: str
-    weights: Array
-    distances: Array
-    pose_weights: Array
+    weights: Annotated[Array, "E"]
+    distances: Annotated[Array, "E"]
+    pose_weights: Annotated[Array, "R"]
     pose_names: tuple[tuple[str, Any], ...]
-    noise: Mapping[str, tuple[float, float]]  # standard deviations per axis (rad, m) by arm and camera
-    components: tuple[Mapping[str, Any], ...] = ()  # sizes of all errors, where they were estimated
+    noise: dict[str, tuple[float, float]]  # standard deviations per axis (rad, m) by arm and camera
+    components: tuple[dict[str, Any], ...] = ()  # sizes of all errors, where they were estimated
     paths: tuple[RigPath, ...] = ()
     reference: Reference = field(default_factory=Reference)
     findings: tuple[Finding, ...] = ()
-    provenance: Mapping[str, Any] | None = None
+    posterior: Posterior | None = None
+    provenance: dict[str, Any] | None = None
 
     # ------------------------------------------------------------------------------------------- poses
 
@@ -253,31 +260,30 @@ class RigCalibration(ReadOnlyArrays):
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and texts: poses, joint covariance, relative poses, sizes, what was rejected."""
-        return {
-            "format": "uq-handeye rig 1",
-            "method": self.method,
-            "names": list(self.names),
-            "cameras": {name: one.to_dict() for name, one in self.cameras.items()},
-            "targets": {name: one.to_dict() for name, one in self.targets.items()},
-            "arms": {name: one.to_dict() for name, one in self.arms.items()},
-            "relative": {one.frame: one.to_dict() for one in self.pairs},
-            "covariance": self.covariance.tolist(),
-            "open": self.open.tolist(),
-            "lever": self.lever,
-            "chi_square": self.chi_square,
-            "dof": self.dof,
-            "noise": {name: list(sizes) for name, sizes in self.noise.items()},
-            "paths": [path.to_dict() for path in self.paths],
-            "findings": [finding.to_dict() for finding in self.findings],
-            "components": [dict(part) for part in self.components],
-            "rejected": [[camera, target, str(moment)] for camera, target, moment in self.rejected],
-            "rejected_poses": [[arm, str(moment)] for arm, moment in self.rejected_poses],
-        }
+        """Plain numbers and texts: poses by name, relative poses, and all that `from_dict` reads; see `files`."""
+        return to_dict(self, tuple(part.name for part in fields(self)))
 
     def save(self, path: StrPath) -> None:
-        """Write `to_dict` as JSON."""
+        """Write `to_dict` as JSON, which `uq_handeye.load` reads back bit by bit."""
         json_text(self.to_dict(), path)
+
+    @classmethod
+    def from_dict(cls, data: Any) -> RigCalibration:
+        """Read what `to_dict` wrote; raises `InputError` on anything else."""
+        return from_dict(cls, data)
+
+    @classmethod
+    def from_json(cls, path: StrPath, data: Any = None) -> RigCalibration:
+        """Read what `save` wrote; ``data``: what the file holds, if it has been read."""
+        try:
+            return cls.from_dict(parsed(path) if data is None else data)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    @property
+    def relative_poses(self) -> dict[str, EstimatedPose]:
+        """`pairs` by their frames."""
+        return {one.frame: one for one in self.pairs}
 
     def __repr__(self) -> str:
         return f"RigCalibration({', '.join(self.names)}; chi-square {self.chi_square:.0f} of {self.dof:.0f})"

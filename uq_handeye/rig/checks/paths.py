@@ -20,14 +20,14 @@ Reference: D. W. K. Andrews (1993), Econometrica 61, 821; A. Estrella (2003), Ec
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaln
 
+from ...files.records import Record
 from ...geometry.se3 import Array
-from ...runtime.read_only import ReadOnlyArrays
 from ..description import Rig
 from ..fit import RigFit
 from ..graph import Graph
@@ -39,7 +39,7 @@ LEAST = 3
 
 
 @dataclass(frozen=True, eq=False)
-class RigPath(ReadOnlyArrays):
+class RigPath(Record):
     """Two ways to one pose, and how far they differ.
 
     Attributes
@@ -60,14 +60,16 @@ class RigPath(ReadOnlyArrays):
         Views that belong to the one, or come after the change.
     """
 
+    _in_file: ClassVar[str] = "name by since chi_square dof p change covariance count"
+
     name: str
     by: str | None
     since: Any
     chi_square: float
     dof: int
     p: float
-    change: Array
-    covariance: Array
+    change: Annotated[Array, 6]
+    covariance: Annotated[Array, 6, 6]
     count: int
     number: int = -1  # of the unknown
     edges: NDArray[np.bool_] | None = None  # (E,) of the copy
@@ -76,14 +78,6 @@ class RigPath(ReadOnlyArrays):
     def words(self) -> str:
         """Name of the pose and of the views."""
         return f"{self.name}, by {self.by}" if self.by is not None else f"{self.name}, from robot pose {self.since} on"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return {
-            "name": self.name, **({"by": self.by} if self.by is not None else {"since": str(self.since)}),
-            "chi_square": self.chi_square, "dof": self.dof, "p": self.p, "change": self.change.tolist(),
-            "covariance": self.covariance.tolist(), "views": self.count,
-        }  # fmt: skip
 
 
 def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:

@@ -1,0 +1,151 @@
+"""A `RigCalibration` as the plain numbers, lists and text of its file, and back: bit by bit.
+
+The file holds the rig with all its poses, so that it can be checked, updated and reported from it. What follows from
+other numbers (poses by name, relative poses) is written for other programs, and must agree with the rest when read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ...errors import InputError
+from ...files.records import attributes, parts_of, written
+from ...files.validate import not_finite, unequal
+from ...geometry.se3 import Array
+from ...noise.pose_prior import PosePrior
+from ..description import ArmPoses, Rig, View
+
+C = TypeVar("C")
+
+FORMAT = "uq-handeye rig 2"
+# Parts of the file besides the fields, which follow from them.
+DERIVED = "cameras targets arms relative=relative_poses"
+_NAME = "rig"
+
+
+def is_rig_result(data: Any) -> bool:
+    """Return whether what a JSON file holds is the result of a rig."""
+    return isinstance(data, dict) and str(data.get("format", "")).startswith("uq-handeye rig ")
+
+
+def to_dict(result: Any, fields: tuple[str, ...]) -> dict[str, Any]:
+    """Return the result as plain values: what follows for other programs first, then its fields."""
+    found = {"format": FORMAT, **attributes(result, DERIVED)}
+    for name in fields:
+        found[name] = rig_to_dict(result.rig) if name == _NAME else written(getattr(result, name))
+    rejected = {
+        "rejected": [[camera, target, moment] for camera, target, moment in result.rejected],
+        "rejected_poses": [[arm, moment] for arm, moment in result.rejected_poses],
+    }
+    return found | rejected
+
+
+def from_dict(kind: type[C], data: Any) -> C:
+    """Read what `to_dict` wrote; raises `InputError` on anything else, and where parts do not belong together."""
+    if not is_rig_result(data) or data["format"] != FORMAT:
+        found = data.get("format") if isinstance(data, dict) else data
+        raise InputError(
+            f"Expected the result of a rig (format {FORMAT!r}), got {found!r:.60}. Calibrate again to have one of an "
+            "older format in this one."
+        )
+    try:
+        if (where := not_finite(data, "rig")) is not None:
+            raise ValueError(f"{where} is not finite")
+        result: Any = kind(**parts_of(kind, data, "rig result", rig=rig_from_dict(data[_NAME])))
+        _require_whole(result)
+        if (where := unequal(attributes(result, DERIVED), data, "rig")) is not None:
+            raise ValueError(f"{where} does not fit the rest")
+    except KeyError as error:
+        raise InputError(f"The result is damaged: {error} is missing.") from error
+    except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
+        raise InputError(f"The result is damaged: {str(error).rstrip('.')}.") from error
+    return result  # type: ignore[no-any-return]
+
+
+def _require_whole(result: Any) -> None:
+    rig = result.rig
+    names = (*rig.cameras, *rig.targets, *list(rig.arms)[1:])
+    views = sum(len(view.poses) for view in rig.views)
+    sizes = {"names": result.names == names, "poses": len(result.poses) == len(names),
+             "covariance": len(result.covariance) == 6 * len(names), "weights": len(result.weights) == views,
+             "pose_names": len(result.pose_names) == len(result.pose_weights)}  # fmt: skip
+    if wrong := [name for name, fits in sizes.items() if not fits]:
+        raise ValueError(f"{wrong[0]} is not of the cameras, targets, arms and views of the rig")
+    if result.posterior is not None and result.posterior.blocks != names:
+        raise ValueError("the posterior is of other poses")
+
+
+# ------------------------------------------------------------------------------------------- rig
+
+
+def rig_to_dict(rig: Rig) -> dict[str, Any]:
+    """Return a rig as plain values; raises `InputError` for names of poses that are neither numbers nor text."""
+    found: dict[str, Any] = {
+        "arms": {
+            name: {"names": _moments(arm.names), "source": arm.source, "poses": _rows(arm.poses)}
+            for name, arm in rig.arms.items()
+        },
+        "cameras": dict(rig.cameras),
+        "targets": dict(rig.targets),
+        "views": [
+            {
+                "camera": view.camera,
+                "target": view.target,
+                "source": view.source,
+                "at": _moments(view.at or ()),
+                "poses": _rows(view.poses),
+                **({} if view.covariance is None else {"covariance": view.covariance.tolist()}),
+            }
+            for view in rig.views
+        ],
+    }
+    if rig.known:
+        found["known"] = {
+            name: {"pose": prior.X.tolist(), "information": prior.information_X.tolist()}
+            for name, prior in rig.known.items()
+        }
+    return found
+
+
+def rig_from_dict(data: Mapping[str, Any]) -> Rig:
+    """Read what `rig_to_dict` wrote."""
+    arms = {
+        name: ArmPoses(_poses(arm["poses"]), tuple(_moments(arm["names"])), str(arm["source"]))
+        for name, arm in data["arms"].items()
+    }
+    views = tuple(
+        View(
+            view["camera"],
+            view["target"],
+            _poses(view["poses"]),
+            tuple(_moments(view["at"])),
+            None if view.get("covariance") is None else np.array(view["covariance"], dtype=float),
+            str(view["source"]),
+        )
+        for view in data["views"]
+    )
+    known = {
+        name: PosePrior(X=np.array(of["pose"], dtype=float), information_X=np.array(of["information"], dtype=float))
+        for name, of in data.get("known", {}).items()
+    }
+    return Rig(arms, data["cameras"], data["targets"], views, known or None)
+
+
+def _moments(names: Any) -> list[Any]:
+    if wrong := [name for name in names if isinstance(name, bool) or not isinstance(name, int | float | str)]:
+        raise InputError(f"Expected names of robot poses to be numbers or text, got {wrong[0]!r:.40}.")
+    return list(names)
+
+
+def _rows(poses: Array) -> list[Any]:
+    """Upper three rows of each pose (m, 3, 4)."""
+    found: list[Any] = poses[:, :3].tolist()
+    return found
+
+
+def _poses(rows: Any) -> Array:
+    T = np.array(rows, dtype=float).reshape(-1, 3, 4)
+    return np.concatenate([T, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(T), 1, 4))], axis=1)
