@@ -46,10 +46,12 @@ import uq_handeye as uq
 from studies.one_model.chains import ARMS, SIX_AXES
 from studies.one_model.rigs import SETUPS, SIMPLE, SPREADS, DataSet, arm_set, simple_set
 from studies.one_model.true_arms import left_errors, rms_length
+from uq_handeye.shared_errors import population
 
 BASE = ("local", "anywhere")
 GROUPS = {"three": ("ur5", "irb120", "panda"), "six": SIX_AXES, "all": ARMS}
 INTRINSICS, NAMINGS = ("estimated", "exact"), ("nothing", "urdf", "joints")
+POPULATION = population.ARMS
 Row = dict[str, Any]
 
 
@@ -146,9 +148,10 @@ def options_of(cell: Cell, of: DataSet) -> dict[str, Any]:
     return told | ({"joints": of.joints} if cell.naming == "joints" else {})
 
 
-def scored(cell: Cell, number: int) -> Row:
-    """Score one set. Exceptions of the program are caught and named."""
+def scored(cell: Cell, number: int, leave_out: bool = False) -> Row:
+    """Score one set. Exceptions of the program are caught and named. ``leave_out``: the arm and its family."""
     of = drawn(cell, number)
+    population.ARMS = tuple(name for name in POPULATION if not leave_out or not name.startswith(of.arm or "-"))
     row: Row = {"cell": str(cell), "number": number, "arm": of.arm}
     options = options_of(cell, of)
     with warnings.catch_warnings():
@@ -235,6 +238,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--cells", nargs="+", default=["base"], metavar="CELL", help="default: base")
     parser.add_argument("--sets", type=int, default=20, help="number of sets of each cell (default: 20)")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="CSV file for the scores of each set")
+    parser.add_argument(
+        "--leave-out", action="store_true", help="take the arm judged and its family out of the population"
+    )
     options = parser.parse_args(argv)
     try:
         cells = cells_of(options.cells)
@@ -247,7 +253,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     every: list[Row] = []
     reasons: Counter[str] = Counter()
     for cell in cells:
-        rows = [scored(cell, number) for number in range(options.sets)]
+        rows = [scored(cell, number, options.leave_out) for number in range(options.sets)]
         print("| " + " | ".join(summary(cell, rows)) + " |", flush=True)
         every += rows
         reasons.update(f"{cell}: {row['failed']}" for row in rows if "failed" in row)
